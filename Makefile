@@ -65,6 +65,7 @@ endef
 lint: .venv/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache
 	$(BIN)/python tests/type_errors.py
 
 $(BIN)/python:

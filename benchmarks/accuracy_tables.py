@@ -1,9 +1,8 @@
 """Tables of stability, accuracy, speed, sweeps, reports and films."""
 
-from study import Found, Rows, columns, kilo, kilo_range, markdown, percent, table_of
+from study import Found, Rows, columns, markdown, table_of
 
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
-PEERS = ("moordyn rk2", "moordyn default")
 
 
 def _baseline(row: Found, name: str) -> str:
@@ -27,25 +26,6 @@ def stability(found: Found) -> Rows:
         ("holds", lambda r: "yes" if r["ok"] else "**no**"),
         *((name, _baseline, name) for name in BASELINES),
     )
-
-
-@table_of("stability")
-def stability_peers(found: Found) -> Rows:
-    """The cases that MoorDyn was given as well."""
-    return columns(
-        (row for row in found["cases"] if row.get("peers")),
-        ("case", "{name}"),
-        ("here", "{measured:.0e} {unit}"),
-        ("limit", "{limit:.0e}"),
-        *((label, _peer, label) for label in PEERS),
-    )
-
-
-def _peer(row: Found, label: str) -> str:
-    found = row["peers"][label]
-    if found["status"] != "ok":
-        return f"{found['status']} at {found['failed_at_s']:.3g} s"
-    return f"{'holds' if found['holds'] else 'wrong'}, {found['measured']:.0e}"
 
 
 @table_of("stability")
@@ -133,45 +113,6 @@ def one_kernel(found: Found) -> Rows:
     )
 
 
-@table_of("convergence")
-def convergence(found: Found) -> Rows:
-    def load(row: Found, name: str) -> str:
-        agree = row[f"{name} agrees"]
-        return f"{100 * row[name]:.2g} %" + ("" if agree == row["lines"] else f" ({agree} of {row['lines']})")
-
-    return columns(
-        ({"scene": scene, **row} for scene, steps in found["scenes"].items() for row in steps),
-        ("scene", "{scene}"),
-        ("step [s]", "{dt:.3g}"),
-        ("mean", load, "mean"),
-        ("deviation", load, "deviation"),
-        ("99.9 % in time", load, "quantile"),
-        ("mean of windows' maxima", load, "window maximum"),
-        ("largest", lambda r: f"{100 * r['largest']:.2g} %"),
-    )
-
-
-@table_of("sweep", "sweep_gpu")
-def sweep(found: Found, on_gpu: Found) -> str:
-    """Throughput of a sweep of the lab dropper, saving included."""
-    cores = {"on": f"{found['machine']['cores']} cores"}
-    rows = columns(
-        [row | cores for row in found["rows"]] + [row | {"on": on_gpu["device"]} for row in on_gpu["rows"]],
-        ("on", "{on}"),
-        ("cases", "{cases}"),
-        ("steps of each", "{steps_per_case}"),
-        ("until compiled [s]", "{compile_s:.1f}"),
-        ("run and saved [s]", "{run_s:.2f}"),
-        ("million steps per second", "{million_steps_per_s:.1f}"),
-        ("memory at most [MB]", "{peak_memory_mb:.0f}"),
-    )
-    single, ratio = found["single_runs_million_steps_per_s"], found["times_faster_than_single_runs"]
-    return (
-        f"{markdown(rows)}\n\nOn {cores['on']} a loop over single runs makes {single:.2g} million "
-        f"steps per second: the sweep is {ratio:.0f} times as fast."
-    )
-
-
 @table_of("sweep_truths")
 def sweep_truths(found: Found) -> str:
     """Where the true pair of Table E.1 is among the fifteen, by part and measure, and the fit of the same trace."""
@@ -198,94 +139,3 @@ def sweep_truths(found: Found) -> str:
         f"{first(p, 'angle')} by the {p}'s angles ({first(p, 'spectrum')} by its spectrum)" for p in parts
     )
     return f"{markdown(rows)}\n\nOf {len(found['rows'])} truths the true pair is the best of the list in {words}."
-
-
-@table_of("scene_sensitivity")
-def scene_sensitivity(found: Found) -> str:
-    """Exact derivatives of a tension to numbers of its scene, beside differences."""
-    rows = columns(
-        found["rows"],
-        ("number of the scene", "`{path}`"),
-        ("value", lambda r: "{value:.5g} {unit}".format(**r).removesuffix(" -")),
-        ("derivative [N per unit]", "{derivative:.6g}"),
-        ("by differences", "{differences:.6g}"),
-        ("per cent for one per cent", "{scaled:.2g}"),
-    )
-    return (
-        f"{markdown(rows)}\n\n`{found['of']}` of `{found['scene']}` is {found['value']:.1f} N; forward and reverse "
-        f"mode differ by {found['modes_differ']:.0e}."
-    )
-
-
-@table_of("report_examples")
-def report_damping(found: Found) -> str:
-    """Loads and damage of a snapping chain by internal damping and step."""
-    rows = columns(
-        found["damping"],
-        ("damping ratio", "{damping_ratio:g}"),
-        ("step [s]", "{dt_s:g}"),
-        ("mean anchor load [N]", "{mean_anchor_n:.0f}"),
-        ("largest tension [kN]", lambda r: kilo(r["largest_n"])),
-        ("snaps, worst link", "{snaps}"),
-        ("equivalent range [kN]", lambda r: kilo(r["equivalent_range_n"])),
-        ("damage per year", "{damage_per_year:.1f}"),
-        ("steps retried", "{retried}"),
-    )
-    keys = ("mean_anchor_n", "largest_n", "damage_per_year")
-    series = ([row[key] for row in found["damping"]] for key in keys)
-    mean, largest, damage = (max(values) / min(values) for values in series)
-    return (
-        f"{markdown(rows)}\n\nThe mean load agrees within {percent(mean - 1, 1)}. The largest tension differs by a "
-        f"factor of {largest:.1f} and the damage by {damage:.1f}, mostly with the step."
-    )
-
-
-@table_of("report_examples")
-def report_storm(found: Found) -> str:
-    """Extremes of a storm from several seeds."""
-    kinds = {"most_probable": "most probable", "mean": "mean", "percentile_90": "90th percentile"}
-    storm = found["storm"]
-    rows = columns(
-        storm["rows"],
-        ("extrapolated to 3 h", "{what}"),
-        ("largest of each run [kN]", lambda r: kilo_range(r["maxima"])),
-        *(
-            (f"{word}, 90 % interval [kN]", lambda r, key=key: f"{kilo(r[key][0])}, {kilo_range(r[key][1:])}")
-            for key, word in kinds.items()
-        ),
-    )
-    return (
-        f"{markdown(rows)}\n\nThe largest tension of {storm['further_seeds']} further seeds, which make up 3 h, is "
-        f"{kilo(storm['further_largest_n'])} kN. Steps retried in a run: at most {storm['retried']}."
-    )
-
-
-@table_of("films")
-def films(found: Found) -> str:
-    """Films of known motion, tracked with boards and without."""
-
-    def if_known(row: Found, form: str) -> str:
-        return form.format(**row).replace("%", " %") if "rms_mrad" in row else "-"
-
-    def order(row: Found) -> str:
-        return "not known, exit 3" if "rms_mrad" not in row else "right" if row["right_order"] else "**wrong**"
-
-    rows = columns(
-        found["films"],
-        ("film", "{film}"),
-        ("boards", lambda r: "yes" if r["calibrated"] else "no"),
-        ("order", order),
-        ("RMS error [mrad]", if_known, "{rms_mrad:.2f}"),
-        ("maximum [mrad]", if_known, "{largest_mrad:.1f}"),
-        ("stated over true error", if_known, "{stated_over_true:.2f}"),
-        ("of each link", if_known, "{of_links[0]:.2f} to {of_links[1]:.2f}"),
-        ("left empty", if_known, "{empty_share:.1%}"),
-        ("marked", if_known, "{marked_share:.1%}"),
-    )
-    total = {key: sum(row[key] for row in found["marks"]) for key in found["marks"][0] if key != "film"}
-    share = lambda part, whole: percent(total[part] / total[whole], 1)  # noqa: E731
-    return (
-        f"{markdown(rows)}\n\nOf {total['swapped']} frames in which two nodes were made to swap names "
-        f"{share('swapped_found', 'swapped')} are marked, of {total['jumped']} in which one was shifted by 0.2 to 1 "
-        f"link {share('jumped_found', 'jumped')}, of {total['well']} others {share('well_marked', 'well')}."
-    )

@@ -6,7 +6,7 @@ Takes about a minute. Writes results/edulis_anchors.json, of which `python bench
 """
 
 import numpy as np
-from study import Found, collect, command
+from study import Found, Rows, collect, columns, command, table_of
 
 from dropper_jax import load_scene
 from dropper_jax.study.sea_facts import tidal_cycle
@@ -26,6 +26,17 @@ def anchors(heading: int) -> Found:
         "utilisation": {n: max(row["anchor_utilisation"][n] for row in rows) for n in NAMES},
         "moved_m": max(row["displacement_m"] for row in rows),
     }
+
+
+@table_of("edulis_anchors")
+def edulis_anchors(found: Found) -> Rows:
+    """Edulis' anchors by heading of the tide."""
+
+    def load(row: Found, name: str) -> str:
+        return f"{1e-3 * row['largest_load_n'][name]:.2f} ({100 * row['utilisation'][name]:.1f})"
+
+    anchors = ((f"{name} [kN] ([%])", load, name) for name in found["rows"][0]["largest_load_n"])
+    return columns(found["rows"], ("heading [deg]", "{heading_deg}"), *anchors, ("moved [m]", "{moved_m:.1f}"))
 
 
 @command()

@@ -42,53 +42,50 @@ def random_droppers(found: Found) -> Rows:
     )
 
 
-@table_of("descent")
-def descent(found: Found) -> Rows:
-    """Gradient descent beside Gauss-Newton."""
-
-    def value(row: Found, i: int) -> str:
-        return f"{row['values'][i]:.6f} +- {row['std_errors'][i]:.6f}"
-
-    def off(row: Found) -> str:
-        departures = zip(row["values"], found["truth"], row["std_errors"], strict=True)
-        return joined([(v - t) / e for v, t, e in departures], "{:+.2f}")
-
-    rows = columns(
-        found["rows"],
-        ("method", "{method}"),
-        ("evaluations", "{evaluations}"),
-        ("processor [s]", "{processor_s:.1f}"),
-        ("b_l [kg/s]", value, 0),
-        ("b_q [kg/m]", value, 1),
-        ("off by [standard errors]", off),
-    )
-    return [*rows, ("truth", "", "", *(f"{value:g}" for value in found["truth"]), "")]
+#: Faults that leave one coefficient without a true value.
+OTHER_LAW = ("only_linear", "only_quadratic")
 
 
-@table_of("descent")
-def descent_droppers(found: Found) -> Rows:
-    """Gradient descent compared with Gauss-Newton on random droppers."""
+@table_of("wrong_laws")
+def wrong_laws(found: Found) -> Rows:
+    """Fits whose law lacks a force, by fault, and those of the same rigs without a fault."""
+    draws = [row for row in found["draws"] if "right" in row]
 
-    def extremes(values: list[float], form: str) -> str:
-        return joined([min(values), max(values)], form, " to ")
+    def is_far_off(row: Found) -> bool:
+        off = zip(row.get("errors", []), row.get("relative", []), strict=True)
+        return any(abs(error) > 4 and abs(share or 0) > 0.05 for error, share in off)
 
-    def judged(label: str) -> Found:
-        some = [row[label] for row in found["droppers"] if label in row]
+    def counted(name: str, rows: list[Found], law: str) -> Found:
+        shown = [row for row in rows if row.get("least_p", 1.0) < 0.01]
+        right = [row for row in shown if law and any(x.startswith(law) for x in (row["first"], *row["alike"]))]
+        status = Counter(row["status"] for row in rows)
+        others = ", ".join(f"{count} `{one}`" for one, count in status.items() if one not in ("ok", "model_error"))
+        wrong = [row for row in rows if row["status"] == "ok" and name not in OTHER_LAW and is_far_off(row)]
         return {
-            "optimizer": label,
-            "droppers": len(some),
-            "apart": max(row["apart"] for row in some),
-            "errors": extremes([ratio for row in some for ratio in row["error_ratios"]], "{:.3f}"),
-            "times": extremes([row["times"] for row in some], "{:.2g}"),
+            "fault": name.replace("_", " "),
+            "draws": len(rows),
+            "shown": len(shown),
+            "right": len(right) if law else "-",
+            "error": status["model_error"],
+            "ok": status["ok"],
+            "others": others or "-",
+            "wrong": len(wrong),
         }
 
+    faults = {draw["fault"]: draw["law"] for draw in draws}
+    rows = [counted("none", [draw["right"] for draw in draws], "")]
+    for fault, law in faults.items():
+        rows.append(counted(fault, [draw["wrong"] for draw in draws if draw["fault"] == fault], law))
     return columns(
-        map(judged, ("L-BFGS (optax)", "Adam (optax)")),
-        ("optimizer", "{optimizer}"),
-        ("droppers", "{droppers}"),
-        ("maximum distance from Gauss-Newton's estimates [standard errors]", "{apart:.3f}"),
-        ("standard errors relative to Gauss-Newton's", "{errors}"),
-        ("processor time relative to Gauss-Newton's", "{times}"),
+        rows,
+        ("fault", "{fault}"),
+        ("draws", "{draws}"),
+        ("a force is shown (p below 1 %)", "{shown}"),
+        ("and the right one first", "{right}"),
+        ("`model_error`", "{error}"),
+        ("`ok`", "{ok}"),
+        ("other statuses", "{others}"),
+        ("`ok` and off by more than 4 errors and 5 %", "{wrong}"),
     )
 
 
@@ -124,27 +121,6 @@ def measured_thirds(found: Found) -> Rows:
         rows.append((f"`{name}` [{parts[0][name]['unit']}]", values, f"{max(off[name]):.1f}"))
     within = [f"{int((every < limit).sum())} of {len(every)} within {limit}" for limit in (2, 3)]
     return [*rows, ("all", "", ", ".join(within))]
-
-
-@table_of("calibration_twin", "calibration_coverage", "calibration_dry")
-def calibration_twins(twin: Found, coverage: Found, dry: Found) -> Rows:
-    """Twin experiments: how many converge, errors over standard errors, cover, and how large the errors are."""
-    twins = {"linear + quadratic": twin, "60 draws": coverage}
-    twins |= {f"dry friction, {links}": found for links, found in dry.items()}
-    return columns(
-        (
-            {"twin": title, "method": method, **methods[method]}
-            for title, methods in twins.items()
-            for method in ("windows", "shooting")
-            if method in methods
-        ),
-        ("synthetic data", "{twin}"),
-        ("method", "{method}"),
-        ("converged", "{converged} of {fits}"),
-        ("RMS of error/std error", lambda r: joined(r["z_rms"], "{:.2f}")),
-        ("90 % intervals cover", lambda r: joined([100 * x for x in r["covered_90"]], "{:.0f} %")),
-        ("median std error", lambda r: joined([100 * x for x in r["median_relative_std_error"]], "{:.2g} %")),
-    )
 
 
 @table_of("measured_single_pendulum", name="calibration_laws_single")
@@ -223,38 +199,3 @@ def _rightly_named(row: Found) -> bool:
     if row["truth"] in ("outliers", "lost frames"):
         return _kind_of(row["first"]) == row["truth"]
     return row["first"].split(" or ")[0] == row["truth"]
-
-
-#: Cases of `channels.py` in words, by their place in the results.
-CHANNELS = {
-    ("sea", "taut"): "longline, taut ropes",
-    ("sea", "slack"): "longline, slack ropes",
-    ("sea", "stiff"): "longline, slack and stiff",
-    ("cable", "stiff"): "cable, markers on every node",
-    ("cable", "limp"): "limp cable, one marker",
-    ("runs",): "five releases, damping differs by 5 %",
-    ("cameras",): "kicked chain, two cameras",
-}
-
-
-@table_of("channels")
-def channels(found: Found) -> Rows:
-    rows = []
-    for place, words in CHANNELS.items():
-        case = found
-        for key in place:
-            case = case.get(key, {})
-        more = {"case": words, "draws": case.get("draws")}
-        rows += [{**more, "name": name.removeprefix("effects."), **r} for name, r in case.get("parameters", {}).items()]
-    verdicts = {"not_determined": "not determined", "upper_bound": "upper bound"}
-    error = lambda x: "-" if x is None else f"{100 * x:.2g} %"  # noqa: E731
-    return columns(
-        rows,
-        ("case", "{case}"),
-        ("parameter", "`{name}`"),
-        ("draws", "{draws}"),
-        ("90 % intervals cover", "{cover}"),
-        ("RMS of error/std error", "{rms_of_error_over_std_error:.2f}"),
-        ("median std error", lambda r: error(r["median_relative_error"])),
-        ("verdict", lambda r: ", ".join(f"{words} in {r[key]}" for key, words in verdicts.items() if r[key])),
-    )

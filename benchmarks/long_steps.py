@@ -89,7 +89,7 @@ def judge(name: str) -> Found:
     """All runs of a scene against its truth, or why the scene is left out."""
     scene = dj.load_scene(name)
     dt = scene.run.dt * scene.run.save_every
-    if scene.run.save_every > 1 or scene.run.step_tolerance or scene.run.error_tolerance:
+    if scene.run.save_every > 1 or scene.run.accuracy or scene.run.error_tolerance:
         return {"left_out": f"saves every {dt:g} s"}
     span = STEPS * max(FACTORS) * dt
     truth, finer = (_truth(scene, span, parts) for parts in (FINER, 2 * FINER))

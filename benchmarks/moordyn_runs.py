@@ -11,6 +11,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from moordyn_point import quiet
 from study import Found, timed
 
 from dropper_jax import Model, Scene, State, load_scene, write_moordyn
@@ -21,7 +22,6 @@ from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
 from dropper_jax.stepping.control import advance_over
 from dropper_jax.stepping.extremes import link_tensions
 from dropper_jax.stepping.integrate import begin
-from dropper_jax.study.peers.moordyn_run import quiet
 
 #: Time between rows [s], in both codes.
 SAMPLE = 0.1
@@ -110,12 +110,12 @@ def _march(
     model: Model,
     s: State,
     dt: jax.Array,
-    tolerance: float | None,
+    accuracy: float | None,
     every: jax.Array,
     saves: int,
     links: int,
 ):
-    """Rows of `every` steps of dt [s] each; with a tolerance [m/s] the steps follow the snaps and are at most so long.
+    """Rows of `every` steps of dt [s] each; with an accuracy the steps follow it and are at most so long.
 
     Returns:
         How many steps were taken again; of the first line mean, mean square, least and largest tension (saves, 2) of
@@ -131,13 +131,13 @@ def _march(
         return (None, taken.state, good, again + taken.retried), (tension, tension**2, tension, tension)
 
     def follow(carry):
-        adaptive, (row, within) = advance_adaptively(stepper, model, carry[0], dt, tolerance, 1, watch=link_tensions)
+        adaptive, (row, within) = advance_adaptively(stepper, model, carry[0], dt, accuracy, 1, watch=link_tensions)
         done, between = adaptive.progress, (within.mean, within.square, row.extremes.least, row.extremes.largest)
         return (adaptive, done.state, done.first_bad < 0, adaptive.refused), tuple(a[0, ends] for a in between)
 
     first, adaptive = begin(stepper, model, s), None
-    if tolerance is not None:
-        advance, adaptive = follow, adaptive_start(first, dt)
+    if accuracy is not None:
+        advance, adaptive = follow, adaptive_start(model, first)
 
     def one(_: jax.Array, inner):
         carry, total, square, least, most = inner
@@ -171,10 +171,10 @@ class Ours:
         model, start = build(scene)
         return cls(stepper_of(model, scene.run, track_work=False), model, start, len(scene.lines[0].length))
 
-    def run(self, every: int, duration: float, repeats: int = 1, tolerance: float | None = None) -> Rows:
-        """Steps of SAMPLE / every [s], or with a tolerance [m/s] at most so long; the least time counts."""
+    def run(self, every: int, duration: float, repeats: int = 1, accuracy: float | None = None) -> Rows:
+        """Steps of SAMPLE / every [s], or with an accuracy at most so long; the least time counts."""
         saves = round(duration / SAMPLE)
-        given = (self.stepper, self.model, self.start, jnp.asarray(SAMPLE / every), tolerance)
+        given = (self.stepper, self.model, self.start, jnp.asarray(SAMPLE / every), accuracy)
 
         def march(count: int):
             return jax.block_until_ready(_march(*given, jnp.asarray(count), saves=saves, links=self.links))

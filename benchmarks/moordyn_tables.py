@@ -4,8 +4,6 @@ from study import Found, Rows, columns, joined, kilo, milli, percent, table_of
 
 #: The step of ours that the speed table shows where none is as exact as MoorDyn [s].
 USUAL = 0.02
-#: Names of scenes in a cell.
-FEW = 4
 CODES = (("ours", "here"), ("moordyn", "MoorDyn v2"))
 
 
@@ -191,68 +189,13 @@ def moordyn_peak_steps(found: Found) -> Rows:
 
 
 def _step(row: Found) -> str:
-    held = row["tolerance"] is not None
-    return f"up to {row['dt_s']:g}, tolerance {row['tolerance']:g} m/s" if held else f"{row['dt_s']:g}"
+    if row.get("accuracy") is not None:
+        return f"up to {row['dt_s']:g}, accuracy {row['accuracy']:g}"
+    # stored measurements of steps that followed the change of tensions
+    if row.get("tolerance") is not None:
+        return f"up to {row['dt_s']:g}, tolerance {row['tolerance']:g} m/s"
+    return f"{row['dt_s']:g}"
 
 
 def _errors(errors: dict[str, float]) -> str:
     return joined([100 * errors[key] for key in ("mean", "std", "peaks")], "{:.2g} %")
-
-
-@table_of("moordyn_rest")
-def moordyn_rest(found: Found) -> Rows:
-    """End tensions of packaged scenes at rest against MoorDyn's on their decks, or why they are not compared."""
-    good = [row for row in found["rows"] if row["status"] == "ok"]
-    reasons = dict.fromkeys(row["status"] for row in found["rows"] if row["status"] != "ok")
-
-    def scenes(row: Found) -> str:
-        return ", ".join(one["scene"] for one in good if one.get("same_deck_as", one["scene"]) == row["scene"])
-
-    def left_out(reason: str) -> str:
-        names = [row["scene"] for row in found["rows"] if row["status"] == reason]
-        return ", ".join(names) if len(names) <= FEW else f"{len(names)} scenes"
-
-    rows = columns(
-        (row for row in good if "same_deck_as" not in row),
-        ("scenes", scenes),
-        ("lines", "{lines}"),
-        ("largest tension [N]", "{largest_n:.0f}"),
-        ("scene against MoorDyn", lambda r: f"{100 * r['scene_difference']:.2g} %"),
-        ("its deck, as read here", lambda r: f"{100 * r['deck_difference']:.2g} %"),
-        (
-            "worst line alone, 1, 2, 4, 8 times the links",
-            lambda r: ", ".join(f"{100 * x:.2g} %" for x in r.get("alone", [])),
-        ),
-        ("MoorDyn's nodes, at most [mm/s]", lambda r: f"{1e3 * r['speed']:.1g}"),
-    )
-    return rows + [(left_out(reason), reason, *[""] * (len(rows[0]) - 2)) for reason in reasons]
-
-
-@table_of("cabledyn")
-def cabledyn_decks(found: Found) -> Rows:
-    """Six decks in three codes: end tensions at rest, statistics of the top tension, time at equal error."""
-
-    def statistics(deck: Found, key: str) -> str:
-        half = 0.0 if key == "std" else deck["half_link"][1]
-        made = [
-            (deck[code]["statistics"], more) for code, more in (("cabledyn", 0.0), ("moordyn", half), ("ours", half))
-        ]
-        return ", ".join(f"{one['fairlead'][key] + more:.0f}" if one else "-" for one, more in made)
-
-    def cost(deck: Found) -> str:
-        best = [deck[code]["best"] for code in ("cabledyn", "moordyn", "ours")]
-        return ", ".join(milli(one["cpu_per_s"]) if one else "-" for one in best)
-
-    def apart(deck: Found) -> str:
-        pairs = zip(deck["at_rest"]["cabledyn"], deck["at_rest"]["ours"], strict=True)
-        return f"{max(abs(a / b - 1.0) for a, b in pairs):.1e}"
-
-    return columns(
-        found["decks"],
-        ("deck", "{name}"),
-        ("at rest, CableDyn to ours", apart),
-        ("mean [N]", statistics, "mean"),
-        ("standard deviation [N]", statistics, "std"),
-        ("largest [N]", statistics, "max"),
-        ("processor time [ms per s]", cost),
-    )

@@ -13,14 +13,15 @@ import one_thread  # noqa: F401 - before JAX
 
 from pathlib import Path
 
+import diffrax_line
+import mujoco_chain
 from study import RESULTS, Found, command, describe, say, store, versions
 
-from dropper_jax import Scene, build, load_scene
+from dropper_jax import Model, Scene, State, build, load_scene
 from dropper_jax.plots import style
 from dropper_jax.study.march import Scheme, runnable
-from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.pictures import marks, title
-from dropper_jax.study.reference import reference
+from dropper_jax.study.reference import Reference, reference
 from dropper_jax.study.work_precision import measure
 
 REPEATS = 7  # the least of these counts, for everybody: other load on the machine only ever adds
@@ -69,10 +70,20 @@ def compare(scene: Scene) -> Found:
     target = reference(model, s, GRID, round(SPAN / GRID), 0.0)
     schemes, _ = runnable(OURS, model)
     rows, _ = measure(model, s, schemes, DTS, target, repeats=REPEATS, pick=min)
-    others, left = peer_rows(scene, model, s, target)
-    say({"left out": left})
-    rows += others
+    rows += peer_rows(scene, model, s, target)
     return {"scene": scene.name, "reference": target.summary(), "rows": rows, "goals": goals(rows)}
+
+
+def peer_rows(scene: Scene, model: Model, s: State, target: Reference) -> list[Found]:
+    """Rows of MuJoCo and diffrax in the form of `work_precision.measure`; one that cannot run the scene is reported."""
+    rows = []
+    for peer in (mujoco_chain, diffrax_line):
+        reason = peer.refuse(model, s)
+        if reason:
+            say({"scene": scene.name, "left out": peer.NAME, "reason": reason})
+        else:
+            rows += peer.rows(model, s, target)
+    return rows
 
 
 def goals(rows: list[Found]) -> list[Found]:

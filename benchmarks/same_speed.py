@@ -97,10 +97,6 @@ class Side:
     def __init__(self, tree: Path, case: str, plain: bool) -> None:
         flags = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
         tagged = not plain and (tree / "dropper_jax/backend/one_kernel.py").exists()
-        if not plain and (tree / "dropper_jax/base/one_kernel.py").exists():
-            from dropper_jax.backend.one_kernel import with_option  # an older checkout has the option only
-
-            flags = with_option(flags)
         paths = os.pathsep.join([str(tree), str(Path(__file__).parent)])
         environment = {**os.environ, "PYTHONPATH": paths, "XLA_FLAGS": flags, TAGGED: "1" if tagged else ""}
         call = [sys.executable, "-c", f"import same_speed; same_speed.serve(same_speed.CASES[{case!r}])"]

@@ -99,37 +99,6 @@ def north_sea(found: Found) -> Rows:
     )
 
 
-@table_of("farm_wakes")
-def farm_wakes(found: Found) -> Rows:
-    """The farm of Plew et al. (2005) over the ropes per metre, which are not stated."""
-    return columns(
-        (*found["rows"], *found["others"]),
-        ("ropes per metre of longline", "{ropes_per_m:g}"),
-        ("crop rope [km]", "{crop_rope_km:.0f}"),
-        ("depth [m], turbulence", "{depth_m:g}, {turbulence:g}"),
-        ("reduced within, mean / largest", "{reduction_mean:.0%} / {reduction_max:.0%}"),
-        ("beneath", "{reduction_beneath:.0%}"),
-        ("Plew (2011), endless canopy", "{plew_2011:.0%}"),
-        ("balance", "{balance:.2f}"),
-    )
-
-
-@table_of("farm_wakes")
-def cylinder_wake(found: Found) -> Rows:
-    """One cylinder, 420 diameters behind it."""
-    width, defect = found["cylinder"]["half_width_over_d"], found["cylinder"]["defect_over_u"]
-
-    def against(name: str, wanted: float, ours: float, form: str) -> tuple[str, ...]:
-        return name, format(wanted, form), format(ours, form), f"{ours / wanted - 1.0:+.0%}"
-
-    words = "defect over U, from the measured width and C_D = 1"
-    return [
-        ("420 d behind a cylinder", "measured", "here", "difference"),
-        against("half-width over d", width["measured"], width["ours"], ".2f"),
-        against(words, defect["from_measured_width"], defect["ours"], ".4f"),
-    ]
-
-
 @table_of()
 def published_crops() -> Rows:
     """Published values of crops, as `dropper library` has them."""
@@ -138,19 +107,3 @@ def published_crops() -> Rows:
     head = ("published crop", "mass [kg/m]", "outer diameter [m]", "C_D", "C_A", "EI [N m2]", "source", "read")
     cells = [["-" if crop[key] is None else f"{crop[key]:g}" for key in keys] for crop in found]
     return [head, *((c["crop"], *row, c["source"], c["read"]) for c, row in zip(found, cells, strict=True))]
-
-
-@table_of("standards")
-def worked_standards(found: Found) -> Rows:
-    """Two worked examples: every number of the report's page with the edition and clause that it comes from."""
-    rows = [("example", "number in the report", "value", "edition, clause", "compared with")]
-    for name, example in found.items():
-        own = example["standard"]
-        pairs = "; ".join(f"waves of {waves}, current of {current} years" for waves, current in own["pairs"])
-        rows.append((f"`{name}`", "return periods", pairs, f"{own['edition']}, {own['clause']}", own["checked"]))
-        for part in example["parts"]:
-            value = "{factor:g} x {load_n:.0f} / {capacity_n:.0f} = {utilisation:.3f}".format(**part)
-            number = f"utilisation of {part['part']}: factor, load and capacity [N] ({part['case']})"
-            source = part["factors"]
-            rows.append(("", number, value, f"{source['edition']}, {source['clause']}", source["checked"]))
-    return rows

@@ -17,6 +17,7 @@ from importlib import resources
 import jax
 import jax.numpy as jnp
 import numpy as np
+from figure_table import TABLE
 from scipy.optimize import least_squares
 from study import command, show, store
 
@@ -41,7 +42,7 @@ def thesis() -> Iterator[Row]:
     yield (
         "8.3, 8.4 pairs of damping coefficients",
         "(0.010, 0), (0.010, 0.001), (0.010, 0.030); (0.001, 0.001), (0.002, 0.001), (0.001, 0.002)",
-        "the same, in `dropper figure thesis-8.14` to `thesis-8.27`",
+        "the same, in `source_figures.py thesis-8.14` to `thesis-8.27`",
         "the measured trace is not published, so the best pair cannot be checked. A fit by gradients finds a "
         "pair with errors from one trace ([sweeps](sweeps-and-sensitivity.md))",
     )
@@ -234,8 +235,8 @@ def nominal_diameters() -> Row:
 
 
 def figures() -> Iterator[Row]:
-    """(figure, caption, scenes, note) of every one that `dropper figure` draws."""
-    rows = tomllib.loads((DATA / "source_figures.toml").read_text())["figure"]
+    """(figure, caption, scenes, note) of every one that `source_figures.py` draws."""
+    rows = tomllib.loads(TABLE.read_text(encoding="utf-8"))["figure"]
     for row in rows:
         note = f"missing there, chosen: {row['note']}" if row.get("note") else ""
         yield (row["name"], row["caption"], ", ".join(f"`{name}`" for name in row["scenes"]), note)

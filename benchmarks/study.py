@@ -118,10 +118,6 @@ def milli(seconds: float) -> str:
     return f"{1e3 * seconds:.3g}"
 
 
-def kilo_range(interval: list[float]) -> str:
-    return f"{kilo(interval[0])} to {kilo(interval[1])}"
-
-
 def command(
     words: Mapping[str, Any] | None = None, **known: Any
 ) -> Callable[[Callable[..., int | None]], Callable[..., int | None]]:
@@ -154,17 +150,6 @@ def collect(
                 found[part] = list(known.values())
                 say(row)
                 store(name, found)
-
-
-def resume(name: str | Path, part: str, cases: Iterable[Found], measure: Callable[..., Found], **head: Any) -> None:
-    """Measure the cases that have no stored row yet, each a row's first values; print and store every new row."""
-    found = {**stored(name, {}), **head}
-    rows = found.setdefault(part, [])
-    for case in cases:
-        if not any(case.items() <= row.items() for row in rows):
-            rows.append({**case, **measure(**case)})
-            say(rows[-1])
-            store(name, found)
 
 
 def show(*cells: object) -> None:

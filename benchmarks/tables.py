@@ -18,11 +18,10 @@ from study import RESULTS, TABLES, command, markdown, stored
 PARTS = (
     "accuracy_tables",
     "coarse_lines",
-    "farm_search",
     "fit_tables",
-    "frequency_domain",
+    "moordyn_hard_cases",
     "moordyn_tables",
-    "paper_tables",
+    "edulis_anchors",
 )
 for part in (*PARTS, "source_tables"):
     import_module(part)  # enters its tables

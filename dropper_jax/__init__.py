@@ -10,8 +10,6 @@ import sys
 from importlib import import_module
 from importlib.util import find_spec
 
-from dropper_jax.base.renamed import OldModules, old_names
-
 #: Where each public name lives; the stub next to this file lists the same for editors.
 PUBLIC = {
     "Coupled": "run.coupled",
@@ -33,7 +31,6 @@ PUBLIC = {
     "as_toml": "base.toml_text",
     "build": "run.build",
     "build_model": "run.build",
-    "compile_cache": "backend.compile_cache",
     "component": "base.fields",
     "controlled_steps": "stepping.controlled",
     "coupled_lines": "run.coupled_lines",
@@ -67,14 +64,13 @@ PUBLIC = {
     "state": "model.state",
     "step": "residual.step",
     "step_lengths": "stepping.integrate",
+    "store_programs": "backend.programs",
     "tension_deviation": "statics.linear_waves",
     "write_moordyn": "moordyn.writing.writer",
     "write_vtk": "report.vtk",
 }
 
 __all__ = sorted(PUBLIC)
-
-sys.meta_path.append(OldModules())
 
 if "JAX_ENABLE_X64" not in os.environ:
     if "jax" in sys.modules:
@@ -92,7 +88,7 @@ def __getattr__(name: str) -> object:
         return found
     if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
         return import_module(f"{__name__}.{name}")
-    return old_names(__name__, above=1)(name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

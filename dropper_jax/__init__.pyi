@@ -1,7 +1,7 @@
 """The names that `dropper_jax` offers itself, for editors; a test compares them with its `PUBLIC`."""
 
-from dropper_jax.backend.compile_cache import compile_cache as compile_cache
 from dropper_jax.backend.one_kernel import one_kernel as one_kernel
+from dropper_jax.backend.programs import store_programs as store_programs
 from dropper_jax.base.errors import SceneError as SceneError
 from dropper_jax.base.errors import SimulationError as SimulationError
 from dropper_jax.base.errors import nearest as nearest

@@ -15,7 +15,7 @@
 # # 9. From a film to a number
 #
 # A chain swings in front of a camera. How strongly is it damped? This notebook shows all steps: film, angle traces,
-# fit, errors of the rig found by the fit, damping law, posterior, and one run over the whole trace with its prediction
+# fit, errors of the rig found by the fit, damping law, and one run over the whole trace with its prediction
 # horizon. The film is rendered from a simulated run, so that the truth is known. With a film of your own, start at the
 # second step.
 
@@ -121,7 +121,7 @@ for warning in first.warnings:
 # gain. Here it selects the lengths, which the score tests rank first. It ends when no candidate improves the fit.
 
 # %%
-result = fit(tracked.trace, believed, ["b_l", "b_q"], auto_free=True, posterior=200)
+result = fit(tracked.trace, believed, ["b_l", "b_q"], auto_free=True)
 show(result)
 print("freed:", ", ".join(candidate.name for candidate in result.freed) or "nothing")
 for parameter, value, error in zip(result.parameters, result.values, result.uncertainty.std_error, strict=True):
@@ -140,28 +140,6 @@ laws = fit(tracked.trace, fixed, ["b_l", "b_q"], method="windows", compare_model
 best = max(law.score for law in laws.comparison)
 for law in sorted(laws.comparison, key=lambda law: -law.score)[:6]:
     print(f"{law.name:40s} log score {law.score - best:10.1f} {'<- chosen' if law.chosen else ''}")
-
-# %% [markdown]
-# ## The posterior
-#
-# Draws from the posterior by importance sampling. Here the posterior is close to the normal distribution of the
-# standard errors, which confirms them.
-
-# %%
-draws, weight = result.posterior.draws, result.posterior.weight
-fig, axes = plt.subplots(1, 2, figsize=(9, 2.8), layout="constrained")
-for i, (ax, name) in enumerate(zip(axes, TRUTH, strict=True)):
-    scaled = lambda p, name=name: 100 * (p / TRUTH[name] - 1)  # noqa: E731
-    value, error = scaled(result.values[i]), 100 * result.uncertainty.std_error[i] / TRUTH[name]
-    x = np.linspace(value - 4 * error, value + 4 * error, 200)
-    ax.hist(scaled(draws[:, i]), bins=24, weights=weight, density=True, color=style.FAINT, label="posterior")
-    normal = np.exp(-0.5 * ((x - value) / error) ** 2) / (error * np.sqrt(2 * np.pi))
-    ax.plot(x, normal, color=style.FIRST, label="standard error")
-    ax.axvline(0, color=style.SECOND, ls="--", label="truth")
-    ax.set(xlabel=f"({name} / truth - 1) [%]", yticks=[])
-axes[0].legend()
-plt.show()
-print(f"{result.posterior.effective:.0f} effective draws of {len(draws)}, Pareto k {result.posterior.shape:.2f}")
 
 # %% [markdown]
 # ## One run over the whole trace

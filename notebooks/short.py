@@ -72,9 +72,7 @@ SHORT: dict[str, list[tuple[str, str | None]]] = {
     ],
     "9-from-film-to-number": [
         ("LINKS, DURATION = 3, 12.0", "LINKS, DURATION = 2, 4.0"),
-        ("posterior=200", "posterior=0"),
         ("fixed = fitted_scene", None),
-        ("draws, weight = result.posterior.draws", None),
     ],
     "10-design-a-farm": [
         ('{"duration": 60.0, "seeds": 1, "skip": 15.0}', '{"duration": 20.0, "seeds": 1, "skip": 10.0}'),

@@ -67,12 +67,17 @@ def as_users(name: str, *where: str, without: str = "slow or check") -> Part:
     return Part(f"as users {name}", (*TESTS, "-m", f"not ({without})", *where), {"TESTS_CHOSE_XLA_FLAGS": "no"})
 
 
+def plain(name: str, *where: str) -> Part:
+    """Tests without stored programs, kernels and lanes: all of that must be only faster."""
+    return Part(f"plain {name}", (*TESTS, *where), {"DROPPER_BACKEND": "plain"})
+
+
 #: Folders whose marked tests are parts of their own; the part `check rest` takes whatever stands elsewhere.
 APART = ("fitting", "effects", "stepping", "integrators", "docs")
 #: Every command and piece of Python of the pages.
 PAGES = "tests/docs/test_everything_runs.py"
 #: The catalogue in short, which `hard cases` runs in full.
-SHORT_CASES = "tests/study/test_stability.py::test_hard_case_keeps_its_claim"
+SHORT_CASES = "tests/hard_cases/test_hard_cases.py::test_hard_case_keeps_its_claim"
 #: Longest first.
 PARTS = (
     marked("fitting", "tests/fitting"),
@@ -85,11 +90,14 @@ PARTS = (
     as_users("stepping", "tests/stepping"),
     as_users("derivatives", "tests/stepping/test_step_derivatives.py", without="check"),
     Part("browser", (*TESTS, "-k", "browser", "tests/docs/test_site.py", "tests/view")),  # says where there is none
-    Part("many scenes", ("benchmarks/many_scenes.py",)),
+    Part("figures of the sources", ("benchmarks/source_figures.py", "all", "--plot", "build/check/figures")),
+    Part("many scenes", ("tests/many_scenes.py",)),
     Part("random calls", ("tests/faults/sequences.py",), {"XLA_FLAGS": "--xla_backend_optimization_level=0"}),
     Part("random scenes", (*TESTS, "tests/load/test_fuzz.py"), {"FUZZ_EXAMPLES": "2000"}),
     as_users("schemes", "tests/integrators", "tests/solvers", "tests/view"),
     marked("steps", "tests/stepping", "tests/integrators"),
+    plain("steps", "tests/stepping", "tests/integrators", "tests/solvers", "tests/effects"),
+    plain("fits", "tests/fitting/estimate", "tests/fitting/calibration", "tests/fitting/sensitivity"),
     Part("damaged files", (*TESTS, "tests/faults/test_fuzz_files.py"), {"FUZZ_FILES": "2000"}),
 )
 

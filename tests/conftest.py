@@ -48,9 +48,10 @@ def _compile_quickly() -> None:
 
 
 _compile_quickly()
-# Commands called within a test would set these for all tests after it; those that are about them say so.
-os.environ.setdefault("DROPPER_ONE_KERNEL", "off")
-os.environ.setdefault("DROPPER_COMPILE_CACHE", "off")
+#: Programs of earlier runs of the tests on this machine: compiled ones of this process, stored ones of commands that
+#: tests start. They save two fifths of the time of a second run.
+KEPT = Path(__file__).parents[1] / ".pytest_cache" / "programs"
+os.environ["XDG_CACHE_HOME"] = str(KEPT / "commands")
 # Two workers share two cores: further threads of OpenBLAS only wait (a twelfth of the time of test_bending.py), and so
 # do those of OpenCV (a seventh of the time of test_films.py).
 for threads in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
@@ -58,9 +59,6 @@ for threads in ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
 os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", "threads;1")
 # Tracing makes millions of objects that stay: they are searched for garbage less often (another twelfth).
 gc.set_threshold(100_000, 50, 100)
-# Programs carry no lines of Python, and one file of tests shares a compiler context.
-os.environ.setdefault("DROPPER_SOURCE_LINES", "off")
-
 # Loading programs makes XLA write lines about processor features, which a failed test would show.
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
@@ -70,15 +68,15 @@ import numpy as np  # noqa: E402
 from jax.flatten_util import ravel_pytree  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
-from dropper_jax import Solution, compile_cache  # noqa: E402
-from dropper_jax.backend.programs import CONTEXTS, STORE, give_back_memory, memory_maps  # noqa: E402
+from dropper_jax import Solution  # noqa: E402
+from dropper_jax.backend.programs import STORE, memory_maps, return_memory  # noqa: E402
 from dropper_jax.stepping.control import advance_over  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
 
-#: Programs compiled by an earlier run on this machine, or by the other worker, are read from here: two fifths of the
-#: time of a second run. Processes that tests start do not use it.
-COMPILED = Path(__file__).parents[1] / ".pytest_cache" / "compiled"
-compile_cache(COMPILED)
+# JAX's own cache knows programs by their content, so that tests may replace parts of the packages.
+jax.config.update("jax_compilation_cache_dir", str(KEPT / "compiled"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 #: Memory maps (870 at first) beyond which programs go after a file: each would compile its small operations anew.
 MANY_MAPS = 3000
 
@@ -98,12 +96,9 @@ def _memory_given_back():
     A worker would otherwise end with 5 GB, and on the way meet the kernel's 65 530 maps.
     """
     yield
-    CONTEXTS.clear()
     if not 0 < memory_maps() < MANY_MAPS:
         STORE.clear()
-        give_back_memory()
-    if not str(jax.config.jax_compilation_cache_dir).startswith(str(COMPILED)):
-        compile_cache(COMPILED)  # after tests of caches
+        return_memory()
 
 
 @pytest.fixture(scope="session")

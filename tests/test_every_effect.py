@@ -6,7 +6,6 @@ has them.
 
 from __future__ import annotations
 
-import importlib
 import re
 from dataclasses import replace
 from functools import cache
@@ -16,13 +15,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from energy_cases import sticky
+from hard_scenes import BED
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
 from dropper_jax import build, build_model
 from dropper_jax.effects import EFFECTS
 from dropper_jax.study.cost import model_variants
-from dropper_jax.study.stability import all_cases, scenes
+from dropper_jax.study.stability import all_cases
+from dropper_jax.study.stability.case import scene_of as hard_scene
 
 ROOT = Path(__file__).parents[1]
 PACKAGED = [name for name, cls in EFFECTS.items() if cls.__module__.startswith("dropper_jax.")]
@@ -37,27 +39,28 @@ MADE = {
     "point_bodies": "added_mass",
 }
 ALL = [*PACKAGED, *MADE]
-#: Hard cases whose scenes have the effect: module of `study.stability`, what makes the scene, name of the case.
+CASES = {case.name: case for case in all_cases()}
+#: Hard cases whose scenes have the effect.
 HARD = {
-    "weight": ("flow_cases", "streaming", "strong-current"),
-    "linear_damping": ("energy_cases", "overdamped_pendulum", "heavy-damping-position"),
-    "quadratic_damping": ("energy_cases", "fast", "quadratic-damping-fast"),
-    "joint_friction": ("energy_cases", "sticky", "dry-friction-two-joints"),
-    "end_motion": ("rod_cases", "clamped_rod", "clamped-rod"),
-    "buoyancy": ("flow_cases", "streaming", "strong-current"),
-    "morison_drag": ("flow_cases", "rough", "flow-coefficients"),
-    "morison_inertia": ("sea_cases", "pendulum", "pendulum-in-waves"),
-    "seabed": ("contact_cases", "dropped_weight", "bed-impact-depth"),
-    "seabed_friction": ("contact_cases", "sledge", "stick-slip"),
-    "bending": ("rod_cases", "clamped_rod", "clamped-rod"),
-    "line_contact": ("line_cases", "falling_rope", "rope-on-rope"),
-    "torsion": ("line_cases", "twisted_rod", "twisted-rod"),
-    "rigid_bodies": ("rod_cases", "pinned_arm", "pinned-arm"),
-    "body_buoyancy": ("flow_cases", "dropped_spar", "dropped-spar"),
-    "body_water": ("flow_cases", "dropped_spar", "dropped-spar"),
-    "body_bed": ("rod_cases", "sliding_drum", "sliding-drum"),
-    "spar_buoys": ("sea_cases", "dropped_spar", "buoy-under"),
-    "point_bodies": ("sea_cases", "row_of_floats", "many-floats"),
+    "weight": "strong-current",
+    "linear_damping": "heavy-damping-position",
+    "quadratic_damping": "quadratic-damping-fast",
+    "joint_friction": "dry-friction-two-joints",
+    "end_motion": "clamped-rod",
+    "buoyancy": "strong-current",
+    "morison_drag": "flow-coefficients",
+    "morison_inertia": "pendulum-in-waves",
+    "seabed": "bed-impact-depth",
+    "seabed_friction": "stick-slip",
+    "bending": "clamped-rod",
+    "line_contact": "rope-on-rope",
+    "torsion": "twisted-rod",
+    "rigid_bodies": "pinned-arm",
+    "body_buoyancy": "dropped-spar",
+    "body_water": "dropped-spar",
+    "body_bed": "sliding-drum",
+    "spar_buoys": "buoy-under",
+    "point_bodies": "many-floats",
 }
 #: Effects that push or move points as they are told, or repeat a source: no hard case of their own, but a scene.
 TOLD = ("nodal_force", "recorded_motion", "sea_following_end", "thesis_wave_force", "vessel_motion")
@@ -103,9 +106,7 @@ def vessel():
 def scene_of(name: str) -> dj.Scene:
     """A scene that has the effect."""
     if name in HARD:
-        module, function, _ = HARD[name]
-        make = getattr(importlib.import_module(f"dropper_jax.study.stability.{module}"), function)
-        return dj.load_scene(make([0.3, 0.2]) if function == "sticky" else make())
+        return sticky([0.3, 0.2]) if name == "joint_friction" else hard_scene(CASES[HARD[name]].scene)
     scene = {"nodal_force": pushed, "recorded_motion": recorded, "vessel_motion": vessel}.get(name)
     packaged = {"sea_following_end": "platform-longline", "thesis_wave_force": "dropper-north-sea-thesis"}
     return dj.load_scene(packaged[name] if scene is None else scene())
@@ -120,7 +121,7 @@ def model_of(name: str) -> dj.Model:
 def touching(name: str, r: jax.Array) -> jax.Array:
     """Places at which what touches does touch, a little."""
     if name in ("seabed", "seabed_friction"):
-        return r.at[:, 2].add(-scenes.BED - 1e-3 - jnp.min(r[:, 2]))
+        return r.at[:, 2].add(-BED - 1e-3 - jnp.min(r[:, 2]))
     if name == "line_contact":  # the rope that falls, next to the one it falls on
         return r.at[:, 2].add(jnp.where(r[:, 2] > 0.5, -0.97, 0.0))
     return r
@@ -192,8 +193,7 @@ def test_it_has_a_row_of_costs(name):
 def test_every_effect_has_a_hard_case_in_the_catalogue():
     assert set(HARD).isdisjoint(TOLD)
     assert {*HARD, *TOLD} == set(ALL)
-    cases = {case.name for case in all_cases()}
-    assert [case for _, _, case in HARD.values() if case not in cases] == []
+    assert [case for case in HARD.values() if case not in CASES] == []
     assert [name for name in HARD if name not in {e.name for e in model_of(name).effects}] == []
 
 

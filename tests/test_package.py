@@ -63,4 +63,13 @@ def test_the_source_distribution_can_run_its_tests(built, tmp_path):
         wanted = {str(path.relative_to(ROOT)) for path in (ROOT / folder).rglob("*") if path.is_file()}
         lacking = {name for name in wanted - there if "__pycache__" not in name and ".ipynb_checkpoints" not in name}
         assert not lacking, sorted(lacking)[:5]
-    call("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/run/test_io.py", "tests/test_house.py", cwd=root)
+    call(
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "tests/run/test_io.py",
+        "tests/docs/test_architecture.py",
+        cwd=root,
+    )

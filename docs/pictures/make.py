@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
 
 import matplotlib.style
@@ -16,7 +17,6 @@ import dropper_jax as dj
 from dropper_jax import plots, statics
 from dropper_jax.cli import main
 from dropper_jax.plots import style
-from dropper_jax.study.figure_table import figures
 from dropper_jax.view import view_page
 from fitting.sweep import open_sweep, sweep
 from fitting.traces.synthetic import Motion
@@ -26,6 +26,7 @@ from fitting.tracking.render import View, chessboards, film, write_overlay
 from fitting.tracking.video import opencv, write_video
 
 HERE = Path(__file__).parent
+FIGURES = HERE.parents[1] / "benchmarks" / "source_figures.py"
 BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 #: As filmed in the tests: a bending lens, noise, a post, node 3 covered for ten frames.
 VIEW = View(
@@ -130,14 +131,16 @@ CELL, GAP = (330, 260), 8
 
 def source_figures(work: Path) -> None:
     """All figures of the sources, and their sheets."""
-    subprocess.run([sys.executable, "-m", "dropper_jax", "figure", "all", "--plot", str(work), "--quiet"], check=True)
+    subprocess.run([sys.executable, str(FIGURES), "all", "--plot", str(work)], check=True)
     sheets(work)
 
 
 def sheets(work: Path) -> None:
     """Sheets of the figures in a folder, in their order."""
+    rows = tomllib.loads(FIGURES.with_suffix(".toml").read_text(encoding="utf-8"))["figure"]
+    figures = [row["name"] for row in rows]
     for name, (begins, columns) in SHEETS.items():
-        chosen = [figure for figure in figures() if figure.startswith(tuple(begins.split()))]
+        chosen = [figure for figure in figures if figure.startswith(tuple(begins.split()))]
         rows = [
             [_small(work / f"{figure}.png") for figure in chosen[i : i + columns]]
             for i in range(0, len(chosen), columns)

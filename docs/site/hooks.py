@@ -1,5 +1,5 @@
 """What MkDocs needs to build the site: headings named as on GitHub, notebooks as pages, links out of docs/, a page of
-Python per public module, formulae, and a search that knows the words of the glossary."""
+commands and one of Python per public module, formulae, and a search that knows the words of the glossary."""
 
 from __future__ import annotations
 
@@ -47,6 +47,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Pages and pictures from elsewhere in the repository."""
     for name, page in ROOT_PAGES.items():
         files.append(File.generated(config, page, content=(ROOT / name).read_text(encoding="utf-8")))
+    files.append(File.generated(config, "reference-commands.md", content=PAGES["commands"]()))
     for room, content in PAGES["module_pages"]().items():
         files.append(File.generated(config, f"python/{room}.md", content=content))
     files.append(File.generated(config, "mathjax.js", content=package_files("mathjax").joinpath(MATHJAX).read_bytes()))

@@ -4,15 +4,17 @@
 | --- | --- |
 | reference.md | declarations of the keys of a scene (`python -m dropper_jax.cli.reference`) |
 | reference-effects.md | docstrings of effects, schemes, linear solvers and axial laws |
-| reference-commands.md | parsers of all commands |
 | reference-python.md | public names of `dropper_jax`, `fitting` and their modules, with the first words of docstrings |
+| physics.md | the source of the step, in its place on a page written by hand |
 
-The site has a page for each public module as well (`module_pages`). A test holds the stored pages to them.
+A test holds the stored pages to them. Two more kinds are made when the site is built: the commands, from their parsers
+(`commands`), and a page for each public module (`module_pages`).
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import inspect
 import re
 import sys
@@ -46,6 +48,8 @@ ROOMS = (
     "fitting.season",
     "fitting.site",
 )
+#: A place for source code on a page: its module and the names of its functions.
+SOURCE = re.compile(r"(<!-- source: ([\w.]+): ([\w, ]+) -->\n).*?(<!-- end source -->)", re.DOTALL)
 #: Heads of the parts of a docstring that list names.
 LISTS = ("Args", "Attributes", "Returns", "Raises", "Yields")
 
@@ -154,11 +158,10 @@ def _module(cls: type) -> str | None:
 
 def commands() -> str:
     """What `dropper` does."""
-    made = MADE.format(what="the parsers")
     groups = {group: {e.name: _load(e) for e in entries} for group, entries in command_groups().items()}
     loaded = {name: command for own in groups.values() for name, command in own.items()}
     parts = [
-        f"# Commands\n\n{made} `dropper COMMAND --help` prints the same. Exit codes: 0 good, 2 invalid input, 3 a run "
+        "# Commands\n\n`dropper COMMAND --help` prints the same. Exit codes: 0 good, 2 invalid input, 3 a run "
         "that failed, 130 one that was interrupted.",
     ]
     for group, own in groups.items():
@@ -276,17 +279,36 @@ def _described(thing: object) -> str:
     return docstring((inspect.getdoc(thing) or "").split("\n\n")[0])
 
 
+def with_sources(text: str) -> str:
+    """A page with the present source at each of its places for it."""
+    return SOURCE.sub(lambda place: f"{place[1]}\n{_code(place[2], place[3].split(', '))}\n\n{place[4]}", text)
+
+
+def _code(module: str, names: list[str]) -> str:
+    """The source of functions of a module, as a block of a page."""
+    source = inspect.getsource(import_module(module))
+    lines = source.splitlines()
+    functions = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)}
+    parts = []
+    for name in names:
+        node = functions[name]
+        first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+        parts.append("\n".join(lines[first - 1 : node.end_lineno]))
+    # no command of the pages: tests run those that are marked as Python
+    return "\n".join(["```py", "\n\n\n".join(parts), "```"])
+
+
 def _page(parts: Iterable[str]) -> str:
     return "\n\n".join(part.strip() for part in parts if part and part.strip()) + "\n"
 
 
 def pages() -> dict[str, str]:
-    """Names and texts of all generated pages."""
+    """Names and texts of the stored pages."""
     return {
         "reference.md": as_markdown(sections()),
         "reference-effects.md": effects(),
-        "reference-commands.md": commands(),
         "reference-python.md": python(),
+        "physics.md": with_sources((FOLDER / "physics.md").read_text(encoding="utf-8")),
     }
 
 

@@ -37,6 +37,9 @@ class Elastic(AxialLaw):
     def work_names(self) -> tuple[str, ...]:
         return (AXIAL_RINGING,) if self.damping is None else (INTERNAL_DAMPING, AXIAL_RINGING)
 
+    def stiffness(self, length: jax.Array) -> jax.Array:
+        return self.EA / length
+
     def soften(self, share: float) -> AxialLaw:
         return replace(self, EA=share * self.EA)
 

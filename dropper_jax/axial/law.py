@@ -46,6 +46,10 @@ class AxialLaw(ABC):
         """Which of the links (n,) are inextensible."""
         return np.full(links, not self.elastic)
 
+    def stiffness(self, length: jax.Array) -> jax.Array:
+        """`EA/L` (n,) [N/m] of taut links, zero for inextensible ones."""
+        return jnp.zeros_like(length)
+
     def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
         """The same law where it stretches; ropes, or springs that also push, of stiffness EA (n,) [N] in place of rigid
         links."""
@@ -141,6 +145,9 @@ class Groups(AxialLaw):
         for law, m in self._each():
             found[m] = law.rigid(len(m))
         return found
+
+    def stiffness(self, length: jax.Array) -> jax.Array:
+        return self._together([law.stiffness(length[m]) for law, m in self._each()])
 
     def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
         return self._change_each(lambda law, m: law.springs(EA[m], pushes))

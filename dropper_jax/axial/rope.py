@@ -12,6 +12,10 @@ from dropper_jax.axial.law import LinkStart
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot, mean_positive_part, never_more, positive_part, safe_norm
 
+#: Bound of the tension over a step that goes slack, over the tension of the spring at its end. Larger ones take effect
+#: closer to the slack length, but have a steeper slope there.
+STEEPEST = 10.0
+
 
 def taut_or_slack(
     stretch: Callable[[jax.Array], jax.Array], size: jax.Array, slack: jax.Array, held: jax.Array
@@ -101,9 +105,14 @@ class Rope(Elastic):
         return self.EA / step.length * mean_positive_part(step.size - step.length, size - step.length)
 
     def _unclipped_spring(self, step: _Step, size: jax.Array) -> jax.Array:
-        """Spring tension over a step; when a link goes slack the ringing force may make it negative."""
+        """Spring tension over a step, zero if it ends slack; the ringing force may make it negative.
+
+        A mean over the step alone would leave a force in a link that was taut and ends slack, so that its tension did
+        not tell on which side of the kink it ends (`taut_or_slack`).
+        """
         mean = self._mean(step, size)
-        return mean + jnp.minimum(self._ringing(step, size), mean)
+        spring = mean + jnp.minimum(self._ringing(step, size), mean)
+        return jnp.minimum(spring, STEEPEST * self.spring(size, step.length))
 
     def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
         return jnp.maximum(self._unclipped_spring(step, size), 0.0)

@@ -1,13 +1,16 @@
 """What depends on the inside of JAX and XLA, each behind a function with a plain fallback.
 
-`DROPPER_BACKEND=plain` runs everything by the fallbacks: `jax.jit` and `jax.vmap` with the compiler's own options,
-without caches on disk.
+`DROPPER_BACKEND=plain` runs everything by the fallbacks: `jax.jit` with the compiler's own options, without programs on
+disk.
 """
 
 import os
 
 #: Environment variable, and its value for the fallbacks.
 VARIABLE, PLAIN = "DROPPER_BACKEND", "plain"
+#: Whether this process stores its compiled programs in the user's folder; to be set before `backend.programs` is
+#: imported, which imports JAX.
+stores_programs = False
 
 
 def is_plain() -> bool:

@@ -7,8 +7,6 @@ Two properties of the compiler make the tag unsafe on a plain call. It ends the 
 no reader left after optimisation, and it cannot compile library calls there. Therefore all arguments are packed into
 one array, one element of which is added to a result. A function is tagged only if all its operations are known to be
 compiled inline (`INLINE`). Every other function is called unchanged.
-
-The older option of the compiler for all runs of a process is still available: `one_kernel()` without a function.
 """
 
 from __future__ import annotations
@@ -16,10 +14,8 @@ from __future__ import annotations
 import functools
 import importlib
 import math
-import os
-import sys
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, ParamSpec, TypeVar, overload
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import jax
 import jax.export
@@ -33,12 +29,6 @@ from dropper_jax.backend import is_plain
 P = ParamSpec("P")
 R = TypeVar("R")
 
-#: Environment variable that disables tags, by `off`.
-VARIABLE, OFF = "DROPPER_ONE_KERNEL", "off"
-LIMIT = "xla_cpu_small_while_loop_byte_threshold"
-FLAG = "--xla_backend_extra_options"
-BYTES = 1_000_000_000_000
-OPTION = f"{LIMIT}={BYTES}"
 #: Where JAX has the call that carries a tag: 0.11 and later, 0.9.2 to 0.10.
 TAGGED_CALLS = (
     ("jax.experimental.xla_metadata", "xla_metadata_call2"),
@@ -72,13 +62,7 @@ SAME_WIDTH = frozenset(("float64", "int64", "uint64"))
 _INSIDE = jax.make_user_context(False)
 
 
-@overload
-def one_kernel(f: None = None) -> bool: ...
-@overload
-def one_kernel(f: Callable[P, R]) -> Callable[P, R]: ...
-
-
-def one_kernel(f: Callable[P, R] | None = None) -> bool | Callable[P, R]:
+def one_kernel(f: Callable[P, R]) -> Callable[P, R]:
     """`jax.jit(f)` as one kernel on the CPU where possible: a run is two to five times as fast.
 
         run = dj.one_kernel(lambda model, s: dj.integrate(stepper, model, s, 0.01, 1000)[0].r)
@@ -89,39 +73,67 @@ def one_kernel(f: Callable[P, R] | None = None) -> bool | Callable[P, R]:
     callbacks or scattered updates, and one of sharded arguments, is compiled as usual.
 
     Args:
-        f: a pure function of pytrees of arrays. Without it, the option of the compiler for all runs of this process and
-            its child processes is set, which must be done before the first array is created.
+        f: a pure function of pytrees of arrays.
 
     Returns:
-        The compiled function. Without `f`, whether the option holds: False if JAX has already started.
+        The compiled function.
     """
-    if f is None:
-        return _set_option()
 
     @functools.wraps(f)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        if _INSIDE.value or not tags_enabled():
-            return f(*args, **kwargs)
-        leaves, tree = jax.tree.flatten((args, kwargs))
-        traced = _trace(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
-        if not _can_be_tagged(traced):
-            return f(*args, **kwargs)
-        return jax.tree.unflatten(traced.results, _kernel.bind(*traced.values, program=traced.program))
+        return _call_kernel(f, args, kwargs)[0]
 
     return jax.jit(call)
 
 
+def lower_kernel(f: Callable[..., object], values: Sequence[object], largest: int) -> tuple[jax.stages.Lowered, bool]:
+    """`f` lowered for values like these, as one kernel where possible, and whether it is one.
+
+    Args:
+        largest: number of operations above which it does not become one.
+    """
+    is_kernel = False
+
+    @functools.wraps(f)
+    def call(*args: object) -> object:
+        nonlocal is_kernel
+        result, is_kernel = _call_kernel(f, args, {}, largest)
+        return result
+
+    return jax.jit(call).lower(*values), is_kernel
+
+
+def _call_kernel(
+    f: Callable[..., R], args: Sequence[object], kwargs: dict[str, object], largest: float = math.inf
+) -> tuple[R, bool]:
+    """The result of `f`, by a tagged call if it can be one, and whether it is."""
+    if _INSIDE.value or not tags_enabled():
+        return f(*args, **kwargs), False
+    leaves, tree = jax.tree.flatten((args, kwargs))
+    traced = _trace(lambda *leaves: _apply(f, tree, leaves), [jnp.asarray(leaf) for leaf in leaves])
+    if not _can_be_tagged(traced):
+        return f(*args, **kwargs), False
+    if operations(traced.program.jaxpr) > largest:  # tracing it again takes 2 s for `edulis-longline`
+        results = _call_plain(*traced.values, program=traced.program)
+        return jax.tree.unflatten(traced.results, results), False
+    return jax.tree.unflatten(traced.results, _kernel.bind(*traced.values, program=traced.program)), True
+
+
+def operations(jaxpr: core.Jaxpr) -> int:
+    """Number of operations of a traced function, those of its loops and calls among them."""
+    return sum(1 + sum(map(operations, _inner_jaxprs(eqn))) for eqn in jaxpr.eqns)
+
+
 def tags_enabled() -> bool:
-    """Whether calls can be tagged: on the CPU, in float64, by a JAX that has such calls, unless the user disables
-    it."""
-    if os.environ.get(VARIABLE) == OFF or is_plain():
+    """Whether calls can be tagged: on the CPU, in float64, by a JAX that has such calls."""
+    if is_plain():
         return False
     return jax.default_backend() == "cpu" and jax.config.jax_enable_x64 and _tagged_call() is not None
 
 
 def forbids_callbacks() -> bool:
     """Whether calls of Python would prevent that what is being traced becomes one kernel."""
-    return _INSIDE.value or in_force()
+    return _INSIDE.value
 
 
 def separate_call(f: Callable[P, R]) -> Callable[P, R]:
@@ -286,40 +298,3 @@ mlir.register_lowering(_kernel, mlir.lower_fun(_call_plain, multiple_results=Tru
 mlir.register_lowering(_kernel, _lower, platform="cpu")
 ad.primitive_jvps[_kernel] = _derivative
 batching.primitive_batchers[_kernel] = _batch
-
-
-def _set_option() -> bool:
-    """Set `XLA_FLAGS` for this process and its child processes, if JAX has not started."""
-    if in_force():
-        return True
-    if _devices_started() or is_plain():
-        return False
-    os.environ["XLA_FLAGS"] = with_option(os.environ.get("XLA_FLAGS", ""))
-    return True
-
-
-def with_option(flags: str) -> str:
-    """XLA's flags with the option first, because flags after a word without dashes are not read."""
-    words = flags.split()
-    for i, word in enumerate(words):
-        if word.startswith(f"{FLAG}="):
-            return " ".join([f"{word},{OPTION}", *words[:i], *words[i + 1 :]])
-    return " ".join([f"{FLAG}={OPTION}", *words])
-
-
-def in_force() -> bool:
-    """Whether the option is at a position where XLA reads it."""
-    for word in os.environ.get("XLA_FLAGS", "").split():
-        if not word.startswith("--"):
-            return False
-        if word.startswith(f"{FLAG}="):
-            return OPTION in word.removeprefix(f"{FLAG}=").split(",")
-    return False
-
-
-def _devices_started() -> bool:
-    """Whether JAX has started its devices, after which it ignores new options."""
-    try:
-        return bool(sys.modules["jax._src.xla_bridge"].backends_are_initialized())
-    except (KeyError, AttributeError):
-        return False

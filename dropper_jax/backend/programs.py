@@ -1,4 +1,4 @@
-"""Compiled programs in a store of bounded size: the least recently used one is removed first, with its memory maps.
+"""Compiled programs: held in a store of bounded size, and stored in a folder for the next process if it is enabled.
 
 Each kind of scene (its tree, shapes and static settings) has its own compiled programs, which take 300 to 700 memory
 maps and some 50 MB. JAX keeps thousands of them. The Linux kernel allows 65 530 maps per process; beyond that, the
@@ -10,75 +10,43 @@ from __future__ import annotations
 import ctypes
 import functools
 import gc
-import hashlib
 import inspect
-import json
 import os
 import sys
 import threading
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from threading import get_ident
-from typing import Any, Generic, ParamSpec, TypeVar
+from typing import Generic, ParamSpec, TypeVar
 
 import jax
-import jaxlib
 
+from dropper_jax import backend
 from dropper_jax.backend import is_plain
-from dropper_jax.backend.compile_cache import Entries, open_cache
-from dropper_jax.backend.export_cache import open_traces
-from dropper_jax.backend.one_kernel import TAG_NAME, one_kernel, tags_enabled
+from dropper_jax.backend.one_kernel import lower_kernel
+from dropper_jax.backend.stored import SETTINGS, Folder, StoredPrograms, open_folder, user_folder
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-#: Compiler options, on the CPU, of programs that run briefly and should compile fast. They are not compiled to one
-#: kernel (see `one_kernel`). XLA's emitters of fused operations, which start a separate compiler for each of hundreds
-#: of functions, are switched off. One step of Edulis compiles in 36 s as one kernel, 16.2 s otherwise and 11.2 s
-#: without the emitters, and runs as fast.
-EMITTERS = "xla_cpu_use_fusion_emitters"
-BRIEFLY = {"xla_disable_hlo_passes": "small-while-loop-hoisting", EMITTERS: False}
-#: Options of programs that run for a second at most: the lab dropper compiles in 0.8 instead of 2.0 s and takes 13
-#: instead of 6 us per step. Parts for several threads of the compiler cost a tenth of what is left.
-QUICKLY = {"xla_backend_optimization_level": 0, "xla_cpu_parallel_codegen_split_count": 1}
-#: Options of batches as one kernel: XLA prefers half of the widest vector registers, which takes 1.18 times as long.
-WIDELY = {"xla_cpu_prefer_vector_width": 512}
-#: Environment variable that enables `QUICKLY` (`on`), for processes that run each scene once.
-QUICK, ON = "DROPPER_QUICK_COMPILATION", "on"
-#: Compiler contexts by the number of their thread.
-CONTEXTS: dict[int, Any] = {}
-
-
-@functools.cache
-def supported_options() -> dict[str, str | bool | int]:
-    """The options above that this compiler supports, each tested once on a small program.
-
-    The answer is stored in the folder of compiled programs, which belongs to one version of JAX.
-    """
-    entries = None if FOLDER is None else Entries(FOLDER)
-    options = BRIEFLY | QUICKLY | WIDELY
-    asked = json.dumps([options, jaxlib.__version__], sort_keys=True).encode()
-    key = f"compiler-options-{hashlib.sha256(asked).hexdigest()[:16]}"
-    names = None if entries is None else entries.get(key)
-    if names is not None:
-        return {name: options[name] for name in json.loads(names)}
-    found = {}
-    for name, value in options.items():
-        with suppress(jax.errors.JaxRuntimeError):  # this JAX's compiler no longer has the option
-            jax.jit(lambda x: x + 1.0).lower(0.0).compile({name: value})
-            found[name] = value
-    if entries is not None:
-        entries.write(key, json.dumps([*found]).encode())
-    return found
-
-
-def compiler_options(names: Iterable[str]) -> dict[str, str | bool | int] | None:
-    """The options with these names that this version's compiler supports; None if there are none."""
-    if not names or is_plain() or jax.default_backend() != "cpu":
-        return None
-    return {name: value for name, value in supported_options().items() if name in names}
+#: Number of operations up to which a run becomes one kernel. A single line has 700 to 2700; its steps then take half
+#: of the time, and it compiles as fast. Systems of lines have 9000 to 14 000: their steps take half of the time too
+#: (edulis-longline: 0.6 instead of 1.2 ms), but they compile twice as long (50 instead of 24 s), which only 40 000
+#: steps would repay.
+LARGEST_KERNEL = 6000
+#: Compiler options of kernels on the CPU. XLA's emitters of fused operations start a compiler of their own for each of
+#: hundreds of functions; without them what cannot be one kernel compiles in half of the time.
+KERNEL_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
+#: Compiler options of other programs, most of which run for less time than they compile. LLVM's first level of
+#: optimisation in one part: the descent of `edulis-longline` compiles in 4.3 instead of 10.5 s and takes 0.12 instead
+#: of 0.10 s. Small loops stay separate: compiled into one function they take twice as long.
+OPTIONS = {
+    **KERNEL_OPTIONS,
+    "xla_disable_hlo_passes": "small-while-loop-hoisting",
+    "xla_backend_optimization_level": 1,
+    "xla_cpu_parallel_codegen_split_count": 1,
+}
 
 
 def memory_maps() -> int:
@@ -89,11 +57,10 @@ def memory_maps() -> int:
         return 0
 
 
-def give_back_memory() -> None:
+def return_memory() -> None:
     """Clear JAX's own caches and return their memory to the kernel: traces are reference cycles, and freed heap is
     retained."""
     jax.clear_caches()
-    CONTEXTS.clear()
     gc.collect()
     if sys.platform == "linux":
         # only glibc has it; elsewhere the heap is left unchanged
@@ -130,7 +97,7 @@ class Store:
             clear = self._new >= self.cleared_after
             self._new = 0 if clear else self._new
         if clear:
-            give_back_memory()
+            return_memory()
         return program
 
     def _full(self) -> bool:
@@ -146,67 +113,94 @@ class Store:
 
 
 STORE = Store()
-# Done here because every run passes through here, and programs of other processes can only be used from now on.
-FOLDER = open_cache()
-TRACES = open_traces(FOLDER)
+#: Programs stored for the next process, or None; see `store_programs`.
+_stored: StoredPrograms | None = None
 
 
-def omit_source_lines() -> None:
-    """Trace and lower without the lines of Python that operations come from, in one compiler context per thread.
+def store_programs(folder: str | Path | None = None) -> Path | None:
+    """Store compiled programs in a folder, and use those that it contains: later processes start without compiling.
 
-    JAX records the stack at every operation, writes two names for it, and makes a compiler context for each program:
-    a tenth of the time until the programs of a scene are compiled. JAX's own errors then show no lines of traced
-    functions. A JAX that is organised differently is left unchanged.
+    The command line does so. A Python program that replaces parts of these packages at run time must not.
+
+    Args:
+        folder: the folder; default: that of the user.
+
+    Returns:
+        The folder; None if it cannot be used: not writable, or not the user's own.
     """
-    with suppress(ImportError, AttributeError):
-        from jax._src.interpreters import mlir  # noqa: PLC0415
-        from jax._src.lib import _jax  # noqa: PLC0415
-        from jaxlib.mlir import ir  # noqa: PLC0415
-
-        make = mlir.make_ir_context
-
-        def compiler_context() -> ir.Context:
-            thread = get_ident()  # threads do not share one: the compiler reads it without the interpreter's lock
-            context = CONTEXTS[thread] = CONTEXTS.get(thread) or make()
-            return context
-
-        def no_location(*_: object) -> ir.Location:
-            return ir.Location.unknown()
-
-        vars(mlir).update(make_ir_context=compiler_context, source_info_to_location=no_location)
-        _jax.set_tracebacks_enabled(False)
+    global _stored
+    path = user_folder() if folder is None else Path(folder)
+    opened = None if path is None or is_plain() else open_folder(path)
+    _stored = None if opened is None else StoredPrograms(Folder(opened))
+    return opened
 
 
-if os.environ.get("DROPPER_SOURCE_LINES") == "off" and not is_plain():
-    omit_source_lines()
+if backend.stores_programs:
+    store_programs()
 
 
-def lower_cached(
+def stored_programs() -> StoredPrograms | None:
+    """The programs that this process stores and loads, or None."""
+    return _stored
+
+
+def compile_program(
     function: Callable[..., object],
     settings: Mapping[str, object],
     values: Sequence[object],
     one: Callable[..., object],
-) -> jax.stages.Lowered:
-    """`one` as `jax.jit` lowers it for values like these, taken from a cached trace if there is one.
+    kernel: bool = False,
+) -> jax.stages.Compiled:
+    """`one` compiled for values like these, loaded if another process has stored it.
 
     Args:
         function, settings: the identity of the program: a function of this project, and everything else that tracing
-            depends on; arrays among it as `Constants`.
+            depends on, arrays that the program contains among it.
+        values: example arguments.
+        one: the function of the values, with its settings applied.
+        kernel: whether it becomes one kernel where possible.
     """
-    return (TRACES and TRACES.lower(function, settings, values, one)) or jax.jit(one).lower(*values)
+    stored = _stored
+    key = None if stored is None else stored.key(function, {**settings, "kernel": kernel}, values)
+    program = None if key is None else stored.load(key)
+    if program is not None:
+        return program
+    program = _compile(one, values, kernel)
+    if key is not None:
+        stored.save(key, program)
+    return program
+
+
+def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool) -> jax.stages.Compiled:
+    lowered, is_kernel = lower_kernel(one, values, LARGEST_KERNEL) if kernel else (None, False)
+    if is_kernel:
+        # not if it has an operation that this version's compiler does not compile inline
+        with suppress(jax.errors.JaxRuntimeError):
+            return compile_lowered(lowered, KERNEL_OPTIONS)
+    if lowered is None or is_kernel:
+        lowered = jax.jit(one).lower(*values)
+    return compile_lowered(lowered, OPTIONS)
+
+
+def compile_lowered(lowered: jax.stages.Lowered, options: Mapping[str, str | bool | int]) -> jax.stages.Compiled:
+    """A lowered program compiled with options of the CPU's compiler, without them elsewhere or where it has no such
+    options. Those that `XLA_FLAGS` sets are the user's."""
+    if is_plain() or jax.default_backend() != "cpu":
+        return lowered.compile()
+    flags = os.environ.get("XLA_FLAGS", "")
+    try:
+        return lowered.compile({name: value for name, value in options.items() if f"--{name}=" not in flags})
+    except jax.errors.JaxRuntimeError:
+        return lowered.compile()
 
 
 class CachedJit(Generic[P, R]):
     """A function compiled as by `jax.jit`, with its programs in a store; inside another trace it is `jax.jit`
     itself."""
 
-    def __init__(
-        self, function: Callable[P, R], static: Iterable[str], store: Store, brief: bool, quick: float, emitters: bool
-    ):
+    def __init__(self, function: Callable[P, R], static: Iterable[str], store: Store, kernel: bool):
         functools.update_wrapper(self, function)
-        self._calls: Counter[Hashable] = Counter()
-        self._function, self._store = function, store
-        self._brief, self._quick, self._emitters = brief, quick, emitters
+        self._function, self._store, self._kernel = function, store, kernel
         self._signature = inspect.signature(function)
         self._static = frozenset(static)
         self._jitted = jax.jit(function, static_argnames=tuple(self._static))
@@ -231,15 +225,11 @@ class CachedJit(Generic[P, R]):
     def _program(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
         leaves, tree = jax.tree.flatten(values)
         kinds = tuple((jax.typeof(leaf), getattr(leaf, "sharding", None)) for leaf in leaves)
-        device_settings = jax.config.jax_enable_x64, jax.config.jax_default_device, jax.config.jax_debug_nans
-        kind = self._function, frozenset(settings.items()), tree, kinds, device_settings, self._brief
-        quick = self._quick > 0 and os.environ.get(QUICK) == ON
-        if quick:
-            self._calls[kind] += 1
-            quick = self._calls[kind] <= self._quick
-        return self._store.get((*kind, quick), lambda: self._compile(settings, values, quick))
+        jax_settings = tuple(getattr(jax.config, name, None) for name in SETTINGS)
+        key = self._function, frozenset(settings.items()), tree, kinds, jax_settings, self._kernel
+        return self._store.get(key, lambda: self._compile(settings, values))
 
-    def _compile(self, settings: dict[str, Hashable], values: list[object], quick: bool) -> jax.stages.Compiled:
+    def _compile(self, settings: dict[str, Hashable], values: list[object]) -> jax.stages.Compiled:
         names = [name for name in self._signature.parameters if name not in self._static]
 
         # A separate function: JAX keeps a trace, and with it the program, as long as the traced function exists.
@@ -248,36 +238,16 @@ class CachedJit(Generic[P, R]):
             return self._function(**settings, **dict(zip(names, values, strict=True)))
 
         del one.__wrapped__  # its signature includes the static arguments
-        options = self._compiler_options(quick)
-        if self._brief or not tags_enabled():
-            return lower_cached(self._function, settings, values, one).compile(options)
-        try:
-            tagged = lower_cached(self._function, {**settings, "one kernel": True}, values, one_kernel(one))
-            if not self._emitters and TAG_NAME not in tagged.as_text():
-                options = compiler_options([EMITTERS])
-            return tagged.compile(options)
-        except jax.errors.JaxRuntimeError:  # an operation that this version's compiler does not compile inline
-            return lower_cached(self._function, settings, values, one).compile(options)
-
-    def _compiler_options(self, quick: bool) -> dict[str, str | bool | int] | None:
-        return compiler_options([*BRIEFLY] * self._brief + [*QUICKLY] * quick)
+        return compile_program(self._function, settings, values, one, self._kernel)
 
 
 def cached_jit(
-    static: Iterable[str] = (),
-    store: Store = STORE,
-    brief: bool = False,
-    quick: float = 0,
-    emitters: bool = True,
+    static: Iterable[str] = (), store: Store = STORE, kernel: bool = False
 ) -> Callable[[Callable[P, R]], CachedJit[P, R]]:
     """`jax.jit` for a function of whole scenes.
 
     Args:
         static: names of the arguments that determine the kind of scene.
-        brief: never compile it to one kernel (see `one_kernel`); for functions that run too briefly to be worth it.
-        quick: number of calls of a kind for which it is compiled without optimisation, if the process has asked for
-            that; for what runs for a second at most.
-        emitters: whether what cannot be one kernel is compiled by XLA's emitters of fused operations: without them a
-            scheme with the dense solver compiles in half of the time, and its steps take 3 % longer.
+        kernel: whether it becomes one kernel where possible (see `one_kernel`) and worthwhile: for runs of many steps.
     """
-    return lambda function: CachedJit(function, static, store, brief, quick, emitters)
+    return lambda function: CachedJit(function, static, store, kernel)

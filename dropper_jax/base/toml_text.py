@@ -10,7 +10,6 @@ from html import escape
 from typing import Any
 
 from dropper_jax.base.read import Plain, plain
-from dropper_jax.base.renamed import with_old_keys
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 #: Version of the JSON object that commands print.
@@ -21,7 +20,7 @@ def jsonable(value: Any) -> Json:
     """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
     match value:
         case dict():
-            return with_old_keys({str(key): jsonable(item) for key, item in value.items()})
+            return {str(key): jsonable(item) for key, item in value.items()}
         case list() | tuple():
             return [jsonable(item) for item in value]
         case _ if hasattr(value, "tolist"):

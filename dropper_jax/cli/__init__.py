@@ -16,38 +16,27 @@ from collections.abc import Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from typing import NoReturn, Protocol
 
+from dropper_jax import backend
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.renamed import new_option
 from dropper_jax.cli.faults import (
     close_stdout,
-    old_names_in_one_line,
     report_error,
     terminated_as_interrupted,
     with_streams,
 )
 from dropper_jax.cli.options import OK
 
-#: `off` in one of these disables it; other values of the first are the folder, `on` is that of the user.
-COMPILE_CACHE, KEEP_TRACES, QUICK, ON = (
-    "DROPPER_COMPILE_CACHE",
-    "DROPPER_KEEP_TRACES",
-    "DROPPER_QUICK_COMPILATION",
-    "on",
-)
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
 XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
 
 
 def prepare() -> None:
-    """Cache programs for the next start, and compile short runs quickly, unless the user disables it."""
+    """Settings of a process that only runs commands, before JAX is imported."""
     # allocations between two garbage collections: tracing makes millions of lasting objects, and with Python's default
     # (700) the collector takes 10 % of the time
     gc.set_threshold(100_000, 50, 100)
     os.environ.setdefault(XLA_LOG, FATAL)
-    os.environ.setdefault(COMPILE_CACHE, ON)
-    os.environ.setdefault(KEEP_TRACES, ON)
-    os.environ.setdefault(QUICK, ON)
-    os.environ.setdefault("DROPPER_SOURCE_LINES", "off")  # `on` keeps the lines of Python in programs
+    backend.stores_programs = True
 
 
 GROUP = "dropper.commands"
@@ -58,7 +47,7 @@ GROUPS = {
     "Simulate": ("new", "check", "run", "equilibrium", "view", "report", "scenes", "demo", "library"),
     "Sea and farm": ("sea", "cases", "optimise", "design", "season", "growth"),
     "Fit and design of experiments": ("track", "fit", "plan"),
-    "Studies": ("sweep", "sensitivity", "modes", "stiffness", "offset", "response", "frequency", "figure"),
+    "Studies": ("sweep", "sensitivity", "modes", "stiffness", "offset", "response", "frequency"),
     "Checks": ("doctor", "accuracy", "cost", "stability"),
 }
 OTHERS = "Others"
@@ -115,7 +104,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     """
     # every option in front of the command ends the program, so the first other word is the command
     asked = next((word for word in argv if not word.startswith("-")), None)
-    argv = [new_option(asked, word) for word in argv]
     listed = asked is None and (not argv or any(word in HELP for word in argv))
     about = "Simulate mussel droppers, pendulums and strings.\ndropper COMMAND --help: its options and two examples."
     plain = argparse.RawDescriptionHelpFormatter
@@ -176,7 +164,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     with_streams()
     prepare()
-    with terminated_as_interrupted(), old_names_in_one_line():
+    with terminated_as_interrupted():
         try:
             args = parse(argv)
             code = args.run(args)

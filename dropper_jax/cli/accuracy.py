@@ -44,9 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--span", type=number, help="duration of the comparison [s] (default: until chaos amplifies rounding)"
     )
     parser.add_argument(
-        "--peers", action="store_true", help="also MuJoCo and diffrax, if installed and able to run the scene"
-    )
-    parser.add_argument(
         "--quick", action="store_true", help="each scheme once, without retries: errors, times, orders and advice"
     )
     add_plot(parser, "the pictures of errors against time, of orders and of damping")
@@ -67,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     schemes = [parse(name) for text in args.integrators or () for name in text.split(",")] or None
     dts = tuple(args.dts or REPORT_DTS)
     say = progress(args.quiet)
-    found = accuracy(scene, schemes, dts, args.span, not args.quick, say, args.peers, _row_printer(args.quiet))
+    found = accuracy(scene, schemes, dts, args.span, not args.quick, say, _row_printer(args.quiet))
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")
     failure = STOPPED if found.get("status") == STOPPED[0] else None

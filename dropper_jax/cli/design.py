@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.base.errors import SceneError, silent
+from dropper_jax.base.errors import silent
 from dropper_jax.cli.options import (
     add_examples,
     add_quiet,
@@ -14,6 +14,7 @@ from dropper_jax.cli.options import (
     listing,
     number,
     progress,
+    read_named_range,
     read_scene,
 )
 from dropper_jax.cli.outputs import add_out, deliver
@@ -57,7 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    ranges = [_range(text) for text in args.vary]
+    reason = "is not PATH=LOW:HIGH. Use for example line.0.length=4.0:4.5"
+    ranges = [read_named_range(text, "--vary", reason) for text in args.vary]
     scene = read_scene(args)
 
     from dropper_jax.study.offsets import solve_design
@@ -78,12 +80,3 @@ def run(args: argparse.Namespace) -> int:
         text.append(("angles of the line there, upwards", "{:.2f} and {:.2f} deg".format(*found.end_angles)))
     failure = None if found.status == "ok" else (found.status, f"{found.status}: {found.message}")
     return deliver(args.json, done_object(scene=scene.name, **more), listing(text), args.out, failure)
-
-
-def _range(text: str) -> tuple[str, float, float]:
-    path, _, limits = text.partition("=")
-    try:
-        low, high = (float(x) for x in limits.split(":"))
-    except ValueError:
-        raise SceneError(f"--vary: {text!r} is not PATH=LOW:HIGH. Use for example line.0.length=4.0:4.5") from None
-    return path.strip(), low, high

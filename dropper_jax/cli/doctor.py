@@ -49,7 +49,7 @@ def text(found: dict[str, Any]) -> str:
         ("devices", ", ".join(found["devices"])),
         ("precision", "float64" if found["float64"] else "float32 (JAX_ENABLE_X64 is off)"),
         *(_on_processor(found) if found["devices"][0].startswith("cpu") else ()),
-        ("cache", kept if cache["folder"] else "off (DROPPER_COMPILE_CACHE)"),
+        ("cache", kept if cache["folder"] else "off"),
         *((check["name"], f"{'ok' if check['ok'] else 'WRONG'}: {check['found']}") for check in found["checks"]),
     ]
     return listing(pairs)
@@ -58,6 +58,6 @@ def text(found: dict[str, Any]) -> str:
 def _on_processor(found: dict[str, Any]) -> tuple[tuple[str, str], ...]:
     options = found["compiler_options"]
     return (
-        ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off (DROPPER_ONE_KERNEL)"),
+        ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off"),
         ("compiler", ", ".join(f"{name} {'known' if known else 'UNKNOWN'}" for name, known in options.items())),
     )

@@ -1,7 +1,8 @@
 """Abnormal ends of a command: invalid input, signals, streams that cannot be written, internal errors.
 
 Each ends in one line on standard error and, with `--json`, one object on standard output. An unexpected error is also
-reported in one line, with the exit code of a failed run; `DROPPER_TRACEBACK=1` shows where it happened.
+reported in one line, with the exit code of a failed run; Python's development mode (`PYTHONDEVMODE=1`) shows
+where it happened.
 """
 
 from __future__ import annotations
@@ -12,17 +13,13 @@ import signal
 import sys
 import threading
 import traceback
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.renamed import SINCE
 from dropper_jax.cli.options import FAILED, INTERRUPTED, INVALID_INPUT, STOPPED, failure_object, print_json, print_line
 
-#: Environment variable that shows the traceback of an internal error.
-TRACEBACK = "DROPPER_TRACEBACK"
 #: Messages of JAX on an unavailable platform, and on memory.
 NO_BACKEND, NO_MEMORY = "Unable to initialize backend", ("RESOURCE_EXHAUSTED", "Out of memory")
 #: Errors of a stream that cannot be written.
@@ -51,23 +48,6 @@ def terminated_as_interrupted() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-@contextmanager
-def old_names_in_one_line() -> Iterator[None]:
-    """Show each warning of an old name in one line on standard error; Python hides them, or shows two lines."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("always", f".* {SINCE} ", DeprecationWarning)
-        show = warnings.showwarning
-
-        def in_one_line(message: Warning | str, category: type[Warning], *rest: object) -> None:
-            if category is DeprecationWarning and f" {SINCE} " in str(message):
-                print_line(f"DeprecationWarning: {message}")
-            else:
-                show(message, category, *rest)
-
-        warnings.showwarning = in_one_line
-        yield
 
 
 @contextmanager
@@ -108,7 +88,7 @@ def report_error(error: BaseException, as_json: bool) -> int:
         print_line(f"error: standard output: cannot be written: {reason}")
         return FAILED
     status, message, code = classify_error(error)
-    if status == "internal_error" and os.environ.get(TRACEBACK):
+    if status == "internal_error" and sys.flags.dev_mode:
         traceback.print_exception(error)
     message = " ".join(message.split())
     print_line(f"error: {message}")
@@ -151,7 +131,7 @@ def classify_error(error: BaseException) -> tuple[str, str, int]:
     if isinstance(error, RecursionError):
         return "invalid_input", "the input is nested too deeply", INVALID_INPUT
     what = f"{type(error).__name__}: {text}"[:shown]
-    return "internal_error", f"internal: {what} ({TRACEBACK}=1 shows where; the input is not the cause)", FAILED
+    return "internal_error", f"internal: {what} (PYTHONDEVMODE=1 shows where; the input is not the cause)", FAILED
 
 
 def _of_file(error: OSError) -> str:

@@ -21,6 +21,7 @@ from dropper_jax.cli.options import (
     positive_integer,
     print_line,
     print_warnings,
+    read_numbers,
     read_scene,
     table,
 )
@@ -95,24 +96,31 @@ def _sea_states(args: argparse.Namespace) -> np.ndarray | None:
     """Heights and periods (states, 2) of the options; None for the waves of the scene."""
     if args.sea_states is None and args.table is None:
         return None
-    option = "--table" if args.sea_states is None else "--sea-states"
-    try:
-        if args.sea_states is None:
-            with Path(args.table).open(newline="", encoding="utf-8") as file:
-                pairs = [(row["hs"], row["tp"]) for row in csv.DictReader(file)]
-        else:
-            pairs = [part.split(":") for part in args.sea_states.split(",")]
-        found = np.array([(float(hs), float(tp)) for hs, tp in pairs]).reshape(-1, 2)
-    except OSError as error:
-        raise SceneError(f"{option}: {args.table}: {error.strerror}") from None
-    except (KeyError, TypeError, ValueError):
-        wanted = "columns `hs` and `tp` of numbers" if option == "--table" else "HS:TP,..., for example 1:6,2:8"
-        raise SceneError(f"{option}: needs {wanted}") from None
-    if not found.size:
-        raise SceneError(f"{option}: {args.table!r} has no rows; needed: columns `hs` [m] and `tp` [s]")
+    if args.sea_states is None:
+        option = "--table"
+        pairs = _table_rows(args.table)
+    else:
+        option = "--sea-states"
+        reason = "is not HS:TP; needed: HS:TP,..., for example 1:6,2:8"
+        pairs = [read_numbers(part, option, reason, ":", 2) for part in args.sea_states.split(",")]
+    found = np.array(pairs)
     if not np.all(np.isfinite(found) & (found > 0.0)):
         raise SceneError(f"{option}: a height or period is missing or not positive; allowed: above 0 m and 0 s")
     return found
+
+
+def _table_rows(file: str) -> list[tuple[float, float]]:
+    """Heights and periods of a table."""
+    try:
+        with Path(file).open(newline="", encoding="utf-8") as lines:
+            rows = [(float(row["hs"]), float(row["tp"])) for row in csv.DictReader(lines)]
+    except OSError as error:
+        raise SceneError(f"--table: {file}: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError):
+        raise SceneError("--table: needs columns `hs` and `tp` of numbers") from None
+    if not rows:
+        raise SceneError(f"--table: {file!r} has no rows; needed: columns `hs` [m] and `tp` [s]")
+    return rows
 
 
 def _runs(

@@ -12,7 +12,7 @@ from dropper_jax.cli.options import add_examples, add_json, done_object, output_
 help = "write a commented scene to edit: a lab dropper, a longline in a storm, a farm with parameters, growing mussels"
 
 #: Kinds of templates, and options of their first run: equal steps miss the snaps of the storm.
-KINDS = {"lab": "", "longline": "--step-tolerance 0.1 ", "farm": "", "mussels": ""}
+KINDS = {"lab": "", "longline": "--accuracy 0.01 ", "farm": "", "mussels": ""}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

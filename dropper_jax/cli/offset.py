@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_quiet, add_scene, done_object, progress, read_scene, table
+from dropper_jax.cli.options import (
+    add_examples,
+    add_quiet,
+    add_scene,
+    done_object,
+    progress,
+    read_numbers,
+    read_scene,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 help = "restoring force and tension over the horizontal offset of fixed points, all else in equilibrium"
@@ -60,10 +69,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _values(text: str, option: str) -> np.ndarray:
     """The values of `LO:HI:STEP`, both ends included, or of one number."""
-    try:
-        low, high, step = (float(x) for x in (text.split(":") if ":" in text else (text, text, "1")))
-    except ValueError:
-        raise SceneError(f"{option}: {text!r} is not LO:HI:STEP. Use for example 0:5:0.5") from None
+    whole = text if ":" in text else f"{text}:{text}:1"
+    reason = "is not LO:HI:STEP. Use for example 0:5:0.5"
+    low, high, step = read_numbers(whole, option, reason, ":", 3, given=text)
     if not (np.isfinite([low, high]).all() and low <= high and 0.0 < step < np.inf):
         raise SceneError(f"{option}: {text!r} is an empty range; allowed: LO <= HI, STEP > 0")
     if (high - low) / step >= 10_000:  # a slip of the step would otherwise run for days

@@ -212,6 +212,30 @@ def step_length(text: str) -> float | str:
     return AUTO if text == AUTO else number(text)
 
 
+def read_numbers(
+    text: str, option: str, reason: str, mark: str = ",", count: int | None = None, given: str | None = None
+) -> list[float]:
+    """Numbers separated by `mark`, this many if `count` is given, such as those of `LO:HI:N`.
+
+    Raises:
+        SceneError: `OPTION: TEXT REASON`, where TEXT is `given` if the numbers are a part of it.
+    """
+    try:
+        found = [float(part) for part in text.split(mark)]
+    except ValueError:
+        found = []
+    if not found or count not in (None, len(found)):
+        raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
+    return found
+
+
+def read_named_range(text: str, option: str, reason: str) -> tuple[str, float, float]:
+    """Name and ends of `NAME=LO:HI`."""
+    name, _, limits = text.partition("=")
+    low, high = read_numbers(limits, option, reason, ":", 2, given=text)
+    return name.strip(), low, high
+
+
 def positive_integer(text: str) -> int:
     """A whole number on the command line, at least 1."""
     if not text.isdecimal() or int(text) < 1:
@@ -240,9 +264,9 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
     },
     "duration": {"type": number, "help": "simulated time [s]"},
     "dtype": {"metavar": "NAME", "help": "float64 or float32"},
-    "step_tolerance": {
+    "accuracy": {
         "type": number,
-        "help": "adapt the steps to snap loads: speed [m/s] that a step's change of tension may give to a link",
+        "help": "choose the steps by their error: required relative accuracy of positions and tensions, such as 0.01",
     },
     "error_tolerance": {
         "type": number,

@@ -1,4 +1,4 @@
-"""`dropper report RUN... --out DIR`: loads, fatigue, motion and contact of saved runs, extremes over seeds."""
+"""`dropper report RUN... --report DIR`: loads, fatigue, motion and contact of saved runs, extremes over seeds."""
 
 from __future__ import annotations
 
@@ -37,7 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("runs", nargs="+", metavar="RUN", help="files written by `dropper run --out`, .npz or .nc")
     folders = {
         "--report": "write report.md, report.json and pictures",
-        "--out": "the same as --report",
         "--vtk": "write the first run as a series of .vtp files for ParaView",
     }
     for option, about in folders.items():
@@ -56,7 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     given = {f.name: getattr(args, f"setting_{f.name}") for f in dataclasses.fields(Settings)}
     settings = Settings(**{key: value for key, value in given.items() if value is not None})
-    out = args.out or args.report
     if args.every < 1:
         raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")
     solutions = _load(args.runs, args)
@@ -70,8 +68,8 @@ def run(args: argparse.Namespace) -> int:
     failures = [f"{file}: {solution.failure}" for file, solution in solutions.items() if solution.failure]
     if failures:
         found["error"] = "; ".join(failures)
-    if out:
-        written = write_report(found, solutions, out, settings)
+    if args.report:
+        written = write_report(found, solutions, args.report, settings)
         print_line(f"report: {written}")
     if args.vtk:
         print_line(f"ParaView: {write_vtk(next(iter(solutions.values())), args.vtk, args.every)}")

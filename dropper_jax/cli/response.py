@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import add_examples, add_quiet, add_scene, done_object, progress, read_scene, table
+from dropper_jax.cli.options import (
+    add_examples,
+    add_quiet,
+    add_scene,
+    done_object,
+    progress,
+    read_numbers,
+    read_scene,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 help = "mean, amplitude and phase of the first link's angle in regular waves of several periods"
@@ -50,14 +59,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _periods(text: str) -> np.ndarray:
-    try:
-        low, high, count = text.split(":")
-        found = np.linspace(float(low), float(high), int(count))
-    except ValueError:
-        raise SceneError(f"--periods: {text!r} is not LO:HI:N. Use for example 2.0:4.0:9") from None
-    if not found.size or not np.all(np.isfinite(found)) or found.min() <= 0.0:
+    low, high, count = read_numbers(text, "--periods", "is not LO:HI:N. Use for example 2.0:4.0:9", ":", 3)
+    in_range = np.isfinite([low, high]).all() and min(low, high) > 0.0
+    if not in_range or not count.is_integer() or count < 1:
         raise SceneError(f"--periods: {text!r} is out of range; allowed: periods above 0 s, at least one")
-    return found
+    return np.linspace(low, high, int(count))
 
 
 def _text(rows: list[dict[str, Any]]) -> str:

@@ -59,7 +59,7 @@ OVERRIDES = (
     "dt",
     "duration",
     "dtype",
-    "step_tolerance",
+    "accuracy",
     "error_tolerance",
     "gamma",
     "rho_infinity",
@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "run dropper-release-a --duration 10 --out run.npz --plot pictures",
-        "run my-longline.toml --set sea.waves.hs=2.5 --step-tolerance 0.1 --report report",
+        "run my-longline.toml --set sea.waves.hs=2.5 --accuracy 0.01 --report report",
     )
     add_scene(parser, optional=True)
     add_run_values(parser, OVERRIDES)
@@ -159,7 +159,7 @@ def run(args: argparse.Namespace) -> int:
                     return _report_unsaved(args, solution, refused)
                 return _write_outputs(args, solution)
         snaps = solution.settings["step_check"]["snaps_unresolved"]
-        cheaper = "; --step-tolerance 0.1 resolves its snap loads in less time" if snaps else ""
+        cheaper = "; --accuracy 0.01 resolves its snap loads in less time" if snaps else ""
         print_line(
             f"time step: {scene.run.dt:g} s is too long; the run is repeated with {better:g} s (--dt auto){cheaper}"
         )
@@ -212,7 +212,9 @@ def _steps(solution: Solution) -> str:
     if "error_tolerance" in used:
         held = f"{used['steps']} steps with an error tolerance of {used['error_tolerance']:g} to {end}"
         return f"{held}, {refused}; saved every {used['dt'] * used['save_every']:g} s"
-    return f"{used['steps']} snap-adaptive steps to {end}, {refused}; saved every {used['dt']:g} s"
+    limited = f", {used['shortest_steps']} of the shortest length with a larger error" if used["shortest_steps"] else ""
+    held = f"{used['steps']} steps with an accuracy of {used['accuracy']:g} to {end}"
+    return f"{held}, {refused}{limited}; saved every {used['dt']:g} s"
 
 
 def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = None) -> int:

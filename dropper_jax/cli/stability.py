@@ -9,7 +9,7 @@ from dropper_jax.base.errors import SceneError, nearest, silent
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, done_object, progress, table
 from dropper_jax.cli.outputs import add_out, deliver
 
-help = "run a catalogue of hard cases, each against its limit, with the thesis' schemes and MoorDyn for comparison"
+help = "run a catalogue of hard cases, each against its limit, with the thesis' schemes for comparison"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_json(parser)
     parser.add_argument("--cases", nargs="+", metavar="NAME", help="only these (default: all)")
-    parser.add_argument("--short", action="store_true", help="shortened runs, without comparison programs")
+    parser.add_argument("--short", action="store_true", help="shortened runs, without the schemes to compare")
     add_out(parser)
     add_quiet(parser)
 
@@ -47,7 +47,6 @@ def run(args: argparse.Namespace) -> int:
 
 def text(rows: list[dict[str, Any]]) -> str:
     """The result as a table."""
-    beside = PEERS if any("peers" in row for row in rows) else ()
     cells = [
         (
             row["name"],
@@ -57,17 +56,14 @@ def text(rows: list[dict[str, Any]]) -> str:
             "yes" if row["ok"] else "NO",
             row["status"],
             *(_short((row["baseline_thesis"] or {}).get(label)) for label in BASELINES),
-            *(_peer((row.get("peers") or {}).get(label)) for label in beside),
         )
         for row in rows
     ]
-    heads = ("case", "measured", "limit", "unit", "holds", "status", *BASELINES, *beside)
+    heads = ("case", "measured", "limit", "unit", "holds", "status", *BASELINES)
     return "\n".join([table([heads, *cells]), "", *(f"{row['name']}: {row['claim']}" for row in rows)])
 
 
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
-#: The column is left out if the package `moordyn` is not installed.
-PEERS = ("moordyn rk2", "moordyn default")
 
 
 def _short(found: dict[str, Any] | None) -> str:
@@ -79,12 +75,3 @@ def _short(found: dict[str, Any] | None) -> str:
     if "failed_at_s" in found:
         return f"{found['status']} at {found['failed_at_s']:.3g} s"
     return found["status"]
-
-
-def _peer(found: dict[str, Any] | None) -> str:
-    """MoorDyn in a cell: whether the claim holds there, and the measured value."""
-    if found is None:
-        return "-"
-    if found["status"] != "ok":
-        return f"{found['status']} at {found['failed_at_s']:.3g} s"
-    return f"{'holds' if found['holds'] else 'wrong'}, {found['measured']:.0e}"

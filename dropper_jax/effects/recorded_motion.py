@@ -12,7 +12,6 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.renamed import old_attribute
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect
 from dropper_jax.scene import SceneData
@@ -32,8 +31,6 @@ class RecordedMotion(Effect):
     positions: jax.Array = parameter("point after point", unit="m", shape="vectors")
     home: jax.Array | None = None  # positions of the points in the scene (points, 3) [m]
     points: tuple[str, ...] = option("names of the points that move", type=list, default=())
-
-    __getattr__ = old_attribute
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:

@@ -14,7 +14,7 @@ steps. In turn, energy is conserved only as accurately as the motion is computed
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +24,30 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.consistent import stop_held_nodes
 from dropper_jax.integrators.runge_kutta import accelerations, powers
 from dropper_jax.model import Ends, Kinematics, Model, State
-from dropper_jax.residual import Implicit, StepProblem, Unknowns, couples_inertia
+from dropper_jax.residual import Implicit, LocalError, StepProblem, Unknowns, couples_inertia
+
+
+class Coefficients(NamedTuple):
+    """Weights of the new time for accelerations and forces, Newmark's gamma and beta, and the lag of accelerations."""
+
+    new_a: float
+    new_f: float
+    gamma: float
+    beta: float
+    lag: float
+
+    @classmethod
+    def of(cls, rho: float) -> Coefficients:
+        """Of the amplitude ratio of the fastest vibrations (Chung and Hulbert 1993)."""
+        old_a = (2.0 * rho - 1.0) / (rho + 1.0)
+        old_f = rho / (rho + 1.0)
+        return cls(
+            new_a=1.0 - old_a,
+            new_f=1.0 - old_f,
+            gamma=0.5 - old_a + old_f,
+            beta=0.25 * (1.0 - old_a + old_f) ** 2,
+            lag=old_a - old_f,
+        )
 
 
 @dataclass(frozen=True)
@@ -49,6 +72,17 @@ class GeneralizedAlpha(Implicit):
     @property
     def dissipates(self) -> bool:
         return self.rho_infinity < 1.0
+
+    @property
+    def local_error(self) -> LocalError:
+        """Its acceleration is that at `lag h` after the step, so `x = h^2 ((1/2 - beta) a0 + beta a1)` is off by
+        `h^3 (beta + lag/2 - 1/6)` of the third derivative."""
+        coefficients = Coefficients.of(self.rho_infinity)
+        return LocalError(
+            constant=coefficients.beta + 0.5 * coefficients.lag - 1.0 / 6.0,
+            lag=coefficients.lag,
+            inertia=coefficients.new_a / coefficients.beta,
+        )
 
     def refuse(self, model: Model) -> str | None:
         if not model.line.axial.elastic:
@@ -80,10 +114,7 @@ class GeneralizedAlphaProblem(StepProblem):
 
     def __init__(self, model: Model, s: State, h: jax.Array, rho: float) -> None:
         super().__init__(model, s, h)
-        old_a, old_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
-        self.new_a, self.new_f = 1.0 - old_a, 1.0 - old_f
-        self.gamma = 0.5 - old_a + old_f
-        self.beta = 0.25 * (1.0 - old_a + old_f) ** 2
+        self.new_a, self.new_f, self.gamma, self.beta, _ = Coefficients.of(rho)
         self.t_f = s.t + self.new_f * h
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.links0 = model.links(s.r, self.ends0)

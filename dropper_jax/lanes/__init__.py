@@ -1,15 +1,18 @@
-"""Many members of one function side by side: `jax.vmap` with the member axis last in memory, for batches on the CPU.
+"""Many members of one function side by side: `jax.vmap` with the member axis last in memory.
 
 `vmap` puts members first, and the loops over 3 components and a few nodes innermost, which is too short for vector
 registers. Here members come last, so that every kernel runs over them. A function is traced once for one member; its
 operations are then evaluated on arrays (..., members). Operations without a rule (`rules`) use JAX's own batching rule
-between two moves of the axis. That is slower, still correct, and recorded in `Fallbacks`.
+between two moves of the axis, which is slower.
+
+Members that disagree on a branch run all of it, and a loop continues until the last of them stops. The others keep
+their values: a member that fails or needs more iterations does not change them.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal, TypeVar
 
@@ -18,7 +21,6 @@ import jax.numpy as jnp
 from jax import lax
 from jax.extend import core
 
-from dropper_jax.backend import is_plain
 from dropper_jax.backend.one_kernel import ELEMENTWISE, separate_call
 from dropper_jax.lanes.rules import STRUCTURAL, Value, lined_up, spread
 
@@ -28,24 +30,16 @@ Tree = TypeVar("Tree")
 Axis = Literal[0] | None
 
 
-def lanes(
-    f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0, fallbacks: Fallbacks | None = None
-) -> Callable[..., Tree]:
+def lanes(f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0) -> Callable[..., Tree]:
     """Map `f` over the first axis of its arguments, as `jax.vmap(f, in_axes)` does, to rounding.
 
     Args:
         f: a pure function of pytrees of arrays.
         in_axes: 0 (mapped) or None (shared) for all arguments, or one of them for each.
-        fallbacks: records the operations without a rule whenever the function is traced.
 
     Returns:
         A function whose results have the members first, all of them mapped.
     """
-
-    recorded = Fallbacks() if fallbacks is None else fallbacks
-
-    if is_plain():
-        return jax.vmap(f, in_axes)
 
     def run_batch(*args: Any) -> Tree:
         axes = in_axes if isinstance(in_axes, tuple) else (in_axes,) * len(args)
@@ -57,9 +51,10 @@ def lanes(
         program, shape = jax.make_jaxpr(lambda *leaves: f(*jax.tree.unflatten(tree, leaves)), return_shape=True)(*one)
         inputs = [Value(jnp.moveaxis(x, 0, -1) if m else x, m) for x, m in zip(values, many, strict=True)]
         try:
-            done = Interpreter(members, recorded).run(program, inputs)
+            done = Interpreter(members).run(program, inputs)
         except Unreadable as error:
-            recorded.operation = str(error)
+            what = f"members run by vmap, several times slower: this JAX writes the operation '{error}' in a new way"
+            warnings.warn(what, RuntimeWarning, stacklevel=2)
             return jax.vmap(f, in_axes)(*args)
         return jax.tree.unflatten(jax.tree.structure(shape), [jnp.moveaxis(spread(v, members), -1, 0) for v in done])
 
@@ -150,32 +145,6 @@ def which_branched(p: dict[str, Any], many: list[bool]) -> list[bool]:
     return [any(found) for found in zip(*(_which(b, many) for b in p["branches"]), strict=True)]
 
 
-@dataclass
-class Fallbacks:
-    """Record of what ran through `jax.vmap`; filled while a function is traced.
-
-    Attributes:
-        operations: names of operations without a rule, each between two moves of the member axis.
-        operation: the operation whose form in this JAX is unknown, so that the whole function ran through `vmap`.
-    """
-
-    operations: set[str] = field(default_factory=set)
-    operation: str | None = None
-
-    def join(self, other: Fallbacks) -> None:
-        """Add the operations that another function passed to `vmap`."""
-        self.operations |= other.operations
-        self.operation = self.operation or other.operation
-
-    def warnings(self) -> list[str]:
-        """A line for the user if nothing is gained any more."""
-        if self.operation is None:
-            return []
-        return [
-            f"members run by vmap, several times slower: this JAX writes the operation {self.operation!r} in a new way"
-        ]
-
-
 class Unreadable(Exception):
     """An operation whose parameters have other names in this JAX; its name."""
 
@@ -183,8 +152,8 @@ class Unreadable(Exception):
 class Interpreter:
     """Operations of a function of one member, evaluated for `members` of them."""
 
-    def __init__(self, members: int, fallbacks: Fallbacks) -> None:
-        self.members, self.fallbacks = members, fallbacks
+    def __init__(self, members: int) -> None:
+        self.members = members
         self.control = {"scan": self._scan, "while": self._while, "cond": self._cond}
 
     def with_member_axis(self, values: Sequence[Value], many: Sequence[bool]) -> list[jax.Array]:
@@ -207,7 +176,7 @@ class Interpreter:
         for eqn in jaxpr.eqns:
             try:
                 found = self.operation(eqn, [read(a) for a in eqn.invars])
-            except (KeyError, AttributeError) as error:
+            except (KeyError, AttributeError) as error:  # of parameters with other names
                 raise Unreadable(eqn.primitive.name) from error
             known.update(zip(eqn.outvars, found, strict=True))
         return [read(a) for a in jaxpr.outvars]
@@ -220,7 +189,7 @@ class Interpreter:
             return [Value(x, False) for x in alone(eqn, [v.array for v in inputs])]
         if name in self.control:
             return self.control[name](p, inputs)
-        if name == "optimization_barrier":  # the compiler ignores it on the CPU; see `store_once`
+        if name == "optimization_barrier":  # the compiler ignores it on the CPU
             stored = separate_call(lambda *xs: [x * 1 for x in xs])(*(v.array for v in inputs))
             return as_values(stored, [v.many for v in inputs])
         if name in ELEMENTWISE:
@@ -229,7 +198,6 @@ class Interpreter:
         found = STRUCTURAL[name](p, self.members, inputs) if name in STRUCTURAL else None
         if found is not None:
             return [Value(found, True)]
-        self.fallbacks.operations.add(name)
         first = [jnp.moveaxis(v.array, -1, 0) if v.many else v.array for v in inputs]
         axes = tuple(0 if v.many else None for v in inputs)
         rows = jax.vmap(lambda *xs: alone(eqn, xs), in_axes=axes, axis_size=self.members)(*first)
@@ -302,4 +270,4 @@ def alone(eqn: core.JaxprEqn, inputs: Sequence[Any]) -> list[Any]:
     return list(found) if eqn.primitive.multiple_results else [found]
 
 
-__all__ = ["Fallbacks", "lanes"]
+__all__ = ["lanes"]

@@ -92,26 +92,6 @@ def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
     return rule
 
 
-def _tridiagonal(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
-    """Elimination without pivoting, row by row: the systems of rods have no small pivots, and every step is checked."""
-    lower, diagonal, upper, b = (spread(v, members) for v in inputs)
-    rows = diagonal.shape[0]
-    # maximum size of a tridiagonal system that is eliminated row by row inline; larger ones use LAPACK, one member at a
-    # time
-    if b.shape[1] != 1 or diagonal.ndim != 2 or rows > 32:
-        return None
-    # divided, not multiplied by an inverse: the compiler keeps quotients but recomputes products at every use
-    ahead, y = [upper[0] / diagonal[0]], [b[0, 0] / diagonal[0]]
-    for i in range(1, rows):
-        pivot = diagonal[i] - lower[i] * ahead[-1]
-        ahead.append(upper[i] / pivot)
-        y.append((b[i, 0] - lower[i] * y[-1]) / pivot)
-    x = [y[-1]]
-    for i in range(rows - 2, -1, -1):
-        x.append(y[i] - ahead[i] * x[-1])
-    return jnp.stack(x[::-1])[:, None]
-
-
 STRUCTURAL: dict[str, Rule] = {
     "broadcast_in_dim": _broadcast,
     "slice": _slice,
@@ -127,5 +107,4 @@ STRUCTURAL: dict[str, Rule] = {
     "reduce_min": _reduced_by(lax.min),
     "reduce_and": _reduced_by(jnp.logical_and),
     "reduce_or": _reduced_by(jnp.logical_or),
-    "tridiagonal_solve": _tridiagonal,
 }

@@ -16,7 +16,6 @@ from dropper_jax.base.read import (
     read_text,
     short_text,
 )
-from dropper_jax.base.renamed import new_keys
 from dropper_jax.load.library import FLOAT_DENSITY, PREFIX, float_of, part
 from dropper_jax.load.line_types import expand
 from dropper_jax.load.paths import Written
@@ -44,7 +43,7 @@ def resolve(table: Plain) -> Resolved:
     Raises:
         SceneError: one line with the path, the value and what is allowed.
     """
-    given = with_library_points(new_keys(read_table(table, "scene")))
+    given = with_library_points(read_table(table, "scene"))
     template = Template.of(given)
     if template is not None:
         given = with_point_types(*template.expand())

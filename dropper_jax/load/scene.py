@@ -23,7 +23,6 @@ from dropper_jax.base.read import (
     read_table,
     read_text,
 )
-from dropper_jax.base.renamed import new_path
 from dropper_jax.base.toml_text import html_table
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
@@ -253,7 +252,7 @@ class Scene(SceneData):
                 `line.leg.length` is that of the full line, `line_type.chain.EA` that of all lines of the type. An
                 effect that the scene lacks is added by its first value.
         """
-        values = {new_path(path): copy.deepcopy(plain(value)) for path, value in values.items()}
+        values = {path: copy.deepcopy(plain(value)) for path, value in values.items()}
         if self.template is not None:
             return self._from_template(values)
         for path in values:

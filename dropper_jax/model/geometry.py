@@ -15,8 +15,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.renamed import old_attribute
-
 
 class Part(ABC):
     """One share of the links' water forces: the rows on which it is computed, and the mapping from and to the free
@@ -74,8 +72,6 @@ class Ends(NamedTuple):
 
     positions: jax.Array
     velocities: jax.Array | None = None
-
-    __getattr__ = old_attribute
 
     @property
     def start(self) -> jax.Array:

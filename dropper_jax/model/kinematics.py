@@ -9,7 +9,6 @@ from typing import Any, Protocol, TypeVar
 import jax
 
 from dropper_jax.base.numerics import cross, safe_norm
-from dropper_jax.base.renamed import old_attribute
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.graph import Graph
 from dropper_jax.model.line import Line, Point
@@ -85,8 +84,6 @@ class Kinematics:
         h: the step [s] of which this is the middle; None at a plain instant.
         before: velocities (nodes, 3) [m/s] at the start of that step; None at a plain instant.
     """
-
-    __getattr__ = old_attribute
 
     def __init__(
         self,

@@ -11,7 +11,6 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from dropper_jax.base.fields import component
-from dropper_jax.base.renamed import old_attribute
 from dropper_jax.model.effect import Effect, HolonomicConstraint, Law
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.graph import Graph
@@ -49,8 +48,6 @@ class Model:
     sea: Sea | None = None
     #: `node_mass` if it has been computed: in the equations of a step, which use it many times.
     lump: jax.Array | None = None
-
-    __getattr__ = old_attribute
 
     @property
     def line(self) -> Line:

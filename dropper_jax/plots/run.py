@@ -151,6 +151,7 @@ class Run:
     """Arrays of a solution as in `dropper_jax.run.simulate.Solution`, k samples; all but the tension are finite.
 
     Attributes:
+        accuracy: that the steps follow; None for equal steps of `dt`.
         lines: nodes and links of each line.
         scene: of a system of lines, with the water and the seabed in the pictures; None for a single line.
         held, joints: nodes of the fixed and of the free points of a system.
@@ -179,6 +180,7 @@ class Run:
     work: np.ndarray
     work_names: tuple[str, ...]
     lines: tuple[LineSlice, ...]
+    accuracy: float | None = None
     min_load: np.ndarray | None = None
     max_load: np.ndarray | None = None
     scene: Scene = None
@@ -252,6 +254,7 @@ def readable(solution: Solution) -> Run:
         name=solution.scene.name,
         integrator=str(solution.settings["integrator"]),
         dt=float(solution.settings["dt"]),
+        accuracy=solution.settings.get("accuracy"),
         status=str(solution.status),
         t=np.asarray(solution.t, float)[:last],
         positions=positions,

@@ -17,7 +17,6 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.renamed import old_names
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.simulate import Solution
 
@@ -105,7 +104,11 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 def how(run: Run) -> tuple[str, str]:
     """Integrator, step and, if the run failed, its status, and the colour of this text."""
-    text = f"{run.integrator}, dt = {run.dt:g} s" if run.dt else run.integrator  # an equilibrium has no step
+    text = run.integrator
+    if run.accuracy is not None:
+        text = f"{text}, accuracy {run.accuracy:g}"
+    elif run.dt:  # an equilibrium has no step
+        text = f"{text}, dt = {run.dt:g} s"
     return (text, FAINT) if run.status == "ok" else (f"{text}, ended with {run.status}", ALERT)
 
 
@@ -208,6 +211,3 @@ def tension_norm(tension: np.ndarray) -> Normalize:
         pad = 0.05 * max(abs(low), abs(high)) or 1.0
         low, high = low - pad, high + pad
     return Normalize(low, high, clip=True)
-
-
-__getattr__ = old_names(__name__)

@@ -1,7 +1,7 @@
 """A step is a residual: its unknowns and rows, Newton's method on them, the derivative of the solution (`step`)."""
 
 from dropper_jax.residual.problem import GRAVITY_SCALE, SpeedProblem, StepProblem, local_jacobian
-from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, couples_inertia, point_masses_only
+from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, LocalError, couples_inertia, point_masses_only
 from dropper_jax.residual.step import (
     TOO_FAR,
     Linear,
@@ -25,6 +25,7 @@ __all__ = [
     "Implicit",
     "Integrator",
     "Linear",
+    "LocalError",
     "Newton",
     "Problem",
     "Solver",

@@ -5,13 +5,29 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 
 from dropper_jax.base.read import read_number
 from dropper_jax.model import AddedMass, Model, State
 from dropper_jax.residual.problem import StepProblem
+
+
+class LocalError(NamedTuple):
+    """The error of one step in positions, from the accelerations a0, a1 that two steps h0, h [s] report in the state.
+
+        e = constant h^3 (a1 - a0)/(h + lag (h - h0))
+
+    Attributes:
+        constant: of the third derivative of positions.
+        lag: time of a reported acceleration after the end of its step, as a fraction of that step.
+        inertia: factor of `M x/h^2` in the rows of the nodes.
+    """
+
+    constant: float
+    lag: float
+    inertia: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,6 +56,11 @@ class Integrator:
     def dissipates(self) -> bool:
         """Whether the scheme has numerical damping at any step."""
         return False
+
+    @property
+    def local_error(self) -> LocalError | None:
+        """The error of a step; None if none is known, so that the scheme cannot follow a required accuracy."""
+        return None
 
     @property
     def evaluations(self) -> int:

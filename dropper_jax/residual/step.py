@@ -23,6 +23,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
 
+from dropper_jax.base.numerics import store_once
 from dropper_jax.model import LimitsTimeStep, Model, State
 from dropper_jax.residual.breaking import break_links, without_broken_links
 
@@ -126,7 +127,8 @@ class Newton:
         enough: corrections end if the rows are below this fraction of the tolerance, or below the tolerance and no
             longer falling. None: a fixed number of corrections, each with a matrix of its own.
         least: minimum number of corrections. With 0 a guess below the tolerance is left alone.
-        renew: the matrix is taken again if a correction leaves more than this fraction of the rows; 0: every time.
+        renew: the matrix is taken again if a correction leaves more than this fraction of the rows, or of the tolerance
+            where that is larger; 0: every time.
         shortened: how often in turn a correction is halved that does not make the rows smaller.
     """
 
@@ -224,7 +226,7 @@ def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tu
     def correct(matrix: Linear, c: Corrections) -> Corrections:
         fraction = jnp.asarray(0.5, c.now.dtype) ** c.halved if method.shortened else 1.0
         u = subtract(c.u, matrix.apply(c.rows), fraction)
-        rows = problem.residual(u)
+        rows = store_once(problem.residual(u))
         after = Corrections(u, rows, largest_row(rows, scale), c.now, c.count + 1, jnp.zeros_like(c.halved))
         if not method.shortened:
             return after
@@ -236,7 +238,9 @@ def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tu
         matrix, first = method.solver.linearise(problem, c.u), c.count
 
         def serves(c: Corrections) -> jax.Array:
-            still_good = (c.count == 0) | (c.now < method.renew * c.before) | (c.halved > 0)
+            # rows below the tolerance fall slowly because they are rounding, which no other matrix removes
+            fast = c.now < method.renew * jnp.maximum(c.before, tolerance)
+            still_good = (c.count == 0) | fast | (c.halved > 0)
             return (c.count == first) | (unsolved(c) & still_good)
 
         return jax.lax.while_loop(serves, partial(correct, matrix), c)

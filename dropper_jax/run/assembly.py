@@ -28,11 +28,15 @@ from dropper_jax.run.resolution import pose_remarks, with_quality_checks, withou
 from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Last, last_row, name_leaves, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal
-from dropper_jax.stepping.adaptive import Within
+from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Observed, Trajectory, observe
+
+#: Fraction of the steps that may be of the shortest length with a larger error, as after a start or a snap, without a
+#: warning.
+SHORTEST_SHARE = 0.01
 
 
 class TimeOrigin(NamedTuple):
@@ -42,14 +46,11 @@ class TimeOrigin(NamedTuple):
     saves: int = 0
 
 
-def _observe_all(
+@cached_jit()
+def _observe(
     model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, internal: dict[str, Frozen]
 ) -> Observed:
     return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, internal)
-
-
-_observe = cached_jit(brief=True)(_observe_all)
-_observe_once = cached_jit(brief=True, quick=np.inf)(_observe_all)
 
 
 def build_solution(
@@ -68,7 +69,7 @@ def build_solution(
     solution = _observe_run(kind, scene, stepper, model, first, since, run, extra, rows)
     solution = _with_step_extremes(solution, run.extremes, stepper.limit(model), rows)
     if isinstance(outcome.beside, Within):
-        solution = _with_adaptive_steps(solution, outcome.beside, int(carry.refused - first.carry.refused))
+        solution = _with_adaptive_steps(solution, outcome.beside, carry, first.carry)
     if isinstance(carry, Controlled):
         solution = _with_controlled_steps(solution, stepper, model, run, outcome.beside, carry, first.carry)
     if solution.first_bad is None:
@@ -179,7 +180,7 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
     count = len(states[2])
     if count <= BLOCK_STATES:
         states = jax.tree.map(jnp.asarray, states)
-        return _Observed(jax.tree.map(np.asarray, _observe_once(model, *states)), body_motion(model, *states[:2]))
+        return _Observed(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
     found = None
     for first in range(0, count, BLOCK_STATES):
         at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)
@@ -215,16 +216,27 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, tolerance: fl
     return replace(solution, **found)
 
 
-def _with_adaptive_steps(solution: Kind, within: Within, refused: int) -> Kind:
-    """The solution of a run with snap-adaptive steps: mean squares between saved times, accepted and rejected steps."""
+def _with_adaptive_steps(solution: Kind, within: Within, carry: Adaptive, start: Adaptive) -> Kind:
+    """The solution of a run with an accuracy: mean squares between saved times, accepted and rejected steps."""
     good = len(solution.t) - 1
     first = solution.tension[:1]
-    taken = {"steps": int(np.sum(within.steps[:good])), "refused_steps": refused}
+    taken = {
+        "steps": int(np.sum(within.steps[:good])),
+        "refused_steps": int(carry.refused - start.refused),
+        "shortest_steps": int(carry.shortest - start.shortest),
+    }
+    accuracy = solution.scene.run.accuracy
+    warnings = solution.warnings
+    if taken["shortest_steps"] > SHORTEST_SHARE * taken["steps"]:
+        counted = f"{taken['shortest_steps']} of {taken['steps']} steps are as short as steps get"
+        text = f"accuracy: {counted} and have a larger error than {accuracy:g} allows. Use a larger run.accuracy"
+        warnings = (*warnings, text)
     return replace(
         solution,
         t_tension=np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * solution.settings["dt"]]),
         tension_square=np.concatenate([first**2, within.square[:good]]),
-        settings={**solution.settings, **taken, "step_tolerance": solution.scene.run.step_tolerance},
+        settings={**solution.settings, **taken, "accuracy": accuracy},
+        warnings=warnings,
     )
 
 
@@ -319,7 +331,7 @@ def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array)
     return jnp.maximum(jnp.max(jnp.linalg.eigvalsh(even)), 0.0)
 
 
-_rates = cached_jit(brief=True)(damping_rates)
+_rates = cached_jit()(damping_rates)
 
 
 def stiffness_remarks(

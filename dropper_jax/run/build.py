@@ -125,7 +125,7 @@ def _state_of_spec(model: Model, start: StartSpec, near: State | None, there: bo
     return state(model, start.positions[free], None if start.velocities is None else start.velocities[free])
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _under_tension(model: Model, s: State) -> State:
     """The state with the tensions of its first instant."""
     acting = model.with_internal_state(s.own)
@@ -192,9 +192,11 @@ def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     holds = stepper.integrator.controls_error
     if run.error_tolerance is not None:
         _check_tolerance(run.error_tolerance, run.integrator, holds, model)
-    if run.step_tolerance is not None and holds:
-        why = f"is given, but integrator {run.integrator!r} controls its own error; use run.error_tolerance"
-        raise SceneError(f"run.step_tolerance: {run.step_tolerance:g} {why}")
+    if run.accuracy is not None and stepper.integrator.local_error is None:
+        own = "controls its own error; use run.error_tolerance"
+        unknown = "has no estimate of its error; use energy_momentum or generalized_alpha"
+        why = f"is given, but integrator {run.integrator!r} {own if holds else unknown}"
+        raise SceneError(f"run.accuracy: {run.accuracy:g} {why}")
     return stepper
 
 
@@ -202,9 +204,11 @@ def equal_steps(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     """The stepper for studies that take equal steps of `run.dt`.
 
     Raises:
-        SceneError: a scheme that controls its own error, whose dt is not a time step.
+        SceneError: a scheme that controls its own error, or a required accuracy: dt is not the time step then.
     """
     stepper = stepper_of(model, run, **settings)
+    if run.accuracy is not None:
+        raise SceneError(f"run.accuracy: {run.accuracy:g}, but equal steps of run.dt are needed here; leave it out")
     if stepper.integrator.controls_error:
         why = "controls its own error, but equal steps are needed; allowed: rattle, energy_momentum"
         raise SceneError(f"run.integrator: {run.integrator!r} {why}")

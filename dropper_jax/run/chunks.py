@@ -65,7 +65,7 @@ def row_bytes(model: Model, s: State) -> int:
 
 def _extremes_bytes(model: Model, run: RunSpec) -> int:
     """Bytes of the extremes of a saved state and their times: of links, ends of lines and fixed points."""
-    if run.save_every == 1 and run.step_tolerance is None:
+    if run.save_every == 1 and run.accuracy is None:
         return 0
     signals = model.line.links + 2 * len(model.geometry.members) + 3 * len(model.geometry.held_points)
     return 4 * signals * int(np.dtype(model.dtype).itemsize)
@@ -80,10 +80,6 @@ MOST_SAVES, CHUNK_BYTES = 1024, 16_000_000
 #: Saves of a chunk with steps of variable length: one of these, so that runs of other lengths share the program.
 CHUNK_SIZES = (1, 2, 16, 128, 1024)
 
-#: Number of steps above which the run of a system of lines is fused to one kernel: the program then takes 2 to 15 s
-#: longer to compile, and each step 60 to 120 us less.
-WORTH_ONE_KERNEL = 20_000
-
 #: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
 Carry = Progress | Adaptive | Controlled
 Beside = Within | jax.Array | None
@@ -91,12 +87,9 @@ Beside = Within | jax.Array | None
 GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
-_advance = cached_jit(static=("stepper", "capacity", "save_every"))(advance_some)
-_advance_briefly = cached_jit(static=("stepper", "capacity", "save_every"), brief=True)(advance_some)
-_advance_at_once = cached_jit(static=("stepper", "capacity", "save_every"), brief=True, quick=4)(advance_some)
-_advance_quickly = cached_jit(static=("stepper", "capacity", "save_every"), quick=np.inf)(advance_some)
-_advance_adaptively = cached_jit(static=("stepper", "saves"))(advance_adaptively)
-_advance_controlled = cached_jit(static=("stepper", "saves", "every"))(advance_controlled)
+_advance = cached_jit(static=("stepper", "capacity", "save_every"), kernel=True)(advance_some)
+_advance_adaptively = cached_jit(static=("stepper", "saves"), kernel=True)(advance_adaptively)
+_advance_controlled = cached_jit(static=("stepper", "saves", "every"), kernel=True)(advance_controlled)
 _start_controlled = cached_jit(static=("stepper",))(start_controlled)
 
 
@@ -125,29 +118,26 @@ def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> C
     if stepper.integrator.controls_error:
         return _start_controlled(stepper, model, start, jnp.asarray(allowed_error(stepper, model, run), model.dtype))
     progress = begin(stepper, model, start)
-    if run.step_tolerance is None:
+    if run.accuracy is None:
         return progress
-    return adaptive_start(progress, jnp.asarray(run.dt, model.dtype))
+    return adaptive_start(model, progress)
 
 
-def compile_run(
-    stepper: Stepper, model: Model, carry: Carry, run: RunSpec, before: int = 0, watch: Watch | None = None
-) -> Program:
+def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watch: Watch | None = None) -> Program:
     """The compiled program of a run from a carry.
 
     Args:
-        before: steps of the run that it continues; if that run was a long one, its program is used.
         watch: signals whose extremes over all steps are saved, a pytree; see `stepping.extremes`.
     """
     dt = jnp.asarray(run.dt, model.dtype)
     saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.saves)
     if isinstance(carry, Progress):
-        return Program(_EqualSteps(stepper, model, carry, run, max(run.steps, before), watch), carry)
+        return Program(_EqualSteps(stepper, model, carry, run, watch), carry)
     if isinstance(carry, Controlled):
         limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
         several, settings = _advance_controlled, {"saves": saves, "every": run.save_every}
     else:
-        limit, several = jnp.asarray(run.step_tolerance, model.dtype), _advance_adaptively
+        limit, several = jnp.asarray(run.accuracy, model.dtype), _advance_adaptively
         settings = {"saves": saves}
     program = several.program(stepper, model, carry, dt, limit, count=jnp.zeros((), jnp.int32), watch=watch, **settings)
 
@@ -162,23 +152,14 @@ def compile_run(
 class _EqualSteps:
     """Equal steps; one that does not converge is halved."""
 
-    def __init__(
-        self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, steps: int, watch: Watch | None
-    ) -> None:
+    def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, watch: Watch | None) -> None:
         self.stepper, self.model, self.dt, self.watch = stepper, model, run.dt, watch
         self.settings = {"capacity": _chunk_size(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // MIN_CHUNKS)
         self.count = 1
-        if model.geometry.branched:
-            self.advance = _advance_briefly if steps < WORTH_ONE_KERNEL else _advance
-            # link-steps below which half the compile time (4 s for `edulis-longline`) is worth 0.1 ms for each
-            if steps * model.line.links < 5_000:
-                self.advance = _advance_at_once
-        else:  # optimised, the run of a single line compiles a second longer, and each step takes 7 us less
-            self.advance = _advance_quickly if steps < 100_000 else _advance
         dt = jnp.asarray(self.dt, self.model.dtype)
         none = jnp.zeros((), jnp.int32)
-        self.program = self.advance.program(stepper, model, progress, dt, none, watch=watch, **self.settings)
+        self.program = _advance.program(stepper, model, progress, dt, none, watch=watch, **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
         count = min(self.count, self.longest, left, self.settings["capacity"])

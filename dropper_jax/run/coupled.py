@@ -28,7 +28,7 @@ from dropper_jax.run.coupled_lines import (
 )
 from dropper_jax.run.row_store import name_leaves, restore_carry, same_scene
 
-_step = cached_jit()(CoupledLines.step)
+_step = cached_jit(kernel=True)(CoupledLines.step)
 
 
 class Coupled:

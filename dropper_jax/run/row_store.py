@@ -187,10 +187,11 @@ def read_mark(folder: Path) -> tuple[int, dict[str, np.ndarray]]:
 LAST = "last_"
 #: Units of leaves by the last part of their names; others have no unit.
 UNITS = {"r": "m", "v": "m s-1", "tension": "N", "t": "s", "acceleration": "m s-2", "work": "J", "h": "s", "a": "m s-2"}
+UNITS |= {"wanted": "s", "before": "s", "level": "N", "speed": "m s-1"}
 #: Name of the run in error messages.
 RUN = "the run to continue"
 #: Keys of `[run]` that may change when a run continues.
-FREE = ("dt", "duration", "save_every", "solver", "step_tolerance", "error_tolerance")
+FREE = ("dt", "duration", "save_every", "solver", "accuracy", "error_tolerance")
 #: Keys of a scene that do not affect the motion.
 WORDS = ("name", "description", "notes")
 

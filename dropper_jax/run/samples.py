@@ -41,7 +41,7 @@ ARRAYS = (
     "work",
     "step_status",
 )
-#: Arrays of runs that save fewer states than they take steps; mean squares only with snap-adaptive steps.
+#: Arrays of runs that save fewer states than they take steps; mean squares only with an accuracy.
 WITHIN = (*STEP_EXTREMES, "tension_square")
 #: Arrays of runs with rigid bodies.
 BODIES = ("body_position", "body_attitude", "body_velocity", "body_rates")
@@ -301,7 +301,7 @@ class Samples:
     @property
     def saved_rows(self) -> str:
         """What the saved tensions are if not every step is saved; else empty."""
-        if self.scene.run.step_tolerance is not None:
+        if self.scene.run.accuracy is not None:
             return f"saved tensions are means over {self.settings['dt']:g} s"
         every = self.settings.get("save_every", 1)
         return "" if every == 1 else f"every {every}th step is saved"

@@ -186,7 +186,7 @@ def simulate(
     solver: str | None = None,
     dtype: str | None = None,
     save_every: int | None = None,
-    step_tolerance: float | None = None,
+    accuracy: float | None = None,
     error_tolerance: float | None = None,
     progress: Callable[[float, str], None] | None = None,
     throw: bool = False,
@@ -207,9 +207,9 @@ def simulate(
         dtype: `float64` or `float32`.
         save_every: steps between saved times. Extremes of tensions, end forces and loads of fixed points are kept over
             all steps, see `Solution.step_extremes`.
-        step_tolerance: speed [m/s] that the change of a tension within a step may give to a link of mean mass. Steps
-            then adapt to snap loads (see `stepping.adaptive`), dt is the interval between saved times and the maximum
-            step, and saved tensions are means over it; extremes are those of all steps.
+        accuracy: required relative accuracy, above 0 and at most 1. Steps then follow the error of positions and
+            tensions (see `stepping.step_control`), dt is the interval between saved times and the maximum step, and
+            saved tensions are means over it; extremes are those of all steps.
         error_tolerance: error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (see
             `stepping.controlled`); dt is then the interval between states that can be saved, not a step.
         progress: called with the fraction done and a line of text.
@@ -241,7 +241,7 @@ def simulate(
         "solver": solver,
         "dtype": dtype,
         "save_every": save_every,
-        "step_tolerance": step_tolerance,
+        "accuracy": accuracy,
         "error_tolerance": error_tolerance,
         **{name: settings.pop(name) for name in OPTIONS if name in settings},
     }
@@ -272,9 +272,8 @@ def simulate(
     about = {"scene": scene.as_written(), "settings": settings, "since": list(since)}
     rows = InMemory() if folder is None else OnDisk(folder, about, name_leaves(first))
     started = time.perf_counter()
-    before = 0 if start is None else int(start.settings["steps"])
     watch = step_signals(scene, stepper.integrator.tension_time)
-    compiled = compile_run(stepper, model, first.carry, run, before, watch)
+    compiled = compile_run(stepper, model, first.carry, run, watch)
     compile_s = time.perf_counter() - started
     outcome = run_chunks(compiled, run.saves, say, rows, stretch_starts(scene) if step_check else ())
     solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)

@@ -342,6 +342,6 @@ def _warnings(found: dict[str, Any], solution: Samples) -> tuple[str, ...]:
         return ()
     use = "usable as a rough estimate" if _usable(found) else "not usable"
     dt, better = solution.settings["dt"], f"--dt {found['dt_for_1_percent_s']:g}"
-    if found["snap_period_s"] is not None and solution.scene.run.step_tolerance is None:
-        better += ", or with --step-tolerance 0.1, whose steps follow snaps"
+    if found["snap_period_s"] is not None and solution.scene.run.accuracy is None:
+        better += ", or with --accuracy 0.01, whose steps follow snaps"
     return (f"time step: {dt:g} s is too long: {off}: {use}; run with {better}",)

@@ -69,7 +69,7 @@ jax.tree_util.register_static(StepSignals)
 
 def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:
     """The signals of a run whose saved states are farther apart than its steps; None if every step is saved."""
-    if scene.run.save_every == 1 and scene.run.step_tolerance is None:
+    if scene.run.save_every == 1 and scene.run.accuracy is None:
         return None
     slices = line_slices(scene)
     first, last = [where.links.start for where in slices], [where.links.stop - 1 for where in slices]

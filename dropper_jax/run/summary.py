@@ -43,7 +43,7 @@ def summary(run: Samples) -> dict[str, Any]:
         **{key: run.settings.get(key) for key in keys},
         **{
             key: run.settings[key]
-            for key in ("step_tolerance", "error_tolerance", "refused_steps", "load_errors")
+            for key in ("accuracy", "error_tolerance", "refused_steps", "shortest_steps", "load_errors")
             if key in run.settings
         },
         "failed_steps": run.failed_steps,

@@ -43,8 +43,8 @@ class RunSpec:
     solver: str = option("linear solver", choices=SOLVERS, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
     save_every: int = count("steps between saved states", default=1)
-    step_tolerance: float | None = parameter(
-        "tolerance of the error indicator of adaptive steps", unit="m/s", low=0.0, open_low=True, optional=True
+    accuracy: float | None = parameter(
+        "required relative accuracy, which the steps follow", unit="-", low=0.0, open_low=True, high=1.0, optional=True
     )
     error_tolerance: float | None = parameter(
         "error per step of schemes with error control (tsit5, dop853): of positions [m] and velocities",
@@ -72,6 +72,10 @@ class RunSpec:
         """A checked `[run]`; `options` are the additional keys of schemes, name and range."""
         given = read_table(table, path)
         options = options or {}
+        if "step_tolerance" in given:
+            raise SceneError(
+                f"{path}.step_tolerance: no longer exists. Use run.accuracy, a relative error such as 0.01"
+            )
         check_keys(given, [*declared_fields(cls), *options], path)
         values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
         values["options"] = {
@@ -93,8 +97,8 @@ class RunSpec:
             f"at most {MOST} steps",
         )
         yield (
-            self.step_tolerance is not None and self.save_every != 1,
-            f"{path}.save_every: {self.save_every} cannot be combined with run.step_tolerance, which saves every dt; "
+            self.accuracy is not None and self.save_every != 1,
+            f"{path}.save_every: {self.save_every} cannot be combined with run.accuracy, which saves every dt; "
             "allowed: 1",
         )
 

@@ -32,7 +32,7 @@ def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAV
     return (a + b**2 * sech2) / (jnp.tanh(b) + b * sech2) / depth
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def wave_number(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
     """Wave number [rad/m] that satisfies `w^2 = g k tanh(k d)` to rounding, for omega [rad/s] and depth [m]."""
     a = omega**2 * depth / gravity

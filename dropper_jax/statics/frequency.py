@@ -60,19 +60,19 @@ class _Solved(NamedTuple):
 TOLERANCE = 1e-3
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _jit_loads(still: Model, pose: State, waves: Waves) -> WaveLoads:
     """The loads of several states."""
     return jax.vmap(partial(wave_loads, still, pose))(waves)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _fixed_drag(dragging: tuple[Model, Model], pose: State, flow: jax.Array) -> tuple[jax.Array, jax.Array]:
     """D and the mean force of nodes that do not move."""
     return linear_drag(dragging, pose, jnp.zeros_like(flow), flow)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _amplitudes(
     still: Model, linear: LinearMotion, drag: jax.Array, constant: jax.Array, loads: WaveLoads, omega: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
@@ -83,7 +83,7 @@ def _amplitudes(
     return jnp.concatenate([x, static_shift(still, linear, omega, constant)[None]]), tension
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _project_basis(still: Model, linear: LinearMotion, motions: jax.Array, omega: jax.Array) -> _Basis:
     """The basis of these motions (m, free, 3); `omega`: of all states."""
     flat = motions.reshape(motions.shape[0], -1)
@@ -97,7 +97,7 @@ def _project_basis(still: Model, linear: LinearMotion, motions: jax.Array, omega
     return _Basis(motions, *(project(matrix) for matrix in matrices), *tensions)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _batch(
     dragging: tuple[Model, Model],
     pose: State,
@@ -194,7 +194,7 @@ def _basis_motions(still: Model, linear: LinearMotion, shapes: np.ndarray, omega
     return np.tensordot(right[taken] / values[taken, None], shapes / scale[:, None, None], 1)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _sizes(still: Model, linear: LinearMotion, shapes: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Displacements of the nodes times the roots of their masses (k, 3 free), and tensions over their roots of
     stiffness (k, n)."""

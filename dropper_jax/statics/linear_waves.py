@@ -84,7 +84,7 @@ def check_no_bodies(model: Model) -> None:
         raise SceneError("body: rigid bodies are not accurate in the frequency domain. Use a run in time")
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def linearise(still: Model, pose: State) -> LinearMotion:
     """The matrices about an equilibrium without waves."""
     line, none, ends = still.line, jnp.zeros_like(pose.r), still.ends(pose.t)

@@ -130,7 +130,7 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
     return Linearised(m, c, k, mh, ch, kh, *by, np.asarray(pose.tension), names, verges(model, pose))
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _matrices(model: Model, pose: State) -> tuple[tuple[jax.Array, jax.Array] | jax.Array, ...]:
     """Derivatives of the free nodes' rows and of tensions by velocities and accelerations, of tensions by positions."""
     free, held = 3 * model.free_nodes, 3 * model.geometry.ends
@@ -272,7 +272,7 @@ def _speeding(model: Model, pose: State, v: jax.Array) -> jax.Array:
     )
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
     """`x'Cx` (modes,) [kg/s]."""
     model = rest(model)
@@ -284,7 +284,7 @@ def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
     return jax.lax.map(of, shapes)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _mean_power(model: Model, pose: State, speeds: jax.Array) -> jax.Array:
     """Mean power (modes,) [W] of all forces over a period with the velocity amplitudes (modes, nodes, 3)."""
     # number of instants per period at which damping forces are summed; exact for powers of the speed up to 30
@@ -317,7 +317,7 @@ def _symmetric(matrix: ArrayLike) -> ArrayLike:
     return 0.5 * (matrix + matrix.T)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _mass(model: Model, pose: State) -> jax.Array:
     """Masses and added mass (3 free, 3 free) [kg]."""
 

@@ -180,7 +180,7 @@ def system_tolerance(model: Model) -> float:
     return float(rest_tolerance(model, np))
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def unbalanced(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unbalanced forces (free, 3) [N] in a configuration, and the tensions there."""
     return unbalanced_at(model, s, loads, jnp.zeros_like(s.r))
@@ -208,7 +208,7 @@ def rest_solver(model: Model) -> Solver:
     return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= 200 else SOLVERS["banded"]
 
 
-@cached_jit(static=("iterations", "damped"), brief=True)
+@cached_jit(static=("iterations", "damped"))
 def polish(
     model: Model, s: State, loads: jax.Array, kappa: jax.Array, iterations: int = 25, damped: bool = True
 ) -> tuple[State, jax.Array]:
@@ -259,14 +259,9 @@ def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: 
     return u, largest_row(rows, scale)
 
 
-# a short line is solved in a millisecond: it compiles in 0.2 instead of 0.4 s without optimisation
-_polish_quickly = cached_jit(static=("iterations", "damped"), brief=True, quick=np.inf)(polish.__wrapped__)
-
-
 def solve_statics(model: Model, s: State, loads: jax.Array) -> tuple[State, float]:
     """`polish` on the host."""
-    solve = _polish_quickly if rest_solver(model) is SOLVERS["dense"] else polish
-    found, residual = solve(model, s, loads, SMALLEST * soft_scale(model, np))
+    found, residual = polish(model, s, loads, SMALLEST * soft_scale(model, np))
     return found, float(residual)
 
 

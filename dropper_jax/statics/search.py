@@ -181,7 +181,7 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
     return state(model, nodes, tension=tension, t=t)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.Array]:
     """The fixed ends, and the forces (free nodes, 3) [N] on nodes at rest at positions r, or at the start of the
     line."""
@@ -218,7 +218,7 @@ def _catenary(model: Model, t: float) -> State:
     return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def node_positions(model: Model, s: State) -> jax.Array:
     """Positions of all nodes (n + 1, 3) [m]."""
     return model.nodes(s.r, model.ends(s.t))

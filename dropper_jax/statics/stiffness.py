@@ -134,7 +134,7 @@ def _shifted_residual(
     return problem.residual(Unknowns(x, tension)).x, -model.geometry.held_force(force)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _of_held(model: Model, pose: State, loads: jax.Array) -> tuple[jax.Array, ...]:
     """Derivatives by displacements of fixed points: rows (3 free, h) and forces on these points (h, h); the latter by
     free nodes (h, 3 free)."""

@@ -29,7 +29,7 @@ from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, balanced, fo
 from dropper_jax.statics.tangent import NodeMoves, stiffness_matrix
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
     """K (k, k) [N/m] of the motions (3 free, k) of lines that stretch and of rigid bodies, and these motions."""
     moves, loads = moves_of(model), jnp.zeros_like(s.r)
@@ -54,7 +54,7 @@ def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray
     return motions.T @ (matrix[:size, :size] - force @ (lengths[soft] / compliance)) @ motions, motions
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
     problem = RestProblem(model, s, jnp.zeros_like(s.r))
     return residual_matrix(problem, Unknowns(jnp.zeros_like(s.r), s.tension))
@@ -188,7 +188,7 @@ def correct_pose(
     return s, size, jnp.max(jnp.abs(rows), initial=0.0), jnp.maximum(kappa, SMALLEST * soft)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
     """Maximum scaled unbalanced force of a configuration."""
     moves = moves_of(model)
@@ -215,7 +215,7 @@ def guess(model: Model, t: float = 0.0) -> State:
     return state(model, jnp.asarray(r), t=t)
 
 
-@cached_jit(static=("rounds",), brief=True)
+@cached_jit(static=("rounds",))
 def descend(
     model: Model, s: State, loads: jax.Array, tolerance: jax.Array, kappa: jax.Array, rounds: int
 ) -> tuple[State, jax.Array]:
@@ -246,16 +246,9 @@ def descend(
     return jax.lax.while_loop(needs_correction, correct, start)[-1]
 
 
-# Without optimisation the descent of `edulis-longline` compiles in 1.5 instead of 3.7 s and runs in 0.2 instead of
-# 0.07 s: worth it for up to 16 of them.
-_descend_quickly = cached_jit(static=("rounds",), brief=True, quick=16)(descend.__wrapped__)
-
-
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
     """The stable equilibrium reached by descent from `s`, and its maximum scaled unbalanced force."""
-    # number of links from which the optimised descent saves more time than its compilation takes longer
-    find = descend if model.line.links >= 1000 else _descend_quickly
-    found, residual = find(model, s, loads, tolerance, soft_scale(model, np), ROUNDS)
+    found, residual = descend(model, s, loads, tolerance, soft_scale(model, np), ROUNDS)
     return found, float(residual)
 
 

@@ -265,7 +265,7 @@ def stiffness_matrix(moves: NodeMoves, s: State, loads: jax.Array) -> jax.Array:
     return moves.tangent.matrix(jax.linearize(partial(moves.rows, s, loads), moves.none)[1], moves.none)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
     return stiffness_matrix(NodeMoves(model), s, loads)
 

@@ -1,11 +1,8 @@
-"""Snap-adaptive steps: a step is rejected and repeated if a tension changes too much within it.
+"""Steps that follow a required accuracy: one whose local error is too large is rejected and repeated.
 
-    roughness = max over links |T1 - T0| h / m,    m the mean mass of a link
-
-T0 and T1 are the tensions of the previous and of this step, and the roughness is the speed that their change could give
-to a link. On a snapping chain it gives the same standard deviation and peaks with half the steps of an estimate of the
-position error (Zienkiewicz and Xie 1991). The next step is `0.85 (tolerance/roughness)^(1/2)` times this one, within
-bounds. Steps end at the saved times, which are evenly spaced.
+The error and the next length are those of `step_control`. A step that does not converge is rejected like one that is
+too long. Steps end at the saved times, which are evenly spaced. Steps of the shortest length are accepted at any error,
+and counted.
 """
 
 from __future__ import annotations
@@ -17,18 +14,37 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Stepper
-from dropper_jax.stepping.control import Interval, advance_over
+from dropper_jax.residual import Stepper, step
+from dropper_jax.stepping.control import step_failed
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.integrate import Progress, Trajectory, begin, empty_rows, scan_steps
+from dropper_jax.stepping.step_control import (
+    LEAST,
+    MOST,
+    Control,
+    after_step,
+    compare,
+    estimate_error,
+    next_length,
+    shortest_step,
+    start_control,
+)
 
 
 class Adaptive(NamedTuple):
-    """State of a snap-adaptive run: progress in intervals, the next step [s], the number of rejected steps."""
+    """State of a run with an accuracy.
+
+    Attributes:
+        progress: in intervals between saved times.
+        control: what the controller remembers.
+        refused: number of rejected steps.
+        shortest: number of steps of the shortest length that were accepted with a larger error.
+    """
 
     progress: Progress
-    h: jax.Array
+    control: Control
     refused: jax.Array
+    shortest: jax.Array
 
     @property
     def state(self) -> State:
@@ -75,49 +91,46 @@ def advance_adaptively(
     model: Model,
     adaptive: Adaptive,
     dt: jax.Array,
-    tolerance: jax.Array,
+    accuracy: jax.Array,
     saves: int,
     count: jax.Array | None = None,
     watch: Watch | None = None,
 ) -> tuple[Adaptive, tuple[Trajectory, Within]]:
-    """Advance by `saves` intervals of dt [s], in steps with a roughness of at most `tolerance` [m/s].
+    """Advance by `saves` intervals of dt [s], in steps whose local error the accuracy allows.
 
     Saved tensions are means over their interval; signals of `watch` have their extremes over all steps. With a `count`
     only this number of intervals is computed, and of `saves` rows the first are filled.
     """
 
     def save(adaptive: Adaptive, _: jax.Array | None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
-        s, none = adaptive.progress.state, jnp.zeros((), jnp.int32)
+        s, none = adaptive.state, jnp.zeros((), jnp.int32)
         end, nothing = s.t + dt, jnp.zeros_like(s.tension)
         within, extremes = Within(nothing, nothing, none), no_extremes(watch, model, s)
         start = _Interval(adaptive, within, jnp.zeros((), model.dtype), none, none, extremes)
 
         def before_end(done: _Interval) -> jax.Array:
-            return done.adaptive.progress.state.t < end - 1e-9 * dt
+            return done.adaptive.t < end - 1e-9 * dt
 
         def attempt(done: _Interval) -> _Interval:
-            (_, count, first_bad), wanted, refused = done.adaptive
-            tried = _try(stepper, model, done.adaptive, end, dt, tolerance)
-            first = jnp.where(tried.step.failed & tried.take & (first_bad < 0), count, first_bad)
-            within, tension = done.within, tried.step.state.tension
-            taken = _Interval(
-                Adaptive(Progress(tried.step.state, count, first), wanted, refused),
-                Within(
+            tried = _try(stepper, model, done.adaptive, end, dt, accuracy)
+            within, tension = done.within, tried.adaptive.state.tension
+            taken = done._replace(
+                within=Within(
                     within.mean + tried.h / dt * tension,
                     within.square + tried.h / dt * tension**2,
                     within.steps + 1,
                 ),
-                jnp.maximum(done.residual, tried.step.row),
-                done.retried + tried.step.retried,
-                done.bad + tried.step.failed,
-                with_step(done.extremes, watch, model, done.adaptive.state, tried.step.state),
+                residual=jnp.maximum(done.residual, tried.row),
+                bad=done.bad + tried.failed,
+                extremes=with_step(done.extremes, watch, model, done.adaptive.state, tried.adaptive.state),
             )
-            after = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), taken, done)
-            return after._replace(adaptive=after.adaptive._replace(h=tried.following, refused=refused + ~tried.take))
+            after = jax.tree.map(lambda a, b: jnp.where(tried.accepted, a, b), taken, done)
+            repeated = tried.failed & ~tried.accepted
+            return after._replace(adaptive=tried.adaptive, retried=done.retried + repeated)
 
         done = jax.lax.while_loop(before_end, attempt, start)
-        s = replace(done.adaptive.progress.state, t=end)
-        progress = Progress(s, done.adaptive.progress.done + 1, done.adaptive.progress.first_bad)
+        s = replace(done.adaptive.state, t=end)
+        progress = Progress(s, done.adaptive.steps_done + 1, done.adaptive.progress.first_bad)
         counts = done.residual, done.retried, done.bad, progress.first_bad
         row = Trajectory(s.r, s.v, done.within.mean, s.work, *counts, s.parted, s.own, done.extremes)
         return done.adaptive._replace(progress=progress), (row, done.within)
@@ -127,65 +140,70 @@ def advance_adaptively(
 
 
 class _Tried(NamedTuple):
-    """A trial step and its length, whether it is accepted, the length of the next."""
+    """What follows a trial step: the run, with the step if it is accepted; its length, largest scaled row and fate."""
 
-    step: Interval
+    adaptive: Adaptive
     h: jax.Array
-    take: jax.Array
-    following: jax.Array
+    row: jax.Array
+    failed: jax.Array
+    accepted: jax.Array
 
 
 def _try(
-    stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, tolerance: jax.Array
+    stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, accuracy: jax.Array
 ) -> _Tried:
-    # minimum step as a fraction of the interval between saved times; such a step is accepted at any roughness
-    shortest = 1.0 / 4096.0
-    # roughness over tolerance assigned to a step that is not solved; the inverse is the minimum used
-    most = 1e6
-    (state, _, first_bad), wanted, _ = adaptive
-    left = end - state.t
-    h = left / jnp.ceil(left / wanted - 1e-9)
-    taken = advance_over(stepper, model, state, h, first_bad < 0)
-    rough = roughness(model, state, taken.state, h) / tolerance
-    rough = jnp.where(taken.failed | ~jnp.isfinite(rough), most, rough)
-    # a failed run continues to its end with any roughness
-    take = (rough <= 1.0) | (h <= 1.01 * shortest * dt) | (first_bad >= 0)
-    factor = jnp.clip(0.85 / jnp.sqrt(jnp.maximum(rough, 1.0 / most)), 0.25, 1.6)
-    return _Tried(taken, h, take, jnp.clip(h * factor, shortest * dt, dt))
+    (s, number, first_bad), control, refused, shortest = adaptive
+    left = end - s.t
+    h = left / jnp.ceil(left / control.wanted - 1e-9)
+    s1, row = step(stepper, model, s, h)
+    failed = step_failed(stepper, model, s1, row)
+    error = estimate_error(stepper, model, s, s1, h, control.before)
+    excess = compare(model, s, s1, h, error, control, accuracy)
+    # there is nothing to compare the first acceleration with
+    excess = jnp.where(control.before > 0.0, excess, LEAST)
+    excess = jnp.where(failed | ~jnp.isfinite(excess), MOST, excess)
+    floor = shortest_step(model)
+    last_resort = floor * 0.5**stepper.halvings
+    # a failed run continues to its end with any error
+    solved = ~failed | (h <= 1.01 * last_resort) | (first_bad >= 0)
+    exact = excess <= 1.0
+    accepted = solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0))
+    least = jnp.where(failed, last_resort, jnp.minimum(floor, h))
+    wanted = jnp.clip(next_length(h, excess, control, accepted), least, dt)
+    progress = Progress(s1, number, jnp.where(failed & (first_bad < 0), number, first_bad))
+    taken = Adaptive(progress, after_step(model, s1, h, excess, wanted, control), refused, shortest + ~exact)
+    left_alone = adaptive._replace(control=control._replace(wanted=wanted, rejected=~accepted), refused=refused + 1)
+    following = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, left_alone)
+    return _Tried(following, h, row, failed, accepted)
 
 
 def adaptive_step_lengths(
-    stepper: Stepper, model: Model, s: State, dt: jax.Array, intervals: int, tolerance: jax.Array, most: int = 100_000
+    stepper: Stepper, model: Model, s: State, dt: jax.Array, intervals: int, accuracy: jax.Array, most: int = 100_000
 ) -> tuple[jax.Array, jax.Array]:
-    """Lengths (most,) [s] of the snap-adaptive steps of `intervals` of dt [s] from s, and their number.
+    """Lengths (most,) [s] of the steps of `intervals` of dt [s] from s that follow an accuracy, and their number.
 
     A run along these steps, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes
     with the steps held constant. Steps after the first `most` are left out.
     """
-    adaptive = adaptive_start(begin(stepper, model, s), dt)
-    last = adaptive.progress.state.t + intervals * dt
+    adaptive = adaptive_start(model, begin(stepper, model, s))
+    last = adaptive.t + intervals * dt
 
     def before_end(carry: tuple[Adaptive, jax.Array, jax.Array]) -> jax.Array:
-        return (carry[0].progress.state.t < last - 1e-9 * dt) & (carry[2] < most)
+        return (carry[0].t < last - 1e-9 * dt) & (carry[2] < most)
 
     def attempt(carry: tuple[Adaptive, jax.Array, jax.Array]) -> tuple[Adaptive, jax.Array, jax.Array]:
         adaptive, lengths, number = carry
-        end = s.t + dt * (jnp.floor((adaptive.progress.state.t - s.t) / dt + 1e-9) + 1.0)
-        tried = _try(stepper, model, adaptive, end, dt, tolerance)
-        state = jax.tree.map(lambda a, b: jnp.where(tried.take, a, b), tried.step.state, adaptive.progress.state)
-        after = Adaptive(adaptive.progress._replace(state=state), tried.following, adaptive.refused + ~tried.take)
-        return after, lengths.at[number].set(jnp.where(tried.take, tried.h, 0.0)), number + tried.take
+        end = s.t + dt * (jnp.floor((adaptive.t - s.t) / dt + 1e-9) + 1.0)
+        tried = _try(stepper, model, adaptive, end, dt, accuracy)
+        lengths = lengths.at[number].set(jnp.where(tried.accepted, tried.h, 0.0))
+        return tried.adaptive, lengths, number + tried.accepted
 
     nothing = jnp.zeros(most, model.dtype), jnp.zeros((), jnp.int32)
     _, lengths, number = jax.lax.while_loop(before_end, attempt, (adaptive, *nothing))
     return lengths, number
 
 
-def adaptive_start(progress: Progress, dt: jax.Array) -> Adaptive:
-    """The carry of a run whose first step is 1/16 of the interval."""
-    return Adaptive(progress, dt / 16.0, jnp.zeros((), jnp.int32))
-
-
-def roughness(model: Model, before: State, after: State, h: jax.Array) -> jax.Array:
-    """Speed [m/s] that the change of a tension within a step could give to a link."""
-    return jnp.max(jnp.abs(after.tension - before.tension)) * h / jnp.mean(model.line.mass)
+def adaptive_start(model: Model, progress: Progress) -> Adaptive:
+    """The carry of a run that starts."""
+    none = jnp.zeros((), jnp.int32)
+    return Adaptive(progress, start_control(model, progress.state), none, none)

@@ -1,10 +1,7 @@
 """Runs of error-controlled schemes (`integrators.projected`): step by step, with saved times between the steps.
 
-The next step follows from the errors e (relative to the tolerance) of this step and of the previous one, for order q:
-
-    h' = 0.9 e^(-0.7/q) e0^(0.4/q) h  after an accepted step (e <= 1),    0.9 e^(-1/q) h  after a rejected step
-
-(Hairer and Wanner, Solving Ordinary Differential Equations II, IV.2), within bounds. States at saved times are those of
+The next step follows from the errors of this step and of the previous one by PI control (`pi_control`), within bounds.
+States at saved times are those of
 the polynomial through positions, velocities and accelerations at the ends of the last steps. Steps end at times at
 which an effect is not smooth (`Model.corners`). The jump is applied there, and the stepping starts again.
 
@@ -37,15 +34,18 @@ from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.integrate import Trajectory, begin, empty_rows
+from dropper_jax.stepping.pi_control import step_ratio
 
-SAFETY, NOW, BEFORE = 0.9, 0.7, 0.4
-SLOWER, FASTER, REFUSED = 0.2, 6.0, 0.1
+#: Ratios of a step to the previous one: after an accepted one, and after a rejected one.
+SLOWER, FASTER = 0.2, 6.0
+REFUSED, REPEATED = 0.1, 0.9
 #: Bounds of the relative error of a step in the choice of the next step; the upper one is used for NaN.
 LEAST, MOST = 1e-4, 1e10
 
 
 class Controlled(NamedTuple):
     """State of an error-controlled run.
+
     Attributes:
         knots: ends of the last steps, the newest last.
         known: steps since the start or the last corner ().
@@ -217,9 +217,9 @@ def _attempt(stepper: Stepper, model: Model, carry: Controlled, tolerance: jax.A
     finite = jnp.isfinite(e) & jnp.all(jnp.isfinite(jax.lax.stop_gradient(after.y)))
     e = jax.lax.stop_gradient(jnp.where(finite, jnp.clip(e, 1e-10, MOST), MOST))
     good = e <= 1.0
-    onward = jnp.clip(SAFETY * e ** (-NOW / q) * carry.error ** (BEFORE / q), SLOWER, FASTER)
-    again = jnp.clip(SAFETY * e ** (-1.0 / q), REFUSED, SAFETY)
-    following = jnp.minimum(jax.lax.stop_gradient(h) * jnp.where(good, onward, again), _longest(model))
+    least, most = jnp.where(good, SLOWER, REFUSED), jnp.where(good, FASTER, REPEATED)
+    ratio = jnp.clip(step_ratio(e, carry.error, q, good), least, most)
+    following = jnp.minimum(jax.lax.stop_gradient(h) * ratio, _longest(model))
     knots = jax.tree.map(partial(jnp.where, good), (*carry.knots[1:], after), carry.knots)
     shortest = jax.lax.stop_gradient(time_just_after(jnp.abs(now.t), 64.0) - jnp.abs(now.t))
     lost = ~good & ~(h > shortest)  # a NaN step is rejected as well

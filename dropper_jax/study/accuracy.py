@@ -18,7 +18,6 @@ from dropper_jax.run.samples import is_finished
 from dropper_jax.run.simulate import simulate
 from dropper_jax.study.load_errors import line_loads
 from dropper_jax.study.march import Scheme, convergence, default_schemes, grid_run, runnable, status_of
-from dropper_jax.study.peers import peer_rows
 from dropper_jax.study.reference import Reference, reference, trusted_span
 from dropper_jax.study.work_precision import Each, energy_loss, measure, orders
 
@@ -116,7 +115,6 @@ def accuracy(
     span: float | None = None,
     extras: bool = True,
     say: Progress | None = None,
-    peers: bool = False,
     each: Each = lambda row: None,
 ) -> dict[str, Any]:
     """Measure accuracy against run time on a scene.
@@ -128,7 +126,6 @@ def accuracy(
         extras: also the numerical damping, the claims on Euler's schemes and the convergence by link. Without them
             each scheme is run once, with its own solver in double precision, and steps that do not converge are not
             halved.
-        peers: also rows of other simulators, if they are installed and support the scene.
         each: gets each row of a scheme or of the loads as soon as it is measured.
 
     Returns:
@@ -147,10 +144,6 @@ def accuracy(
             study.measure_loads()  # first: the programs of runs are compiled sooner than those of the comparison
         target = study.find_reference(span)
         study.measure_schemes(chosen, target, extras)
-        if peers:
-            others, left = peer_rows(scene, model, s, target)
-            found["rows"] += others
-            found["refused"] = refused + left
         if extras:
             found |= _extras(model, s, target, dts, study.say)
     except KeyboardInterrupt:
@@ -236,7 +229,7 @@ def advice(
 
 
 def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
-    good = [r for r in rows if r["status"] == "ok" and not r.get("peer") and r["rms_angle_error_rad"] <= target]
+    good = [r for r in rows if r["status"] == "ok" and r["rms_angle_error_rad"] <= target]
     if not good:
         return {"target_rad": target, "found": False, "text": f"for {target:g} rad: no measured run is accurate enough"}
     best = min(good, key=lambda r: (r["operations_per_simulated_s"], r["rms_angle_error_rad"]))

@@ -17,9 +17,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.backend.compile_cache import cache_folder
-from dropper_jax.backend.one_kernel import in_force, tags_enabled
-from dropper_jax.backend.programs import BRIEFLY, supported_options
+from dropper_jax.backend.one_kernel import tags_enabled
+from dropper_jax.backend.programs import OPTIONS, stored_programs
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.memory import available_memory
 from dropper_jax.run.simulate import simulate
@@ -33,20 +32,17 @@ EXTRAS = {
     "moordyn": ("moordyn",),
     "sensitivity": ("SALib",),
     "fatigue": ("rainflow",),
-    "posterior": ("blackjax",),
 }
-#: Script that compiles a program with a cache and reports whether it came from the cache, and its result.
+#: Script that uses a program with programs stored in a folder, and reports whether it was loaded, and its result.
 PROBE = """
 import json, sys
-import jax
-hits = []
-jax.monitoring.register_event_listener(lambda name, **_: hits.append(name))
-from dropper_jax.backend.compile_cache import compile_cache
-place = compile_cache(sys.argv[1])
 import jax.numpy as jnp
-found = float(jax.jit(lambda x: jnp.sum(jnp.sin(x) ** 2 + jnp.cos(x) ** 2))(jnp.arange(100.0)))
-taken = any(name.endswith("/cache_hits") for name in hits)
-print(json.dumps({"place": None if place is None else str(place), "taken": taken, "found": found}))
+from dropper_jax.backend.programs import cached_jit, store_programs, stored_programs
+from dropper_jax.base.numerics import safe_norm
+folder = store_programs(sys.argv[1])
+found = float(cached_jit()(safe_norm)(jnp.asarray([60.0, 0.0, 80.0])))
+loaded = folder is not None and stored_programs().loaded == 1
+print(json.dumps({"folder": None if folder is None else str(folder), "loaded": loaded, "found": found}))
 """
 
 
@@ -61,10 +57,10 @@ def examine(repeats: int = 400) -> dict[str, Any]:
         "system": {"platform": platform.platform(), "cores": os.cpu_count(), "memory_bytes": available_memory()},
         "devices": [f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()],
         "float64": bool(jax.config.jax_enable_x64),
-        "one_kernel": in_force() or tags_enabled(),
-        "compiler_options": {name: name in supported_options() for name in BRIEFLY},
+        "one_kernel": tags_enabled(),
+        "compiler_options": {name: _is_known(name) for name in OPTIONS},
         "cache": cache(),
-        "checks": [check_tension(), known_product(), repeated_bits(repeats), cached_programs()],
+        "checks": [check_tension(), known_product(), repeated_bits(repeats), loads_stored_programs()],
     }
 
 
@@ -84,11 +80,22 @@ def _version(name: str) -> str | None:
 
 def cache() -> dict[str, Any]:
     """Folder of the compiled programs, and their number."""
-    folder = cache_folder()
-    if folder is None:
+    stored = stored_programs()
+    if stored is None:
         return {"folder": None, "programs": 0, "bytes": 0}
-    files = [os.path.join(where, name) for where, _, names in os.walk(folder) for name in names]
-    return {"folder": str(folder), "programs": len(files), "bytes": sum(os.path.getsize(file) for file in files)}
+    folder = stored.folder.path
+    sizes = [file.stat().st_size for file in folder.iterdir()]
+    return {"folder": str(folder), "programs": len(sizes), "bytes": sum(sizes)}
+
+
+def _is_known(option: str) -> bool:
+    """Whether this version's compiler has an option."""
+    lowered = jax.jit(lambda x: x + 1.0).lower(0.0)
+    try:
+        lowered.compile({option: OPTIONS[option]})
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
 
 
 def check_tension() -> dict[str, Any]:
@@ -121,20 +128,20 @@ def repeated_bits(calls: int) -> dict[str, Any]:
     return _check("bits of repeated calls", not wrong, f"{wrong} of {calls} calls differ")
 
 
-def cached_programs() -> dict[str, Any]:
-    """Whether a program cached by one process is reused by the next, with the same result."""
-    name = "programs cached for the next start"
+def loads_stored_programs() -> dict[str, Any]:
+    """Whether a program stored by one process is loaded by the next, with the same result."""
+    name = "programs stored for the next start"
     with tempfile.TemporaryDirectory() as folder:
         probes = [_probe(folder) for _ in range(2)]
     if None in probes:
-        return _check(name, False, "a process with a program cache fails")
+        return _check(name, False, "a process that stores programs fails")
     first, second = probes
-    if first["place"] is None:
-        return _check(name, False, "this version of JAX is not supported by the cache, or its folder is not accessible")
-    if not second["taken"]:
-        return _check(name, False, "cached, but not reused: every start compiles")
+    if first["folder"] is None:
+        return _check(name, False, "the folder of temporary files cannot be used")
+    if not second["loaded"]:
+        return _check(name, False, "stored, but not loaded: every start compiles")
     same = first["found"] == second["found"] and abs(second["found"] - 100.0) < 1e-9
-    return _check(name, same, "taken again" if same else f"{second['found']!r} instead of 100")
+    return _check(name, same, "loaded again" if same else f"{second['found']!r} instead of 100")
 
 
 def _probe(folder: str) -> dict[str, Any] | None:

@@ -171,8 +171,8 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
     key, value, power = "dt", run.dt, 1
     if scheme.controls_error:
         key, value, power = "error_tolerance", run.error_tolerance or scheme.tolerance, scheme.order
-    elif run.step_tolerance is not None:
-        key, value, power = "step_tolerance", run.step_tolerance, 2
+    elif run.accuracy is not None:
+        key, value, power = "accuracy", run.accuracy, 2
     found = {str(n): scene.with_values({f"run.{key}": value / n**power}) if n > 1 else scene for n in FINER}
     heavier = {f"line.{i}.mass": (line.mass * (1.0 + PERTURBED)).tolist() for i, line in enumerate(scene.lines)}
     found["perturbed"] = scene.with_values(heavier)

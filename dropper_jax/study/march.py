@@ -103,7 +103,7 @@ def link_vectors(model: Model, r: np.ndarray, t: np.ndarray) -> np.ndarray:
     return np.asarray(_links(model, jnp.asarray(r), jnp.asarray(t, model.dtype))).astype(r.dtype)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _links(model: Model, r: jax.Array, t: jax.Array) -> jax.Array:
     return jax.vmap(lambda nodes, time: model.links(nodes, model.ends(time)))(r, t)
 
@@ -159,7 +159,7 @@ class Marched(NamedTuple):
     path: jax.Array
 
 
-@cached_jit(static=("stepper", "capacity"), emitters=False)
+@cached_jit(static=("stepper", "capacity"), kernel=True)
 def march(
     stepper: Stepper,
     model: Model,
@@ -204,7 +204,7 @@ class MarchResult(NamedTuple):
     refused: jax.Array
 
 
-@cached_jit(static=("stepper", "saves"))
+@cached_jit(static=("stepper", "saves"), kernel=True)
 def march_held(
     stepper: Stepper, model: Model, s: State, grid: jax.Array, tolerance: jax.Array, saves: int
 ) -> MarchResult:

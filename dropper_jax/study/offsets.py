@@ -302,7 +302,7 @@ class _DesignSearch:
         return found.x
 
 
-@cached_jit(static=("moving", "quantities"), quick=np.inf)
+@cached_jit(static=("moving", "quantities"))
 def _slopes(
     moving: tuple[int, ...],
     quantities: tuple[Quantity, ...],

@@ -167,7 +167,7 @@ def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -
     return np.asarray(_tensions(model, r, v, jnp.asarray(t, model.dtype)))
 
 
-@cached_jit(brief=True, quick=np.inf)
+@cached_jit()
 def _tensions(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     def one(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
         k = model.instant(r, v, t)
@@ -215,7 +215,7 @@ def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, st
     return _measure_growth(model, s, stepper, dt, steps, seed)
 
 
-@cached_jit(static=("stepper", "steps"), brief=True)
+@cached_jit(static=("stepper", "steps"))
 def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, steps: int, seed: int) -> Lyapunov:
     dt = jnp.asarray(dt, model.dtype)
     carry = begin(stepper, model, s).state
@@ -239,7 +239,7 @@ def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Ar
     return Lyapunov((growth[-1] - growth[half - 1]) / ((steps - half) * dt), growth, ~jnp.any(bad))
 
 
-@cached_jit(brief=True, quick=np.inf)
+@cached_jit()
 def unit_perturbation(model: Model, s: State, seed: int) -> jax.Array:
     """A velocity (nodes, 3) [m/s] of size 1, drawn from `seed`, that does not stretch rigid links."""
     v = jax.random.normal(jax.random.key(seed), s.v.shape, model.dtype)
@@ -249,7 +249,7 @@ def unit_perturbation(model: Model, s: State, seed: int) -> jax.Array:
     return dv / perturbation_size(model, jnp.zeros_like(dv), dv)
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _sizes(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:
     return jax.vmap(partial(perturbation_size, model))(dr, dv)
 

@@ -290,7 +290,7 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     }
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _across(sea: Sea, free: jax.Array, nodes: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     """Speeds (k, looked) [m/s] of the water normal to the links before the nodes `free`, relative to the nodes.
 

@@ -224,7 +224,7 @@ def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarr
         return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
 
 
-@cached_jit(brief=True)
+@cached_jit()
 def _energies(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
     """Energies (k,) [J] of states (k, nodes, 3) at times (k,)."""
 
@@ -255,45 +255,3 @@ def orders(rows: list[dict[str, Any]]) -> dict[str, float]:
             found[label] = float(np.polyfit(x, y, 1)[0])
     # errors that do not fall with the step are those of rounding, which have no order
     return {label: order for label, order in found.items() if order > 0.5}
-
-
-# The form of a peer's result
-
-
-def time_runs(run: Callable[[], Any], repeats: int = 7) -> tuple[Any, float]:
-    """Last result and minimum wall time [s] of `run`, which was called once before."""
-    times, result = [], None
-    for _ in range(repeats):
-        started = time.perf_counter()
-        result = run()
-        times.append(time.perf_counter() - started)
-    return result, min(times)
-
-
-def peer_row(
-    model: Model, label: str, solver: str, r: np.ndarray, steps: int, wall: float, target: Reference, ok: bool
-) -> dict[str, Any]:
-    """A row from free-node positions (k, nodes, 3) at the reference's times."""
-    ok = ok and bool(np.all(np.isfinite(r)))
-    errors = (None, None)
-    if ok:
-        errors = rms_angle(link_vectors(model, r, target.t), target.links), rms_position(r, target.r)
-    return {
-        "integrator": label,
-        "gamma": None,
-        "solver": solver,
-        "dtype": "float64",
-        "label": label,
-        "peer": True,
-        "dt": target.horizon / max(steps, 1),
-        "rms_angle_error_rad": errors[0],
-        "rms_position_error_m": errors[1],
-        "rms_tension_error_n": None,
-        "energy_drift_j": None,
-        "equivalent_linear_damping": None,
-        "resolved": ok,
-        "us_per_step": 1e6 * wall / max(steps, 1),
-        "wall_s_per_simulated_s": wall / target.horizon,
-        "status": "ok" if ok else "non_finite",
-        "retried_steps": 0,
-    }

@@ -25,6 +25,7 @@ from scipy.special import chdtrc
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.calibration.law_fits import OF_JOINTS, PARTS
+from fitting.calibration.laws import tested_parameters
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.normal_equations import prior_of, solve_spd
 from fitting.estimate.problem import Solution
@@ -140,6 +141,7 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     if own.knows([*prepared.parameters, *more]):
         return own
     every = [p for p in prepared.parameters if not p.is_lost]
+    more += [p for p in tested_parameters(model, every) if p.name not in {q.name for q in more}]
     simulator = Simulator(model, [*every, *more, *lost], own.stepper, own.release, tangents=own.freedoms + BESIDE)
     simulator.capacity = SLACK * prepared.windows.steps, SLACK * prepared.windows.theta.shape[1]
     return simulator

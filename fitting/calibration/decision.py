@@ -33,7 +33,6 @@ from math import comb
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.linalg import toeplitz
 from scipy.special import chdtrc, ndtri
 
 from dropper_jax.effects.joint_friction import JointFriction
@@ -48,7 +47,7 @@ from fitting.estimate.simulator import Simulator
 from fitting.parameters.of_scene import DAMPING
 from fitting.parameters.parameter import apply
 from fitting.traces import planar
-from fitting.traces.trace import Trace, smooth, smoothers
+from fitting.traces.trace import Trace, smooth
 
 # Energy of a measured motion and its dissipation by damping, without any simulation
 
@@ -78,32 +77,6 @@ def smooth_stretch(
         return None
     t = np.arange(part.t[0], part.t[-1] + 0.5 * part.interval, part.interval)
     return t, *smooth(part.at(t), _width(part, reach), part.interval)
-
-
-def smoothed_noise(trace: Trace, reach: float, phi: float) -> tuple[float, float]:
-    """Standard deviation of smoothed unit noise of memory `phi`, in angles and in rates [1/s]."""
-    width = _width(trace, reach)
-    memory = toeplitz(phi ** np.arange(width))
-    weights = (every[width // 2] for every in smoothers(width, trace.interval))
-    return tuple(float(np.sqrt(w @ memory @ w)) for w in weights)
-
-
-def without_noise(
-    model: Model, theta: jax.Array, omega: jax.Array, angle: jax.Array, rate: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """`balance` of a measured pose, minus the mean contribution of noise of these sizes (n,) [rad], [rad/s].
-
-    The mean of a function f of noisy numbers is f + 1/2 sum s_j^2 f_jj; both results are at least quadratic in the
-    rates. The second differences use the noise's size as their step, so that |rate| of dry joints is included.
-    """
-    n = theta.shape[0]
-    move = jnp.concatenate([jnp.diag(angle), jnp.zeros((n, n))]), jnp.concatenate([jnp.zeros((n, n)), jnp.diag(rate)])
-    at = lambda sign: jax.vmap(  # noqa: E731
-        lambda a, w: jnp.stack(balance(model, *planar.close_chain(model, theta + sign * a, omega + sign * w)))
-    )(*move)
-    plain = jnp.stack(balance(model, *planar.close_chain(model, theta, omega)))
-    found = plain - 0.5 * jnp.sum(at(1.0) + at(-1.0) - 2 * plain, axis=0)
-    return found[0], found[1]
 
 
 def _width(trace: Trace, reach: float) -> int:

@@ -13,11 +13,12 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import SceneLike
-from fitting.calibration.advice import advise, omitted_parameter_bias
+from fitting.calibration.advice import Candidate, advise, omitted_parameter_bias
 from fitting.calibration.comparison import compare
 from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
-from fitting.calibration.freeing import free_by_advice
+from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
+from fitting.calibration.laws import law_warnings, test_laws, with_law
 from fitting.calibration.likely_cause import free_too
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
@@ -129,6 +130,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))
     chi2 = float(np.sum(solution.weights * (solution.errors * expected) ** 2)) / degrees_of_freedom(solution)
     scored = prepared.noisy(solution.problem.noise)
+    laws = test_laws(prepared, solution, u)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(
         scene=prepared.scene,
@@ -140,10 +142,19 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
         solution=solution,
         traces=prepared.traces,
         lyapunov=rate,
+        laws=laws,
         left_out=prepared.left_out,
         held_out=[score_held_out(scored, solution.values, span) for span in prepared.held_out],
-        warnings=[*prepared.warnings, *warnings_of(prepared, solution, u, chi2)],
+        warnings=[*prepared.warnings, *warnings_of(prepared, solution, u, chi2), *law_warnings(laws)],
     )
+
+
+def likeliest(prepared: Prepared, result: FitResult, tested: Sequence[Candidate]) -> str:
+    """The force or the number of the scene that explains most of a misfit, and what frees it; empty if none does."""
+    candidates = [candidate for candidate in tested if candidate.worth_naming][:1]
+    candidates += [test for test in result.laws.significant if test.free][:1]
+    best = max(candidates, key=lambda candidate: candidate.gain, default=None)
+    return "" if best is None else f"{best.name}; {free_too(prepared, best.free)}"
 
 
 METHODS = ("windows", "shooting", "gradient")
@@ -179,8 +190,6 @@ def fit(
     integrator: str | None = None,
     profile: Sequence[str] | bool = False,
     bootstrap: int = 0,
-    posterior: int = 0,
-    sampler: str = "importance",
     progress: Progress | None = None,
     **settings: Any,
 ) -> FitResult:
@@ -217,8 +226,6 @@ def fit(
         compare_models: also fit the ladder of damping laws.
         profile: names of free parameters whose profile-likelihood intervals are also computed; True for all.
         bootstrap: number of draws of a bootstrap over blocks of time.
-        posterior: number of draws of the parameters' posterior.
-        sampler: `importance`, or `nuts`, which also samples window starts; `posterior` draws of each of four chains.
         progress: called with (fraction, text).
         **settings: of the gradient method: `optimizer` (`lbfgs`, `adam`, `sgd` or a transformation of optax),
             `learning_rate`, `steps`, `horizon`, `loss`; see `gradient.GradientDescent`.
@@ -235,7 +242,7 @@ def fit(
         from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
 
         descent_of(settings)  # rejects invalid settings before anything is compiled
-    asked = Intervals(profile, bootstrap, posterior, sampler)
+    asked = Intervals(profile, bootstrap)
     progress = progress or silent
     started = time.perf_counter()
     prepared = prepare(
@@ -275,6 +282,7 @@ def fit(
             prepared = with_sound_windows(whole, loss, iterations, progress, keep_jumps=True)
         at = free_by_advice(prepared, again, "shooting" if method == "gradient" else method, loss, progress=progress)
         prepared, solution, found, freed = at.prepared, at.solution, at.found, [*freed, *at.names]
+        loss = at.loss
         if method == "gradient":
             solution = again(prepared, method, at.loss, settings=settings)
     else:
@@ -287,12 +295,15 @@ def fit(
     solution.iterations += prepared.iterations
     prepared = replace(prepared, started=started, known=known)
     result = summarise(prepared, method, solution)
+    while auto_free and result.status == "model_error" and result.laws.wrong.free and len(freed) < MOST_FREED:
+        freed = [*freed, result.laws.wrong]
+        prepared = with_law(prepared, result.laws.wrong.free, solution)
+        solution = again(prepared, method, loss, settings=settings)
+        result = summarise(prepared, method, solution)
     if result.status != "ok" or result.chi2_per_dof > SUSPECT:
         result.wrong_file = name_wrong_file(whole)
     if result.status == "misfit" and not (result.wrong_file or auto_free or method == "gradient"):
-        tested = found or advise(prepared, solution)
-        best = next((candidate for candidate in tested if candidate.worth_naming), None)
-        result.likely = "" if best is None else f"{best.name}; {free_too(prepared, best.free)}"
+        result.likely = likeliest(prepared, result, found or advise(prepared, solution))
     result.advice, result.freed = found, freed
     # number of candidates listed in the warnings
     result.warnings += [str(candidate) for candidate in found if candidate.worth_naming][:3]

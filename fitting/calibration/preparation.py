@@ -12,6 +12,7 @@ import numpy as np
 from dropper_jax import load_scene
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.run.build import SceneLike, build
+from fitting.calibration.laws import tested_parameters
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared, at_frames, fitted_parts
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.gaps import lyapunov, transitions
@@ -105,9 +106,8 @@ def prepare(
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
     if simulator is None:
-        simulator = Simulator(model, parameters, choose_stepper(model, integrator, scene.run.solver), release)
-    elif [p.name for p in simulator.compiled] == [p.name for p in parameters]:
-        simulator.parameters = simulator.compiled = parameters
+        stepper = choose_stepper(model, integrator, scene.run.solver)
+        simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))
     else:
         simulator = simulator.view_of(parameters)
     dt = time_step(runs, dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])

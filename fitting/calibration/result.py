@@ -12,6 +12,7 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.model import Model
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
+from fitting.calibration.laws import LawTests, freeing_option
 from fitting.calibration.prepared import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.noise import mean_by_run
@@ -92,6 +93,8 @@ DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 MISFIT, CORRELATED_MISFIT = 2.0, 0.1
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
+#: Statuses that `--accept-misfit` accepts.
+ACCEPTABLE = ("misfit", "model_error")
 
 
 @dataclass(frozen=True)
@@ -112,31 +115,6 @@ class HeldOut:
         return self.solution.rms
 
 
-@dataclass(frozen=True)
-class EnergyCheck:
-    """Ratio c of the measured energy loss to the law's, 1 if the law is right, and its combined standard error."""
-
-    slope: float
-    error: float
-
-    @property
-    def off(self) -> float:
-        """Deviation from 1 in standard errors."""
-        return (self.slope - 1) / self.error
-
-    @property
-    def text(self) -> str:
-        """For people."""
-        return f"the measured energy loss is {self.slope:.3g} +- {self.error:.2g} of that predicted by the law"
-
-    @property
-    def warning(self) -> str | None:
-        """One line if the law is contradicted."""
-        text = f"{self.text}: {abs(self.off):.1f} combined errors from 1; the law or the rig's numbers are wrong"
-        # deviation of the energy's slope from 1, in combined errors, above which a warning is given
-        return text if abs(self.off) > 3.0 else None
-
-
 @dataclass(kw_only=True)
 class FitResult(SceneFit):
     """A calibrated model: the content of every fit (`SceneFit`), and that of windows of traces.
@@ -152,8 +130,8 @@ class FitResult(SceneFit):
         left_out: (run, from, to) [s] of windows that were not fitted because no start explains them.
         wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
         likely: the likeliest cause of a smaller misfit and what to free, from the score tests; otherwise empty.
-        energy: the ratio of the measured energy loss to the fitted law's, if a report was written (`energy`).
-        accepted: whether a misfit is accepted; it has errors then.
+        laws: score tests of forces that the scene lacks.
+        accepted: whether a misfit or a wrong law is accepted; it has errors then.
     """
 
     method: str
@@ -164,29 +142,32 @@ class FitResult(SceneFit):
     lyapunov: float
     held_out: list[HeldOut] = field(default_factory=list)
     comparison: list[Law] = field(default_factory=list)
-    energy: EnergyCheck | None = None
     advice: list[Candidate] = field(default_factory=list)
     freed: list[Candidate] = field(default_factory=list)
     wrong_file: str = ""
     likely: str = ""
     left_out: tuple[tuple[int, float, float], ...] = ()
+    laws: LawTests = LawTests()
     accepted: bool = False
 
     @property
     def has_errors(self) -> bool:
-        return self.status == "ok" or (self.accepted and self.status == "misfit")
+        return self.status == "ok" or (self.accepted and self.status in ACCEPTABLE)
 
     @property
     def status(self) -> str:
-        """`ok`, `not_converged`, `lost_windows` or `misfit`; `message` gives the reason.
+        """`ok`, `not_converged`, `lost_windows`, `model_error` or `misfit`; `message` gives the reason.
 
-        `lost_windows`: more than `MOST_LEFT_OUT` of the samples are in windows that no start explains. `misfit`: the
-        residuals exceed the noise and the stated model error, and are not noise because neighbours correlate.
+        `lost_windows`: more than `MOST_LEFT_OUT` of the samples are in windows that no start explains. `model_error`:
+        the traces show a force that the scene lacks, which changes a reported value (`laws`). `misfit`: the residuals
+        exceed the noise and the stated model error, and are not noise because neighbours correlate.
         """
         if self.solution.status != "ok":
             return self.solution.status
         if self.left_out_share > MOST_LEFT_OUT:
             return "lost_windows"
+        if self.laws.wrong is not None and not self.wrong_file:
+            return "model_error"
         return "misfit" if self.wrong_file or self.misses else "ok"
 
     @property
@@ -213,6 +194,9 @@ class FitResult(SceneFit):
                 f"{self.left_out_share:.1%} of the samples lie in windows that no start explains. "
                 "Try a finer --dt or a shorter --window, or cut these stretches out"
             )
+        if self.status == "model_error":
+            names = [p.name for p in self.parameters]
+            found.append(f"the law is wrong: the trace shows {freeing_option(self.laws.wrong, names)}")
         if self.status == "misfit" and self.misses and not self.wrong_file:
             times = float(np.sqrt(self.chi2_per_dof))
             advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
@@ -275,13 +259,13 @@ class FitResult(SceneFit):
             "blocks": u.blocks,
             "lyapunov_per_s": self.lyapunov,
             "warnings": self.warnings,
+            "laws": [test.to_json() for test in self.laws.tests],
         }
         found |= {"noise": self.noise_table(), **self.intervals()}
         if self.advice or self.freed:
             found |= {key: [row.to_json() for row in getattr(self, key)] for key in ("advice", "freed")}
         requested = {
             "descent": self.descent,
-            "energy": self.energy and {"slope": self.energy.slope, "std_error": self.energy.error},
             "comparison": [row.to_json() for row in self.comparison],
             "law": self.comparison and verdict(self.comparison),
             "left_out": [

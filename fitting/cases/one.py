@@ -116,9 +116,8 @@ STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 class Runner:
     """Runs of one site with one step; shared results of cases are computed once.
 
-    Cases share one compiled program, and each run is separate. In a batch (`dropper_jax.lanes`), a step of such a
-    system costs more: dropper-farm-2 in a storm needs 2.7 ms instead of 1.2 to 2.2. The reason is that the fallback
-    solvers for steps that do not converge then run in every step.
+    Cases share one compiled program, and each run is separate. Side by side, a step of such a system costs more
+    (dropper-farm-2 in a storm: 2.7 ms instead of 1.2 to 2.2): all runs wait for the one that needs most corrections.
     """
 
     def __init__(self, site: Site, dt: float | None = None) -> None:
@@ -152,7 +151,7 @@ class Runner:
         signals: dict[Quantity, list[np.ndarray]] = {
             quantity(name, model, "quantities"): [] for name in self.site.quantities
         }
-        watch = None if scene.run.step_tolerance is None else quantity_signals(list(signals), start.r)
+        watch = None if scene.run.accuracy is None else quantity_signals(list(signals), start.r)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
         carry, done, info = run.carry, 0, {"status": np.array(0)}
         retried = 0

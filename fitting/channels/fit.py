@@ -124,7 +124,6 @@ def fit_channels(
     check_step: bool = True,
     profile: Sequence[str] | bool = False,
     bootstrap: int = 0,
-    posterior: int = 0,
     progress: Progress | None = None,
 ) -> ChannelFit:
     """Fit parameters of any scene to named channels: one uninterrupted run of each data file, from the scene's start.
@@ -144,7 +143,7 @@ def fit_channels(
         huber, student, robust: robust losses, as for `fit`.
         iterations: maximum evaluations of each descent.
         check_step: whether half the step is tried, to report (and correct) the shift of the estimates by the step.
-        profile, bootstrap, posterior: intervals by these methods too, as for `fit`.
+        profile, bootstrap: intervals by these methods too, as for `fit`.
         progress: called with (fraction, text).
 
     Raises:
@@ -153,7 +152,7 @@ def fit_channels(
     started, progress = time.perf_counter(), progress or silent
     if iterations < 1:
         raise SceneError(f"iterations: {iterations} is too small; allowed: at least 1")
-    asked = Intervals(profile, bootstrap, posterior)
+    asked = Intervals(profile, bootstrap)
     changed = {"run.dt": dt, "run.integrator": integrator}
     scene = load_scene(scene).with_values({key: value for key, value in changed.items() if value is not None})
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})

@@ -320,25 +320,15 @@ def shift_setup(setup: Setup, tangents: Setup, e: jax.Array) -> Setup:
     return jax.tree.map(lambda a, d: a + jnp.tensordot(e, d, 1), setup, tangents)
 
 
+@cached_jit(static=("plan",), kernel=True)
 def differentiate_channels(
     plan: Plan, setup: Setup, tangents: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
 ) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
     """Channel values, their derivatives (k, m, directions), the start, and the first failed step."""
-    # one kernel takes twice as long to compile, which pays for single lines only
-    program = _differentiate_system if setup.model.geometry.branched else _differentiate_line
-    return program(plan, setup, tangents, near, dt, times)
 
-
-def _differentiate(
-    plan: Plan, setup: Setup, tangents: Setup, near: State, dt: jax.Array, times: tuple[jax.Array, ...]
-) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...], State, jax.Array]:
     def of(e: jax.Array) -> Any:
         shown, s, bad = observe_channels(plan, shift_setup(setup, tangents, e), near, dt, times)
         return shown, (shown, s, bad)
 
     slopes, (shown, s, bad) = jax.jacfwd(of, has_aux=True)(jnp.zeros(len(jax.tree.leaves(tangents)[0]), dt.dtype))
     return shown, slopes, s, bad
-
-
-_differentiate_line = cached_jit(static=("plan",))(_differentiate)
-_differentiate_system = cached_jit(static=("plan",), brief=True)(_differentiate)

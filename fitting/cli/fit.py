@@ -21,6 +21,7 @@ from dropper_jax.cli.options import (
     output_folder,
     print_warnings,
     progress,
+    read_numbers,
     read_scene,
     table,
 )
@@ -34,7 +35,8 @@ if TYPE_CHECKING:
 help = "calibrate a scene to measured angle traces, or to any channels named in a TOML file"
 
 METHODS = ("windows", "shooting", "gradient")
-SAMPLERS = ("importance", "nuts")
+#: Options that no longer exist.
+REMOVED = ("posterior", "sampler")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -116,14 +118,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bootstrap", nargs="?", const=400, type=int, metavar="DRAWS", help="resample blocks of time (default: 400)"
     )
+    for name in REMOVED:
+        parser.add_argument(f"--{name}", nargs="?", const="", help=argparse.SUPPRESS)
     parser.add_argument(
-        "--posterior", nargs="?", const=200, type=int, metavar="DRAWS", help="sample the posterior (default: 200 draws)"
-    )
-    parser.add_argument(
-        "--sampler", choices=SAMPLERS, default="importance", help="of the posterior; nuts also samples window starts"
-    )
-    parser.add_argument(
-        "--accept-misfit", action="store_true", help="exit code 0 even if the model misses the trace (misfit)"
+        "--accept-misfit",
+        action="store_true",
+        help="exit code 0 even if the model misses the trace or its law is wrong",
     )
     parser.add_argument("--plot", metavar="DIR", help="write only the pictures of the fit")
     add_out(parser)
@@ -151,6 +151,8 @@ def run(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
+    if removed := next((name for name in REMOVED if getattr(args, name) is not None), None):
+        raise SceneError(f"--{removed}: was removed. Use --profile or --bootstrap, or sample the loss in Python")
     shared: dict[str, Any] = {
         **{key: getattr(args, key) for key in ("dt", "integrator", "huber", "student", "robust", "iterations")},
         **intervals(args),
@@ -167,6 +169,7 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
 
     from fitting.calibration.fit import fit
+    from fitting.calibration.result import ACCEPTABLE
 
     descent = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
     result = fit(
@@ -175,7 +178,6 @@ def run(args: argparse.Namespace) -> int:
         free,
         method=args.method,
         **shared,
-        sampler=args.sampler,
         until=args.until,
         held_out=spans,
         rest=held_out_spans(args.rest, "--rest"),
@@ -202,7 +204,7 @@ def run(args: argparse.Namespace) -> int:
         draw_fit(result, plot)
     print_warnings(result.warnings)
     code = deliver(args.json, result.to_json(), text(result), out, failure_of(result))
-    return OK if args.accept_misfit and result.status == "misfit" else code
+    return OK if args.accept_misfit and result.status in ACCEPTABLE else code
 
 
 def failure_of(result: SceneFit) -> Failure | None:
@@ -222,7 +224,6 @@ OF_TRACES = {
     ),
     **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models", "accept_misfit"), False),
     "method": "shooting",
-    "sampler": "importance",
 }
 
 
@@ -256,20 +257,9 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
 
 
 def intervals(args: argparse.Namespace) -> dict[str, bool | int | list[str]]:
-    """Arguments of `fit` by --profile, --bootstrap and --posterior."""
+    """Arguments of `fit` by --profile and --bootstrap."""
     profile = args.profile.split(",") if args.profile else args.profile is not None
-    return {"profile": profile, "bootstrap": args.bootstrap or 0, "posterior": args.posterior or 0}
-
-
-def read_numbers(text: str, option: str, reason: str, mark: str = ",", count: int | None = None) -> list[float]:
-    """Numbers separated by `mark`, this many if `count` is given; otherwise the error is `OPTION: TEXT REASON`."""
-    try:
-        found = [float(part) for part in text.split(mark)]
-    except ValueError:
-        found = []
-    if not found or count not in (None, len(found)):
-        raise SceneError(f"{option}: {text!r} {reason}")
-    return found
+    return {"profile": profile, "bootstrap": args.bootstrap or 0}
 
 
 def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:
@@ -332,7 +322,7 @@ def _prior(name: str, text: str) -> tuple[float, float]:
 
 
 def _check_numbers(args: argparse.Namespace) -> None:
-    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap", "posterior"):
+    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap"):
         value = getattr(args, key)
         if value is not None and not value > 0:
             unit = " s" if key in ("until", "window", "dt") else ""
@@ -342,7 +332,7 @@ def _check_numbers(args: argparse.Namespace) -> None:
 def text(result: FitResult) -> str:
     """The result as text."""
     from fitting.calibration.decision import verdict
-    from fitting.report.tables import advice_rows, comparison_rows, interval_rows, parameter_rows, summary
+    from fitting.report.tables import advice_rows, comparison_rows, interval_rows, law_rows, parameter_rows, summary
 
     parts = [table(parameter_rows(result)), listing(summary(result))]
     if len(rows := interval_rows(result)) > 1:
@@ -350,7 +340,7 @@ def text(result: FitResult) -> str:
     if result.freed:
         parts.append("freed: " + "; ".join(candidate.name for candidate in result.freed))
     if result.advice:
-        parts.append(table(advice_rows(result.advice)))
+        parts += [table(law_rows(result.laws)), table(advice_rows(result.advice))]
     if result.comparison:
         parts += [table(comparison_rows(result.comparison)), f"law: {verdict(result.comparison)}"]
     # the reason of a failure follows as the error line

@@ -39,7 +39,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--state", metavar="FILE.json", help="save the search here; resumes an existing one")
     add_plot(parser, "layout and utilisation, before and after,")
     add_out(parser)
-    parser.add_argument("--picture", metavar="FILE.png", help=argparse.SUPPRESS)
     parser.add_argument("--check", action="store_true", help="only check the site and the derivatives")
     add_effects(parser)
     add_json(parser)
@@ -47,7 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    single = output_file(args.picture, "--picture", (".png",))
     plot, out = plot_folder(args.plot), out_file(args.out)
     state = output_file(args.state, "--state", (".json",))
 
@@ -65,11 +63,10 @@ def run(args: argparse.Namespace) -> int:
     found = optimise(site, state, say)
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
-    drawn = single or (plot and picture(plot, "design"))
-    if drawn:
+    if plot:
         from fitting.optimise.run import design_picture
 
-        design_picture(site, found, drawn)
+        design_picture(site, found, picture(plot, "design"))
     status = "ok" if found.feasible else "not_converged"
     plain = {"schema": 1, "status": status, "site": site.name, **found.to_json()}
     code = deliver(args.json, plain, text(found), out)

@@ -5,9 +5,17 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import silent
-from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, progress, register_effects, table
+from dropper_jax.cli.options import (
+    add_effects,
+    add_examples,
+    add_json,
+    add_quiet,
+    progress,
+    read_numbers,
+    register_effects,
+    table,
+)
 from dropper_jax.cli.outputs import add_out, deliver, out_file
-from fitting.cli.fit import read_numbers
 
 help = "plan an experiment: which release, duration and camera determine the parameters best"
 

@@ -29,7 +29,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("site", metavar="SITE.toml", help="the site, with [season] and [[growth]]")
     parser.add_argument("--report", metavar="DIR", help="write season.md, season.csv, season.json and season.png")
-    parser.add_argument("--out", metavar="DIR", help="the same as --report")
     add_plot(parser, "floats and depths by month")
     add_effects(parser)
     add_json(parser)
@@ -37,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    out = output_folder(args.report or args.out, "--report" if args.report else "--out")
+    out = output_folder(args.report, "--report")
     plot = plot_folder(args.plot)
 
     from fitting.season import season, write_season

@@ -12,9 +12,9 @@ from dropper_jax.cli.options import (
     add_run_values,
     add_scene,
     done_object,
-    output_file,
     print_warnings,
     progress,
+    read_named_range,
     read_scene,
 )
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
@@ -49,14 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_plot(parser, "a tornado picture")
     add_out(parser)
-    parser.add_argument("--picture", metavar="FILE.png", help=argparse.SUPPRESS)
     add_run_values(parser, OVERRIDES)
     add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
-    target = plot_folder(args.plot) or output_file(args.picture, "--picture", (".png",))
+    target = plot_folder(args.plot)
     out = out_file(args.out)
     if args.samples < 2:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
@@ -82,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             local_picture(found, picture(target, "tornado"))
     verdict = sensitivity.check_step(problem, box, say)
-    warnings = [*problem.fallbacks.warnings(), *found.warnings, *verdict.warnings]
+    warnings = [*found.warnings, *verdict.warnings]
     print_warnings(warnings)
     failure = verdict.failure
     if not found.finite:
@@ -92,9 +91,5 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:
-    try:
-        name, values = text.split("=")
-        low, high = (float(x) for x in values.split(":"))
-    except ValueError:
-        raise SceneError(f"--range: {text!r} is not NAME=LO:HI; allowed: such as b_l=0.001:0.004") from None
-    return name.strip(), (low, high)
+    name, low, high = read_named_range(text, "--range", "is not NAME=LO:HI; allowed: such as b_l=0.001:0.004")
+    return name, (low, high)

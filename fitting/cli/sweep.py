@@ -24,10 +24,11 @@ from dropper_jax.cli.options import (
     print_result,
     print_warnings,
     progress,
+    read_numbers,
     read_scene,
     table,
 )
-from fitting.cli.fit import add_convention, column_names, read_numbers
+from fitting.cli.fit import add_convention, column_names
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,6 +48,9 @@ NOT_FITTED = ("start", "point", "sea")
 MOST_ROWS = 15
 HOST_COUNT = "xla_force_host_platform_device_count"
 SPACINGS = {"linear": "linspace", "log": "geomspace"}
+#: Maximum number of values of one path.
+MOST_VALUES = 10_000_000
+NOT_VALUES = "is not NAME=LO:HI:N; allowed: N >= 1; also NAME=LO:HI:N:log with LO > 0 and NAME=A,B,C"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -134,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
     except SweepStopped as error:
         return print_result(args.json, {}, failure=("interrupted", str(error)))
     fitted = _fit(args, scene, scores) if args.fit else None
-    warnings = [*result.fallbacks.warnings(), *(scores.warnings if scores else []), *result.verdict.warnings]
+    warnings = [*(scores.warnings if scores else []), *result.verdict.warnings]
     print_warnings(warnings)
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))
     found = {
@@ -150,7 +154,6 @@ def run(args: argparse.Namespace) -> int:
         "compile_s": result.compile_s,
         "run_s": result.run_s,
         "steps_per_s": result.steps_per_s,
-        "vmapped": sorted(result.fallbacks.operations),
         "warnings": warnings,
     }
     if scores:
@@ -206,33 +209,41 @@ def use_cores(count: int | None) -> None:
 
 def _values(option: str) -> tuple[str, np.ndarray]:
     """Path and values of `NAME=LO:HI:N[:log]` or `NAME=A,B,C`."""
-    # maximum number of values of one path
-    most_values = 10_000_000
+    path, _, text = option.partition("=")
+    path = path.strip()
+    if not path:
+        raise SceneError(f"--vary: {option!r} {NOT_VALUES}")
+    if ":" not in text:
+        return path, _listed_values(option, text)
+    return path, _spaced_values(option, path, text)
+
+
+def _listed_values(option: str, text: str) -> np.ndarray:
+    """Values of `A,B,C`; whole numbers stay whole."""
     import numpy as np
 
-    path, equals, text = option.partition("=")
-    try:
-        if not equals or not path.strip():
-            raise ValueError
-        if ":" not in text:
-            return path.strip(), np.array(
-                [int(x) if x.strip().lstrip("+-").isdecimal() else float(x) for x in text.split(",")]
-            )
-        low, high, count, spacing = [*text.split(":"), "linear"][:4]
-        if int(count) < 1:
-            raise ValueError
-        if int(count) > most_values:
-            raise SceneError(f"--vary: {path.strip()} has {int(count)} values; allowed: at most {most_values}")
-        values = getattr(np, SPACINGS[spacing])(float(low), float(high), int(count))
-        # a parameter may be a count, which takes whole numbers only
-        is_count = ScenePath(path.strip()).section == "parameters" and np.array_equal(values, np.round(values))
-        return path.strip(), values.astype(int) if is_count else values
-    except SceneError:
-        raise
-    except (ValueError, KeyError):
-        raise SceneError(
-            f"--vary: {option!r} is not NAME=LO:HI:N; allowed: N >= 1; also NAME=LO:HI:N:log with LO > 0 and NAME=A,B,C"
-        ) from None
+    numbers = read_numbers(text, "--vary", NOT_VALUES, given=option)
+    words = text.split(",")
+    whole = all(word.strip().lstrip("+-").isdecimal() for word in words)
+    return np.array([int(word) for word in words] if whole else numbers)
+
+
+def _spaced_values(option: str, path: str, text: str) -> np.ndarray:
+    """Values of `LO:HI:N[:log]`."""
+    import numpy as np
+
+    limits, _, spacing = text.rpartition(":")
+    if spacing not in SPACINGS:
+        limits, spacing = text, "linear"
+    low, high, count = read_numbers(limits, "--vary", NOT_VALUES, ":", 3, given=option)
+    if count > MOST_VALUES:
+        raise SceneError(f"--vary: {path} has {count:.0f} values; allowed: at most {MOST_VALUES}")
+    if not count.is_integer() or count < 1 or (spacing == "log" and low * high <= 0.0):
+        raise SceneError(f"--vary: {option!r} {NOT_VALUES}")
+    values = getattr(np, SPACINGS[spacing])(low, high, int(count))
+    # a parameter may be a count, which takes whole numbers only
+    is_count = ScenePath(path).section == "parameters" and np.array_equal(values, np.round(values))
+    return values.astype(int) if is_count else values
 
 
 def _result_table(path: Path) -> str:
@@ -259,8 +270,6 @@ def text(found: dict[str, Any], results: str = "") -> str:
         ("wall time", f"{found['compile_s']:.2f} s compilation, {found['run_s']:.2f} s run and saving"),
         ("speed", f"{found['steps_per_s']:.0f} steps per second"),
     ]
-    if found["vmapped"]:
-        pairs.append(("by jax.vmap", f"{', '.join(found['vmapped'])}: two transposes of the cases' axis, same results"))
     scores = _score_table(found["trace"]) if "trace" in found else ""
     return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
 

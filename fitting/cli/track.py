@@ -23,8 +23,8 @@ from dropper_jax.cli.options import (
     print_result,
     print_warnings,
     progress,
+    read_numbers,
 )
-from fitting.cli.fit import read_numbers
 
 if TYPE_CHECKING:
     from fitting.tracking.ordering import AmbiguousOrderError

@@ -14,8 +14,6 @@ from dropper_jax.base.errors import Progress, SceneError, nearest
 from dropper_jax.load.scene import Scene
 from fitting.estimate.gauss_newton import descend
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.nuts import nuts
-from fitting.estimate.posterior import Posterior, importance
 from fitting.estimate.problem import Solution
 from fitting.estimate.sandwich import FEW
 from fitting.estimate.shooting import level_of
@@ -123,9 +121,6 @@ def common_warnings(solution: Solution, u: Uncertainty) -> list[str]:
     ]
 
 
-SAMPLERS = {"importance": importance, "nuts": nuts}
-
-
 @dataclass(kw_only=True)
 class SceneFit:
     """A scene fitted to measurements.
@@ -137,7 +132,6 @@ class SceneFit:
         warnings: one line each.
         profiles: requested profile likelihoods.
         bootstrap: parameters (draws, k) of resampled blocks of time, if requested.
-        posterior: weighted draws of the parameters, if requested.
     """
 
     scene: Scene
@@ -146,7 +140,6 @@ class SceneFit:
     warnings: list[str] = field(default_factory=list)
     profiles: list[Profile] = field(default_factory=list)
     bootstrap: np.ndarray | None = None
-    posterior: Posterior | None = None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -212,12 +205,11 @@ class SceneFit:
         }
 
     def intervals(self) -> dict[str, Any]:
-        """Profiles, bootstrap and posterior as plain values, if requested."""
+        """Profiles and bootstrap as plain values, if requested."""
         keys = ("low", "high", "values", "growth", "converged")
         found = {
             "profile": {p.name: {key: getattr(p, key) for key in keys} for p in self.profiles},
             "bootstrap": self.bootstrap is not None and self.bootstrap_table(),
-            "posterior": self.posterior and self.posterior.to_json(),
         }
         return {name: table for name, table in found.items() if table}
 
@@ -235,23 +227,17 @@ class Intervals:
     Attributes:
         profile: names of free parameters whose profile likelihood is requested; True for all.
         bootstrap: draws over blocks of time.
-        posterior: draws of the parameters.
-        sampler: of the posterior, one of `SAMPLERS`.
 
     Raises:
-        SceneError: one draw of a bootstrap, an unknown sampler.
+        SceneError: one draw of a bootstrap.
     """
 
     profile: Sequence[str] | bool = False
     bootstrap: int = 0
-    posterior: int = 0
-    sampler: str = "importance"
 
     def __post_init__(self) -> None:
         if self.bootstrap < 0 or self.bootstrap == 1:
             raise SceneError(f"bootstrap: {self.bootstrap} draws are too few; allowed: 0 or at least 2")
-        if self.sampler not in SAMPLERS:
-            raise SceneError(f"sampler: {self.sampler!r} is unknown; {nearest(self.sampler, SAMPLERS)}")
 
     def profile_names(self, scene: Scene, parameters: Sequence[Parameter]) -> list[str]:
         """Free parameters whose profile is requested, by their names or those of their fields.
@@ -279,6 +265,3 @@ class Intervals:
             drawn = bootstrap(solution, self.bootstrap)
             result.bootstrap = drawn.draws
             result.warnings += filter(None, [drawn.warning])
-        if self.posterior and solution.status == "ok":
-            result.posterior = SAMPLERS[self.sampler](solution, self.posterior, progress=progress)
-            result.warnings += result.posterior.warnings

@@ -15,14 +15,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.backend.export_cache import Constants
-from dropper_jax.backend.programs import BRIEFLY, compiler_options, lower_cached
+from dropper_jax.backend.programs import compile_program
 from dropper_jax.model import Model
 from dropper_jax.residual import Stepper
 from fitting.estimate.marching import at_samples, choose_stepper, march
 from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.windows import ON_GRID, Starts, Windows
+from fitting.parameters.missing_forces import add_missing_forces
 from fitting.parameters.parameter import Parameter, apply
 from fitting.parameters.target import camera_angles, clock_rate, losses
 from fitting.traces import planar
@@ -83,10 +83,11 @@ class Simulator:
         stepper: Stepper | None = None,
         release: Release | None = None,
         tangents: int | None = None,
+        more: Sequence[Parameter] = (),
     ) -> None:
         self.model, self.parameters = model, tuple(parameters)
         self.release = release and replace(release)  # its poses belong to one model and one list of parameters
-        self.compiled = self.parameters
+        self.compiled = (*self.parameters, *more)
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
         self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
@@ -256,12 +257,13 @@ class Simulator:
             (self.tangents, self.freedoms + len(self.compiled)), jax.dtypes.canonicalize_dtype(float)
         )
         known_by = {
-            **{"key": tuple(key), "stepper": stepper, "model": Constants(self.model), "release": self.release},
+            **{"key": tuple(key), "stepper": stepper, "model": self.model, "release": self.release},
             **{"parameters": self.compiled, "freedoms": self.freedoms, "tangents": self.tangents},
         }
-        program = lower_cached(Simulator.window, known_by, (values, seeds, count, count, *like), batched)
-        # in a batch, windows run equally fast this way and compile in half the time; one by one 1.2 to 1.4 times slower
-        self._programs[key] = program.compile(compiler_options(BRIEFLY) if key.size > 1 else None)
+        arguments = (values, seeds, count, count, *like)
+        # several windows in one batch run as fast without the kernel and compile in half of the time
+        kernel = key.size == 1
+        self._programs[key] = compile_program(Simulator.window, known_by, arguments, batched, kernel)
         self.compile_s += time.perf_counter() - started
         return key, self._programs[key]
 
@@ -289,7 +291,7 @@ class Simulator:
 
         def outputs(x: jax.Array) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array]]:
             z, p = x[: 2 * m], x[2 * m :]
-            model = apply(self.model, self.compiled, p)
+            model = add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
             theta, h, samples = theta0 + basis @ z[:m], dt, (index, fraction)
             release_state = ReleaseState(*more) if self.release else None
             if release_state is not None:

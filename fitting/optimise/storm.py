@@ -35,10 +35,12 @@ from fitting.site import Case, Site
 
 #: Time [s] in which the waves of a window rise; it is not counted.
 WINDOW_RAMP = 10.0
+#: Maximum number of corrections of a step: windows take no shorter steps, and a step in which ropes go slack may need
+#: three times as many as in a run.
+WINDOW_ITERATIONS = 72
 
-# 2 % of the time of a window: the kernel that is slower by a tenth compiles in less than half the time
-_record = cached_jit(static=("stepper", "steps"), brief=True)(record)
-_backward_pass = cached_jit(static=("stepper", "moving"))(backward_pass)
+_record = cached_jit(static=("stepper", "steps"), kernel=True)(record)
+_backward_pass = cached_jit(static=("stepper", "moving"), kernel=True)(backward_pass)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +67,7 @@ def storm_stepper(model: Model) -> Stepper:
     Raises:
         SceneError: a scene without a backward pass.
     """
-    stepper = make_stepper(model, halvings=0, track_work=False)
+    stepper = make_stepper(model, halvings=0, iterations=WINDOW_ITERATIONS, track_work=False)
     check_recordable(stepper, model)
     return stepper
 

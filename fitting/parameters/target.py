@@ -148,7 +148,15 @@ class ReleasePlace:
     section: ClassVar[str] = "release"
 
 
-Target = ModelPlace | Direction | CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | ReleasePlace
+@dataclass(frozen=True)
+class MissingForce:
+    """The size of a force that the scene lacks (`missing_forces`); `field` is its kind."""
+
+    field: str
+    section: ClassVar[str] = "missing"
+
+
+Target = ModelPlace | Direction | CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | ReleasePlace | MissingForce
 
 
 # Observation of a motion by camera, markers and clock: rotated angles and missing frames.

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
-from dropper_jax.base.renamed import old_names
 from dropper_jax.plots import style
 from fitting.calibration.result import FitResult, HeldOut
 from fitting.channels.result import ChannelFit
@@ -203,6 +202,3 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
     for low in axes[-1]:
         low.set_xlabel("t [s]")
     return style.save(figure, path)
-
-
-__getattr__ = old_names(__name__)

@@ -18,7 +18,7 @@ from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
 from fitting.calibration.fit import fit
-from fitting.calibration.one_run import OneRun, check_energy, one_run
+from fitting.calibration.one_run import OneRun, one_run
 from fitting.calibration.result import FitResult, direction_text
 from fitting.channels.result import ChannelFit
 from fitting.estimate.scene_fit import SceneFit
@@ -31,6 +31,7 @@ from fitting.report.tables import (
     channel_summary,
     comparison_rows,
     interval_rows,
+    law_rows,
     named_rows,
     parameter_rows,
     sensitivity_rows,
@@ -76,11 +77,10 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
 
 def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> str:
     """The Markdown text; `full_runs` are uninterrupted runs by the number of their trace."""
-    energy = check_energy(result)
     parts = [
         *_first_parts(result, f"Method `{result.method}`; status"),
         *_quality(summary(result)),
-        *([] if energy is None else ["## Energy", f"Without any simulation: {energy.text} (1: the law is right)."]),
+        *([] if not result.laws.tests else ["## Tests of the law", markdown_table(law_rows(result.laws))]),
         "## Errors along the trace",
         "RMS of measured minus fitted angles [rad], window by window, each with its own start.",
         markdown_table(part_rows(result)),

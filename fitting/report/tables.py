@@ -8,6 +8,7 @@ import numpy as np
 
 from fitting.calibration.advice import Candidate
 from fitting.calibration.law_fits import Law
+from fitting.calibration.laws import LawTests
 from fitting.calibration.result import FitResult
 from fitting.channels.result import ChannelFit
 from fitting.estimate.scene_fit import SceneFit
@@ -27,11 +28,10 @@ def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
 
 
 def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
-    """90 % intervals by profile likelihood, bootstrap and posterior, if requested, with a heading."""
+    """90 % intervals by profile likelihood and bootstrap, if requested, with a heading."""
     given = result.intervals()
     estimates = result.estimates()
     tables = {by: given.get(by, {}) for by in ("profile", "bootstrap")}
-    tables["posterior"] = given.get("posterior", {}).get("parameters", {})
     rows = [("parameter", "by", "90 % low", "high")]
     for by, name, found in ((by, *row) for by, table in tables.items() for row in table.items()):
         digits = significant(estimates[name]["value"], estimates[name]["std_error"])
@@ -125,6 +125,16 @@ def advice_rows(candidates: Sequence[Candidate]) -> list[tuple[str, ...]]:
         if row.identifiable:
             ends = (f"{row.gain:.1f}", f"{row.p:.2g}", " or ".join(["<-", *row.alike]) if row.worth_naming else "")
         rows.append((row.name, ",".join(row.free), *ends))
+    return rows
+
+
+def law_rows(laws: LawTests) -> list[tuple[str, ...]]:
+    """Score tests of forces that the scene lacks, as text."""
+    rows = [("the scene may lack", "size", "std error", "t", "p over all", "changes a value", "frees it")]
+    for test in laws.tests:
+        numbers = (f"{test.change:.3g}", f"{test.error:.2g}", f"{test.t:.1f}", f"{test.p:.2g}")
+        name = " or ".join((test.name, *test.alike))
+        rows.append((name, *numbers, "yes" if test.matters else "no", ",".join(test.free) or "-"))
     return rows
 
 

@@ -123,7 +123,7 @@ class Local:
         }
 
 
-@cached_jit(static=("plan",), brief=True)
+@cached_jit(static=("plan",))
 def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Array:
     return jax.grad(lambda p: plan.evaluate(model, near, p, checkpoint=True)[0])(values)
 

@@ -13,10 +13,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.batches import map_members
+from dropper_jax.backend.one_kernel import one_kernel
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.memory import available_cores
-from dropper_jax.lanes import Fallbacks, lanes
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
@@ -29,12 +30,20 @@ from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
 from dropper_jax.statics.static_pose import nodal_loads
 from dropper_jax.statics.tangent import follow_parameters, free_motion
-from dropper_jax.stepping.integrate import Trajectory, advance_and_save, begin, empty_trajectory, integrate, scan_steps
+from dropper_jax.stepping.integrate import (
+    Trajectory,
+    advance,
+    advance_and_save,
+    begin,
+    empty_trajectory,
+    integrate,
+    scan_steps,
+)
 from dropper_jax.study.march import spare_rows
 from fitting.parameters.of_scene import find_parameters, full_names
 from fitting.parameters.parameter import Parameter, apply, with_effects
 
-#: Number of runs advanced together in global studies.
+#: Number of runs of a global study that a GPU advances together.
 RUNS_TOGETHER = 64
 
 
@@ -67,6 +76,16 @@ class Plan:
         t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.run.dt * self.run.save_every)
         return jnp.where(run.first_bad[-1] < 0, self.of(model, s.r, run, t), jnp.nan)
 
+    def value(self, model: Model, near: State, values: jax.Array) -> jax.Array:
+        """The quantity of the model with these values (p,), by a run whose derivatives are not needed."""
+        model = apply(model, self.parameters, values)
+        s = initial_state(model, self.start, near=near)
+        if self.of.at_rest:
+            return self.measure(model, s, standing(s))
+        march = one_kernel(partial(advance, self.stepper, saves=self.run.saves, save_every=self.run.save_every))
+        _, run = march(model, begin(self.stepper, model, s), jnp.asarray(self.run.dt, model.dtype))
+        return self.measure(model, s, run)
+
     def evaluate(
         self, model: Model, near: State, values: jax.Array, checkpoint: bool = False
     ) -> tuple[jax.Array, Trajectory]:
@@ -82,7 +101,7 @@ class Study:
     """A quantity of a scene as a function of parameters, `study(values)`, values (p,) -> scalar; differentiable.
 
     Without `retries` a step that does not converge makes the value NaN. Derivatives of halved steps take most of the
-    compilation, and few runs need them. `local` and `batch` turn them on if needed.
+    compilation, and few runs need them. `local` turns them on if needed, `batch` always has them.
     """
 
     scene: Scene
@@ -91,7 +110,6 @@ class Study:
     model: Model
     start: State
     retries: bool = False
-    fallbacks: Fallbacks = dataclasses.field(default_factory=Fallbacks)
 
     @property
     def names(self) -> list[str]:
@@ -144,12 +162,10 @@ class Study:
         raise SceneError(f"to: {self.of.name} has no finite derivative by {names}. Use another start or parameter")
 
     def batch(self, values: np.ndarray) -> np.ndarray:
-        """The quantity of many values (cases, p) -> (cases,), `RUNS_TOGETHER` at a time in one compiled program."""
-        padded = np.resize(values, (-(-len(values) // RUNS_TOGETHER) * RUNS_TOGETHER, values.shape[1]))
-        run = jax.jit(lanes(self, fallbacks=self.fallbacks))
-        return np.concatenate([run(jnp.asarray(part)) for part in np.split(padded, len(padded) // RUNS_TOGETHER)])[
-            : len(values)
-        ]
+        """The quantity of many values (cases, p) -> (cases,) by one compiled program; each run halves its own steps."""
+        plan = dataclasses.replace(self, retries=True).plan
+        run = jax.jit(map_members(partial(plan.value, self.model, self.start), together=RUNS_TOGETHER))
+        return np.asarray(run(jnp.asarray(values, self.model.dtype)))
 
 
 def standing(s: State) -> Trajectory:
@@ -206,13 +222,13 @@ def vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
     return Varied(found.tree, [x[-count:].at[unsolved].set(jnp.nan) for x in found.slopes])
 
 
-@cached_jit(static=("plan",), brief=True)
+@cached_jit(static=("plan",))
 def _vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
     """The same for any initial state."""
     return _vary(lambda changed: initial_state(changed, plan.start, s, there=True), plan.parameters, model, values)
 
 
-@cached_jit(static=("plan",), brief=True)
+@cached_jit(static=("plan",))
 def _slopes_at_rest(
     plan: Plan, model: Model, s: State, values: jax.Array, by_value: jax.Array, by_position: jax.Array
 ) -> tuple[jax.Array, Varied]:
@@ -234,7 +250,7 @@ def _slopes_at_rest(
     return jax.vmap(along, out_axes=(0, Varied(None, 0)))(*directions)
 
 
-@cached_jit(static=("stepper", "parameters", "every", "capacity"), brief=True)
+@cached_jit(static=("stepper", "parameters", "every", "capacity"), kernel=True)
 def _vary_run(
     stepper: Stepper,
     parameters: tuple[Parameter, ...],
@@ -262,7 +278,7 @@ def _vary_run(
     return Varied(run.tree, [jnp.swapaxes(x, 0, 1) for x in run.slopes])
 
 
-@cached_jit(static=("plan",), brief=True)
+@cached_jit(static=("plan",))
 def _vary_quantity(plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None) -> Varied:
     """The quantity of a run from `start`, or of the start alone."""
     if run is None:
@@ -319,7 +335,7 @@ def central_differences(problem: Study, say: Progress = silent) -> Differences:
     return Differences(slopes[:, 0], np.abs(slopes[:, 0] - slopes[:, 1]))
 
 
-@cached_jit(static=("plan",), brief=True)
+@cached_jit(static=("plan",))
 def _measure(plan: Plan, model: Model, s: State, run: Trajectory) -> jax.Array:
     return plan.measure(model, s, run)
 

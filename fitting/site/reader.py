@@ -13,7 +13,6 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_number, read_table, read_text, refuse
-from dropper_jax.base.renamed import new_keys
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
@@ -59,7 +58,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
         SceneError: one line with the section, the value and the allowed range.
     """
     file = None if isinstance(source, Mapping) else Path(source)
-    table = new_keys(read_table(source if file is None else parse_toml(site_text(file), str(file)), "site"))
+    table = read_table(source if file is None else parse_toml(site_text(file), str(file)), "site")
     if "line" in table:
         raise SceneError(
             "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"

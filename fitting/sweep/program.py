@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -14,18 +13,25 @@ import numpy as np
 from jax.sharding import PartitionSpec
 
 from dropper_jax import SceneError
+from dropper_jax.backend import is_plain
+from dropper_jax.backend.batches import map_members
 from dropper_jax.backend.one_kernel import one_kernel
-from dropper_jax.backend.programs import BRIEFLY, WIDELY, compiler_options
+from dropper_jax.backend.programs import KERNEL_OPTIONS, OPTIONS, compile_lowered
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.lanes import Fallbacks, lanes
+from dropper_jax.lanes import lanes
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
-from dropper_jax.run.chunks import WORTH_ONE_KERNEL
 from dropper_jax.run.quantities import OVER_STEPS, STATISTICS, quantity_signals
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
 from fitting.parameters.parameter import apply, resolve
-from fitting.sweep.plan import STATUS, Plan, on_processor
+from fitting.sweep.plan import STATUS, Plan
+
+#: Number of steps of all cases from which a system of lines repays the compilation of one kernel; see
+#: `backend.programs.LARGEST_KERNEL`.
+WORTH_ONE_KERNEL = 40_000
+#: Compiler option of lanes: XLA prefers half of the widest vector registers, which takes 1.18 times as long.
+LANES_OPTIONS = {"xla_cpu_prefer_vector_width": 512}
 
 
 class Tally(NamedTuple):
@@ -53,15 +59,12 @@ class Variant:
 
     Attributes:
         plan: with a case of this shape as its base.
-        compiled: its programs by stepper.
+        compiled: its program, None before it is needed.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.plan = plan
-        # Cases of a single line run without halved steps first, and those that fail once more with them: half of the
-        # code and of the compilation, and as one kernel 1.8 times as fast.
-        self.small = plan.stepper if plan.base[0].geometry.branched else plan.stepper.plain
-        self.compiled: dict[Stepper, jax.stages.Compiled] = {}
+        self.compiled: jax.stages.Compiled | None = None
 
     @classmethod
     def of(cls, plan: Plan, values: dict[str, Any], base: tuple[Model, State]) -> Variant:
@@ -76,11 +79,9 @@ class Variant:
 
 
 class Started(NamedTuple):
-    """Cases of one variant in progress: which members they are (members,), arguments, arrays (members, ...)."""
+    """Cases of one variant in progress: which members they are (members,), arrays (members, ...)."""
 
-    variant: Variant
     own: np.ndarray
-    arguments: tuple[Any, ...]
     found: dict[str, jax.Array]
 
 
@@ -120,24 +121,24 @@ class Program:
             None,
         )
         self.mesh = jax.make_mesh((self.devices,), ("device",), devices=jax.local_devices()[: self.devices])
-        self.fallbacks = Fallbacks()
-        # On a CPU, cases of a system run one after another. Processor time of nine cases of a longline (52 links, 750
-        # steps): compilation 8 s and run 5.3 s, against 21 and 6.1 s side by side, 23 and 28 s padded to a chunk of 64.
-        self.system = plan.base[0].geometry.branched and on_processor()
+        # Cases of a line advance side by side, 2.3 times as fast as one after another. Those of a system do not: nine
+        # cases of a longline (52 links, 750 steps) then compile for 21 s in place of 8 and run for 6.1 s in place of
+        # 5.3. Nor do those with set-valued laws, whose search for sticking joints would run in every step.
+        self.side_by_side = not (plan.base[0].geometry.branched or plan.stepper.easing or is_plain())
         self._variants = {_shape_of(plan.base[0]): Variant(plan)}
 
     def compile(self, chunks: list[int]) -> None:
         """Make the programs of these chunks; every call is of the same shapes."""
         for members in self._members(chunks)[0]:
-            self._program(members.variant, members.variant.small, members.arguments)
+            self._program(members.variant, members.arguments)
 
     def __call__(self, chunks: list[int]) -> Pending:
         """Start the chunks (at most one per device); `collect` waits for the results."""
         members, refused = self._members(chunks)
         started = []
         for variant, own, arguments in members:
-            found = self._program(variant, variant.small, arguments)(*arguments)
-            started.append(Started(variant, own, arguments, found))
+            found = self._program(variant, arguments)(*arguments)
+            started.append(Started(own, found))
         return Pending(chunks, refused, started)
 
     def at(self, values: np.ndarray) -> dict[str, np.ndarray]:
@@ -150,13 +151,8 @@ class Program:
     def collect(self, pending: Pending) -> dict[int, dict[str, np.ndarray]]:
         """Results by chunk: each quantity, `status` and `failed_at` (cases,)."""
         refused, found = pending.refused, {}
-        for variant, own, arguments, arrays in pending.started:
-            arrays = {name: np.array(value) for name, value in arrays.items()}
-            failed = own & ~refused & (arrays["status"] != 0)
-            if failed.any() and variant.small.halvings != variant.plan.stepper.halvings:
-                for name, value in self._program(variant, variant.plan.stepper, arguments)(*arguments).items():
-                    arrays[name][failed] = np.asarray(value)[failed]
-            for name, value in arrays.items():
+        for own, arrays in pending.started:
+            for name, value in ((name, np.asarray(array)) for name, array in arrays.items()):
                 whole = found.setdefault(name, self._empty(name, value))
                 whole[(own, *map(slice, value.shape[1:]))] = value[own]
         found["status"] = np.where(refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)
@@ -225,39 +221,25 @@ class Program:
             self._variants[shape] = Variant.of(plan, values, base)
         return shape, base
 
-    def _program(self, variant: Variant, stepper: Stepper, arguments: tuple[Any, ...]) -> jax.stages.Compiled:
-        """The program of a stepper, compiled at its first call; the small one of a batch as one kernel."""
-        if stepper not in variant.compiled:
-            run = partial(run_case, variant.plan, stepper)
-            chunk = one_by_one(run, self.in_axes) if self.system else lanes(run, self.in_axes, self.fallbacks)
-            brief = self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL
-            options = compiler_options((BRIEFLY if brief else {}) if self.system else WIDELY)
-            if not self.system and not stepper.halvings:
-                chunk = one_kernel(chunk)
+    def _program(self, variant: Variant, arguments: tuple[Any, ...]) -> jax.stages.Compiled:
+        """The program of a variant, compiled at its first call; as one kernel, unless its runs are too brief."""
+        if variant.compiled is None:
+            run = partial(run_case, variant.plan, variant.plan.stepper)
+            if self.side_by_side:
+                chunk, options = one_kernel(lanes(run, self.in_axes)), LANES_OPTIONS
+            elif self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL:
+                chunk, options = map_members(run, self.in_axes), OPTIONS
+            else:
+                chunk, options = one_kernel(map_members(run, self.in_axes)), KERNEL_OPTIONS
             specs = tuple(PartitionSpec() if axis is None else PartitionSpec("device") for axis in self.in_axes)
             out = PartitionSpec("device")
             mapped = jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=out, check_vma=False)
-            variant.compiled[stepper] = jax.jit(mapped).lower(*arguments).compile(options)
-        return variant.compiled[stepper]
+            variant.compiled = compile_lowered(jax.jit(mapped).lower(*arguments), options)
+        return variant.compiled
 
 
 def _shape_of(model: Model) -> Shape:
     return jax.tree.structure(model), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(model))
-
-
-def one_by_one(f: Callable[..., Tree], in_axes: tuple[int | None, ...]) -> Callable[..., Tree]:
-    """Map `f` over the first axis of its arguments, as `lanes` does, but one member after another."""
-
-    def run_members(*args: Any) -> Tree:
-        own = [axis is not None for axis in in_axes]
-
-        def one(rows: list[Any]) -> Tree:
-            given = iter(rows)
-            return f(*(next(given) if mapped else arg for arg, mapped in zip(args, own, strict=True)))
-
-        return jax.lax.map(one, [arg for arg, mapped in zip(args, own, strict=True) if mapped])
-
-    return run_members
 
 
 def stack(trees: list[Tree]) -> Tree:

@@ -16,7 +16,6 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.memory import versions
 from dropper_jax.effects import register_installed
-from dropper_jax.lanes import Fallbacks
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.members import StepVerdict, check_steps
 from dropper_jax.run.storage import extra
@@ -44,7 +43,6 @@ class SweepResult:
         steps: time steps of one case.
         compile_s, run_s: wall time of the first chunks' compilation, and of everything after it [s].
         steps_per_s: steps of all cases that this call ran over `run_s`, saving included.
-        fallbacks: operations that ran by `vmap` instead of the batched kernels.
         plan: the sweep.
         verdict: on the step, from the runs of extreme cases (see `run.members`); stored as attribute `step_check`.
     """
@@ -57,7 +55,6 @@ class SweepResult:
     compile_s: float
     run_s: float
     steps_per_s: float
-    fallbacks: Fallbacks
     plan: Plan
     verdict: StepVerdict
 
@@ -90,8 +87,8 @@ def sweep(
         seeds: number of realisations of a random sea.
         quantities: names from `QUANTITIES`, default all.
         traces: also store positions and tensions at every saved time.
-        chunk: cases that a device runs before they are stored. Those of a single line advance together; default 64,
-            which keep 7 links in the cache of a core. Those of a system run one after another; default 1.
+        chunk: cases that a device runs before they are stored. Those of a single line advance side by side; default
+            64, which keep 7 links in the cache of a core. Those of a system run one after another; default 1.
         scheduler: a Dask client or the address of a scheduler; its workers run the chunks.
         progress: called with the fraction done and a line of text.
         mix_versions: resume a part that was made with other versions of JAX or of this package.
@@ -116,7 +113,7 @@ def sweep(
 
 def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> SweepResult:
     """Run the missing chunks."""
-    plan, fallbacks = store.plan, Fallbacks()
+    plan = store.plan
     todo = [c for c in range(plan.chunks) if not store.has(c)]
     missing = sum(len(plan.cases_of(c)) for c in todo)
     before, started, compile_s, run_s, ran = plan.cases - missing, time.perf_counter(), 0.0, 0.0, 0
@@ -127,7 +124,7 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         return f"{rate * plan.scene.run.steps:.0f} steps/s, {left:.0f} s left"
 
     if todo:
-        source = _local(plan, todo, fallbacks) if scheduler is None else _remote(plan, todo, scheduler, fallbacks)
+        source = _local(plan, todo) if scheduler is None else _remote(plan, todo, scheduler)
         compile_s = time.perf_counter() - started
         ran = store.fill(source, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
         run_s = time.perf_counter() - started - compile_s
@@ -145,18 +142,16 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         compile_s=compile_s,
         run_s=run_s,
         steps_per_s=rate,
-        fallbacks=fallbacks,
         plan=plan,
         verdict=verdict,
     )
 
 
-def _local(plan: Plan, todo: list[int], fallbacks: Fallbacks) -> Iterator[tuple[int, Found]]:
+def _local(plan: Plan, todo: list[int]) -> Iterator[tuple[int, Found]]:
     """Results chunk by chunk, of a program that is compiled here."""
     program = _program(json.dumps(plan.identity()), None)
     groups = [todo[i : i + program.devices] for i in range(0, len(todo), program.devices)]
     program.compile(groups[0])
-    fallbacks.join(program.fallbacks)
     return _results_ahead(program, groups)
 
 
@@ -181,20 +176,19 @@ def run_at(plan: Plan, values: np.ndarray) -> Found:
     return _program(json.dumps(plan.identity()), None).at(values)
 
 
-def run_chunk(identity: str, chunk: int) -> tuple[Found, Fallbacks]:
-    """One chunk of the sweep with this identity, on a worker; and the operations that ran by `vmap`."""
+def run_chunk(identity: str, chunk: int) -> Found:
+    """One chunk of the sweep with this identity, on a worker."""
     register_installed()
     program = _program(identity, 1)
-    return program.collect(program([chunk]))[chunk], program.fallbacks
+    return program.collect(program([chunk]))[chunk]
 
 
-def _remote(plan: Plan, todo: list[int], scheduler: Scheduler, recorded: Fallbacks) -> Iterator[tuple[int, Found]]:
+def _remote(plan: Plan, todo: list[int], scheduler: Scheduler) -> Iterator[tuple[int, Found]]:
     """Results in the order in which the workers of a cluster finish, from the first one, which had to be compiled."""
 
     def results_of_chunks() -> Iterator[tuple[int, Found]]:
         identity = json.dumps(plan.identity())
-        for i, (found, fallbacks) in done_on(scheduler, run_chunk, [(identity, chunk) for chunk in todo]):
-            recorded.join(fallbacks)
+        for i, found in done_on(scheduler, run_chunk, [(identity, chunk) for chunk in todo]):
             yield todo[i], found
 
     results = results_of_chunks()

@@ -15,7 +15,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.renamed import old_names
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import from_angles
 
@@ -117,6 +116,3 @@ def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax
 def wrap(angle: Angles) -> Angles:
     """The angle [rad] as the shortest turn, between -pi and pi."""
     return angle - 2 * np.pi * (angle / (2 * np.pi)).round()
-
-
-__getattr__ = old_names(__name__)

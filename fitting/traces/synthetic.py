@@ -69,7 +69,7 @@ def simulate_truth(
     return Motion(np.arange(frames + 1) / rate, np.asarray(nodes_at(free)))
 
 
-@cached_jit(static=("stepper", "steps", "every"))
+@cached_jit(static=("stepper", "steps", "every"), kernel=True)
 def _run(stepper: Stepper, model: Model, start: State, h: float, steps: int, every: int) -> Trajectory:
     dt = jnp.asarray(h, model.dtype)
     return advance(stepper, model, begin(stepper, model, start), dt, steps // every, every)[1]

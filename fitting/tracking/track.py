@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.renamed import old_attribute
 from fitting.traces.trace import FEWEST, Trace
 from fitting.tracking.calibration import Lens, calibrate, plane_from_board
 from fitting.tracking.chain_check import LARGEST_ERROR, why_no_chain
@@ -70,8 +69,6 @@ class Tracked:
     marks: Marks
     slant: tuple[float, float] | None = None
     exposure: float = 0.0
-
-    __getattr__ = old_attribute
 
     @property
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
@@ -221,9 +218,9 @@ def track(
 
 def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:
     if begin < 0 or (end is not None and end <= begin):
-        raise SceneError(f"--begin, --end: {begin:g} to {end} s; allowed: 0 <= begin < end")
+        raise SceneError(f"--from, --until: {begin:g} to {end} s; allowed: 0 <= from < until")
     if film.announced and begin * film.fps >= film.announced:
-        raise SceneError(f"--begin: {begin:g} s is after the end; allowed: below {film.announced / film.fps:.3g} s")
+        raise SceneError(f"--from: {begin:g} s is after the end; allowed: below {film.announced / film.fps:.3g} s")
     return round(begin * film.fps), None if end is None else round(end * film.fps)
 
 

@@ -26,8 +26,6 @@ MODULES = {
 #: Attributes written past a frozen class, all of classes that compare by identity (`eq=False`) or are no class of this
 #: project; none is a static argument by value.
 WRITTEN = {
-    "dropper_jax/backend/programs.py",  # functions of JAX's own modules
-    "dropper_jax/backend/export_cache.py",  # the same
     "dropper_jax/run/growth.py",  # an equilibrium of a scene, which follows from the scene
     "fitting/channels/problem.py",
     "fitting/estimate/windows.py",

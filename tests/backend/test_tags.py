@@ -185,6 +185,7 @@ def names(cases):
 SCENE = """
 import json, sys
 import dropper_jax as dj
+dj.store_programs(sys.argv[2])
 found = dj.simulate("dropper-release-a", duration=0.5, **json.loads(sys.argv[1]))
 again = dj.simulate("dropper-release-a", duration=0.5, **json.loads(sys.argv[1]))
 assert found.status == again.status == "ok"
@@ -231,9 +232,8 @@ def test_a_tagged_function_has_the_values_of_the_plain_one(tags, name):
     assert tags[name] > 0
 
 
-@pytest.mark.parametrize("setting", [{"DROPPER_ONE_KERNEL": "off"}, {"DROPPER_BACKEND": "plain"}])
-def test_the_environment_disables_tags(setting):
-    assert output(START + TAGGED["of value and grad"] + END, **setting) == 0
+def test_the_plain_backend_has_no_tags():
+    assert output(START + TAGGED["of value and grad"] + END, DROPPER_BACKEND="plain") == 0
 
 
 @pytest.mark.parametrize("name", names(PLAIN))
@@ -243,11 +243,10 @@ def test_what_cannot_be_one_kernel_is_the_plain_function(tags, name):
 
 @pytest.mark.check
 @pytest.mark.parametrize("solver", ["auto", "dense"])  # the second has no tag
-def test_runs_are_the_same_with_tags_caches_and_none_of_them(solver, tmp_path):
-    settings = json.dumps({"solver": solver})
-    cached = {"DROPPER_COMPILE_CACHE": str(tmp_path), "DROPPER_KEEP_TRACES": "on"}
-    plain = output(SCENE, settings, DROPPER_BACKEND="plain")[0]
-    first, second = output(SCENE, settings, **cached), output(SCENE, settings, **cached)
+def test_runs_are_the_same_with_tags_stored_programs_and_none_of_them(solver, tmp_path):
+    settings = json.dumps({"solver": solver}), str(tmp_path)
+    plain = output(SCENE, *settings, DROPPER_BACKEND="plain")[0]
+    first, second = output(SCENE, *settings), output(SCENE, *settings)
     assert any(tmp_path.iterdir())
     assert first[0] == first[1] == second[0]
     np.testing.assert_allclose(first[0], plain, rtol=0, atol=1e-11)

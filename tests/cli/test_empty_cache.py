@@ -1,6 +1,7 @@
-"""Every command by an example of its own in a fresh process without any kept program, as on a new machine."""
+"""Every command by an example: without stored programs, as on a new machine, and with those that it stored."""
 
 import os
+import shutil
 import subprocess
 import sys
 from importlib.metadata import entry_points
@@ -17,7 +18,6 @@ EXAMPLES = {
     "design": "paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
     "doctor": "--repeats 2",
     "equilibrium": "dropper-release-a",
-    "figure": "",
     "fit": "trace.csv --scene dropper-release-a --free b_l --method windows --until 1.0",
     "frequency": "wet-pendulum-wave --sea-states 0.1:3 --frequencies 4",
     "growth": "mussels.toml --months 6",
@@ -66,9 +66,11 @@ def test_every_command_has_an_example():
 
 @pytest.mark.check
 @pytest.mark.parametrize("command", EXAMPLES)
-def test_the_command_ends_well_without_any_kept_program(command, workshop, tmp_path):
+def test_the_command_ends_well_without_stored_programs_and_with_those_that_it_has_stored(command, workshop, tmp_path):
     environment = {key: x for key, x in os.environ.items() if not key.startswith(("DROPPER_", "XLA_FLAGS"))}
-    environment |= {"XDG_CACHE_HOME": str(tmp_path / "cache"), "DROPPER_TRACEBACK": "1"}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONDEVMODE": "1"}
     call = [sys.executable, "-m", "dropper_jax", command, *EXAMPLES[command].split()]
-    done = subprocess.run(call, cwd=workshop, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{done.stdout[-1000:]}\n{done.stderr[-2000:]}"
+    for start in ("first", "second"):
+        folder = shutil.copytree(workshop, tmp_path / start)
+        done = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{start} start: {done.stdout[-1000:]}\n{done.stderr[-2000:]}"

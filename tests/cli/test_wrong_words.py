@@ -49,6 +49,7 @@ def folder(tmp_path_factory):
             "design paper-case-4 --vary line.chain.length=52:51 --target tension.chain.last --value 3730",
             "vary: line.chain.length: 52 to 51 is an empty range",
         ),
+        ("sweep string --listed x.csv --out x.zarr", "unrecognized arguments: --listed x.csv"),
         ("growth mussels.toml --months 13", "--months: 13 is out of range; allowed: 0 to 12 months"),
         ("growth longline.toml", "`density`, as `dropper new mussels` writes"),
         (

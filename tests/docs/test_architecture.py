@@ -33,9 +33,3 @@ def test_a_name_of_the_architecture_exists(name):
 def test_every_folder_is_on_the_page(package):
     folders = {f"{package}.{path.parent.name}" for path in (ROOT / package).glob("*/__init__.py")}
     assert folders <= set(NAMES)
-
-
-@pytest.mark.parametrize("heading", ["One run and its step", "One fit"])
-def test_a_call_list_has_ten_lines(heading):
-    section = TEXT.split(f"## {heading}\n")[1].split("\n## ")[0]
-    assert len(re.findall(r"^\| `", section, re.MULTILINE)) == 10

@@ -49,9 +49,6 @@ ELSEWHERE = {
     "frequency": "tests/study/test_frequency.py",
     "season": "tests/fitting/season/test_season.py",
     "sweep dropper-release-a --paired --trace": "tests/fitting/sweep/test_against_trace.py",
-    "figure all": "tests/cli/test_outputs.py",
-    "figure paper": "tests/cli/test_outputs.py",
-    "figure thesis": "tests/cli/test_outputs.py",
 }
 #: Pages whose Python runs in tests of their own, or asks for data that only a user has.
 PYTHON_ELSEWHERE = {
@@ -76,8 +73,7 @@ def commands() -> list[str]:
         ]
         for text in texts:
             for line in re.sub(r"\\\n\s*", " ", text).splitlines():
-                # lines of usage on the generated page are no commands
-                if line.startswith("dropper ") and "[options]" not in line:
+                if line.startswith("dropper "):
                     found |= dict.fromkeys(part.split("  #")[0].strip() for part in line.split(" && "))
     return list(found)
 

@@ -82,7 +82,7 @@ class Commands:
 def commands(tmp_path_factory):
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     kept = str(tmp_path_factory.mktemp("programs"))
-    return Commands({**os.environ, "PYTHONPATH": path, "DROPPER_COMPILE_CACHE": kept})
+    return Commands({**os.environ, "PYTHONPATH": path, "XDG_CACHE_HOME": kept})
 
 
 @pytest.fixture(scope="module")

@@ -224,7 +224,7 @@ def values_of(cls: type) -> list[tuple[str, str, Any, dict[str, Any]]]:
         found = rows("run", dt=0.05, duration=2.0, integrator="theta", solver="dense", dtype="float32", save_every=2)
         return [
             *found,
-            *rows("run", step_tolerance=0.1),
+            *rows("run", accuracy=0.01),
             *rows("run", {"run.integrator": "tsit5"}, error_tolerance=1e-3),
         ]
     if cls is FailureSpec:

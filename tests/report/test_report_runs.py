@@ -111,7 +111,7 @@ def test_paraview_series_holds_the_links_of_every_line_and_no_link_between_lines
 
 def test_command_writes_report_json_and_pictures(longline, tmp_path, capsys):
     file = longline().save(tmp_path / "run.npz")
-    assert main(["report", str(file), "--out", str(tmp_path / "out"), "--json", "--slack", "5"]) == 0
+    assert main(["report", str(file), "--report", str(tmp_path / "out"), "--json", "--slack", "5"]) == 0
     printed = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert (printed["schema"], printed["status"]) == (1, "ok")
     assert printed["settings"]["slack"]["value"] == 5.0
@@ -148,7 +148,7 @@ def test_report_of_a_failed_run_exits_with_3_and_says_why(longline, tmp_path, ca
         (["run.npz", "--snap", "1", "--slack", "2"], "--snap: 1 is not above --slack"),
         (["run.npz", "--confidence", "1"], "--confidence: 1 is out of range"),
         (["run.npz", "--every", "0"], "--every: 0"),
-        (["run.npz", "--out", "text.npz"], "--out: 'text.npz' is a file"),
+        (["run.npz", "--report", "text.npz"], "--report: 'text.npz' is a file"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(longline, made, tmp_path, capsys, monkeypatch, more, words):

@@ -15,7 +15,7 @@ ARRAYS = ("t", "t_tension", "positions", "velocities", "tension", "work", "kinet
 PENDULUM = "conical-pendulum-damped"
 #: A line that hangs and snaps taut, with its drag: steps that follow, work, a held end that moves.
 ROPE = {
-    "run": {"dt": 0.02, "duration": 0.4, "step_tolerance": 0.02},
+    "run": {"dt": 0.02, "duration": 0.4, "accuracy": 0.01},
     "point": [{"name": "top", "position": [0.0, 0.0, 0.0]}, {"name": "load", "position": [0.85, 0, 0], "kind": "free"}],
     "line": [
         {
@@ -45,7 +45,7 @@ def halves(scene, tmp_path, suffix, **settings):
         (ROPE, ".nc", {}),
         ("measured-double-pendulum", ".npz", {"dt": 0.01, "duration": 0.4}),
     ],
-    ids=["equal", "every-third", "held-error", "following-snaps", "sticking-joints"],
+    ids=["equal", "every-third", "held-error", "following-accuracy", "sticking-joints"],
 )
 def test_two_halves_are_the_whole_to_the_bit(scene, suffix, settings, tmp_path):
     if suffix == ".nc":

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from moordyn_point import run_point
 from scipy.optimize import brentq
 
 import dropper_jax as dj
-from dropper_jax.study.peers.moordyn_run import run_point
 
 #: Table 6 [m].
 ANCHOR, BUOY = (0.0, 0.0, -30.0), (30.0, 0.0, -4.43)

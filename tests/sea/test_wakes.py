@@ -126,7 +126,7 @@ def test_rows_behind_each_other_meet_less_and_less():
 
 
 def test_a_dense_farm_is_slowed_as_much_as_was_measured():
-    # Plew et al. (2005): 36 to 63 % within the farm; their whole layout is in benchmarks/farm_wakes.py
+    # Plew et al. (2005): 36 to 63 % within the farm
     elements, _ = block(20, half=12)
     wakes = solve_wakes(elements, 0.2, 11.0)
     assert 0.36 < 1.0 - wakes.met.mean() / 0.2 < 0.63

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import layouts
 import numpy as np
 import pytest
 from scipy.optimize import brentq, fsolve
@@ -24,7 +23,6 @@ CHAIN = {"mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "cdn": 1.4, "cdt": 0.
 FLOATING = {"mass": 0.8, "diameter": 0.035, "EA": 1e6, "cdn": 1.2, "cdt": 0.02}
 #: Steps of a slow motion from a guess to rest.
 SLOW_STEPS = 1000
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 def scene(length, links, start, end, kind, depth, speed=0.0):
@@ -168,10 +166,6 @@ def test_slow_motion_ends_where_descent_does_with_the_stiffness_of_all_forces():
 
 
 @pytest.mark.check
-def test_random_longlines_are_found_balanced_and_stable(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))  # its modules import one another, as scripts do
-    spec = importlib.util.spec_from_file_location("layouts", BENCHMARKS / "layouts.py")
-    layouts = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(layouts)
+def test_random_longlines_are_found_balanced_and_stable():
     rows = [layouts.judged(seed) for seed in range(48)]
     assert [row["name"] for row in rows if not row["ok"]] == []

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import csv
-import importlib.util
 import json
 from dataclasses import replace
-from pathlib import Path
 
+import against_moorpy
 import numpy as np
 import pytest
 
@@ -16,7 +15,6 @@ import dropper_jax as dj
 from dropper_jax import mooring_stiffness
 from dropper_jax.cli import stiffness as command
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 #: Nearly weightless wire, drawn tight along x.
 EA, LENGTH, SPAN = 1e4, 8.0, 8.1
 WIRE = {
@@ -75,11 +73,7 @@ def test_a_held_point_is_pulled_as_poses_sought_anew_tell(wire):
     ["bridles", pytest.param("floats", marks=pytest.mark.check), pytest.param("spread", marks=pytest.mark.check)],
 )
 def test_sample_systems_are_as_stiff_as_moorpy_says(name):
-    spec = importlib.util.spec_from_file_location("against_moorpy", BENCHMARKS / "against_moorpy.py")
-    peer = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(peer)
-    known = json.loads((BENCHMARKS / "results" / "moorpy_stiffness.json").read_text())["systems"][name]
-    assert peer.stiffness(name, known)[0] < 0.01
+    assert against_moorpy.stiffness(name, against_moorpy.known("stiffness")[name])[0] < 0.01
 
 
 def test_what_is_no_point_or_not_held_is_named(wire):

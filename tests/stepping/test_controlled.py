@@ -182,7 +182,7 @@ def test_motion_without_bounds_is_no_success():
         ("dropper-current", {}, "the scene has added mass; use energy_momentum"),
         ("measured-single-pendulum", {}, "use energy_momentum"),
         ("dropper-release-a", {"run.solver": "dense"}, "run.solver: 'dense' is given, but integrator 'dop853'"),
-        ("dropper-release-a", {"run.step_tolerance": 0.1}, "controls its own error; use run.error_tolerance"),
+        ("dropper-release-a", {"run.accuracy": 0.1}, "controls its own error; use run.error_tolerance"),
         ("dropper-release-a", {"run.error_tolerance": 1e-15}, "is below the resolution of float64"),
         ("dropper-release-a", {"run.error_tolerance": 0.0}, "run.error_tolerance: 0.0 is out of range"),
         (

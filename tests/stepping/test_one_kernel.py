@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import one_kernel, scatter_add
+from dropper_jax import scatter_add
 from dropper_jax.backend import tridiagonal
-from dropper_jax.backend.one_kernel import FLAG, LIMIT, OPTION, in_force, is_inline, with_option
+from dropper_jax.backend.one_kernel import is_inline
 from dropper_jax.study.march import march_held
 
 PROGRAM = """
 import json, sys
 import dropper_jax as dj
-assert dj.one_kernel()
 import jax
 
 found = {}
@@ -29,7 +28,7 @@ for case in sys.argv[1:]:
     model, s = dj.build(scene)
     stepper = dj.make_stepper(model, scheme, track_work=False).plain
     run = lambda m, s: dj.integrate(stepper, m, s, scene.run.dt, 50)[0].r.sum()
-    run = jax.jit(jax.value_and_grad(run, allow_int=True) if kind == "gradient" else run)
+    run = dj.one_kernel(jax.value_and_grad(run, allow_int=True) if kind == "gradient" else run)
     text = run.lower(model, s).compile().as_text()
     entry = text[text.index("ENTRY"):].splitlines()
     loops = [line for line in entry if " while(" in line]
@@ -81,28 +80,6 @@ def test_error_controlled_runs_consist_of_operations_that_compile_to_one_kernel(
 @pytest.mark.parametrize("case", LARGE)
 def test_runs_of_longlines_and_farms_are_one_small_call(case):
     assert compiled(case)[case] == {"loops": 0, "small": 1, "called": []}
-
-
-def test_the_option_comes_first_and_joins_others(monkeypatch):
-    assert with_option("") == f"{FLAG}={OPTION}"
-    assert with_option("word --a=1") == f"{FLAG}={OPTION} word --a=1"
-    assert with_option(f"--a=1 {FLAG}=b=2 c") == f"{FLAG}=b=2,{OPTION} --a=1 c"
-    for flags, expected in (
-        ("", False),
-        (f"--a=1 {FLAG}={OPTION}", True),
-        (f"word {FLAG}={OPTION}", False),  # not read after a word without dashes
-        (f"{FLAG}={LIMIT}=0", False),
-        (with_option(f"{FLAG}=b=2"), True),
-    ):
-        monkeypatch.setenv("XLA_FLAGS", flags)
-        assert in_force() is expected, flags
-
-
-def test_it_cannot_be_had_once_jax_has_begun(monkeypatch):
-    jnp.zeros(1)
-    monkeypatch.setenv("XLA_FLAGS", "--a=1")
-    assert not one_kernel()
-    assert os.environ["XLA_FLAGS"] == "--a=1"
 
 
 def system(rows, seed, ratio=1.0, taut=0.0):

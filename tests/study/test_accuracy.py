@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+from hard_scenes import chain
 
 import dropper_jax as dj
 from dropper_jax import load_scene
@@ -16,7 +17,6 @@ from dropper_jax.study.accuracy import accuracy, advice, euler_claims, numerical
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import Scheme, link_vectors, parse, rms_angle
 from dropper_jax.study.reference import instant_tension, reference
-from dropper_jax.study.stability.scenes import chain
 from dropper_jax.study.step_choice import choose_step
 
 SCENE = "dropper-release-a-undamped"

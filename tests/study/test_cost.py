@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contact_cases import sledge
 
 from dropper_jax import build, load_scene, make_stepper
 from dropper_jax.cli import main
 from dropper_jax.effects import EFFECTS
 from dropper_jax.study.cost import Unused, Variant, program, proof, without_effects
-from dropper_jax.study.stability.contact_cases import sledge
 
 SCENE = "dropper-release-a"
 

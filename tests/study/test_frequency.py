@@ -142,7 +142,7 @@ def test_runs_in_time_are_reported_beside_the_response(capsys, monkeypatch):
     ("words", "message"),
     [
         (["--runs", "2"], "--runs: needs sea states"),
-        (["--sea-states", "1:2:3"], "--sea-states: needs HS:TP"),
+        (["--sea-states", "1:2:3"], "--sea-states: '1:2:3' is not HS:TP"),
         (["--sea-states", "0:5"], "--sea-states: a height or period is missing or not positive"),
         (["--table", "missing.csv"], "--table: missing.csv: No such file"),
         (["--duration", "0"], "--duration: 0 is out of range"),

@@ -7,10 +7,10 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from hard_scenes import chain
 
 import dropper_jax as dj
 from dropper_jax.study.reference import horizon, lyapunov
-from dropper_jax.study.stability.scenes import chain
 
 
 def test_an_upside_down_pendulum_leaves_at_its_rate() -> None:

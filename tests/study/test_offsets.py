@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
-from pathlib import Path
 
+import against_moorpy
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -15,7 +14,6 @@ import dropper_jax as dj
 from dropper_jax.cli import offset as command
 from dropper_jax.study.offsets import offset_curves
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 #: Two hanging chains on either side of a fixed point: length, span [m] and weight [N/m].
 LENGTH, SPAN, WEIGHT = 40.0, 30.0, 2.0 * 9.81
 CHAINS = {
@@ -80,11 +78,7 @@ def test_points_displaced_together_keep_the_force_between_them():
     [pytest.param(name, marks=pytest.mark.check) for name in ("spread", "bridles", "edulis")],
 )
 def test_restoring_forces_are_moorpys_within_a_percent(name):
-    spec = importlib.util.spec_from_file_location("against_moorpy", BENCHMARKS / "against_moorpy.py")
-    peer = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(peer)
-    known = json.loads((BENCHMARKS / "results" / "moorpy_offsets.json").read_text())["curves"][name]
-    assert peer.offsets(name, known)[0] < 0.01
+    assert against_moorpy.offsets(name, against_moorpy.known("offsets")[name])[0] < 0.01
 
 
 def called(*words):

@@ -6,12 +6,12 @@ import json
 
 import numpy as np
 import pytest
+import sea_cases
 
 import dropper_jax as dj
 from dropper_jax import as_toml
 from dropper_jax.cli import main
 from dropper_jax.study.sea_facts import responses
-from dropper_jax.study.stability import sea_cases
 
 
 def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, capsys):

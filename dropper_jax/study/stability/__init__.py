@@ -5,53 +5,25 @@ from __future__ import annotations
 
 from typing import Any
 
-from dropper_jax.study.peers.moordyn_run import moordyn_there
-from dropper_jax.study.stability import (
-    breaking_cases,
-    contact_cases,
-    energy_cases,
-    flow_cases,
-    line_cases,
-    moving_end_cases,
-    rod_cases,
-    rope_cases,
-    sea_cases,
-)
-from dropper_jax.study.stability.case import Case, Outcome, baselines, peers
-
-PARTS = (
-    energy_cases,
-    *(contact_cases, rope_cases, moving_end_cases, breaking_cases, sea_cases, flow_cases, line_cases),
-    rod_cases,
-)
-
-
-def all_cases() -> list[Case]:
-    """The catalogue."""
-    return [case for part in PARTS for case in part.CASES]
+from dropper_jax.study.stability.case import Case, Outcome, all_cases
+from dropper_jax.study.stability.march import baselines
+from dropper_jax.study.stability.measures import MEASURES
 
 
 def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str, Any]:
-    """The row of a case: {name, claim, measured, limit, unit, ok, status, baseline_thesis}.
-
-    Where the package `moordyn` is installed (extra `peers`) there is `peers` as well, None for what it is not given.
-    """
-    found = case.measure(short)
-    ok = found.status == case.expected and found.measured <= case.limit
-    baseline = baselines(*found.compare) if compare and found.compare else None
-    row = {
+    """The row of a case: {name, claim, measured, limit, unit, ok, status, baseline_thesis}."""
+    found = MEASURES[case.measure](case, short)
+    holds = found.status == case.expected and found.measured <= case.limit
+    return {
         "name": case.name,
         "claim": case.claim,
         "measured": found.measured,
         "limit": case.limit,
         "unit": case.unit,
-        "ok": bool(ok),
+        "ok": bool(holds),
         "status": found.status,
-        "baseline_thesis": baseline,
+        "baseline_thesis": baselines(case) if compare else None,
     }
-    if moordyn_there():
-        row["peers"] = peers(found.watched, case.limit) if compare and found.watched else None
-    return row
 
 
 __all__ = ["Case", "Outcome", "all_cases", "evaluate"]

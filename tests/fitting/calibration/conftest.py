@@ -5,7 +5,8 @@ and p_n the nodes:
 
     sum_k A_jk cos(phi_j - phi_k) phi_k'' = -sum_k A_jk sin(phi_j - phi_k) phi_k'^2 - g sin(phi_j) sum_i m_i a_ij + Q_j
     A_jk = sum_i m_i a_ij a_ik + I_j delta_jk
-    Q_j = -c (w_j - w_{j-1}) + c (w_{j+1} - w_j) - b_q sum_{n >= j} |p_n'| p_n' . dp_n/dphi_j
+    Q_j = T(w_j - w_{j-1}) - T(w_{j+1} - w_j) - b_q sum_{n >= j} |p_n'| p_n' . dp_n/dphi_j
+    T(w) = -c w - tau tanh(w / 0.005 rad/s)
 """
 
 from types import SimpleNamespace
@@ -27,13 +28,19 @@ FREE = ["effects.joint_friction.viscous", "effects.quadratic_damping.b_q"]
 G, RATE, DURATION, NOISE, WINDOW = 9.81, 30.0, 9.6, 0.005, 1.2
 
 
-def acceleration(phi, w, quadratic):
+def torque(w, dry):
+    """Torque of a joint whose links turn at w relative to each other."""
+    return -VISCOUS * w - dry * np.tanh(w / 5e-3)
+
+
+def acceleration(phi, w, quadratic, dry=0.0):
     """phi'' of the two rods."""
     lever = np.array([[CENTRE[0], 0.0], [LENGTH[0], CENTRE[1]]])
     square = np.einsum("i,ij,ik->jk", MASS, lever, lever) + np.diag(INERTIA)
     apart = phi[:, None] - phi[None, :]
     force = -(square * np.sin(apart)) @ w**2 - G * np.sin(phi) * (MASS @ lever)
-    force -= VISCOUS * np.array([w[0] - (w[1] - w[0]), w[1] - w[0]])
+    joints = torque(np.array([w[0], w[1] - w[0]]), dry)
+    force += np.array([joints[0] - joints[1], joints[1]])
     turn = LENGTH[:, None] * np.stack([np.cos(phi), np.sin(phi)], axis=1)
     speed = np.cumsum(w[:, None] * turn, axis=0)
     drag = -quadratic * np.linalg.norm(speed, axis=1, keepdims=True) * speed
@@ -41,10 +48,10 @@ def acceleration(phi, w, quadratic):
     return np.linalg.solve(square * np.cos(apart), force)
 
 
-def swing(phi0, duration=DURATION, quadratic=QUADRATIC, rate=RATE):
+def swing(phi0, duration=DURATION, quadratic=QUADRATIC, rate=RATE, dry=0.0):
     """Times and angles (k, 2) from straight down."""
     t = np.arange(round(duration * rate) + 1) / rate
-    slope = lambda t, y: np.concatenate([y[2:], acceleration(y[:2], y[2:], quadratic)])  # noqa: E731
+    slope = lambda t, y: np.concatenate([y[2:], acceleration(y[:2], y[2:], quadratic, dry)])  # noqa: E731
     found = solve_ivp(slope, (0, t[-1]), [*phi0, 0, 0], method="DOP853", t_eval=t, rtol=1e-11, atol=1e-12)
     return t, found.y[:2].T
 

@@ -11,7 +11,7 @@ from dropper_jax import SceneError
 from fitting import compare, fit
 from fitting.calibration.comparison import Law, with_bic
 from fitting.calibration.fit import estimate, summarise
-from fitting.calibration.one_run import PARTED, check_energy, energy_check, one_run
+from fitting.calibration.one_run import PARTED, one_run
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.gradient import ARRIVED, GradientDescent, Spectrum
 from fitting.estimate.normal_equations import drop_wild
@@ -113,19 +113,6 @@ def test_the_gradient_of_the_spectrum_loss_agrees_with_central_differences(two, 
     for i, step in enumerate(1e-3 * two.TRUTH):
         ends = [at(point + side * step * np.eye(2)[i])[0] for side in (1, -1)]
         assert gradient[i] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=0.05)
-
-
-def test_the_energy_that_a_motion_loses_confirms_the_law_and_contradicts_a_wrong_one(two, ready, ten):
-    """Slope 1 within its error where the law is right; a seventh less damping in the truth than in the law is told."""
-    checks = [energy_check(result) for result in ten[:3]]
-    assert all(abs(check.off) < 3 and check.warning is None for check in checks)
-    assert np.mean([check.slope for check in checks]) == pytest.approx(1, abs=0.03)
-    weaker = two.swing([1.2, 0.6], quadratic=0.85 * two.QUADRATIC)[1]
-    trace = ten[0].traces[0]
-    held = replace(ten[0], traces=[replace(trace, theta=np.pi / 2 - weaker)], warnings=[])
-    assert check_energy(held).slope < 0.93
-    assert check_energy(held).off < -3
-    assert held.warnings == [held.energy.warning]
 
 
 def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(two, ready, motion):

@@ -107,6 +107,24 @@ def test_the_short_program_of_the_docs_ends_where_separate_windows_do_from_ten_t
     assert float(program["rms"]) == pytest.approx(5e-4, rel=0.1)
 
 
+@pytest.mark.check
+def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
+    """200 of its 2000 draws, worth about 25 independent ones."""
+    text = re.findall(r"^```python\n(.*?)^```", (DOCS / "calibration.md").read_text(), re.M | re.S)
+    (text,) = (block for block in text if "log_density" in block)
+    for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file"), ("range(2000)", "range(200)")):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    problem = loss_of_trace(program["file"], program["scene"], ["b_l", "b_q"], window=0.5)
+    names = {"scene": program["scene"], "file": program["file"], "problem": problem}
+    exec(compile(text, "calibration.md", "exec"), names)
+    result, draws = names["result"], np.array(names["draws"])
+    error = result.uncertainty.std_error
+    np.testing.assert_allclose((draws.mean(axis=0) - result.values) / error, 0.0, atol=0.7)
+    np.testing.assert_allclose(draws.std(axis=0) / error, 1.0, atol=0.5)
+    assert 0.1 < np.mean(np.any(np.diff(draws, axis=0) != 0, axis=1)) < 0.7
+
+
 def test_a_release_whose_windows_have_no_start_is_refused(program):
     with pytest.raises(SceneError, match=r"free: 'release\.time\.0' cannot be part of this loss. Use"):
         loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"], window=0.5)

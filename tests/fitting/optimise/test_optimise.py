@@ -32,7 +32,7 @@ def test_the_packaged_site_is_designed_after_a_stop_and_its_whole_storm_keeps_th
     assert before["before"]["constraints"]
     parser = argparse.ArgumentParser()
     command.add_arguments(parser)
-    words = ["small-longline", "--state", str(state), "--picture", str(picture), "--json", "--quiet"]
+    words = ["small-longline", "--state", str(state), "--plot", str(picture), "--json", "--quiet"]
     assert command.run(parser.parse_args(words)) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["status"] == "ok"

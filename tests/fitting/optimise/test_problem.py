@@ -83,6 +83,10 @@ REFUSED = {
         "sea_state.0.hs: 'storm' of 16 m breaks",
     ),
     "a kind that is none": ({"constraint": [{"kind": "price"}]}, "constraint.0.kind.*'price' is unknown"),
+    "a key that is none": (
+        {"constraint": [{"kind": "quantity", "of": "tension.leg.max", "most": 1.0}]},
+        "constraint.0.most: unknown key",
+    ),
     "points that are not there": (
         {"constraint": [{"kind": "depth", "points": "q*", "deepest": 4.0}]},
         "'q.' matches no free point",

@@ -43,7 +43,7 @@ def test_large_residuals_and_designs_that_are_no_optimum_are_told():
 
 
 def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_median():
-    # ten seeds of a farm's leg tension, by the leg's length and its diameter (of benchmarks/farm_design.py)
+    # ten seeds of a farm's leg tension, by the leg's length and its diameter
     length = [-723.0, -467.0, -438.0, -383.0, -293.0, -238.0, -233.0, -159.0, -129.0, 1282.0]
     diameter = [10.0, 12.0, 14.0, 14.0, 15.0, 15.0, 15.0, 16.0, 17.0, 44.0]
     rows = np.array([length, diameter]).T

@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from rope_cases import slack_rope
 
 from dropper_jax import SceneError, load_scene
 from dropper_jax.cli import main
 from dropper_jax.run.quantities import STATISTICS, quantity
-from dropper_jax.study.stability.rope_cases import slack_rope
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows
@@ -246,7 +246,7 @@ def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):
     argv += ["--to", "line.0.mass"]
     with monkeypatch.context() as patch:
         patch.setattr(sensitivity, "local", lambda problem, say, check: found)
-        assert main([*argv, "--picture", str(picture)]) == 0
+        assert main([*argv, "--plot", str(picture)]) == 0
         assert "p/Q dQ/dp" in capsys.readouterr().out
         assert picture.stat().st_size > 5000
         assert main([*argv, "--json"]) == 0
@@ -274,7 +274,7 @@ def test_command_screens_globally(tmp_path, capsys):
     pytest.importorskip("SALib")
     argv = ["sensitivity", "double-pendulum-chaotic", "--duration", "0.3", "--dt", "0.02", "--integrator", "rattle"]
     argv += ["--of", "angle.2.final", "--to", "line.0.mass", "--global", "morris", "--samples", "8", "--json"]
-    assert main([*argv, "--picture", str(tmp_path / "morris.png")]) == 0
+    assert main([*argv, "--plot", str(tmp_path / "morris.png")]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["runs"] == 24
     assert found["first"][0] == pytest.approx(found["first"][1], rel=0.2)

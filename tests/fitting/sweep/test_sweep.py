@@ -156,7 +156,6 @@ def test_cases_of_a_system_run_one_by_one_or_on_a_gpu_together_and_are_those_of_
         patched.setattr(jax, "default_backend", lambda: backend)
         result = sweep(plain, {"b_l": values[0], "point.middle.mass": values[1]}, tmp_path / "system.zarr")
     assert (result.plan.chunk, result.counts["ok"]) == (chunk, 6)
-    assert backend == "gpu" or not result.fallbacks.operations
     with open_sweep(result.path) as found:
         for case in itertools.product(*values):
             changes = {"effects.linear_damping.b_l": case[0], "point.middle.mass": case[1]}
@@ -386,7 +385,6 @@ def test_command_line_sweeps_and_resumes(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)
     assert (found["status"], found["cases"], found["resumed"], found["failed"]) == ("ok", 3, 0, 0)
     assert found["warnings"] == []
-    assert "scan" not in found["vmapped"]  # the loop over steps runs with the cases side by side
     tension = open_sweep(out).tension_max.values
     np.testing.assert_allclose(tension / tension[1], [0.5, 1.0, 1.5], rtol=1e-9)  # weights and inertia scale alike
     assert main([*argv, "--plot", str(tmp_path / "plots")]) == 0

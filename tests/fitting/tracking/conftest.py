@@ -1,4 +1,4 @@
-"""The films of `benchmarks/films.py`, whose motion no part of the simulator has made."""
+"""The films of `films.py`, whose motion no part of the simulator has made."""
 
 import importlib.util
 import sys
@@ -9,8 +9,7 @@ import pytest
 
 @pytest.fixture(scope="session")
 def films():
-    path = Path(__file__).parents[3] / "benchmarks" / "films.py"
-    spec = importlib.util.spec_from_file_location("benchmark_films", path)
+    spec = importlib.util.spec_from_file_location("films", Path(__file__).with_name("films.py"))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)

@@ -1,0 +1,69 @@
+"""MoorDyn v2 on the hard cases whose claim is about the path of a point, with rk2 at the case's step and its default.
+
+    python benchmarks/moordyn_hard_cases.py [NAME ...]
+
+Needs the extra `moordyn`; takes about five minutes. Writes results/moordyn_hard_cases.json.
+"""
+
+from collections.abc import Callable, Iterator
+
+import jax.numpy as jnp
+import numpy as np
+from moordyn_point import SCHEMES, run_point
+from study import Found, Rows, collect, columns, command, table_of
+
+from dropper_jax import Scene, build_model
+from dropper_jax.study.stability import Case, all_cases, evaluate
+from dropper_jax.study.stability.case import scene_of
+from dropper_jax.study.stability.measures import OF_PATHS
+
+#: What decks do not have: stream function, coefficients that follow the flow, a tide that turns, links without nodes.
+NOT_IN_DECKS = ("steep-wave-float", "flow-coefficients", "turning-tide", "pendulum-in-waves")
+
+
+def compare(names: list[str]) -> Iterator[Found]:
+    """A row of each case that MoorDyn can be given: what is measured here and there."""
+    for case in all_cases():
+        if case.measure in OF_PATHS and case.name not in NOT_IN_DECKS and (not names or case.name in names):
+            here = evaluate(case, compare=False)
+            theirs = {label: measured(case, scheme) for label, scheme in SCHEMES.items()}
+            yield {**{key: here[key] for key in ("name", "measured", "unit", "limit")}, "moordyn": theirs}
+
+
+def measured(case: Case, scheme: str | None) -> Found:
+    """MoorDyn on a case: {status, measured, holds}, with `failed_at_s` if the run did not complete."""
+    scene = scene_of(case.scene)
+    run = run_point(scene, case.point, case.dt, case.duration, scheme, displacement(scene))
+    if not run.ok:
+        return {"status": "unstable", "failed_at_s": float(case.dt * len(run.t)), "holds": False}
+    value = float(OF_PATHS[case.measure](case, run.t, run.positions))
+    return {"status": "ok", "measured": value, "holds": value <= case.limit}
+
+
+def displacement(scene: Scene) -> Callable[[float], np.ndarray] | None:
+    """Displacement (3,) [m] over time of the points that `end_motion` moves."""
+    moving = [effect for effect in build_model(scene).effects if effect.name == "end_motion"]
+    return (lambda t: np.asarray(moving[0].displace(jnp.asarray(t)))) if moving else None
+
+
+@table_of("moordyn_hard_cases")
+def moordyn_hard_cases(found: Found) -> Rows:
+    return columns(
+        found["cases"],
+        ("case", "{name}"),
+        ("here", "{measured:.0e} {unit}"),
+        ("limit", "{limit:.0e}"),
+        *((label, _cell, label) for label in SCHEMES),
+    )
+
+
+def _cell(row: Found, label: str) -> str:
+    found = row["moordyn"][label]
+    if found["status"] != "ok":
+        return f"{found['status']} at {found['failed_at_s']:.3g} s"
+    return f"{'holds' if found['holds'] else 'wrong'}, {found['measured']:.0e}"
+
+
+@command({"names": [str]})
+def main(args) -> None:
+    collect("moordyn_hard_cases", {"cases": compare(args.names)}, by="name", schema=1)

@@ -1,0 +1,163 @@
+"""The local error of a step, and the length of the next one, so that a run follows the accuracy asked for.
+
+    e = c h^3 (a1 - a0)/(h + lag (h - h0))                       error of positions (nodes, 3) [m], see `LocalError`
+    J f = m M e/h^2,    J the matrix of the step                 the same as far as the step resolves it
+    |f|/h <= 0.1 accuracy V                                      error of positions per unit of time
+    EA/L |u . (f_b - f_a)| <= accuracy T                         error of the tensions of links that stretch
+
+V is the largest speed of a node so far, T the largest tension of the line so far, u the direction of the link. The
+matrix takes out of e what rigid links forbid, and divides a vibration of frequency w by `1 + (w h)^2/4`: without it the
+stiffest vibration, which the scheme does not resolve, would set the step. Error per unit of time makes the errors of
+results go with the accuracy. The change of tension over a step is no measure: with rigid links it alternates by `1/h`.
+
+The next step follows by PI control (`pi_control`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.constants import GRAVITY
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.model import Graph, Model, State
+from dropper_jax.residual import Stepper, Unknowns
+from dropper_jax.residual.breaking import without_broken_links
+from dropper_jax.stepping.pi_control import step_ratio
+
+#: Order of the error of positions per unit of time.
+ORDER = 2
+#: Error of positions per unit of time, as a fraction of accuracy times speed: a motion turns several times, and errors
+#: of its periods add up.
+DRIFT = 0.1
+#: Ratios of a step to the previous one.
+SHORTER, LONGER = 0.2, 2.0
+#: Bounds of the error relative to what is allowed; the upper one is that of a step that does not converge.
+LEAST, MOST = 1e-4, 1e6
+#: The shortest step, as a fraction of the period of the stiffest vibration along a line, and of the swing of the
+#: shortest link.
+AXIAL_SHARE, SWING_SHARE = 1e-2, 1e-3
+#: Speed [m/s] below which a line counts as at rest, over that of a fall by its mean link: errors there are rounding.
+STILL = 1e-4
+#: Tension of a line below which its errors do not count, over the largest of all lines at the start.
+SMALL = 0.1
+
+
+class Control(NamedTuple):
+    """What the controller remembers.
+
+    Attributes:
+        wanted, before: the next step, and the last accepted one, 0 before there is one [s].
+        excess: error of the last accepted step relative to what is allowed.
+        rejected: whether the last step was rejected.
+        level: largest tension of the line of each link so far (n,) [N].
+        speed: largest speed of a node so far [m/s].
+    """
+
+    wanted: jax.Array
+    before: jax.Array
+    excess: jax.Array
+    rejected: jax.Array
+    level: jax.Array
+    speed: jax.Array
+
+
+def start_control(model: Model, s: State) -> Control:
+    """The controller at the start of a run. The first step is the shortest: it gives the first acceleration."""
+    zero = jnp.zeros((), model.dtype)
+    level = _line_maximum(model.geometry, jnp.abs(s.tension))
+    # a line without tension anywhere is going to carry its weights
+    largest = jnp.where(jnp.max(level) > 0.0, jnp.max(level), GRAVITY * jnp.max(model.node_mass))
+    still = STILL * jnp.sqrt(GRAVITY * jnp.mean(model.line.length))
+    return Control(
+        wanted=shortest_step(model),
+        before=zero,
+        excess=zero + 1.0,
+        rejected=jnp.zeros((), bool),
+        level=jnp.maximum(level, SMALL * largest),
+        speed=jnp.maximum(still, _speed(s)),
+    )
+
+
+def shortest_step(model: Model) -> jax.Array:
+    """The shortest step [s] that is chosen: `w^2 <= 2 EA/L (1/m_a + 1/m_b)` bounds the stiffest vibration."""
+    lighter = model.geometry.everywhere(1.0 / model.node_mass[:, None], None)[:, 0]
+    stiffness = model.line.axial.stiffness(model.line.length)
+    fastest = jnp.max(2.0 * stiffness * (lighter[model.geometry.first] + lighter[model.geometry.last]))
+    swing = SWING_SHARE * 2.0 * jnp.pi * jnp.sqrt(jnp.min(model.line.length) / GRAVITY)
+    axial = AXIAL_SHARE * 2.0 * jnp.pi / jnp.sqrt(jnp.maximum(fastest, jnp.finfo(model.dtype).tiny))
+    return jnp.minimum(swing, axial).astype(model.dtype)
+
+
+def estimate_error(stepper: Stepper, model: Model, s: State, s1: State, h: jax.Array, before: jax.Array) -> jax.Array:
+    """Error of positions (nodes, 3) [m] of the step h from s to s1, as far as it resolves it."""
+    about = stepper.integrator.local_error
+    change = s1.acceleration - s.acceleration
+    e = about.constant * h**3 * change / (h + about.lag * (h - before))
+    if s.parted is not None:
+        model = without_broken_links(model, s)
+        s = replace(s, parted=None)
+    problem = stepper.integrator.problem(model, s, h)
+    u = Unknowns(s1.r - s.r - h * s.v, s1.tension, s1.law)
+    force = problem.model.inertia(problem.instant(u.x), about.inertia / h**2 * e)
+    rows = Unknowns(force, jnp.zeros_like(u.y), jax.tree.map(jnp.zeros_like, u.z))
+    return stepper.solver.linearise(problem, u).apply(rows).x
+
+
+def compare(
+    model: Model, s: State, s1: State, h: jax.Array, error: jax.Array, control: Control, accuracy: jax.Array
+) -> jax.Array:
+    """The error of a step relative to what the accuracy allows, of second order in h, a scalar."""
+    speed = jnp.maximum(control.speed, _speed(s1))
+    drift = _largest(error) / h / (DRIFT * accuracy * speed)
+    links = model.links(s1.r, model.ends(s1.t))
+    direction = links / safe_norm(links)[:, None]
+    elongation = jnp.sum(direction * model.geometry.differences(error, None), axis=-1)
+    taut = (s.tension != 0.0) | (s1.tension != 0.0)
+    tension = jnp.where(taut, model.line.axial.stiffness(model.line.length) * jnp.abs(elongation), 0.0)
+    of_tension = jnp.max(tension / control.level) / accuracy
+    # an error of a step is of third order
+    return jnp.maximum(drift, jnp.cbrt(of_tension) ** ORDER)
+
+
+def next_length(h: jax.Array, excess: jax.Array, control: Control, accepted: jax.Array) -> jax.Array:
+    """The next step [s] after one of h [s], which is repeated if it is not accepted; not bounded."""
+    now = jnp.clip(excess, LEAST, MOST)
+    most = jnp.where(control.rejected | ~accepted, 1.0, LONGER)
+    ratio = step_ratio(now, jnp.maximum(control.excess, LEAST), ORDER, accepted)
+    return h * jnp.clip(ratio, SHORTER, most)
+
+
+def after_step(
+    model: Model, s1: State, h: jax.Array, excess: jax.Array, wanted: jax.Array, control: Control
+) -> Control:
+    """The controller after an accepted step of h [s] to s1."""
+    return Control(
+        wanted=wanted,
+        before=h,
+        excess=jnp.clip(excess, LEAST, MOST),
+        rejected=jnp.zeros((), bool),
+        level=jnp.maximum(control.level, _line_maximum(model.geometry, jnp.abs(s1.tension))),
+        speed=jnp.maximum(control.speed, _speed(s1)),
+    )
+
+
+def _speed(s: State) -> jax.Array:
+    return _largest(s.v)
+
+
+def _largest(vectors: jax.Array) -> jax.Array:
+    return jnp.max(safe_norm(vectors), initial=0.0)
+
+
+def _line_maximum(geometry: Graph, values: jax.Array) -> jax.Array:
+    """The largest value of the line of each link (n,). A gather: what scatters is no single kernel."""
+    lengths = [member.links for member in geometry.members]
+    starts = np.cumsum([0, *lengths[:-1]])
+    within = np.minimum(np.arange(max(lengths)), np.array(lengths)[:, None] - 1)
+    largest = jnp.max(values[starts[:, None] + within], axis=1)
+    return largest[np.repeat(np.arange(len(lengths)), lengths)]

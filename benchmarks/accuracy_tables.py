@@ -63,24 +63,6 @@ def accuracy_north_sea(found: Found) -> str:
     )
 
 
-@table_of("long_steps")
-def long_steps(found: Found) -> Rows:
-    """Warnings of steps that are too long, by kind of check and group of scenes."""
-    return columns(
-        (
-            {"checked": words, "scenes": f"{len(found[group]['scenes'])} that it was {kind}", **found[group][mode]}
-            for mode, words in (("whole", "the whole run"), ("stretches", "stretches"))
-            for group, kind in (("tuned", "tuned on"), ("judged", "judged by"))
-        ),
-        ("repeated", "{checked}"),
-        ("scenes", "{scenes}"),
-        ("wrong at 3 to 30 times the step", "{wrong}"),
-        ("not warned of", lambda r: str(len(r["without_warning"]))),
-        ("right at the step or half of it", "{right}"),
-        ("warned of", lambda r: str(len(r["false_alarms"]))),
-    )
-
-
 @table_of("peers")
 def peers(found: Found) -> Rows:
     """How many times faster than others at equal or smaller error, where that is least and where it is most."""

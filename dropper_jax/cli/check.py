@@ -49,11 +49,11 @@ def run(args: argparse.Namespace) -> int:
 def examine(scene: Scene) -> dict[str, Any]:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
     from dropper_jax.load.checks_water import sea_warnings
+    from dropper_jax.load.periods import periods, suggest_step
     from dropper_jax.run.arrays import bare_model
     from dropper_jax.run.build import stepper_of
     from dropper_jax.run.growth import line_weights, overgrown, wet_weights
     from dropper_jax.run.plausibility import scene_warnings
-    from dropper_jax.run.resolution import periods, suggest_step
     from dropper_jax.scene import whole_lines
 
     grown = overgrown(scene)
@@ -77,7 +77,7 @@ def examine(scene: Scene) -> dict[str, Any]:
         "points": {"free": len(points), "mass_kg": mass, "lift_n": lift},
         "line_weights": line_weights(scene),
         "periods_s": periods(scene),
-        "dt_s": scene.run.dt,
+        "dt_s": scene.run.step,
         "suggested_dt_s": suggest_step(scene),
         "compiled": {
             "integrator": scene.run.integrator,

@@ -115,7 +115,7 @@ def with_step(scene: Scene, args: argparse.Namespace) -> Scene:
     if vars(args).get("dt") != AUTO:
         return scene
 
-    from dropper_jax.run.resolution import suggest_step
+    from dropper_jax.load.periods import suggest_step
 
     step = suggest_step(scene)
     print_line(f"time step: {step:g} s (--dt auto)")

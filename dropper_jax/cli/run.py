@@ -108,10 +108,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="loads with their errors: repeats the run with smaller steps and more links, about 12 times the run time",
     )
     parser.add_argument(
-        "--no-step-check",
-        dest="step_check",
-        action="store_false",
-        help="do not repeat the run, or stretches of a long one, at half the step to check the step",
+        "--no-companion",
+        dest="companion",
+        action="store_const",
+        const=None,
+        default="coarser",
+        help="leave out the second, coarser run, which states the errors of the first for half more time",
+    )
+    parser.add_argument(
+        "--verify",
+        dest="companion",
+        action="store_const",
+        const="finer",
+        help="state the errors from a finer run, for two to three times the time",
     )
     parser.add_argument(
         "--skip", metavar="S", type=float, default=0.0, help="time at the start [s] that is left out of these loads"
@@ -121,10 +130,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     before = None if args.start is None else read_run(args.start, args)
+    if args.dt == AUTO:
+        print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy or 0.01:g} (--accuracy)")
+        args.dt = None
+        args.accuracy = args.accuracy or 0.01
     scene = read_scene(args, OVERRIDES, notes=False) if before is None else _further(args, before)
 
     from dropper_jax.run.simulate import simulate
-    from dropper_jax.run.step_check import shorter_step
     from dropper_jax.run.storage import check_packages
 
     if args.out:
@@ -136,34 +148,21 @@ def run(args: argparse.Namespace) -> int:
         check_animation(args.animate)
     if args.tables:
         args.tables.mkdir(parents=True, exist_ok=True)
-    # the advised step aims at half the error that is warned of: a third run is only needed if the first step was too
-    # long to show its error, and errors of chaotic runs never fall steadily
-    runs_left = 3 if args.dt == AUTO else 1
-    while True:
-        with unfinished_folder(args.out) if args.out else nullcontext() as scratch:
-            solution = simulate(
-                scene,
-                progress=progress(args.quiet),
-                errors=args.errors,
-                skip=args.skip,
-                start=before,
-                scratch=scratch,
-                step_check=args.step_check,
-            )
-            runs_left -= 1
-            better = shorter_step(solution) if runs_left else None
-            if better is None:
-                print_warnings(solution.warnings)
-                refused = save_or_report(solution, args.out)
-                if refused is not None:
-                    return _report_unsaved(args, solution, refused)
-                return _write_outputs(args, solution)
-        snaps = solution.settings["step_check"]["snaps_unresolved"]
-        cheaper = "; --accuracy 0.01 resolves its snap loads in less time" if snaps else ""
-        print_line(
-            f"time step: {scene.run.dt:g} s is too long; the run is repeated with {better:g} s (--dt auto){cheaper}"
+    with unfinished_folder(args.out) if args.out else nullcontext() as scratch:
+        solution = simulate(
+            scene,
+            progress=progress(args.quiet),
+            errors=args.errors,
+            skip=args.skip,
+            start=before,
+            scratch=scratch,
+            companion=args.companion,
         )
-        scene = scene.with_values({"run.dt": better})
+        print_warnings(solution.warnings)
+        refused = save_or_report(solution, args.out)
+        if refused is not None:
+            return _report_unsaved(args, solution, refused)
+        return _write_outputs(args, solution)
 
 
 def _report_unsaved(args: argparse.Namespace, solution: Solution, refused: str) -> int:
@@ -263,13 +262,14 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     """Resolution of the steps, if it is known."""
     from math import degrees
 
+    from dropper_jax.run.companion import words
     from dropper_jax.run.resolution import step_facts
-    from dropper_jax.run.step_check import step_words
 
-    facts, found = step_facts(solution), []
-    if "step_check" in solution.settings:
-        found.append(("time step", step_words(solution.settings["step_check"])))
-    # the check of the step is the verdict; steps that follow snaps have no constant number per period
+    facts = step_facts(solution)
+    found = []
+    if "stated_errors" in solution.settings:
+        found.append(("errors", words(solution.settings["stated_errors"])))
+    # the stated errors are the verdict; steps that follow snaps have no constant number per period
     elif facts["steps_per_axial_period"] is not None and "refused_steps" not in solution.settings:
         text = "{steps_per_axial_period:.2g} steps per period of the stiffest link, {axial_period_s:.2g} s; a step of "
         found.append(("axial motion", (text + "{axial_step_s:.2g} s resolves it").format(**facts)))

@@ -119,7 +119,7 @@ def _ramp(table: dict[str, Any], file: str, release: float) -> dict[str, Any]:
     return _variant(
         table,
         f"As in the thesis: starting from rest, a force rises from {begin:g} s to that of {of}, until {release:g} s.",
-        run={"dt": 0.0065, "duration": 65.0},
+        run={"accuracy": 0.01, "save_interval": 0.02, "source_dt": 0.0065, "duration": 65.0},
         effects={**table["effects"], "nodal_force": {**ramp, "release": release}},
         start={"kind": "static"},
     )
@@ -130,7 +130,7 @@ def _relative(table: dict[str, Any], file: str) -> dict[str, Any]:
     return _variant(
         table,
         "With the velocity relative to the nodes, thesis (6.13), which (C.22)-(C.24) omit.",
-        run={**table["run"], "dt": 0.0025},
+        run={**table["run"], "source_dt": 0.0025},
         effects={**table["effects"], "thesis_wave_force": force},
     )
 

@@ -36,6 +36,7 @@ from dropper_jax.load.checks_system import (
 )
 from dropper_jax.load.packaged import find_scene, folder_of
 from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, path_as_given, set_value
+from dropper_jax.load.periods import with_suggestions
 from dropper_jax.load.resolve import GRAVITIES, resolve, with_one_gravity
 from dropper_jax.load.template import Template
 from dropper_jax.scene import (
@@ -52,6 +53,7 @@ from dropper_jax.scene import (
     StartSpec,
     VesselSpec,
     check_anchors,
+    choose_steps,
     directions,
     is_branched,
     point_named,
@@ -191,7 +193,7 @@ class Scene(SceneData):
         anchors = read_items(AnchorSpec.read, table.get("anchor", []), "anchor")
         check_anchors(anchors, [point.name for point in points if not point.is_free])
         if "run" not in table:
-            raise SceneError("run: missing; needed: a table with `dt` and `duration`")
+            raise SceneError("run: missing; needed: a table with `duration`")
         scene = cls(
             name=read_text(table.get("name", name), "name"),
             description=read_text(table.get("description", ""), "description"),
@@ -224,7 +226,7 @@ class Scene(SceneData):
         if pose is not None:
             check_pose(scene, *pose)
         check_bed(scene, pose)
-        return scene
+        return with_suggestions(scene)
 
     def as_written(self) -> dict[str, Any]:
         """Plain values as `to_dict`, with line types, sections and attached points in their original form."""
@@ -233,7 +235,7 @@ class Scene(SceneData):
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
         rows = [
-            ("run", f"{self.run.integrator}, {self.run.dt:g} s to {self.run.duration:g} s"),
+            ("run", f"{self.run.integrator}, {self.run.steps_in_words} to {self.run.duration:g} s"),
             ("points", ", ".join(f"{point.name} ({point.kind})" for point in self.points[:SHOWN])),
             *(
                 (f"line {line.name}", f"{line.links} links, {line.total:.4g} m, {float(np.sum(line.mass)):.4g} kg")
@@ -270,10 +272,22 @@ class Scene(SceneData):
             known = locate(table)
             for path, value in values.items():
                 set_value(table, path, value, known)
+        table["run"] = choose_steps(table["run"], values)
+        if "run.integrator" in values and "run.accuracy" not in values:
+            table["run"] = self._with_steps_for(table["run"])
         try:
             return Scene.from_dict(table)
         except SceneError as error:
             raise path_as_given(error, values) from None
+
+    def _with_steps_for(self, run: dict[str, Any]) -> dict[str, Any]:
+        """The table of `[run]`, with equal steps if its scheme has no estimate of the error of a step."""
+        scheme = INTEGRATORS.get(run["integrator"])
+        if self.run.accuracy is None or "dt" in run or scheme is None or scheme.controls_error:
+            return run
+        if scheme(**{key: run[key] for key in scheme.options() if key in run}).local_error is not None:
+            return run
+        return {**choose_steps(run, {"run.dt": None}), "dt": self.run.step}
 
     def _from_template(self, values: Mapping[str, Any]) -> Scene:
         """The scene with values changed: parameters before all others, including those of earlier changes."""

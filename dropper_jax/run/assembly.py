@@ -28,7 +28,8 @@ from dropper_jax.run.resolution import pose_remarks, with_quality_checks, withou
 from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Last, last_row, name_leaves, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal
-from dropper_jax.stepping.adaptive import Adaptive, Within
+from dropper_jax.scene import RunSpec
+from dropper_jax.stepping.adaptive import STEP_CHANGES, Adaptive, Within, books_changes
 from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.extremes import Extremes
@@ -91,7 +92,8 @@ def _observe_run(
     extra: dict[str, Any],
     rows: InMemory,
 ) -> Kind:
-    dt, every = scene.run.dt, scene.run.save_every
+    every = scene.run.save_every
+    dt = scene.run.interval / every
     start, before = first.row, int(first.carry.steps_done)
     good = _good_saves(run)
     bad_step = int(run.first_bad[-1])
@@ -105,7 +107,7 @@ def _observe_run(
     )
     broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
-    names = work_names(model) if stepper.track_work else ()
+    names = ledger(stepper, model, scene.run)
     work = join(start.work, kept.work)
     status, first_bad = "ok", None
     if bad_step >= 0:
@@ -163,6 +165,15 @@ def _observe_run(
         return found
     notes = twist_remarks(scene, found.positions, found.tension, found.torque)
     return replace(found, warnings=(*found.warnings, *notes))
+
+
+def ledger(stepper: Stepper, model: Model, run: RunSpec) -> tuple[str, ...]:
+    """Names of the works of a run."""
+    if not stepper.track_work:
+        return ()
+    names = work_names(model)
+    is_adaptive = run.accuracy is not None and not stepper.integrator.controls_error
+    return (*names, STEP_CHANGES) if is_adaptive and books_changes(stepper, model) else names
 
 
 class _Observed(NamedTuple):

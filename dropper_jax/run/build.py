@@ -138,6 +138,8 @@ def _under_tension(model: Model, s: State) -> State:
 
 #: Minimum error tolerance in units of rounding.
 TOLERANCE_ROUNDING = 100.0
+#: Error of a step [m], [m/s] that schemes with error control allow, over the accuracy.
+TOLERANCE_SHARE = 1e-3
 
 SceneLike = str | Path | Mapping[str, Any] | Scene
 
@@ -192,23 +194,19 @@ def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     holds = stepper.integrator.controls_error
     if run.error_tolerance is not None:
         _check_tolerance(run.error_tolerance, run.integrator, holds, model)
-    if run.accuracy is not None and stepper.integrator.local_error is None:
-        own = "controls its own error; use run.error_tolerance"
-        unknown = "has no estimate of its error; use energy_momentum or generalized_alpha"
-        why = f"is given, but integrator {run.integrator!r} {own if holds else unknown}"
-        raise SceneError(f"run.accuracy: {run.accuracy:g} {why}")
+    if run.accuracy is not None and not (holds or stepper.integrator.local_error):
+        why = f"needs an estimate of the error of a step, which integrator {run.integrator!r} has not"
+        raise SceneError(f"run.accuracy: {run.accuracy:g} {why}. Use run.dt, energy_momentum or generalized_alpha")
     return stepper
 
 
 def equal_steps(model: Model, run: RunSpec, **settings: Any) -> Stepper:
-    """The stepper for studies that take equal steps of `run.dt`.
+    """The stepper for studies that take equal steps of `run.step`.
 
     Raises:
-        SceneError: a scheme that controls its own error, or a required accuracy: dt is not the time step then.
+        SceneError: a scheme that controls its own error.
     """
     stepper = stepper_of(model, run, **settings)
-    if run.accuracy is not None:
-        raise SceneError(f"run.accuracy: {run.accuracy:g}, but equal steps of run.dt are needed here; leave it out")
     if stepper.integrator.controls_error:
         why = "controls its own error, but equal steps are needed; allowed: rattle, energy_momentum"
         raise SceneError(f"run.integrator: {run.integrator!r} {why}")
@@ -219,7 +217,8 @@ def allowed_error(stepper: Stepper, model: Model, run: RunSpec) -> float:
     """The error tolerance of a step, for schemes that control their error."""
     if run.error_tolerance is not None:
         return run.error_tolerance
-    return max(stepper.integrator.tolerance, TOLERANCE_ROUNDING * float(jnp.finfo(model.dtype).eps))
+    wanted = stepper.integrator.tolerance if run.accuracy is None else TOLERANCE_SHARE * run.accuracy
+    return max(wanted, TOLERANCE_ROUNDING * float(jnp.finfo(model.dtype).eps))
 
 
 def _check_tolerance(tolerance: float, integrator: str, holds: bool, model: Model) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,7 +36,7 @@ def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None)
     Raises:
         SceneError: with the required and the free size.
     """
-    size = run.saves * (row_bytes(model, start) + _extremes_bytes(model, run))
+    size = run.rows * (row_bytes(model, start) + _extremes_bytes(model, run))
     if scratch is None:
         # copies of all saved states in memory at once (measured), if nothing is stored on disk
         # memory of JAX and its programs [bytes]
@@ -51,7 +51,7 @@ def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None)
     # fraction of the free memory that a run may use
     if need > 0.9 * left:
         raise SceneError(
-            f"run.duration: {run.duration:g} s give {run.saves} saved states, which need {in_words(need)} of {where}, "
+            f"run.duration: {run.duration:g} s give {run.rows} saved states, which need {in_words(need)} of {where}, "
             f"and {in_words(left)} are free. Use {way}"
         )
 
@@ -80,6 +80,9 @@ MOST_SAVES, CHUNK_BYTES = 1024, 16_000_000
 #: Saves of a chunk with steps of variable length: one of these, so that runs of other lengths share the program.
 CHUNK_SIZES = (1, 2, 16, 128, 1024)
 
+#: Accuracy of a companion over that of its run, or the inverse.
+FACTOR = 4.0
+
 #: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
 Carry = Progress | Adaptive | Controlled
 Beside = Within | jax.Array | None
@@ -93,16 +96,31 @@ _advance_controlled = cached_jit(static=("stepper", "saves", "every"), kernel=Tr
 _start_controlled = cached_jit(static=("stepper",))(start_controlled)
 
 
+class Companion(NamedTuple):
+    """A second run, coarser or finer than a first one.
+
+    Attributes:
+        go: yields the rows of the given number of saves in pieces; ends early if a step fails.
+        every: saves of the first run per save.
+        words: what it follows.
+    """
+
+    go: Callable[[int], Iterator[tuple[Trajectory, Beside]]]
+    every: int
+    words: str
+
+
 class Program(NamedTuple):
-    """A compiled run: the function that continues from a carry, and the first carry."""
+    """A compiled run: the function that continues from a carry, the first carry, and its companion, finer or not."""
 
     go_on: GoOn
     carry: Carry
+    companion: Callable[[bool], Companion]
 
 
 class RunOutcome(NamedTuple):
     """Outcome of a run: the saved states, the last carry, its time [s], whether the user stopped it, the disk error if
-    one stopped it, and the carries at the requested numbers of saves."""
+    one stopped it."""
 
     trajectory: Trajectory
     beside: Beside
@@ -110,7 +128,6 @@ class RunOutcome(NamedTuple):
     run_s: float
     interrupted: bool
     refused: str = ""
-    passed: tuple[tuple[int, Carry], ...] = ()
 
 
 def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
@@ -129,31 +146,51 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
     Args:
         watch: signals whose extremes over all steps are saved, a pytree; see `stepping.extremes`.
     """
-    dt = jnp.asarray(run.dt, model.dtype)
-    saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.saves)
     if isinstance(carry, Progress):
-        return Program(_EqualSteps(stepper, model, carry, run, watch), carry)
+        equal = _EqualSteps(stepper, model, carry, run, watch)
+        return Program(equal, carry, equal.companion)
+    dt = jnp.asarray(run.interval, model.dtype)
+    saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
     if isinstance(carry, Controlled):
-        limit, dt = jnp.asarray(allowed_error(stepper, model, run), model.dtype), dt * run.save_every
+        limit = allowed_error(stepper, model, run)
+        followed = "an error tolerance"
         several, settings = _advance_controlled, {"saves": saves, "every": run.save_every}
     else:
-        limit, several = jnp.asarray(run.accuracy, model.dtype), _advance_adaptively
-        settings = {"saves": saves}
-    program = several.program(stepper, model, carry, dt, limit, count=jnp.zeros((), jnp.int32), watch=watch, **settings)
+        limit = run.accuracy
+        followed = "accuracy"
+        several, settings = _advance_adaptively, {"saves": saves}
+    limits = jnp.asarray(limit, model.dtype)
+    none = jnp.zeros((), jnp.int32)
+    program = several.program(stepper, model, carry, dt, limits, count=none, watch=watch, **settings)
 
-    def go_on(carry: Carry, left: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
+    def go_on(carry: Carry, left: int, limit: jax.Array = limits) -> tuple[Carry, tuple[Trajectory, Beside]]:
         count = min(saves, left)  # never beyond the end, where the run may go on
         after, rows = program(model, carry, dt, limit, jnp.asarray(count, jnp.int32), watch)
         return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
 
-    return Program(go_on, carry)
+    def companion(finer: bool) -> Companion:
+        other = limit / FACTOR if finer else min(limit * FACTOR, 1.0)
+
+        def go(left: int) -> Iterator[tuple[Trajectory, Beside]]:
+            now = carry
+            while left > 0:
+                now, piece = go_on(now, left, jnp.asarray(other, model.dtype))
+                if now.has_failed:
+                    return
+                left -= len(piece[0].r)
+                yield piece
+
+        return Companion(go, 1, f"a run with {followed} {other:.2g}")
+
+    return Program(go_on, carry, companion)
 
 
 class _EqualSteps:
     """Equal steps; one that does not converge is halved."""
 
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, watch: Watch | None) -> None:
-        self.stepper, self.model, self.dt, self.watch = stepper, model, run.dt, watch
+        self.stepper, self.model, self.dt, self.watch = stepper, model, run.step, watch
+        self.first = progress
         self.settings = {"capacity": _chunk_size(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // MIN_CHUNKS)
         self.count = 1
@@ -168,25 +205,28 @@ class _EqualSteps:
         self.count = max(1, int(count * min(SECONDS / max(time.perf_counter() - started, 1e-9), LONGER)))
         return after, (rows, None)
 
-    def _take(self, carry: Progress, count: int, parts: int = 1) -> tuple[Progress, Trajectory]:
+    def _take(self, carry: Progress, count: int, parts: float = 1.0) -> tuple[Progress, Trajectory]:
         dt = jnp.asarray(self.dt / parts, self.model.dtype)
         after, rows = self.program(self.model, carry, dt, jnp.asarray(count, jnp.int32), self.watch)
         return after, jax.tree.map(lambda a: np.array(a[:count]), jax.tree.map(np.asarray, rows))
 
-    def advance_at_half_step(self, carry: Progress, saves: int) -> tuple[Progress, Trajectory | None]:
-        """The next `saves` again with half the step, by the program of the run; None if a step fails."""
-        return self.advance_again(carry, saves, 2)
+    def companion(self, finer: bool) -> Companion:
+        """The same run from its start with steps of half or twice the length."""
+        parts = 2.0 if finer else 0.5
+        per_row = 2 if finer else 1
 
-    def advance_again(self, carry: Progress, saves: int, parts: int) -> tuple[Progress, Trajectory | None]:
-        """The next `saves` with every step in `parts`, by the program of the run; None if a step fails."""
-        done, rows = 0, []
-        while done < parts * saves:
-            carry, piece = self._take(carry, min(parts * saves - done, self.settings["capacity"]), parts)
-            done += len(piece.r)
-            rows.append(piece)
-            if int(carry.first_bad) >= 0:
-                return carry, None
-        return carry, jax.tree.map(lambda *pieces: np.concatenate(pieces), *rows)
+        def go(saves: int) -> Iterator[tuple[Trajectory, None]]:
+            carry = self.first
+            most = max(1, self.settings["capacity"] // per_row)
+            while saves > 0:
+                count = min(saves, most)
+                carry, piece = self._take(carry, count * per_row, parts)
+                if int(carry.first_bad) >= 0:
+                    return
+                saves -= count
+                yield jax.tree.map(lambda a: a[per_row - 1 :: per_row], piece), None
+
+        return Companion(go, 1 if finer else 2, f"a run with steps of {self.dt / parts:.4g} s")
 
 
 def _chunk_size(s: State) -> int:
@@ -199,25 +239,18 @@ def run_chunks(
     saves: int,
     say: Callable[[float, str], None],
     rows: InMemory | None = None,
-    carries_at: Sequence[int] = (),
 ) -> RunOutcome:
     """Run chunks until the end, a failure or an interruption, which includes a full disk.
 
     Args:
         rows: store for the chunks; default: in memory.
-        carries_at: numbers of saves, increasing, at which the carry is stored.
     """
     carry, done, rows = run.carry, 0, InMemory() if rows is None else rows
-    passed: list[tuple[int, Carry]] = []
-    stops = [*carries_at, saves]
     at = carry, done  # of what is kept: one name, so that a stop leaves both as they belong together
     started, interrupted, refused = time.perf_counter(), False, ""
     try:
         while done < saves:
-            if done == stops[0]:
-                passed.append((done, carry))
-                stops = stops[1:]
-            carry, piece = run.go_on(carry, stops[0] - done)
+            carry, piece = run.go_on(carry, saves - done)
             rows.append(done, (jax.tree.map(np.asarray, piece), name_leaves(Last(last_row(piece[0]), carry))))
             at = carry, done + len(piece[0].r)
             done = at[1]
@@ -232,4 +265,4 @@ def run_chunks(
     run_s = time.perf_counter() - started
     carry, done = at
     joined, beside = rows.read(done)
-    return RunOutcome(joined, beside, carry, run_s, interrupted, refused, tuple(passed))
+    return RunOutcome(joined, beside, carry, run_s, interrupted, refused)

@@ -119,9 +119,9 @@ class Coupled:
             raise SceneError("accelerations: need Coupled(accelerations=True); allowed: in every step or in none")
         read = [self._read("positions", positions), self._read("velocities", velocities)]
         bends = np.zeros_like(read[0]) if accelerations is None else self._read("accelerations", accelerations)
-        count = max(1, math.ceil(dt / self.scene.run.dt - 1e-9))
+        count = max(1, math.ceil(dt / self.scene.run.step - 1e-9))
         if count > most:
-            why = f"is {count:.3g} inner steps of {self.scene.run.dt:g} s"
+            why = f"is {count:.3g} inner steps of {self.scene.run.step:g} s"
             raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {most}")
         state, outputs = self._advance(saved, PointMotion(*read, bends), dt, count)
         self.residual, self.retried = float(outputs.residual), int(outputs.retried)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators import INTEGRATORS
+from dropper_jax.load.periods import periods
 from dropper_jax.load.scene import Scene
-from dropper_jax.residual import Implicit
 from dropper_jax.run.growth import lines_in_words
 from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.run.samples import Kind, Samples
@@ -148,42 +147,6 @@ def with_quality_checks(solution: Kind) -> Kind:
         if status == "ok" and not by_design:
             status = "energy_drift"
     return replace(solution, status=status, warnings=(*solution.warnings, *found))
-
-
-def periods(scene: Scene) -> dict[str, float]:
-    """Periods [s] that a step has to resolve, without solving the equilibrium.
-
-    Returns:
-        swing: of the shortest link under its own weight, `2 pi sqrt(l/g)`, the fastest motion across a line.
-        axial: of the stiffest link, `2 pi/omega`, `omega^2 = 4 EA/(L m)`; absent if no link stretches.
-        waves: the period of waves, or of the highest component; absent without waves.
-    """
-    line = scene.line
-    found = {"swing": float(2.0 * np.pi * np.sqrt(np.min(line.length) / GRAVITY))}
-    if line.EA is not None:
-        found["axial"] = float(np.pi * np.sqrt(np.min(line.length * line.mass / line.EA)))
-    waves = None if scene.sea is None else scene.sea.waves
-    if waves is not None and waves.tp is not None:
-        found["waves"] = float(waves.tp)
-    elif waves is not None and waves.period is not None:
-        period, height = np.broadcast_arrays(waves.period, 0.0 if waves.amplitude is None else waves.amplitude)
-        found["waves"] = float(period.flat[np.argmax(height)])
-    return found
-
-
-def suggest_step(scene: Scene) -> float:
-    """A time step [s], two digits: 100 per swing of the shortest link and per wave.
-
-    Explicit schemes also need 6 steps per axial period. A first guess: `with_step_check` measures the error.
-    """
-    # steps per period of the shortest link's swing and of the waves in a suggested step: the midpoint rule then has the
-    # period to 0.03 %. The packaged scenes take 45 to 200. The check of a run asks whipping droppers for 600 to 1400
-    found = periods(scene)
-    # explicit schemes are unstable below pi steps per axial period of the stiffest link
-    steps = {"swing": 100, "waves": 100, "axial": 0 if issubclass(INTEGRATORS[scene.run.integrator], Implicit) else 6}
-    step = min(scene.run.duration, *(found[name] / steps[name] for name in found if steps[name]))
-    unit = 10.0 ** (np.floor(np.log10(step)) - 1.0)
-    return float(f"{np.floor(step / unit * (1.0 + 1e-9)) * unit:.2g}")
 
 
 def step_facts(solution: Samples) -> dict[str, float | int | None]:
@@ -338,15 +301,6 @@ def _alternates(tension: np.ndarray) -> bool:
         return False
     runs = np.lib.stride_tricks.sliding_window_view(both, alternating, axis=0)
     return bool(np.any(np.all(runs, axis=-1)))
-
-
-def check_tolerance(solution: Kind, tolerance: float, choice: Any) -> Kind:
-    """The solution with its estimated error; its status is not ok if this exceeds the tolerance."""
-    solution = replace(solution, settings={**solution.settings, "estimated_error": choice.summary()})
-    if choice.estimate <= tolerance or solution.status != "ok":
-        return solution
-    text = f"estimated error {choice.estimate:.2g} rad exceeds the tolerance of {tolerance:g} rad. Use a smaller step"
-    return replace(solution, status="not_converged", warnings=(*solution.warnings, text))
 
 
 def check_skip(skip: float, errors: bool, duration: float) -> None:

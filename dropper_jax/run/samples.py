@@ -26,7 +26,7 @@ from dropper_jax.stepping.extremes import Extremes
 
 #: Version of the saved file; files of other versions are rejected.
 RUN_FORMAT = 1
-#: Status of a run whose check estimates an error above 10 % (`run.step_check`).
+#: Status of a run of equal steps whose companion states an error above 10 % (`run.companion`).
 TOO_LONG = "step_too_long"
 
 
@@ -227,7 +227,7 @@ class Samples:
             what = f"energy balance error {self.energy_drift:.3g} J (reference {self.energy_scale:.3g} J)"
             return f"{self.status}: {what}. Use a smaller step"
         if self.status == TOO_LONG:
-            return f"{self.status}: tensions or positions are off by more than 10 %; the warning has the step to take"
+            return f"{self.status}: tensions or positions are off by more than 10 %. Use --accuracy 0.01"
         if self.first_bad is None:
             return f"{self.status}: at t = {self.t[-1]:.6g} s of {self.settings['duration']:g} s"
         bad = self.first_bad

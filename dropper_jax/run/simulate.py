@@ -17,13 +17,14 @@ from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.toml_text import html_table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.model import Model, State, state, work_names
+from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.assembly import TimeOrigin, build_solution
+from dropper_jax.run.assembly import TimeOrigin, build_solution, ledger
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
+from dropper_jax.run.companion import with_stated_errors
 from dropper_jax.run.plausibility import with_cause
-from dropper_jax.run.resolution import check_skip, check_stretch, check_tolerance
+from dropper_jax.run.resolution import check_skip, check_stretch
 from dropper_jax.run.row_store import (
     InMemory,
     Last,
@@ -35,7 +36,6 @@ from dropper_jax.run.row_store import (
     same_scene,
 )
 from dropper_jax.run.samples import Samples, is_finished
-from dropper_jax.run.step_check import CHEAP_WORK, is_repeated, stretch_starts, with_step_check
 from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary
 from dropper_jax.scene import RunSpec
@@ -47,6 +47,8 @@ if TYPE_CHECKING:
     import xarray
 
 
+#: Second runs that state the errors of a run.
+COMPANIONS = (None, "coarser", "finer")
 #: The log of the library: warnings of runs, and a line for each run as information.
 LOG = logging.getLogger("dropper_jax")
 LOG.addHandler(logging.NullHandler())  # nothing is printed unless the user configures it
@@ -58,8 +60,8 @@ class Solution(Samples):
     Attributes:
         scene: the simulated scene.
         settings: integrator, solver, dt, duration, steps, dtype, gamma, rho_infinity, residual_tolerance,
-            save_every; with a tolerance also `estimated_error` {rms_angle_rad, until_s}; with errors `load_errors`
-            (see `study.load_errors`); else `step_check` (see `run.step_check`).
+            save_every; with an accuracy dt is the interval between saved times; with errors `load_errors` (see
+            `study.load_errors`); with a companion `stated_errors` (see `run.companion`).
         t: saved times (k,) [s].
         positions, velocities: all nodes, both ends included, (k, n + 1, 3) [m], [m/s]; of a system of lines the nodes
             of all lines, line after line (points that join lines are listed once per line), see `lines`.
@@ -68,8 +70,8 @@ class Solution(Samples):
         work: work done since the start (k, w) [J] by each of `work_names`.
         step_status: 0 where every step up to the saved time is good.
         status: `ok`, `energy_drift` (the end is reached; the energy balance error exceeds 10 % of the energy scale),
-            `step_too_long` (the same; `step_check` estimates an error above 10 %), `retry_exhausted`, `not_converged`,
-            `non_finite` or `interrupted`.
+            `step_too_long` (the same; the companion of equal steps states an error above 10 %), `retry_exhausted`,
+            `not_converged`, `non_finite` or `interrupted`.
         failed_steps, retried_steps: counts.
         first_bad: step, time_s, residual and reason of the first bad step, or None.
         max_residual: maximum scaled residual of a step.
@@ -186,37 +188,36 @@ def simulate(
     solver: str | None = None,
     dtype: str | None = None,
     save_every: int | None = None,
+    save_interval: float | None = None,
     accuracy: float | None = None,
     error_tolerance: float | None = None,
     progress: Callable[[float, str], None] | None = None,
     throw: bool = False,
-    tolerance: float | None = None,
     errors: bool = False,
     skip: float = 0.0,
     start: Solution | None = None,
     scratch: str | Path | None = None,
-    step_check: bool | None = None,
+    companion: str | None = None,
     **settings: Any,
 ) -> Solution:
     """Simulate a scene; values that are not given are taken from its `[run]`.
 
     Args:
         scene: packaged name, TOML file, plain values or a `Scene`.
-        dt, duration: time step and simulated time [s]; the duration is rounded up to whole saved steps.
+        dt, duration: length of equal steps, and simulated time [s], which is rounded up to whole saved steps. A scene
+            that gives no step takes steps that follow an accuracy.
         integrator, solver: see `make_stepper`.
         dtype: `float64` or `float32`.
-        save_every: steps between saved times. Extremes of tensions, end forces and loads of fixed points are kept over
-            all steps, see `Solution.step_extremes`.
+        save_every: equal steps between saved times. Extremes of tensions, end forces and loads of fixed points are kept
+            over all steps, see `Solution.step_extremes`.
+        save_interval: time between saved states [s].
         accuracy: required relative accuracy, above 0 and at most 1. Steps then follow the error of positions and
-            tensions (see `stepping.step_control`), dt is the interval between saved times and the maximum step, and
-            saved tensions are means over it; extremes are those of all steps.
+            tensions (see `stepping.step_control`) and end at the saved times; saved tensions are means over the
+            interval, extremes are those of all steps.
         error_tolerance: error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (see
-            `stepping.controlled`); dt is then the interval between states that can be saved, not a step.
+            `stepping.controlled`), in place of 0.001 times the accuracy.
         progress: called with the fraction done and a line of text.
         throw: raise `SimulationError` (with the partial solution) if the status is not `ok`.
-        tolerance: required RMS angle error [rad]. Without `dt` a short pilot run chooses the step (see
-            `study.step_choice`); with it the pilot only checks, and a run above the tolerance is `not_converged`. The
-            estimate and the time up to which it is valid are in `settings["estimated_error"]`.
         errors: run again with smaller steps and more links (about 12 times the cost), and store the loads with an
             estimate of their errors in `settings["load_errors"]` (see `study.load_errors`).
         skip: time at the start [s] that is left out of these loads.
@@ -224,10 +225,8 @@ def simulate(
             `Solution.continued`); values of `[run]` may differ except scheme and precision.
         scratch: an empty folder for the saved states of runs that are larger than memory; the arrays of the solution
             are mapped from it and are valid while it exists.
-        step_check: repeat the run, or stretches of a long one, at half the step. A step that is too long gives a
-            warning, or `step_too_long` (see `run.step_check`). By default runs of up to `step_check.CHEAP_WORK` steps
-            of a link are repeated, and an unusable step gives a warning only. No effect with `tolerance` or `errors`,
-            or for schemes that choose their steps.
+        companion: `coarser` or `finer`: a second run, for half more or two to three times the time, states the errors
+            of the first (see `run.companion`).
         **settings: options of the scheme (gamma, rho_infinity) and further fields of `Stepper` (iterations,
             residual_tolerance, halvings).
 
@@ -241,11 +240,14 @@ def simulate(
         "solver": solver,
         "dtype": dtype,
         "save_every": save_every,
+        "save_interval": save_interval,
         "accuracy": accuracy,
         "error_tolerance": error_tolerance,
         **{name: settings.pop(name) for name in OPTIONS if name in settings},
     }
     check_settings(settings, [*given, *OPTIONS, "residual_tolerance", *stepper_settings()])
+    if companion not in COMPANIONS:
+        raise SceneError(f"companion: {companion!r} is unknown; allowed: {', '.join(map(repr, COMPANIONS))}")
     scene = load_scene(scene)
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
     scene = scene.with_values(changed) if changed else scene
@@ -253,14 +255,9 @@ def simulate(
     if start is not None:
         may_go_on(start.status, start.failure)
         same_scene(scene, start.scene)
-        if tolerance is not None or errors:
-            what = "errors" if errors else "tolerance"
-            raise SceneError(f"{what}: restarts the scene, so it cannot be combined with a run to continue")
+        if errors:
+            raise SceneError("errors: restarts the scene, so it cannot be combined with a run to continue")
     say = progress or (lambda fraction, text: None)
-    choice = None
-    if tolerance is not None:
-        say(0.0, "choosing the step")
-        scene, choice = _choose_step(scene, tolerance, dt is not None)
     run = scene.run
     model = build_model(scene)
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
@@ -275,14 +272,12 @@ def simulate(
     watch = step_signals(scene, stepper.integrator.tension_time)
     compiled = compile_run(stepper, model, first.carry, run, watch)
     compile_s = time.perf_counter() - started
-    outcome = run_chunks(compiled, run.saves, say, rows, stretch_starts(scene) if step_check else ())
+    outcome = run_chunks(compiled, run.rows, say, rows)
     solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
     solution = replace(solution, compile_s=compile_s, run_s=outcome.run_s)
-    is_checked = is_repeated(scene, CHEAP_WORK) if step_check is None else step_check
-    if is_checked and tolerance is None and not errors:
-        solution = with_step_check(solution, compiled, outcome, asked=step_check is not None)
-    if choice is not None:
-        solution = check_tolerance(solution, tolerance, choice)
+    if companion is not None and not errors:
+        say(1.0, "stating its errors")
+        solution = with_stated_errors(solution, compiled, outcome, finer=companion == "finer")
     if errors and is_finished(solution):
         solution = _with_errors(solution, scene, skip, settings, say)
     for text in solution.warnings:
@@ -308,7 +303,7 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
     last, used = restore_end(stepper, model, run, before.last), before.settings
     since = TimeOrigin(*(before.continues or {"origin_s": 0.0, "saves": 0}).values())
     since = since._replace(saves=since.saves + len(before.t) - 1)
-    if (run.dt, run.save_every) != (used["dt"], used["save_every"]):
+    if (run.interval, run.save_every) != (used["dt"] * used["save_every"], used["save_every"]):
         since = TimeOrigin(float(before.t[-1]))
         if isinstance(last.carry, Controlled):
             here = last.carry._replace(origin=jnp.asarray(since.origin, model.dtype), saved=jnp.zeros((), jnp.int32))
@@ -317,7 +312,7 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
 
 
 def _end_at(stepper: Stepper, model: Model, s: State, run: RunSpec) -> Last:
-    names = work_names(model) if stepper.track_work else ()
+    names = ledger(stepper, model, run)
     return Last(first_row(s, len(names)), first_carry(stepper, model, s, run))
 
 
@@ -330,23 +325,13 @@ def restore_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, n
     return restore_carry(jax.eval_shape(anywhere, model), saved)
 
 
-def _choose_step(scene: Scene, tolerance: float, fixed: bool) -> tuple[Scene, Any]:
-    """The scene with its step chosen for the tolerance (unchanged if the caller fixed it), and the error estimate."""
-    from dropper_jax.study.step_choice import choose_step, estimate_error  # noqa: PLC0415
-
-    if fixed:
-        return scene, estimate_error(scene)
-    choice = choose_step(scene, tolerance)
-    return scene.with_values({"run.dt": choice.dt}), choice
-
-
 def _with_errors(
     solution: Solution, scene: Scene, skip: float, settings: dict[str, Any], say: Callable[[float, str], None]
 ) -> Solution:
     """The solution with its loads and their errors, and a warning for each line with unresolved peaks."""
     from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
 
-    again = lambda variant: simulate(variant, step_check=False, **settings)  # noqa: E731
+    again = lambda variant: simulate(variant, **settings)  # noqa: E731
     found = load_errors(scene, again, skip, solution, lambda done, what: say(done, f"errors: {what}"))
     notes = tuple(f"{name}: peak tension not converged (see the errors)" for name in found["not_resolved"])
     known = {**solution.settings, "load_errors": found}

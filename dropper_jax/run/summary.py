@@ -78,8 +78,7 @@ def summary(run: Samples) -> dict[str, Any]:
         "line_weights": line_weights(run.scene),
         "link_mass_nodes": run.scene.link_mass_nodes,
         "broken": run.broken,
-        "estimated_error": run.settings.get("estimated_error"),
-        "step_check": run.settings.get("step_check"),
+        "stated_errors": run.settings.get("stated_errors"),
         "warnings": run.warnings,
         "versions": run.versions,
     }
@@ -92,7 +91,7 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", 
     """Polar angles and their rates: columns `t [s], theta_1..n [rad], omega_1..n [rad/s]`.
 
     For several lines the columns are `theta_LINE/1`, ..., line after line. The first comment also states the angle
-    error of the run's time step, `model_error=... [rad]`, if the run has checked it (`run.step_check`).
+    error of the run's time steps, `model_error=... [rad]`, if a companion has stated it (`run.companion`).
 
     Args:
         solution: the run.
@@ -105,7 +104,7 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", 
     if rates:
         moving = [(solution.positions[:, nodes], solution.velocities[:, nodes]) for nodes in lines]
         columns["omega"] = np.concatenate([angle_rates(*both, zero)[0] for both in moving], axis=1)
-    error = (solution.settings.get("step_check") or {}).get("angles_rad") or 0.0
+    error = (solution.settings.get("stated_errors") or {}).get("angles_rad") or 0.0
     # no angle from 1 rad on: such a step follows no motion
     stated = f", model_error={error:.2g}" if 0.0 < error < 1.0 else ""
     return _write(solution, path, f"zero={zero}, sign=1, unit=rad{stated}", solution.t, columns)

@@ -15,7 +15,7 @@ from dropper_jax.scene.data import (
 from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
 from dropper_jax.scene.line import FailureSpec, GrowthSpec, LineSpec, grown, join_lines
 from dropper_jax.scene.point import AnchorSpec, BuoySpec, PointSpec, check_anchors, utilisations
-from dropper_jax.scene.run import RunSpec, StartSpec, directions
+from dropper_jax.scene.run import RunSpec, StartSpec, choose_steps, directions
 from dropper_jax.scene.season import SeasonSpec
 from dropper_jax.scene.vessel import RaoSpec, VesselSpec
 
@@ -42,6 +42,7 @@ __all__ = [
     "WholeLine",
     "attitude",
     "check_anchors",
+    "choose_steps",
     "directions",
     "grown",
     "is_branched",

@@ -27,6 +27,8 @@ from dropper_jax.base.read import (
 )
 from dropper_jax.scene.line import LineSpec
 
+#: Accuracy of runs of scenes that give neither accuracy nor step.
+DEFAULT_ACCURACY = 0.01
 #: How the start may be given.
 _KINDS = {"one line": ("static", "angles", "positions"), "a system of lines": ("static", "points")}
 #: Linear solvers by name, as `dropper_jax.solvers` offers them; importing that would load scipy for every scene reader.
@@ -37,15 +39,30 @@ SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 class RunSpec:
     """`[run]`: how the scene is simulated unless the caller specifies otherwise."""
 
-    dt: float = parameter("time step", unit="s", low=0.0, open_low=True)
     duration: float = parameter("simulated time", unit="s", low=0.0, open_low=True)
+    accuracy: float | None = parameter(
+        "required relative accuracy, which the steps follow; 0.01 without `dt`",
+        unit="-",
+        low=0.0,
+        open_low=True,
+        high=1.0,
+        optional=True,
+    )
+    save_interval: float | None = parameter(
+        "time between saved states", unit="s", low=0.0, open_low=True, optional=True
+    )
+    dt: float | None = parameter("time step, if all are equal", unit="s", low=0.0, open_low=True, optional=True)
+    source_dt: float | None = parameter(
+        "time step of the source of the scene, of studies that take equal steps",
+        unit="s",
+        low=0.0,
+        open_low=True,
+        optional=True,
+    )
     integrator: str = option("integrator", type=str, default="energy_momentum")
     solver: str = option("linear solver", choices=SOLVERS, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
-    save_every: int = count("steps between saved states", default=1)
-    accuracy: float | None = parameter(
-        "required relative accuracy, which the steps follow", unit="-", low=0.0, open_low=True, high=1.0, optional=True
-    )
+    save_every: int = count("equal steps between saved states", default=1)
     error_tolerance: float | None = parameter(
         "error per step of schemes with error control (tsit5, dop853): of positions [m] and velocities",
         unit="m/s",
@@ -55,17 +72,46 @@ class RunSpec:
         optional=True,
     )
     options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name
+    #: For `step` and `interval` where the scene gives none [s]; the scene suggests them.
+    suggested_step: float | None = None
+    suggested_interval: float | None = None
+
+    @property
+    def step(self) -> float:
+        """Length [s] of equal steps: `dt`, else that of the source, else a suggested one."""
+        return next(value for value in (self.dt, self.source_dt, self.suggested_step) if value is not None)
+
+    @property
+    def interval(self) -> float:
+        """Time [s] between saved states."""
+        if self.accuracy is None:
+            return self.step * self.save_every
+        return self.suggested_interval if self.save_interval is None else self.save_interval
+
+    @property
+    def rows(self) -> int:
+        """Number of saved states after the start."""
+        return self.saves if self.accuracy is None else math.ceil(self.duration / self.interval - 1e-9)
 
     @property
     def saves(self) -> int:
-        """Saved states after the start, which cover the duration; a remainder below 1e-9 steps is attributed to
-        rounding."""
-        return -(-math.ceil(self.duration / self.dt - 1e-9) // self.save_every)
+        """Saved states of equal steps after the start, which cover the duration; a remainder below 1e-9 steps is
+        attributed to rounding."""
+        return -(-math.ceil(self.duration / self.step - 1e-9) // self.save_every)
 
     @property
     def steps(self) -> int:
-        """Total number of steps, a multiple of `save_every`."""
+        """Number of equal steps, a multiple of `save_every`."""
         return self.saves * self.save_every
+
+    @property
+    def steps_in_words(self) -> str:
+        """How the steps are chosen."""
+        return f"steps of {self.step:g} s" if self.accuracy is None else f"accuracy {self.accuracy:g}"
+
+    def with_equal_steps(self) -> RunSpec:
+        """The same with equal steps of `step`."""
+        return dataclasses.replace(self, dt=self.step, accuracy=None, save_interval=None, source_dt=None)
 
     @classmethod
     def read(cls, table: Plain, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
@@ -83,28 +129,81 @@ class RunSpec:
         }
         spec = cls(**values)
         spec._check(path)
-        return spec
+        return spec._normal(path)
+
+    def _normal(self, path: str) -> RunSpec:
+        """The same without keys that follow from others."""
+        if self.accuracy is None and self.dt is None:
+            return dataclasses.replace(self, accuracy=DEFAULT_ACCURACY)
+        if self.accuracy is None:
+            return self if self.save_interval is None else self._with_whole_steps(path)
+        if self.dt is None:
+            return self
+        interval = self.dt * self.save_every if self.save_interval is None else self.save_interval
+        return dataclasses.replace(self, dt=None, source_dt=self.dt, save_every=1, save_interval=interval)
+
+    def _with_whole_steps(self, path: str) -> RunSpec:
+        """The same with the steps between saved states counted.
+
+        Raises:
+            SceneError: it is not a whole number.
+        """
+        every = round(self.save_interval / self.dt)
+        if every < 1 or abs(every * self.dt - self.save_interval) > 1e-9 * self.save_interval:
+            raise SceneError(
+                f"{path}.save_interval: {self.save_interval:g} s is not a whole number of steps of {self.dt:g} s"
+            )
+        return dataclasses.replace(self, save_every=every, save_interval=None)
 
     @raises_first
     def _check(self, path: str) -> Iterator[Check]:
+        shortest = self.dt or self.save_interval or 0.0
         yield (
-            self.duration < self.dt,
-            f"{path}.duration: {self.duration} is shorter than the step; allowed: at least one step, {self.dt:g} s",
+            self.duration < shortest,
+            f"{path}.duration: {self.duration} is shorter than the step; allowed: at least one step, {shortest:g} s",
         )
         yield (
-            self.duration > MOST * self.dt,
-            f"{path}.duration: {self.duration} takes {self.duration / self.dt:.3g} steps of {self.dt:g} s; allowed: "
-            f"at most {MOST} steps",
+            self.duration > MOST * shortest > 0.0,
+            f"{path}.duration: {self.duration} takes {self.duration / (shortest or 1.0):.3g} steps of {shortest:g} s; "
+            f"allowed: at most {MOST} steps",
+        )
+        yield (
+            self.dt is None and self.save_every != 1,
+            f"{path}.save_every: {self.save_every} counts equal steps, and the scene has no run.dt. Use "
+            "run.save_interval [s]",
         )
         yield (
             self.accuracy is not None and self.save_every != 1,
-            f"{path}.save_every: {self.save_every} cannot be combined with run.accuracy, which saves every dt; "
-            "allowed: 1",
+            f"{path}.save_every: {self.save_every} counts equal steps, which run.accuracy excludes. Use "
+            "run.save_interval [s]",
         )
 
     def table(self) -> dict[str, Any]:
         """Plain values from which `read` recreates the section."""
         return {**as_table(self), **self.options}
+
+
+def choose_steps(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The table of `[run]` without keys that newly given values replace: a step an accuracy, an accuracy a step.
+
+    Args:
+        given: the new values, which the table has, by path.
+    """
+    found = dict(table)
+
+    def is_new(key: str) -> bool:
+        return f"run.{key}" in given
+
+    if is_new("dt") and not is_new("accuracy"):
+        for key in ("accuracy", "save_interval", "source_dt"):
+            if not is_new(key):
+                found.pop(key, None)
+    if is_new("accuracy") and "dt" in found and not is_new("dt"):
+        step = found.pop("dt")
+        every = found.pop("save_every", 1)
+        found.setdefault("source_dt", step)
+        found.setdefault("save_interval", step * every)
+    return found
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper, step
+from dropper_jax.residual.breaking import without_broken_links
 from dropper_jax.stepping.control import step_failed
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.integrate import Progress, Trajectory, begin, empty_rows, scan_steps
@@ -30,6 +31,11 @@ from dropper_jax.stepping.step_control import (
     start_control,
 )
 
+#: Name under which the energy of changes of the step is booked.
+STEP_CHANGES = "step_changes"
+#: Relative difference of two lengths of steps that are the same.
+SAME = 1e-9
+
 
 class Adaptive(NamedTuple):
     """State of a run with an accuracy.
@@ -39,12 +45,14 @@ class Adaptive(NamedTuple):
         control: what the controller remembers.
         refused: number of rejected steps.
         shortest: number of steps of the shortest length that were accepted with a larger error.
+        changed: energy that changes of the step have added so far [J], see `Integrator.change_step`.
     """
 
     progress: Progress
     control: Control
     refused: jax.Array
     shortest: jax.Array
+    changed: jax.Array
 
     @property
     def state(self) -> State:
@@ -132,7 +140,10 @@ def advance_adaptively(
         s = replace(done.adaptive.state, t=end)
         progress = Progress(s, done.adaptive.steps_done + 1, done.adaptive.progress.first_bad)
         counts = done.residual, done.retried, done.bad, progress.first_bad
-        row = Trajectory(s.r, s.v, done.within.mean, s.work, *counts, s.parted, s.own, done.extremes)
+        work = s.work
+        if books_changes(stepper, model):
+            work = jnp.append(work, done.adaptive.changed)
+        row = Trajectory(s.r, s.v, done.within.mean, work, *counts, s.parted, s.own, done.extremes)
         return done.adaptive._replace(progress=progress), (row, done.within)
 
     rows = empty_rows(jax.eval_shape(save, adaptive, None)[1], saves)
@@ -152,13 +163,14 @@ class _Tried(NamedTuple):
 def _try(
     stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, accuracy: jax.Array
 ) -> _Tried:
-    (s, number, first_bad), control, refused, shortest = adaptive
+    (s, number, first_bad), control, refused, shortest, changed = adaptive
     left = end - s.t
     h = left / jnp.ceil(left / control.wanted - 1e-9)
-    s1, row = step(stepper, model, s, h)
+    start, added = with_step_changed(stepper, model, s, control.before, h)
+    s1, row = step(stepper, model, start, h)
     failed = step_failed(stepper, model, s1, row)
-    error = estimate_error(stepper, model, s, s1, h, control.before)
-    excess = compare(model, s, s1, h, error, control, accuracy)
+    error = estimate_error(stepper, model, start, s1, h, control.before)
+    excess = compare(model, start, s1, h, error, control, accuracy)
     # there is nothing to compare the first acceleration with
     excess = jnp.where(control.before > 0.0, excess, LEAST)
     excess = jnp.where(failed | ~jnp.isfinite(excess), MOST, excess)
@@ -171,10 +183,44 @@ def _try(
     least = jnp.where(failed, last_resort, jnp.minimum(floor, h))
     wanted = jnp.clip(next_length(h, excess, control, accepted), least, dt)
     progress = Progress(s1, number, jnp.where(failed & (first_bad < 0), number, first_bad))
-    taken = Adaptive(progress, after_step(model, s1, h, excess, wanted, control), refused, shortest + ~exact)
+    following = after_step(model, s1, h, excess, wanted, control)
+    taken = Adaptive(progress, following, refused, shortest + ~exact, changed + added)
     left_alone = adaptive._replace(control=control._replace(wanted=wanted, rejected=~accepted), refused=refused + 1)
-    following = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, left_alone)
-    return _Tried(following, h, row, failed, accepted)
+    chosen = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, left_alone)
+    return _Tried(chosen, h, row, failed, accepted)
+
+
+def with_step_changed(
+    stepper: Stepper, model: Model, s: State, before: jax.Array, h: jax.Array
+) -> tuple[State, jax.Array]:
+    """The state from which a step of h [s] continues smoothly after one of `before` [s], 0 if there is none, and the
+    energy that this adds [J]."""
+    none = jnp.zeros((), model.dtype)
+    if not has_rigid_links(model):
+        return s, none
+    inner = model if s.parted is None else without_broken_links(model, s)
+    inner = inner.with_internal_state(s.own)
+
+    def change() -> tuple[jax.Array, jax.Array]:
+        v = stepper.integrator.change_step(inner, s, before, h).v
+        if not stepper.track_work:
+            return v, none
+        k = inner.kinematics(s.r, s.v, s.t)
+        return v, inner.kinetic_energy(k.with_velocity(v)) - inner.kinetic_energy(k)
+
+    is_other = (before > 0.0) & (jnp.abs(h - before) > SAME * h)
+    v, added = jax.lax.cond(is_other, change, lambda: (s.v, none))
+    return replace(s, v=v), added
+
+
+def books_changes(stepper: Stepper, model: Model) -> bool:
+    """Whether the rows of a run have the energy of changes of the step as their last work."""
+    return stepper.track_work and has_rigid_links(model)
+
+
+def has_rigid_links(model: Model) -> bool:
+    """Whether any link is inextensible."""
+    return bool(model.line.axial.rigid(model.line.links).any())
 
 
 def adaptive_step_lengths(
@@ -206,4 +252,4 @@ def adaptive_step_lengths(
 def adaptive_start(model: Model, progress: Progress) -> Adaptive:
     """The carry of a run that starts."""
     none = jnp.zeros((), jnp.int32)
-    return Adaptive(progress, start_control(model, progress.state), none, none)
+    return Adaptive(progress, start_control(model, progress.state), none, none, jnp.zeros((), model.dtype))

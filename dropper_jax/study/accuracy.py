@@ -172,7 +172,7 @@ class _Study:
         run = self.scene.run
         # maximum duration of a comparison [s]
         longest = max(min(run.duration, 20.0), 2 * grid)
-        trusted, exponent = trusted_span(self.model, self.s, longest, min(run.dt, grid), grid)
+        trusted, exponent = trusted_span(self.model, self.s, longest, min(run.step, grid), grid)
         saves = max(2, round(trusted / grid) if span is None else round(span / grid))
         self.say(0.35, f"reference over {saves * grid:.3g} s")
         target = reference(self.model, self.s, grid, saves, exponent)

@@ -66,7 +66,7 @@ def cost(
     try:
         for name, shrunk in model_variants(model):
             stepper = make_stepper(shrunk, run.integrator, _solver(run, shrunk), **run.options)
-            variant = Variant(name, shrunk, stepper, s, run.dt, steps)
+            variant = Variant(name, shrunk, stepper, s, run.step, steps)
             variant.time()
             variants.append(variant)
             each(variant.row(variants[0]))
@@ -218,7 +218,8 @@ def proof(scene: Scene) -> dict[str, Any]:
     model, s = build(scene)
     taken = without_effects(model, [name for name in scene.effects if name != "weight"])
     removed, never_had = (
-        _text(make_stepper(m, run.integrator, "auto", **run.options), m, s, run.dt) for m in (taken, build_model(never))
+        _text(make_stepper(m, run.integrator, "auto", **run.options), m, s, run.step)
+        for m in (taken, build_model(never))
     )
     return {
         "removed_is_never_had": removed == never_had,
@@ -231,7 +232,7 @@ def proof(scene: Scene) -> dict[str, Any]:
 def program(scene: Scene) -> str:
     """The text of the program of one step of a scene before compilation."""
     model, s = build(scene)
-    return _text(stepper_of(model, scene.run), model, s, scene.run.dt)
+    return _text(stepper_of(model, scene.run), model, s, scene.run.step)
 
 
 def _text(stepper: Stepper, model: Model, s: State, dt: float) -> str:

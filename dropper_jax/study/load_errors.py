@@ -168,7 +168,7 @@ def load_errors(
 
 def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
     left_out, run, scheme = {}, scene.run, INTEGRATORS[scene.run.integrator]
-    key, value, power = "dt", run.dt, 1
+    key, value, power = "dt", run.step, 1
     if scheme.controls_error:
         key, value, power = "error_tolerance", run.error_tolerance or scheme.tolerance, scheme.order
     elif run.accuracy is not None:

@@ -157,7 +157,7 @@ class Runner:
         retried = 0
         while done < scene.run.saves:
             carry, (rows, _) = run.go_on(carry, scene.run.saves - done)
-            t = (done + 1 + np.arange(len(rows.r))) * scene.run.dt
+            t = (done + 1 + np.arange(len(rows.r))) * scene.run.step
             good = int(np.argmax(rows.first_bad >= 0)) if np.any(rows.first_bad >= 0) else len(t)
             largest, extremes = rows.tension, {}
             if watch is not None:

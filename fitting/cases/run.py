@@ -122,7 +122,7 @@ def run_cases(
         CasesStopped: writing failed or a worker died; finished runs are kept.
     """
     cases = list(site.cases if cases is None else cases)
-    dt = site.prepared().run.dt if dt is None else dt
+    dt = site.prepared().run.step if dt is None else dt
     store = CaseStore(folder, site, dt)
     todo = [case for case in cases if not store.has(case)]
     kept, started = len(cases) - len(todo), time.perf_counter()

@@ -59,7 +59,7 @@ def pose(
             scenes.append(scene.with_values(run.own) if run.own else scene)
         except SceneError as error:
             raise SceneError(f"run {run.name!r}: {error}") from None
-    if len({(s.run.dt, s.run.integrator, s.run.save_every) for s in scenes}) > 1:
+    if len({(s.run.step, s.run.integrator, s.run.save_every) for s in scenes}) > 1:
         raise SceneError("run.scene: runs with other steps or schemes cannot be fitted together. Use one [run]")
     _check_program(scenes, data)
     shared = find_free(scenes[0], data, [n for n in names if n not in mine])
@@ -99,7 +99,7 @@ def pose(
 
 def _check_program(scenes: Sequence[Scene], data: Data) -> None:
     """Reject runs that end before the first samples."""
-    spacing = scenes[0].run.dt * scenes[0].run.save_every
+    spacing = scenes[0].run.step * scenes[0].run.save_every
     for run in data.runs:
         last = max(float(t[-1]) for t in run.t)
         if last <= 2 * spacing:

@@ -112,7 +112,7 @@ class Problem(Residuals):
     @property
     def dt(self) -> float:
         """The step [s]."""
-        return self.scenes[0].run.dt * 0.5**self.halved
+        return self.scenes[0].run.step * 0.5**self.halved
 
     @cached_property
     def floor(self) -> np.ndarray:
@@ -220,7 +220,7 @@ class Problem(Residuals):
         given = [s.delay for s in self.data.sensors] + [c.delay for c in self.data.cameras]
         rate = max([1.0, *rates, *(c.rate for c in self.data.cameras)])
         late = late * rate - min([0.0, *given, *(d for d in delays if np.isfinite(d))]) * (2 if delays else 1)
-        spacing = self.scenes[0].run.dt * self.scenes[0].run.save_every
+        spacing = self.scenes[0].run.step * self.scenes[0].run.save_every
         # cubics through four rows need three saved states after the last sample
         return max(int(np.ceil(late / spacing - 1e-9)) + 3, 5)
 

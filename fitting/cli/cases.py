@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     from fitting.cases.page import write_page
     from fitting.cases.run import CasesStopped, run_cases, step_errors
 
-    dt = site.prepared().run.dt
+    dt = site.prepared().run.step
     how = {"workers": args.workers or available_cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}
     try:
         done = run_cases(site, out, dt=dt, **how)

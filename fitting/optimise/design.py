@@ -61,7 +61,7 @@ class Design:
 
     @property
     def dt(self) -> float:
-        return self.site.run.dt or self.site.scene.run.dt
+        return self.site.run.dt or self.site.scene.run.step
 
     def still(self, x: np.ndarray, case: Case) -> RunStart:
         """Calm model and equilibrium of a design in the current and level of a case, all lines intact."""

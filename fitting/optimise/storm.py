@@ -220,12 +220,12 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
     found = outcome.trajectory
     if int(found.first_bad[-1]) >= 0:
         return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
-    first = int(np.floor(site.run_of(case.storm).skip / run.dt))
+    first = int(np.floor(site.run_of(case.storm).skip / run.step))
     hard, when = [], []
     for part in np.array_split(np.arange(first, len(found.r)), max(1, (len(found.r) - first) // 1000)):
         peaks = _signals(tuple(quantities), model, jnp.asarray(found.r[part]), jnp.asarray(found.tension[part]))
         hard.append([float(jnp.max(x)) for x in peaks])
-        when.append([(part[0] + int(jnp.argmax(x)) + 1) * run.dt for x in peaks])
+        when.append([(part[0] + int(jnp.argmax(x)) + 1) * run.step for x in peaks])
     best = np.argmax(hard, axis=0)
     return Storms(np.max(hard, axis=0), np.array(when)[best, np.arange(len(best))])
 

@@ -253,7 +253,7 @@ def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
     """
     first, moved, extent = _displacements(problem, start, run)
     size = (moved / (10.0 * np.maximum(extent, first))).max(axis=-1)
-    times = problem.scene.run.dt * problem.scene.run.save_every * (1 + np.arange(len(size)))
+    times = problem.scene.run.step * problem.scene.run.save_every * (1 + np.arange(len(size)))
     over = np.flatnonzero(~(size[:-1] <= 1.0))
     if not over.size:
         return float(times[-1]), np.nan
@@ -285,7 +285,7 @@ def windows(
     if run is None:
         start = vary_start(problem.plan, problem.model, problem.start, at)
         run = vary_study(problem, at, start, problem.scene.run.saves)[1].tree
-    every = problem.scene.run.dt * problem.scene.run.save_every
+    every = problem.scene.run.step * problem.scene.run.save_every
     saves = min(max(2, int(length / every)), problem.scene.run.saves)
     count = problem.scene.run.saves // saves
     model, found = apply(problem.model, problem.parameters, at), []

@@ -67,13 +67,13 @@ class Plan:
     def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
         """Saved states of a run from s."""
         every = self.run.save_every
-        return integrate(self.stepper, model, s, self.run.dt, saves * every, every, checkpoint, warn=False)[1]
+        return integrate(self.stepper, model, s, self.run.step, saves * every, every, checkpoint, warn=False)[1]
 
     def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
         """The quantity, NaN if a step failed."""
         if self.of.at_rest:
             return self.of(model, s.r, run, s.t[None])
-        t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.run.dt * self.run.save_every)
+        t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.run.step * self.run.save_every)
         return jnp.where(run.first_bad[-1] < 0, self.of(model, s.r, run, t), jnp.nan)
 
     def value(self, model: Model, near: State, values: jax.Array) -> jax.Array:
@@ -83,7 +83,7 @@ class Plan:
         if self.of.at_rest:
             return self.measure(model, s, standing(s))
         march = one_kernel(partial(advance, self.stepper, saves=self.run.saves, save_every=self.run.save_every))
-        _, run = march(model, begin(self.stepper, model, s), jnp.asarray(self.run.dt, model.dtype))
+        _, run = march(model, begin(self.stepper, model, s), jnp.asarray(self.run.step, model.dtype))
         return self.measure(model, s, run)
 
     def evaluate(
@@ -290,7 +290,7 @@ def vary_study(problem: Study, at: jax.Array, start: Varied, saves: int) -> tupl
     """The quantity over `saves` saved times from `start`, and the run, with derivatives."""
     plan, model, run = problem.plan, problem.model, None
     if not plan.of.at_rest:
-        dt, rows = jnp.asarray(plan.run.dt, model.dtype), spare_rows(plan.run.saves)
+        dt, rows = jnp.asarray(plan.run.step, model.dtype), spare_rows(plan.run.saves)
         run = _vary_run(plan.stepper, plan.parameters, model, at, start, dt, saves, plan.run.save_every, rows)
         run = Varied(
             jax.tree.map(lambda x: np.asarray(x)[:saves], run.tree), [np.asarray(x)[:, :saves] for x in run.slopes]

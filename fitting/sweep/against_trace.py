@@ -212,7 +212,7 @@ def sweep_against_trace(
         integrator = "rattle_4"
     scene = scene if integrator is None else scene.with_values({"run.integrator": integrator})
     scene = at_samples(scene, trace)
-    t = (1 + np.arange(scene.run.saves)) * scene.run.dt * scene.run.save_every
+    t = (1 + np.arange(scene.run.saves)) * scene.run.step * scene.run.save_every
     against = Against(trace, t, sample_trace(trace, t), trace.at(t), part_ends(t, parts))
     result = sweep(scene, vary, out, traces=True, **settings)
     plan = result.plan
@@ -234,7 +234,7 @@ def at_samples(scene: Scene, trace: Trace) -> Scene:
     """The scene adapted to a trace: it runs over its span, saves at its sample interval, with steps that divide it."""
     span = float(trace.t[-1] - trace.t[0])
     interval = span / round(span / trace.interval)  # times in files are rounded
-    every = max(1, int(np.ceil(interval / scene.run.dt - 1e-9)))
+    every = max(1, int(np.ceil(interval / scene.run.step - 1e-9)))
     duration = max(1, round(float(trace.t[-1]) / interval)) * interval
     return scene.with_values({"run.dt": interval / every, "run.save_every": every, "run.duration": duration})
 

@@ -22,7 +22,7 @@ import numpy as np
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.memory import available_memory, in_words
-from dropper_jax.base.read import ScenePath
+from dropper_jax.base.read import ScenePath, declared_fields
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.paths import describe
 from dropper_jax.model import Model, State
@@ -238,7 +238,7 @@ def make_plan(
     Raises:
         SceneError: an unknown path, quantity or setting, a value out of range, nothing to vary.
     """
-    run_keys = [*(field.name for field in dataclasses.fields(RunSpec) if field.name != "options"), *OPTIONS]
+    run_keys = [*declared_fields(RunSpec), *OPTIONS]
     check_settings(settings, [*run_keys, *stepper_settings()])
     changed = {f"run.{key}": settings.pop(key) for key in run_keys if key in settings}
     scene = load_scene(scene)

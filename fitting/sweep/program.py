@@ -201,7 +201,7 @@ class Program:
         batched = jax.NamedSharding(self.mesh, PartitionSpec("device"))
         shared = jax.NamedSharding(self.mesh, PartitionSpec())
         axes = [shared if axis is None else batched for axis in self.in_axes]
-        arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.scene.run.dt, dtype))
+        arguments = (model, start, jnp.asarray(values, dtype), jnp.asarray(plan.scene.run.step, dtype))
         return tuple(map(jax.device_put, arguments, axes))
 
     def _build(self, key: tuple[float, ...]) -> tuple[Shape, tuple[Model, State]] | None:

@@ -221,8 +221,8 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]
     run, sea, bed = scene.run, scene.sea, scene.effects.get("seabed")
     depth = sea.depth if sea is not None else (bed or {}).get("depth")
     values: dict[str, Any] = {
-        "dtM": run.dt if dt is None else dt,
-        "dtOut": run.dt * run.save_every,
+        "dtM": run.step if dt is None else dt,
+        "dtOut": run.step * run.save_every,
         "g": scene.gravity,
         "rho": 0.0 if sea is None else sea.density,
         "WtrDpth": depth if depth is not None else _below(scene),

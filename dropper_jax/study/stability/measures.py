@@ -19,7 +19,6 @@ from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.stability import derivatives
 from dropper_jax.study.stability.case import Case, Outcome, scene_of
 from dropper_jax.study.stability.march import CaseRun, run_named
-from dropper_jax.study.step_choice import choose_step
 
 Measure = Callable[[Case, bool], Outcome]
 
@@ -63,15 +62,14 @@ def _stays(case: Case, short: bool) -> Outcome:
     return Outcome(float(np.max(moved)), run.status if rest.status == "ok" else rest.status)
 
 
-#: Tolerance of a run at ten times the advised step.
-TOLERANCE = 1e-2
+#: Step that is far too long, over that of the scene.
+TOO_LONG = 20.0
 
 
 def _too_large_step(case: Case, short: bool) -> Outcome:
-    """0 if the status reports that the tolerance is not met."""
+    """0 if the status reports that the step is too long."""
     scene = scene_of(case.scene).with_values({"run.duration": case.duration})
-    dt = 10 * choose_step(scene, TOLERANCE).dt
-    found = simulate(scene, dt=dt, tolerance=TOLERANCE)
+    found = simulate(scene, dt=TOO_LONG * scene.run.step, companion="coarser")
     return Outcome(float(found.status == "ok"), found.status)
 
 

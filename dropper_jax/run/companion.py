@@ -1,0 +1,253 @@
+"""The error of a run, stated from a second run of the same scene.
+
+A run follows an accuracy a or takes equal steps h; its companion follows 4 a or takes steps 2 h, for half more time.
+With errors of order p in h the companion's are g = 2^p times those of the run (4 with an accuracy, to which errors are
+proportional), so that the error of a result q is
+
+    e = |q_companion - q|/(g - 1)
+
+To verify a run the companion is finer instead, a/4 or h/2, for two to three times the time, and e = |..| g/(g - 1).
+
+Results are the mean, the standard deviation and the maximum in time of the tension of each line's most loaded link, and
+the positions of the nodes. The maximum depends on few steps and converges irregularly: its error is the whole
+difference. Once both runs are different motions (chaos), differences are chance: errors of tensions are then the whole
+differences as well, and positions are compared until that time.
+
+The compiled program of the run has accuracy, step and count as arguments, so nothing is compiled again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dropper_jax.integrators import INTEGRATORS
+from dropper_jax.run.chunks import FACTOR, Companion, Program, RunOutcome
+from dropper_jax.run.samples import TOO_LONG, Kind, Samples, is_finished
+from dropper_jax.scene import whole_lines
+from dropper_jax.stepping.adaptive import Within
+from dropper_jax.stepping.integrate import Trajectory
+
+#: Travel as a fraction of the longest line below which nodes are at rest.
+TRAVEL_AT_REST = 1e-3
+#: Fraction of the maximum tension of all lines below which a line's errors do not count in the verdict.
+SMALL_TENSION = 0.1
+#: Error of a result above which equal steps are unusable, and above which they are warned of.
+UNUSABLE, WARNED = 0.1, 0.03
+#: Stated errors above this multiple of the accuracy are warned of.
+MISSED = 3.0
+#: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and it then reaches
+#: 30 % in less than four times this time. A linear drift of the phase takes 30 times as long.
+CHAOS_RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
+
+
+class Tensions(NamedTuple):
+    """Tensions of the links (n,) over a run [N]: mean, mean square, maximum."""
+
+    mean: np.ndarray
+    square: np.ndarray
+    top: np.ndarray
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Standard deviation in time (n,) [N]."""
+        return np.sqrt(np.maximum(self.square - self.mean**2, 0.0))
+
+
+def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer: bool = False) -> Kind:
+    """The solution with the errors that a companion states, in `settings["stated_errors"]`, and their warnings.
+
+    Args:
+        finer: the companion is finer than the run, not coarser.
+    """
+    if not is_finished(solution):
+        return solution
+    try:
+        found = state_errors(solution, run.companion(finer), outcome, finer)
+    except KeyboardInterrupt:  # the run itself is complete
+        return solution
+    if found is None:
+        note = "errors: not stated, because a step of the second run fails"
+        return replace(solution, warnings=(*solution.warnings, note))
+    warnings = tuple(_warnings(found, solution))
+    unusable = solution.scene.run.accuracy is None and _worst(found, solution) > UNUSABLE
+    status = TOO_LONG if solution.status == "ok" and unusable else solution.status
+    settings = {**solution.settings, "stated_errors": found}
+    return replace(solution, settings=settings, status=status, warnings=(*solution.warnings, *warnings))
+
+
+def state_errors(
+    solution: Samples, companion: Companion, outcome: RunOutcome, finer: bool = False
+) -> dict[str, Any] | None:
+    """Errors of a run; None if a step of the companion fails.
+
+    Returns:
+        `companion`: what the companion followed, in words; `lines`: of each line {line, link, mean_n, mean_error_n,
+        deviation_n, deviation_error_n, maximum_n, maximum_error_n}; `positions`: RMS distance of the worst node as a
+        fraction of the travel, until `chaotic_from_s`; None at rest; `angles_rad`: see `_angle_error`.
+    """
+    rows, beside = outcome.trajectory, outcome.beside
+    every = companion.every
+    saves = len(rows.r) // every
+    parts = []
+    apart = np.empty((saves, *rows.r.shape[1:]))
+    done = 0
+    for piece, own_beside in companion.go(saves):
+        first, last = done, done + len(piece.r)
+        apart[first:last] = piece.r - rows.r[every - 1 :: every][first:last]
+        parts.append((len(piece.r), _tensions(piece, own_beside)))
+        done = last
+    if done < saves:
+        return None
+    factor = _factor(solution, finer)
+    travel = _travel(solution, rows.r)
+    distance = None if travel is None else np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1)) / travel
+    chaos = None if distance is None else _chaos(distance, rows.r[every - 1 :: every])
+    both = _tensions(rows, beside), _weighted(parts)
+    return {
+        "companion": companion.words,
+        "lines": list(_lines(solution, both, 1.0 if chaos is not None else factor)),
+        "positions": None if distance is None else factor * float(np.sqrt(np.mean(distance[:chaos] ** 2))),
+        "chaotic_from_s": None if chaos is None else float(solution.t[every * (1 + chaos)]),
+        "angles_rad": factor * _angle_error(solution, apart[:chaos], every),
+    }
+
+
+def _factor(solution: Samples, finer: bool) -> float:
+    """Error of the run over its difference from the companion."""
+    is_controlled = "refused_steps" in solution.settings
+    gain = FACTOR if is_controlled else 2.0 ** INTEGRATORS[solution.scene.run.integrator].order
+    return gain / (gain - 1.0) if finer else 1.0 / (gain - 1.0)
+
+
+def _tensions(rows: Trajectory, beside: Any) -> Tensions:
+    links = rows.tension.shape[1]
+    square = beside.square if isinstance(beside, Within) else rows.tension**2
+    top = rows.tension if rows.extremes is None else rows.extremes.largest[:, :links]
+    return Tensions(np.mean(rows.tension, axis=0), np.mean(square, axis=0), np.max(top, axis=0))
+
+
+def _weighted(parts: list[tuple[int, Tensions]]) -> Tensions:
+    """The tensions of several parts of a run together."""
+    weights = np.array([count for count, _ in parts], float)
+    mean = np.average([part.mean for _, part in parts], axis=0, weights=weights)
+    square = np.average([part.square for _, part in parts], axis=0, weights=weights)
+    return Tensions(mean, square, np.max([part.top for _, part in parts], axis=0))
+
+
+def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) -> Iterator[dict[str, Any]]:
+    run, other = both
+    for line in whole_lines(solution.scene):
+        link = line.links.start + int(np.argmax(run.top[line.links]))
+        yield {
+            "line": line.name,
+            "link": link - line.links.start + 1,
+            "mean_n": float(run.mean[link]),
+            "mean_error_n": factor * float(abs(run.mean[link] - other.mean[link])),
+            "deviation_n": float(run.deviation[link]),
+            "deviation_error_n": factor * float(abs(run.deviation[link] - other.deviation[link])),
+            "maximum_n": float(run.top[link]),
+            "maximum_error_n": float(abs(run.top[link] - other.top[link])),
+        }
+
+
+def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
+    """Maximum extent [m] of a node's path (k, nodes, 3); None for a run at rest."""
+    travel = float(np.max(np.linalg.norm(np.ptp(nodes, axis=0), axis=1)))
+    return travel if travel > TRAVEL_AT_REST * max(line.total for line in solution.scene.lines) else None
+
+
+def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
+    """Saved time after which the two runs are different motions: small errors grow at a rate that only chaos has."""
+    if not np.any(separation > SEPARATED):
+        return None
+    shift = np.sqrt(np.max(np.sum((nodes - nodes[0]) ** 2, axis=2), axis=1))
+    swing = int(np.argmax(shift > 0.5 * np.max(shift)))
+    resolved, off = (int(np.argmax(separation > limit)) for limit in (CHAOS_RESOLVED, SEPARATED))
+    return resolved if resolved > SWINGS * swing and off < SUDDEN * resolved else None
+
+
+def _angle_error(solution: Samples, apart: np.ndarray, every: int) -> float:
+    """RMS difference of the links' angles [rad] that arises within a window of a fit, half the shortest link's period.
+
+    The change of a link's vector over its length bounds the change of its angle. Every window of a fit has a start of
+    its own, so that errors of earlier windows do not count. 0 for several lines.
+
+    Args:
+        apart: distances (k, nodes, 3) [m] of the free nodes of both runs.
+        every: saves of the run between them.
+    """
+    line = solution.scene.lines[0]
+    if solution.scene.branched or not len(apart):
+        return 0.0
+    interval = solution.settings["dt"] * solution.settings["save_every"] * every
+    window = max(1, round(np.pi * np.sqrt(float(np.min(line.length)) / 9.81) / interval))
+    # the nodes between two fixed end points, or from a fixed one to the free end
+    nodes = np.pad(apart, ((0, 0), (1, len(line.length) - apart.shape[1]), (0, 0)))
+    turned = np.diff(nodes, axis=1) / line.length[:, None]
+    starts = turned[np.arange(len(turned)) // window * window]
+    return float(np.sqrt(np.mean(np.sum((turned - starts) ** 2, axis=2))))
+
+
+def _relative(found: dict[str, Any]) -> Iterator[tuple[str, str, float]]:
+    """Line, what is off, and the error as a fraction: of the line's largest mean, deviation together."""
+    largest = max((row["maximum_n"] for row in found["lines"]), default=0.0)
+    for row in found["lines"]:
+        scale = max(abs(row["mean_n"]) + row["deviation_n"], SMALL_TENSION * largest)
+        if scale > 0.0:
+            yield row["line"], "mean tension", row["mean_error_n"] / scale
+            yield row["line"], "deviation of the tension", row["deviation_error_n"] / scale
+        if row["maximum_n"] > SMALL_TENSION * largest:
+            yield row["line"], "largest tension", row["maximum_error_n"] / row["maximum_n"]
+    if found["positions"] is not None:
+        yield "", "positions", found["positions"]
+
+
+def _worst(found: dict[str, Any], solution: Samples) -> float:
+    """The largest relative error that makes equal steps unusable; chance does not."""
+    if found["chaotic_from_s"] is not None:
+        return found["positions"] or 0.0
+    return max((size for _, _, size in _relative(found)), default=0.0)
+
+
+def _warnings(found: dict[str, Any], solution: Samples) -> Iterator[str]:
+    """One line for the result of each kind that is most off, if it is off by more than the run is to be."""
+    accuracy = solution.scene.run.accuracy
+    limit = WARNED if accuracy is None else MISSED * accuracy
+    worst: dict[str, tuple[str, float]] = {}
+    for line, what, size in _relative(found):
+        is_chance = found["chaotic_from_s"] is not None and what != "positions"
+        if size > limit and not is_chance and size > worst.get(what, ("", 0.0))[1]:
+            worst[what] = (line, size)
+    for what, (line, size) in worst.items():
+        of = f"of {line} " if line else ""
+        yield f"{what} {of}may be off by {100.0 * size:.2g} %. {_advice(solution)}"
+
+
+def _advice(solution: Samples) -> str:
+    accuracy = solution.scene.run.accuracy
+    if accuracy is not None:
+        return f"Use --accuracy {0.25 * accuracy:.2g}"
+    if INTEGRATORS[solution.scene.run.integrator]().local_error is None:
+        return f"Use --dt {0.5 * solution.settings['dt']:.2g}"
+    return "Use --accuracy 0.01 in place of --dt"
+
+
+def words(found: dict[str, Any]) -> str:
+    """The stated errors in one line."""
+    texts = []
+    if found["positions"] is not None:
+        texts.append(f"positions {100.0 * found['positions']:.2g} % of the travel")
+    rows = [row for row in found["lines"] if row["maximum_n"] > 0.0]
+    if rows:
+        row = max(rows, key=lambda row: row["maximum_n"])
+        mean = f"mean {row['mean_n']:.4g} +- {row['mean_error_n']:.2g} N"
+        deviation = f"deviation {row['deviation_n']:.4g} +- {row['deviation_error_n']:.2g} N"
+        maximum = f"maximum {row['maximum_n']:.4g} +- {row['maximum_error_n']:.2g} N"
+        texts.append(f"{row['line']}: {mean}, {deviation}, {maximum}")
+    if found["chaotic_from_s"] is not None:
+        texts.append(f"chaotic from {found['chaotic_from_s']:.3g} s: positions until then, tensions with their chance")
+    return "; ".join([*texts, f"from {found['companion']}"])

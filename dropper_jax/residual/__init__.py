@@ -4,6 +4,7 @@ from dropper_jax.residual.problem import GRAVITY_SCALE, SpeedProblem, StepProble
 from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, LocalError, couples_inertia, point_masses_only
 from dropper_jax.residual.step import (
     TOO_FAR,
+    Filter,
     Linear,
     Newton,
     Problem,
@@ -16,11 +17,13 @@ from dropper_jax.residual.step import (
     solution,
     solve,
     step,
+    step_and_filter,
     subtract,
 )
 
 __all__ = [
     "Explicit",
+    "Filter",
     "GRAVITY_SCALE",
     "Implicit",
     "Integrator",
@@ -43,5 +46,6 @@ __all__ = [
     "solution",
     "solve",
     "step",
+    "step_and_filter",
     "subtract",
 ]

@@ -192,6 +192,7 @@ class Corrections(NamedTuple):
         now, before: the largest scaled row, and that before the last correction.
         count: number of corrections, -1 before the guess is evaluated.
         halved: how often the next correction is halved.
+        filtered: see `Filter`, by the last matrix; None without one.
     """
 
     u: Unknowns
@@ -200,6 +201,11 @@ class Corrections(NamedTuple):
     before: jax.Array
     count: jax.Array
     halved: jax.Array
+    filtered: jax.Array | None = None
+
+
+#: Rows b of a problem and its unknowns: `P^-1 b` is what its matrix lets pass of them, such as an error of the step.
+Filter = Callable[[Any, Unknowns], Unknowns]
 
 
 def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tuple[Unknowns, jax.Array]:
@@ -208,14 +214,22 @@ def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tu
     With `enough` None it is a scan of a fixed number of corrections, each with a matrix of its own. Otherwise the
     corrections end by `enough`, and a matrix serves the next ones as long as the rows fall fast (`renew`).
     """
+    if method.enough is not None:
+        end = correct_until_enough(method, problem, tolerance)
+        return end.u, end.now
+
+    def correct_once(u: Unknowns, _: None) -> tuple[Unknowns, None]:
+        return subtract(u, method.solver.linearise(problem, u).apply(problem.residual(u))), None
+
+    u, _ = jax.lax.scan(correct_once, problem.guess(), None, length=method.iterations)
+    return u, largest_row(problem.residual(u), problem.row_scale())
+
+
+def correct_until_enough(
+    method: Newton, problem: Problem, tolerance: jax.Array | float, filtering: Filter | None = None
+) -> Corrections:
+    """Newton's method with `enough`; `filtering` uses its last matrix once more."""
     guess, scale = problem.guess(), problem.row_scale()
-    if method.enough is None:
-
-        def correct_once(u: Unknowns, _: None) -> tuple[Unknowns, None]:
-            return subtract(u, method.solver.linearise(problem, u).apply(problem.residual(u))), None
-
-        u, _ = jax.lax.scan(correct_once, guess, None, length=method.iterations)
-        return u, largest_row(problem.residual(u), scale)
 
     def unsolved(c: Corrections) -> jax.Array:
         # a NaN compares false: no correction removes it
@@ -227,7 +241,7 @@ def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tu
         fraction = jnp.asarray(0.5, c.now.dtype) ** c.halved if method.shortened else 1.0
         u = subtract(c.u, matrix.apply(c.rows), fraction)
         rows = store_once(problem.residual(u))
-        after = Corrections(u, rows, largest_row(rows, scale), c.now, c.count + 1, jnp.zeros_like(c.halved))
+        after = Corrections(u, rows, largest_row(rows, scale), c.now, c.count + 1, jnp.zeros_like(c.halved), c.filtered)
         if not method.shortened:
             return after
         worse = ~((after.now < c.now) | (after.now <= tolerance)) & (c.halved < method.shortened)
@@ -243,14 +257,17 @@ def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tu
             still_good = (c.count == 0) | fast | (c.halved > 0)
             return (c.count == first) | (unsolved(c) & still_good)
 
-        return jax.lax.while_loop(serves, partial(correct, matrix), c)
+        end = jax.lax.while_loop(serves, partial(correct, matrix), c)
+        if filtering is None:
+            return end
+        return end._replace(filtered=matrix.apply(filtering(problem, end.u)).x)
 
     # The guess is evaluated by a correction of zero, so that the rows are in the program once: with a second copy
     # systems of lines compile up to twice as long.
     far, none = jnp.full((), jnp.inf, guess.x.dtype), jnp.zeros((), jnp.int32)
-    start = Corrections(guess, jax.tree.map(jnp.zeros_like, guess), far, far, none - 1, none)
-    end = jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
-    return end.u, end.now
+    filtered = None if filtering is None else jnp.zeros_like(guess.x)
+    start = Corrections(guess, jax.tree.map(jnp.zeros_like, guess), far, far, none - 1, none, filtered)
+    return jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
 
 
 def eased(solver: Solver, problem: Any) -> tuple[Unknowns, jax.Array]:
@@ -276,10 +293,15 @@ def solve(stepper: Stepper, theta: Theta) -> tuple[Unknowns, jax.Array]:
     """The solution of a step, and its largest scaled row; not differentiated."""
     model, s, h = jax.lax.stop_gradient(theta)
     problem, tolerance = stepper.integrator.problem(model, s, h), stepper.limit(model)
-    u, row = newton(stepper, problem, tolerance)
-    if stepper.easing:
-        u, row = jax.lax.cond(row <= tolerance, lambda: (u, row), lambda: eased(stepper.solver, problem))
-    return u, row
+    return _ease_if_needed(stepper, problem, *newton(stepper, problem, tolerance), tolerance)
+
+
+def _ease_if_needed(
+    stepper: Stepper, problem: Problem, u: Unknowns, row: jax.Array, tolerance: float
+) -> tuple[Unknowns, jax.Array]:
+    if not stepper.easing:
+        return u, row
+    return jax.lax.cond(row <= tolerance, lambda: (u, row), lambda: eased(stepper.solver, problem))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -389,6 +411,21 @@ def step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State,
     # a scan, not an unrolled loop: five copies of a step would take five times as long to compile
     s, rows = jax.lax.scan(stage, jax.tree.map(jnp.asarray, s), jnp.asarray(integrator.stages, model.dtype))
     return s, jnp.max(rows)
+
+
+def step_and_filter(
+    stepper: Stepper, model: Model, s: State, h: jax.Array, filtering: Filter
+) -> tuple[State, jax.Array, jax.Array]:
+    """`step` of a scheme of one stage, and what its matrix lets pass of the rows of `filtering`, (nodes, 3)."""
+    if s.parted is not None:
+        before = without_broken_links(model, s)
+        s1, row, filtered = step_and_filter(stepper, before, replace(s, parted=None), h, filtering)
+        return break_links(model, before, s, s1), row, filtered
+    theta = model, s, h
+    problem, tolerance = stepper.integrator.problem(*theta), stepper.limit(model)
+    end = correct_until_enough(stepper, problem, tolerance, filtering)
+    u, row = _ease_if_needed(stepper, problem, end.u, end.now, tolerance)
+    return *finish_step(stepper, theta, u, row), end.filtered
 
 
 def _implicit_step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, jax.Array]:

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Stepper, step
+from dropper_jax.residual import Stepper, step_and_filter
 from dropper_jax.residual.breaking import without_broken_links
 from dropper_jax.stepping.control import step_failed
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
@@ -25,7 +25,7 @@ from dropper_jax.stepping.step_control import (
     Control,
     after_step,
     compare,
-    estimate_error,
+    error_rows,
     next_length,
     shortest_step,
     start_control,
@@ -167,9 +167,8 @@ def _try(
     left = end - s.t
     h = left / jnp.ceil(left / control.wanted - 1e-9)
     start, added = with_step_changed(stepper, model, s, control.before, h)
-    s1, row = step(stepper, model, start, h)
+    s1, row, error = step_and_filter(stepper, model, start, h, error_rows(stepper, control.before))
     failed = step_failed(stepper, model, s1, row)
-    error = estimate_error(stepper, model, start, s1, h, control.before)
     excess = compare(model, start, s1, h, error, control, accuracy)
     # there is nothing to compare the first acceleration with
     excess = jnp.where(control.before > 0.0, excess, LEAST)

@@ -15,8 +15,7 @@ The next step follows by PI control (`pi_control`).
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,8 +24,7 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.model import Graph, Model, State
-from dropper_jax.residual import Stepper, Unknowns
-from dropper_jax.residual.breaking import without_broken_links
+from dropper_jax.residual import Filter, Stepper, Unknowns
 from dropper_jax.stepping.pi_control import step_ratio
 
 #: Order of the error of positions per unit of time.
@@ -93,19 +91,22 @@ def shortest_step(model: Model) -> jax.Array:
     return jnp.minimum(swing, axial).astype(model.dtype)
 
 
-def estimate_error(stepper: Stepper, model: Model, s: State, s1: State, h: jax.Array, before: jax.Array) -> jax.Array:
-    """Error of positions (nodes, 3) [m] of the step h from s to s1, as far as it resolves it."""
+def error_rows(stepper: Stepper, before: jax.Array) -> Filter:
+    """Rows of which the matrix of a step makes the error of positions (nodes, 3) [m], as far as the step resolves it.
+
+    Args:
+        before: the last step [s].
+    """
     about = stepper.integrator.local_error
-    change = s1.acceleration - s.acceleration
-    e = about.constant * h**3 * change / (h + about.lag * (h - before))
-    if s.parted is not None:
-        model = without_broken_links(model, s)
-        s = replace(s, parted=None)
-    problem = stepper.integrator.problem(model, s, h)
-    u = Unknowns(s1.r - s.r - h * s.v, s1.tension, s1.law)
-    force = problem.model.inertia(problem.instant(u.x), about.inertia / h**2 * e)
-    rows = Unknowns(force, jnp.zeros_like(u.y), jax.tree.map(jnp.zeros_like, u.z))
-    return stepper.solver.linearise(problem, u).apply(rows).x
+
+    def rows(problem: Any, u: Unknowns) -> Unknowns:
+        h = problem.h
+        change = problem.finish(u).acceleration - problem.s.acceleration
+        e = about.constant * h**3 * change / (h + about.lag * (h - before))
+        force = problem.model.inertia(problem.instant(u.x), about.inertia / h**2 * e)
+        return Unknowns(force, jnp.zeros_like(u.y), jax.tree.map(jnp.zeros_like, u.z))
+
+    return rows
 
 
 def compare(

@@ -280,6 +280,10 @@ class Scene(SceneData):
         except SceneError as error:
             raise path_as_given(error, values) from None
 
+    def with_equal_steps(self) -> Scene:
+        """The scene with equal steps of `run.step` in place of an accuracy, for studies that need them."""
+        return self if self.run.accuracy is None else self.with_values({"run.dt": self.run.step})
+
     def _with_steps_for(self, run: dict[str, Any]) -> dict[str, Any]:
         """The table of `[run]`, with equal steps if its scheme has no estimate of the error of a step."""
         scheme = INTEGRATORS.get(run["integrator"])

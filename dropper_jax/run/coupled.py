@@ -75,7 +75,7 @@ class Coupled:
         accelerations: bool = False,
     ) -> None:
         scene = load_scene(scene)
-        self.scene: Scene = scene if dt is None else scene.with_values({"run.dt": dt})
+        self.scene: Scene = scene.with_equal_steps() if dt is None else scene.with_values({"run.dt": dt})
         self.points = coupled_points(self.scene, points)
         self.accelerations = accelerations
         self.status, self.failure, self.residual, self.retried = "ok", "", 0.0, 0

@@ -154,7 +154,7 @@ def coupled_lines(
     Raises:
         SceneError: as `Coupled`.
     """
-    scene = load_scene(scene)
+    scene = load_scene(scene).with_equal_steps()
     points = coupled_points(scene, points)
     model = build_model(scene)
     if any(e.moves(name) for e in model.having(Displacement) for name in points):
@@ -164,7 +164,7 @@ def coupled_lines(
     motion = CoupledMotion.uniform(points, home, rates, accelerations)
     model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
     stepper = stepper_of(model, scene.run)
-    if stepper.integrator.controls_error or scene.run.accuracy is not None:
+    if stepper.integrator.controls_error:
         raise SceneError("run: chooses its own steps, which a coupling cannot use. Use a scheme of equal steps")
     return CoupledLines(model, initial_state(model, scene.start), stepper)
 

@@ -206,7 +206,7 @@ def run_in_time(
     waves = replace(_spectrum(scene.sea, direction, frequencies), hs=hs, tp=tp)
     scene = replace(scene, sea=replace(scene.sea, waves=waves, ramp=ramp))
     duration = start + frequencies / 3.5 * tp  # the components are between 0.5 and 4 peak frequencies
-    solution = simulate(scene, duration=duration, save_every=4, throw=True)
+    solution = simulate(scene.with_equal_steps(), duration=duration, save_every=4, throw=True)
     inside = solution.t_tension > start
     t, tension = solution.t_tension[inside], solution.tension[inside][:, _end_links(scene)]
     trend = np.stack([np.ones_like(t), t - np.mean(t)], axis=1)

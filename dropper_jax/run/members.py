@@ -32,7 +32,7 @@ class StepVerdict(NamedTuple):
 
 
 def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings: Any) -> StepVerdict:
-    """Run members by name with the equal steps of the study, and a companion that states their errors.
+    """Run members by name, with a companion that states their errors.
 
     Members that fail are left to the runs of all.
 
@@ -43,8 +43,7 @@ def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings
     for name, scene in members.items():
         say(1.0, f"checking the step: {name}")
         try:
-            equal = scene.with_values({"run.dt": scene.run.step})
-            solution = simulate(equal, companion="coarser", **settings)
+            solution = simulate(scene, companion="coarser", **settings)
         except SceneError:
             continue
         if solution.status in (TOO_LONG, DRIFT):

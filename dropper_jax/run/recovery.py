@@ -74,7 +74,7 @@ def killed_run(folder: Path) -> Solution:
     if len(rows.about["kinds"]) > len(jax.tree.leaves(plain)):
         extremes = Extremes(*(0.0,) * len(Extremes._fields))
     rows.with_structure((plain[0]._replace(extremes=extremes), beside))
-    outcome = RunOutcome(*rows.read(scene.run.saves), carry, 0.0, interrupted=True)
+    outcome = RunOutcome(*rows.read(scene.run.rows), carry, 0.0, interrupted=True)
     solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
     return solution if rows.last else replace(solution, last={})
 

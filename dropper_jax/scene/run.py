@@ -109,10 +109,6 @@ class RunSpec:
         """How the steps are chosen."""
         return f"steps of {self.step:g} s" if self.accuracy is None else f"accuracy {self.accuracy:g}"
 
-    def with_equal_steps(self) -> RunSpec:
-        """The same with equal steps of `step`."""
-        return dataclasses.replace(self, dt=self.step, accuracy=None, save_interval=None, source_dt=None)
-
     @classmethod
     def read(cls, table: Plain, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
         """A checked `[run]`; `options` are the additional keys of schemes, name and range."""

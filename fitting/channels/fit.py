@@ -155,6 +155,7 @@ def fit_channels(
     asked = Intervals(profile, bootstrap)
     changed = {"run.dt": dt, "run.integrator": integrator}
     scene = load_scene(scene).with_values({key: value for key, value in changed.items() if value is not None})
+    scene = scene.with_equal_steps()
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
     asked.profile_names(scene, problem.parameters)  # rejects unknown names before anything runs
     loss = loss_of(huber, student, robust)

@@ -377,7 +377,7 @@ def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
     Raises:
         SceneError: unknown names.
     """
-    scene = load_scene(scene)
+    scene = load_scene(scene).with_equal_steps()
     names = full_names(scene, to, "to")
     scene = with_effects(scene, names)
     model, start = build(scene)

@@ -121,7 +121,7 @@ class Site:
             SceneError: as for any scene.
         """
         scene = self.scene if scene is None else scene
-        table = scene.as_written()
+        table = scene.with_equal_steps().as_written()
         own = {"duration": self.run.duration, **({} if self.run.dt is None else {"dt": self.run.dt})}
         table["run"] = {**table["run"], **own, "save_every": 1, **({} if dt is None else {"dt": dt})}
         for line in table["line"]:

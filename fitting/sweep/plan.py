@@ -28,7 +28,7 @@ from dropper_jax.load.paths import describe
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.arrays import bare_model
-from dropper_jax.run.build import SceneLike, build, build_model, equal_steps
+from dropper_jax.run.build import SceneLike, build, build_model, equal_steps, stepper_of
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
@@ -112,7 +112,21 @@ class Plan:
 
     @cached_property
     def stepper(self) -> Stepper:
-        return equal_steps(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
+        settings = {"track_work": False, **dict(self.settings)}
+        if self.is_adaptive:
+            return stepper_of(self.base[0], self.scene.run, **settings)
+        return equal_steps(self.base[0], self.scene.run, **settings)
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether the steps of each case follow the accuracy of the scene."""
+        return self.scene.run.accuracy is not None
+
+    @property
+    def interval(self) -> float:
+        """Length of equal steps, or of the interval between saved states with an accuracy [s]."""
+        run = self.scene.run
+        return run.interval if self.is_adaptive else run.step
 
     @cached_property
     def named_quantities(self) -> tuple[Quantity, ...]:
@@ -146,7 +160,7 @@ class Plan:
 
     def inner_shape(self, name: str) -> tuple[int, ...]:
         """Shape of the array of a case, with the links and nodes of the largest one."""
-        saves = self.scene.run.saves
+        saves = self.scene.run.rows
         shapes = {
             "angle_max": (self.links,),
             "positions": (saves, self.free_nodes, 3),

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -13,8 +11,8 @@ import pytest
 from dropper_jax import equilibrium, load_scene, simulate
 from dropper_jax.cli import main
 from dropper_jax.cli.new import KINDS
+from dropper_jax.load.periods import suggest_step
 from dropper_jax.run.growth import end_force_vectors
-from dropper_jax.run.resolution import suggest_step
 from dropper_jax.scene import line_slices, whole_lines
 
 
@@ -24,7 +22,7 @@ def test_a_template_runs_without_warnings_and_every_section_is_commented(tmp_pat
     assert main(["new", kind, str(file)]) == 0
     capsys.readouterr()
     scene = load_scene(file)
-    solution = simulate(scene.with_values({"run.duration": 20 * scene.run.dt}), step_check=False)
+    solution = simulate(scene.with_values({"run.duration": 20 * scene.run.interval}))
     assert (solution.status, solution.warnings) == ("ok", ())
     sections = re.findall(r"^(\[.*?\])(.*?)(?=^\[|\Z)", file.read_text(), flags=re.MULTILINE | re.DOTALL)
     commented = {header for header, body in sections if "#" in body}
@@ -89,34 +87,8 @@ def test_explicit_schemes_get_a_step_below_their_stability_limit():
     assert suggest_step(load_scene("paper-case-1")) == 0.04
 
 
-def test_run_takes_the_suggested_step_and_prints_it(capsys):
-    code = main(
-        ["run", "dropper-release-a", "--dt", "auto", "--duration", "0.2", "--json", "--quiet", "--no-step-check"]
-    )
+def test_an_automatic_step_follows_an_accuracy(capsys):
+    assert main(["run", "dropper-release-a", "--dt", "auto", "--duration", "0.2", "--json", "--quiet"]) == 0
     out, err = capsys.readouterr()
-    assert code == 0
-    assert err.splitlines()[0] == "time step: 0.0064 s (--dt auto)"
-    assert json.loads(out)["dt"] == 0.0064
-
-
-def test_run_shortens_the_suggested_step_until_its_check_passes(capsys):
-    """The first step is off by 3 % of the travel; the exact motion is a circle at the start's inclination."""
-    assert main(["run", "conical-pendulum", "--dt", "auto", "--json", "--quiet"]) == 0
-    out, err = capsys.readouterr()
-    first, second = (line for line in err.splitlines() if line.startswith("time step"))
-    assert first == "time step: 0.02 s (--dt auto)"
-    assert "too long; the run is repeated with" in second
-    found = json.loads(out)
-    assert found["dt"] < 0.02
-    assert found["step_check"]["positions"] < 0.02
-    assert not any(text.startswith("time step") for text in found["warnings"])
-
-
-@pytest.mark.parametrize("scene", ["paper-case-3", "longline-rows"])
-def test_check_takes_less_than_three_seconds_of_processor_time(scene):
-    code = (
-        f"import time; from dropper_jax.cli import main; assert main(['check', {scene!r}]) == 0; "
-        "print(time.process_time())"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert float(done.stdout.splitlines()[-1]) < 3.0
+    assert err.splitlines()[0] == "--dt auto: the steps follow an accuracy of 0.01 (--accuracy)"
+    assert json.loads(out)["accuracy"] == 0.01

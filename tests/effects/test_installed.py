@@ -113,7 +113,7 @@ def test_an_effect_of_a_file_acts_in_a_scene_and_in_its_saved_run(tmp_path, caps
         assert main(["equilibrium", "scene.toml", "--effects", str(file), "--json"]) == 0
         tension = json.loads(capsys.readouterr().out)["tension_n"]
         assert tension[0] == pytest.approx(2.0**0.5 * 20.0)
-        assert main(["run", "scene.toml", "--effects", str(file), "--out", "a.npz", "--quiet", "--no-step-check"]) == 0
+        assert main(["run", "scene.toml", "--effects", str(file), "--out", "a.npz", "--quiet", "--no-companion"]) == 0
         EFFECTS.clear()
         EFFECTS.update(before)  # as in another process
         assert main(["view", "a.npz", "--out", "a.html"]) == 2

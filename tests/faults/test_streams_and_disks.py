@@ -77,7 +77,7 @@ def test_a_full_disk_is_told_with_the_file_and_brings_nothing_down(tmp_path, suf
 
 def test_what_nothing_could_be_kept_of_leaves_no_folder_behind(tmp_path):
     (tmp_path / "tmp").mkdir()
-    run = f"dropper run conical-pendulum --duration 1 --no-step-check --quiet --out {tmp_path}/run.npz"
+    run = f"dropper run conical-pendulum --duration 1 --no-companion --quiet --out {tmp_path}/run.npz"
     done = shell(f"ulimit -f 4; {run}", TMPDIR=str(tmp_path / "tmp"))
     assert "cannot be written: File too large; the run could not be saved" in done.stderr
     assert [path.name for path in tmp_path.rglob("*")] == ["tmp"]

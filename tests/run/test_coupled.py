@@ -149,8 +149,6 @@ def test_input_that_makes_no_sense_is_refused(coupled):
             dj.Coupled(LOOP, points=points)
     with pytest.raises(SceneError, match="already moved by an effect"):
         dj.Coupled(moved(), points=ENDS).init()
-    with pytest.raises(SceneError, match="chooses its own steps"):
-        dj.Coupled(dj.load_scene(LOOP).with_values({"run.accuracy": 0.1}), points=ENDS).init()
     with pytest.raises(SceneError, match="compound links"):
         dj.Coupled("dropper-release-a-compound", points=["right"]).init()
 

@@ -60,8 +60,6 @@ def test_pieces_of_any_length_give_the_same_numbers_of_steps_that_resist(monkeyp
 
 
 def test_a_dropper_at_thirty_times_its_step_is_warned_of():
-    run = dj.simulate("dropper-release-a", dt=0.15, duration=4.5, step_check=True)
+    run = dj.simulate("dropper-release-a", dt=0.15, duration=4.5, companion="coarser")
     assert run.status == "step_too_long"
-    (text,) = (text for text in run.warnings if "too long" in text)
-    assert text.startswith("time step: 0.15 s is too long: mean tensions are off by about ")
-    assert ": not usable; run with --dt 0.0" in text
+    assert any(text.startswith("mean tension of dropper may be off by") for text in run.warnings)

@@ -80,7 +80,7 @@ def test_angle_table_is_read_back_exactly_and_means_the_same(run, tmp_path, zero
 
 def test_the_angle_table_states_the_error_of_the_runs_step(run, tmp_path):
     assert read_trace(write_angles(run, tmp_path / "angles.csv")).model_error == 0.0
-    checked = replace(run, settings={**run.settings, "step_check": {"angles_rad": 2.345e-4}})
+    checked = replace(run, settings={**run.settings, "stated_errors": {"angles_rad": 2.345e-4}})
     path = write_angles(checked, tmp_path / "angles.csv")
     assert read_trace(path).model_error == 2.3e-4
     table = np.loadtxt(path, delimiter=",", skiprows=3)

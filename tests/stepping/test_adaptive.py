@@ -15,7 +15,6 @@ from dropper_jax.plots.run import readable
 from dropper_jax.report.record import record
 from dropper_jax.report.settings import Settings
 from dropper_jax.report.tension import line_tensions
-from dropper_jax.run.build import equal_steps
 
 #: The rope is taut for some 4 ms, within an interval of 20 ms.
 CASE = {"period": 0.008, "dt": 0.02, "duration": 0.5}
@@ -68,7 +67,7 @@ def test_steps_of_the_shortest_length_are_counted(falling):
 def releases():
     """A released dropper of rigid links before it is chaotic, by accuracy; equal steps of 0.2 ms."""
     scene = dj.load_scene("dropper-release-a").with_values({"run.duration": 1.0, "run.dt": 0.02})
-    fine = dj.simulate(scene, dt=0.0002, save_every=100, step_check=False)
+    fine = dj.simulate(scene, dt=0.0002, save_every=100)
     return fine, {accuracy: dj.simulate(scene, accuracy=accuracy) for accuracy in (1e-1, 1e-2, 1e-3)}
 
 
@@ -143,7 +142,7 @@ def test_files_keep_the_extremes_and_repeat_the_run(followed, tmp_path, suffix):
         ({"accuracy": -1.0}, "run.accuracy: -1.0 is out of range"),
         ({"accuracy": 1.5}, "run.accuracy: 1.5 is out of range"),
         ({"accuracy": float("nan")}, "run.accuracy"),
-        ({"accuracy": 0.1, "save_every": 2}, "run.save_every: 2 cannot be combined with run.accuracy"),
+        ({"accuracy": 0.1, "save_every": 2}, "run.save_every: 2 counts equal steps, which run.accuracy excludes"),
         ({"step_tolerance": 0.1}, "run.step_tolerance: no longer exists. Use run.accuracy"),
     ],
 )
@@ -156,22 +155,38 @@ def test_what_cannot_be_followed_is_refused(falling, run, words):
 @pytest.mark.parametrize("integrator", ["rattle", "theta_midpoint", "energy_momentum_4", "rk4"])
 def test_schemes_without_a_known_error_are_refused(integrator, falling):
     scene = "dropper-release-a" if integrator == "rattle" else falling(**CASE)
-    with pytest.raises(dj.SceneError, match=f"'{integrator}' has no estimate of its error; use energy_momentum"):
+    with pytest.raises(dj.SceneError, match=f"which integrator '{integrator}' has not. Use run.dt, energy_momentum"):
         dj.simulate(scene, integrator=integrator, accuracy=0.01)
 
 
 def test_an_accuracy_below_rounding_is_not_held_and_the_run_says_so():
-    found = dj.simulate("dropper-release-a", duration=0.05, accuracy=1e-13, step_check=False)
+    found = dj.simulate("dropper-release-a", duration=0.05, accuracy=1e-13)
     assert found.settings["shortest_steps"] > 0.9 * found.settings["steps"]
     assert any("steps are as short as steps get" in text for text in found.warnings)
-    held = dj.simulate("dropper-release-a", duration=0.05, accuracy=0.01, step_check=False)
+    held = dj.simulate("dropper-release-a", duration=0.05, accuracy=0.01)
     assert not any("as short as" in text for text in held.warnings)
 
 
-def test_studies_of_equal_steps_refuse_an_accuracy():
-    scene = dj.load_scene("dropper-release-a").with_values({"run.accuracy": 0.01})
-    with pytest.raises(dj.SceneError, match="run.accuracy: 0.01, but equal steps of run.dt are needed"):
-        equal_steps(dj.build_model(scene), scene.run)
+def test_a_step_replaces_an_accuracy_and_an_accuracy_a_step():
+    scene = dj.load_scene("dropper-release-a")
+    assert (scene.run.accuracy, scene.run.dt, scene.run.step) == (0.01, None, 0.005)
+    equal = scene.with_values({"run.dt": 0.01})
+    assert (equal.run.accuracy, equal.run.dt, equal.run.interval) == (None, 0.01, 0.01)
+    again = equal.with_values({"run.accuracy": 0.1})
+    assert (again.run.accuracy, again.run.dt, again.run.step, again.run.interval) == (0.1, None, 0.01, 0.01)
+
+
+def test_a_scheme_without_an_estimate_takes_the_equal_steps_of_the_source():
+    scene = dj.load_scene("dropper-release-a").with_values({"run.integrator": "rattle"})
+    assert (scene.run.accuracy, scene.run.dt) == (None, 0.005)
+
+
+def test_a_scene_without_a_step_follows_an_accuracy_and_saves_some_hundred_states(falling):
+    scene = falling(**CASE)
+    del scene["run"]["dt"]
+    run = dj.load_scene(scene).run
+    assert run.accuracy == 0.01
+    assert (run.interval, run.rows) == (0.005, 100)
 
 
 @pytest.mark.slow

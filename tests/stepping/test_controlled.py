@@ -13,6 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
+from dropper_jax.run.build import equal_steps
 from dropper_jax.stepping.controlled import advance_controlled, start_controlled
 
 SCHEMES = ("tsit5", "dop853")
@@ -182,7 +183,6 @@ def test_motion_without_bounds_is_no_success():
         ("dropper-current", {}, "the scene has added mass; use energy_momentum"),
         ("measured-single-pendulum", {}, "use energy_momentum"),
         ("dropper-release-a", {"run.solver": "dense"}, "run.solver: 'dense' is given, but integrator 'dop853'"),
-        ("dropper-release-a", {"run.accuracy": 0.1}, "controls its own error; use run.error_tolerance"),
         ("dropper-release-a", {"run.error_tolerance": 1e-15}, "is below the resolution of float64"),
         ("dropper-release-a", {"run.error_tolerance": 0.0}, "run.error_tolerance: 0.0 is out of range"),
         (
@@ -202,11 +202,18 @@ def test_a_line_that_stretches_is_refused_with_what_to_take(falling):
         dj.simulate(falling(period=0.008, dt=0.02, duration=0.1), integrator="tsit5")
 
 
-def test_a_step_is_not_chosen_for_schemes_that_hold_their_own_error():
+def test_studies_of_equal_steps_refuse_schemes_that_hold_their_own_error():
+    scene = dj.load_scene("dropper-release-a").with_values({"run.integrator": "tsit5"})
     with pytest.raises(
         dj.SceneError, match="run.integrator: 'tsit5' controls its own error, but equal steps are needed"
     ):
-        dj.simulate("dropper-release-a", integrator="tsit5", tolerance=1e-3)
+        equal_steps(dj.build_model(scene), scene.run)
+
+
+def test_an_accuracy_is_the_tolerance_of_a_step():
+    runs = [dj.simulate("dropper-release-a", integrator="tsit5", duration=0.2, accuracy=a) for a in (0.1, 0.001)]
+    assert [run.settings["error_tolerance"] for run in runs] == pytest.approx([1e-4, 1e-6])
+    assert runs[0].settings["steps"] < runs[1].settings["steps"]
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

@@ -15,9 +15,8 @@ from dropper_jax import load_scene
 from dropper_jax.cli import main
 from dropper_jax.study.accuracy import accuracy, advice, euler_claims, numerical_damping
 from dropper_jax.study.counted_work import evaluation_work, step_work
-from dropper_jax.study.march import Scheme, link_vectors, parse, rms_angle
-from dropper_jax.study.reference import instant_tension, reference
-from dropper_jax.study.step_choice import choose_step
+from dropper_jax.study.march import Scheme, parse
+from dropper_jax.study.reference import instant_tension
 
 SCENE = "dropper-release-a-undamped"
 
@@ -169,56 +168,9 @@ def test_instant_tension_of_a_pendulum_is_weight_and_centripetal_force() -> None
     np.testing.assert_allclose(found, 9.81 * np.cos(0.7) + 2.0 * 1.5**2, rtol=1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.check) for name in ("dropper-release-b", "double-pendulum-chaotic")]
-    + ["conical-pendulum"],
-)
-def test_estimated_error_is_within_a_factor_3_of_the_true_one(name: str) -> None:
-    scene = load_scene(name).with_values({"run.duration": 1.0})
-    choice = choose_step(scene, 1e-2)
-    assert choice.estimate <= 1e-2
-    model, s = dj.build(scene)
-    saves = int(choice.until / choice.dt + 1e-9)
-    target = reference(model, s, choice.dt, saves, 0.0, target=1e-6)
-    _, run = dj.integrate(dj.make_stepper(model), model, s, choice.dt, saves)
-    true = rms_angle(link_vectors(model, np.asarray(run.r), target.t), target.links)
-    assert true / 3 <= choice.estimate <= 3 * true
-
-
-@pytest.mark.check
-def test_simulate_takes_a_tolerance_and_reports_the_estimate() -> None:
-    solution = dj.simulate(SCENE, duration=0.5, tolerance=1e-3)
-    assert solution.status == "ok"
-    assert solution.summary()["estimated_error"]["rms_angle_rad"] <= 1e-3
-    assert len(set(np.round(np.diff(solution.t), 12))) == 1  # the step stays fixed
-
-
-@pytest.mark.check
-def test_unreachable_or_senseless_tolerances_are_refused() -> None:
-    with pytest.raises(dj.SceneError, match="tolerance: -1"):
-        choose_step(load_scene(SCENE), -1)
-    with pytest.raises(dj.SceneError, match="is not reached"):
-        choose_step(load_scene(SCENE).with_values({"run.duration": 0.05}), 1e-16)
-
-
 def test_schemes_are_named_with_their_weight() -> None:
     assert parse("theta:0.6") == Scheme("theta", 0.6)
     with pytest.raises(dj.SceneError, match="unknown"):
         parse("thetta")
     with pytest.raises(dj.SceneError, match="not a number"):
         parse("theta:half")
-
-
-@pytest.mark.check
-def test_a_tolerance_chooses_the_step_of_a_system_of_lines() -> None:
-    solution = dj.simulate("paper-case-1", duration=3.0, tolerance=0.02)
-    finer = dj.simulate("paper-case-1", duration=3.0, dt=solution.settings["dt"] / 8)
-    estimate = solution.summary()["estimated_error"]
-    until = estimate["until_s"]
-    t = solution.t[(solution.t > 0) & (solution.t <= until + 1e-9)]
-    both = [np.diff(run.positions[np.searchsorted(run.t, t - 1e-9)], axis=1) for run in (solution, finer)]
-    true = rms_angle(*both)
-    assert true <= 0.02
-    assert true / 3 <= estimate["rms_angle_rad"] <= 3 * true

@@ -183,7 +183,7 @@ def test_a_model_that_misses_its_trace_is_no_ok_until_its_error_is_stated(trace)
 
 
 def test_angles_of_a_run_are_explained_up_to_the_error_of_its_step(tmp_path, prepared):
-    path = write_angles(simulate(rig(), save_every=5, step_check=True), tmp_path / "angles.csv")
+    path = write_angles(simulate(rig(), save_every=5, companion="coarser"), tmp_path / "angles.csv")
     result = fit_by(prepared.simulator, [path], rig(), 2 * TRUTH)
     assert result.status == "ok"
     assert result.chi2_per_dof > 0.1

@@ -67,7 +67,7 @@ def test_the_step_of_a_sweep_has_the_verdict_of_runs_of_its_extreme_cases(tmp_pa
     scene = dj.load_scene(SCENE).with_values({"run.dt": dt, "run.duration": 2.0})
     vary = {"b_l": [0.0, 0.2, 0.8]}
     cases = [scene.with_values({"effects.linear_damping.b_l": b_l}) for b_l in (0.0, 0.8)]
-    runs = [dj.simulate(case, step_check=True, **QUICK) for case in cases]
+    runs = [dj.simulate(case, companion="coarser", **QUICK) for case in cases]
     verdict = sweep(scene, vary, tmp_path / "swept.zarr", **QUICK).verdict
     too_long = any(run.status == "step_too_long" for run in runs)
     assert verdict.status == ("step_too_long" if too_long else "ok")

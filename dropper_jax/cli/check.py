@@ -77,6 +77,8 @@ def examine(scene: Scene) -> dict[str, Any]:
         "points": {"free": len(points), "mass_kg": mass, "lift_n": lift},
         "line_weights": line_weights(scene),
         "periods_s": periods(scene),
+        "accuracy": scene.run.accuracy,
+        "save_interval_s": scene.run.interval,
         "dt_s": scene.run.step,
         "suggested_dt_s": suggest_step(scene),
         "compiled": {
@@ -87,7 +89,7 @@ def examine(scene: Scene) -> dict[str, Any]:
             "free_nodes": model.free_nodes,
             "bodies": len(scene.bodies),
             "effects": list(scene.effects),
-            "steps": scene.run.steps,
+            "steps": scene.run.steps if scene.run.accuracy is None else None,
         },
         "warnings": [*scene_warnings(scene), *(() if model.sea is None else sea_warnings(scene, model.sea))],
     }
@@ -110,12 +112,16 @@ def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
     pairs += [
         *((WORDS[name], f"{value:.3g} s") for name, value in found["periods_s"].items()),
         ("natural periods", f"dropper modes {source}"),
-        (
-            "time step",
-            f"{found['dt_s']:g} s in the scene, {step:g} s suggested by periods; run --dt auto shortens it if needed",
-        ),
+        ("time steps", _steps(scene, step)),
         ("a run compiles", f"{parts['integrator']}, solver {parts['solver']}, {parts['dtype']}; {shape}"),
         ("effects", ", ".join(parts["effects"]) or "none"),
-        ("a run takes", f"{parts['steps']} steps to {scene.run.duration:g} s"),
+        ("a run", f"goes to {scene.run.duration:g} s, saved every {scene.run.interval:g} s"),
     ]
     return "\n".join([table(rows), *weights_table(scene), "", listing(pairs), "", "ok: the scene is valid"])
+
+
+def _steps(scene: Scene, suggested: float) -> str:
+    run = scene.run
+    if run.accuracy is None:
+        return f"{run.steps} of {run.step:g} s; {suggested:g} s suggested by periods, --accuracy 0.01 chooses them"
+    return f"follow an accuracy of {run.accuracy:g}; equal steps, where a study needs them, of {run.step:g} s"

@@ -157,22 +157,20 @@ def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tupl
 
 
 def after_change_of_step(
-    k: Kinematics, acceleration: jax.Array, end_acceleration: jax.Array | None, before: jax.Array, h: jax.Array
+    k: Kinematics, acceleration: jax.Array, end_acceleration: jax.Array | None, h: jax.Array
 ) -> jax.Array:
-    """Velocities (nodes, 3) [m/s] from which midpoint steps of h continue smoothly after one of `before` [s].
+    """Velocities (nodes, 3) [m/s] from which midpoint steps of h continue smoothly after one of another length.
 
-    The smooth rates `d . d' = h^2 d' . d''/4` belong to a length of steps. With those of another length rates along
-    rigid links change sign at every step, and tensions alternate by `m (before^2 - h^2)/h d' . d''/2`. The energy of
-    the change is of fourth order in the steps, and the next changes give it back.
+    The smooth rates `d . d' = h^2 d' . d''/4` belong to a length of steps. With those of a step h0 rates along rigid
+    links change sign at every step, and tensions alternate by `m (h0^2 - h^2)/h d' . d''/2` for ever. The energy of
+    the change is of fourth order in the steps.
 
     Args:
         acceleration: of the nodes over the last step (nodes, 3) [m/s^2].
         end_acceleration: of moving ends (held, 3) [m/s^2].
     """
-    length = k.line.length
     bend = jnp.sum(k.link_velocities * k.model.geometry.differences(acceleration, end_acceleration), axis=-1)
-    now = jnp.sum(k.links * k.link_velocities, axis=-1)
-    return consistent(k, True, (now + 0.25 * (h**2 - before**2) * bend) / length)[0]
+    return consistent(k, True, 0.25 * h**2 * bend / k.line.length)[0]
 
 
 def consistent_velocity(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:

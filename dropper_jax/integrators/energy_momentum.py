@@ -56,11 +56,11 @@ class EnergyMomentum(Implicit):
         """The state with velocities that are consistent with links between moving ends."""
         return replace(s, v=consistent_velocity(model, s.r, s.v, s.t)) if model.moving else s
 
-    def change_step(self, model: Model, s: State, before: jax.Array, h: jax.Array) -> State:
+    def change_step(self, model: Model, s: State, h: jax.Array) -> State:
         ends = model.ends(s.t)
         k = model.instant(s.r, s.v, s.t, ends)
         end_acceleration = model.end_acceleration(s.t) if model.moving else None
-        return replace(s, v=after_change_of_step(k, s.acceleration, end_acceleration, before, h))
+        return replace(s, v=after_change_of_step(k, s.acceleration, end_acceleration, h))
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
         return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)

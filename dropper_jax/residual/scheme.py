@@ -91,8 +91,8 @@ class Integrator:
         """The state with the additional variables of this scheme besides positions and velocities."""
         return s
 
-    def change_step(self, model: Model, s: State, before: jax.Array, h: jax.Array) -> State:
-        """The state from which steps of h [s] continue smoothly after one of `before` [s]."""
+    def change_step(self, model: Model, s: State, h: jax.Array) -> State:
+        """The state from which steps of h [s] continue smoothly after one of another length."""
         return s
 
 

@@ -29,11 +29,12 @@ from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Last, last_row, na
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal
 from dropper_jax.scene import RunSpec
-from dropper_jax.stepping.adaptive import STEP_CHANGES, Adaptive, Within, books_changes
+from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Observed, Trajectory, observe
+from dropper_jax.stepping.step_change import STEP_CHANGES, books_changes
 
 #: Fraction of the steps that may be of the shortest length with a larger error, as after a start or a snap, without a
 #: warning.

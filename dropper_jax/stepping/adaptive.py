@@ -15,10 +15,10 @@ import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper, step_and_filter
-from dropper_jax.residual.breaking import without_broken_links
 from dropper_jax.stepping.control import step_failed
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.integrate import Progress, Trajectory, begin, empty_rows, scan_steps
+from dropper_jax.stepping.step_change import books_changes, with_step_changed
 from dropper_jax.stepping.step_control import (
     LEAST,
     MOST,
@@ -30,11 +30,6 @@ from dropper_jax.stepping.step_control import (
     shortest_step,
     start_control,
 )
-
-#: Name under which the energy of changes of the step is booked.
-STEP_CHANGES = "step_changes"
-#: Relative difference of two lengths of steps that are the same.
-SAME = 1e-9
 
 
 class Adaptive(NamedTuple):
@@ -187,39 +182,6 @@ def _try(
     left_alone = adaptive._replace(control=control._replace(wanted=wanted, rejected=~accepted), refused=refused + 1)
     chosen = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, left_alone)
     return _Tried(chosen, h, row, failed, accepted)
-
-
-def with_step_changed(
-    stepper: Stepper, model: Model, s: State, before: jax.Array, h: jax.Array
-) -> tuple[State, jax.Array]:
-    """The state from which a step of h [s] continues smoothly after one of `before` [s], 0 if there is none, and the
-    energy that this adds [J]."""
-    none = jnp.zeros((), model.dtype)
-    if not has_rigid_links(model):
-        return s, none
-    inner = model if s.parted is None else without_broken_links(model, s)
-    inner = inner.with_internal_state(s.own)
-
-    def change() -> tuple[jax.Array, jax.Array]:
-        v = stepper.integrator.change_step(inner, s, before, h).v
-        if not stepper.track_work:
-            return v, none
-        k = inner.kinematics(s.r, s.v, s.t)
-        return v, inner.kinetic_energy(k.with_velocity(v)) - inner.kinetic_energy(k)
-
-    is_other = (before > 0.0) & (jnp.abs(h - before) > SAME * h)
-    v, added = jax.lax.cond(is_other, change, lambda: (s.v, none))
-    return replace(s, v=v), added
-
-
-def books_changes(stepper: Stepper, model: Model) -> bool:
-    """Whether the rows of a run have the energy of changes of the step as their last work."""
-    return stepper.track_work and has_rigid_links(model)
-
-
-def has_rigid_links(model: Model) -> bool:
-    """Whether any link is inextensible."""
-    return bool(model.line.axial.rigid(model.line.links).any())
 
 
 def adaptive_step_lengths(

@@ -19,6 +19,7 @@ from dropper_jax.residual import Stepper, step
 from dropper_jax.stepping.control import Interval, advance_over, attempt, begin_interval
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.growth_watch import SEGMENTS, start_meter, watch
+from dropper_jax.stepping.step_change import with_step_changed
 
 Carry = TypeVar("Carry")
 Rows = TypeVar("Rows")
@@ -207,22 +208,36 @@ def empty_trajectory(progress: Progress, capacity: int, extremes: Extremes | Non
 
 
 def advance_and_save(
-    stepper: Stepper, model: Model, carry: Progress, dt: jax.Array, save_every: int, watch: Watch | None = None
+    stepper: Stepper,
+    model: Model,
+    carry: Progress,
+    dt: jax.Array,
+    save_every: int,
+    watch: Watch | None = None,
+    before: jax.Array | None = None,
 ) -> tuple[Progress, Trajectory]:
-    """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result."""
+    """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result.
+
+    Args:
+        before: the step before each of them (save_every,) [s], 0 for none; None if all are equal.
+    """
 
     def one(
-        both: tuple[Progress, Extremes | None], size: jax.Array | None
+        both: tuple[Progress, Extremes | None], sizes: tuple[jax.Array, jax.Array | None] | None
     ) -> tuple[tuple[Progress, Extremes | None], tuple[jax.Array, ...]]:
         carry, extremes = both
-        after, taken = next_progress(stepper, model, carry, dt if size is None else size)
+        size, last = (dt, None) if sizes is None else sizes
+        if last is not None:
+            s, _ = with_step_changed(stepper, model, carry.state, last, size)
+            carry = carry._replace(state=s)
+        after, taken = next_progress(stepper, model, carry, size)
         extremes = with_step(extremes, watch, model, carry.state, after.state)
         return (after, extremes), (taken.row, taken.retried, taken.failed)
 
-    sizes = dt if jnp.ndim(dt) else None
+    sizes = (dt, before) if jnp.ndim(dt) else None
     both = carry, no_extremes(watch, model, carry.state)
     if save_every == 1:
-        (carry, extremes), (residual, retried, bad) = one(both, None if sizes is None else sizes[0])
+        (carry, extremes), (residual, retried, bad) = one(both, jax.tree.map(lambda a: a[0], sizes))
         retried, bad = retried.astype(jnp.int32), bad.astype(jnp.int32)
     else:
         (carry, extremes), (residual, retried, bad) = jax.lax.scan(one, both, sizes, length=save_every)
@@ -324,14 +339,18 @@ def integrate(
         found = step_lengths(stepper, model, s, dt, steps)
         return _along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter)
     saves = steps // save_every
-    rows = jnp.broadcast_to(dt, steps).reshape(saves, save_every), _measured(jnp.arange(1, saves + 1), saves)
+    sizes = jnp.broadcast_to(dt, steps).reshape(saves, save_every)
+    before = None
+    if dt.ndim and stepper.integrator.local_error is not None:
+        before = jnp.append(0.0, dt[:-1]).reshape(saves, save_every)
+    rows = sizes, before, _measured(jnp.arange(1, saves + 1), saves)
 
     def save(
-        carry: tuple[Progress, jax.Array | None], row: tuple[jax.Array, jax.Array]
+        carry: tuple[Progress, jax.Array | None], row: tuple[jax.Array, jax.Array | None, jax.Array]
     ) -> tuple[tuple[Progress, jax.Array | None], Trajectory]:
         progress, meter = carry
-        sizes, measured = row
-        progress, saved = advance_and_save(stepper.plain, model, progress, sizes, save_every)
+        sizes, before, measured = row
+        progress, saved = advance_and_save(stepper.plain, model, progress, sizes, save_every, before=before)
         s, meter = _watch_growth(progress.state, meter, measured)
         return (progress._replace(state=s), meter), saved
 

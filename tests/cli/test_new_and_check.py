@@ -76,7 +76,7 @@ def test_check_shows_masses_weights_and_the_suggested_step(tmp_path, capsys):
     assert found["suggested_dt_s"] == 0.02
     assert found["compiled"]["solver"] == "network"
     assert main(["check", str(file)]) == 0
-    assert "0.05 s in the scene, 0.02 s suggested" in capsys.readouterr().out
+    assert "follow an accuracy of 0.01; equal steps, where a study needs them, of 0.02 s" in capsys.readouterr().out
 
 
 def test_explicit_schemes_get_a_step_below_their_stability_limit():

@@ -100,6 +100,31 @@ def test_rejected_steps_leave_no_trace(falling):
     assert np.abs(run.work[-1]).min() > 0.0
 
 
+def test_a_change_of_the_step_leaves_no_alternating_tensions_in_rigid_links():
+    # with the rates of the first steps tensions would alternate by 0.8 N for ever
+    model, start = dj.build("dropper-release-a")
+    stepper = dj.make_stepper(model).plain
+    begun, _ = dj.integrate(stepper, model, start, 0.01, 20)
+    lengths = jnp.concatenate([jnp.full(1, 0.01), jnp.full(40, 1e-4)])
+    _, run = jax.jit(partial(dj.integrate, stepper, steps=41))(model, begun, dt=lengths)
+    tension = np.asarray(run.tension[1:])
+    saw = np.abs(tension[:-2] - 2.0 * tension[1:-1] + tension[2:]).max() / 4.0
+    assert saw < 1e-3 * np.abs(tension).max()
+
+
+def test_a_run_along_the_steps_of_a_release_is_the_same():
+    run = dj.simulate("dropper-release-a", duration=0.4)
+    model, start = dj.build("dropper-release-a")
+    stepper = dj.make_stepper(model)
+    lengths, number = jax.jit(partial(dj.adaptive_step_lengths, stepper, intervals=20, most=500))(
+        model, start, dt=0.02, accuracy=0.01
+    )
+    assert int(number) == run.settings["steps"]
+    last, _ = dj.integrate(stepper.plain, model, start, lengths[: int(number)], int(number))
+    np.testing.assert_allclose(last.r, run.positions[-1, 1:-1], atol=1e-9)
+    np.testing.assert_allclose(run.balance, run.balance[0], atol=1e-12 * run.energy_scale)
+
+
 def test_extremes_and_squares_are_those_of_the_steps(followed):
     assert np.all(followed.tension_min <= followed.tension + 1e-9)
     assert np.all(followed.tension <= followed.tension_max + 1e-9)

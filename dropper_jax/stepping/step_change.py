@@ -1,0 +1,53 @@
+"""Between two steps of different length: rates along rigid links that suit the next one, and the energy that they take.
+
+See `integrators.consistent.after_change_of_step`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
+from dropper_jax.residual.breaking import without_broken_links
+
+#: Name under which the energy of changes of the step is booked.
+STEP_CHANGES = "step_changes"
+#: Relative difference of two lengths of steps that are the same.
+SAME = 1e-9
+
+
+def with_step_changed(
+    stepper: Stepper, model: Model, s: State, before: jax.Array, h: jax.Array
+) -> tuple[State, jax.Array]:
+    """The state from which a step of h [s] continues smoothly after one of `before` [s], 0 if there is none, and the
+    energy that this adds [J]."""
+    none = jnp.zeros((), model.dtype)
+    if not has_rigid_links(model):
+        return s, none
+    inner = model if s.parted is None else without_broken_links(model, s)
+    inner = inner.with_internal_state(s.own)
+
+    def change() -> tuple[jax.Array, jax.Array]:
+        v = stepper.integrator.change_step(inner, s, h).v
+        if not stepper.track_work:
+            return v, none
+        k = inner.kinematics(s.r, s.v, s.t)
+        return v, inner.kinetic_energy(k.with_velocity(v)) - inner.kinetic_energy(k)
+
+    is_other = (before > 0.0) & (jnp.abs(h - before) > SAME * h)
+    v, added = jax.lax.cond(is_other, change, lambda: (s.v, none))
+    return replace(s, v=v), added
+
+
+def books_changes(stepper: Stepper, model: Model) -> bool:
+    """Whether the rows of a run have the energy of changes of the step as their last work."""
+    return stepper.track_work and has_rigid_links(model)
+
+
+def has_rigid_links(model: Model) -> bool:
+    """Whether any link is inextensible."""
+    return bool(model.line.axial.rigid(model.line.links).any())

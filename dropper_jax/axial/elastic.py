@@ -13,7 +13,10 @@ from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot, safe_norm
 
 INTERNAL_DAMPING, AXIAL_RINGING = "internal_damping", "axial_ringing"
-#: Inertia of a link against stretching, over `EA/L h^2`: it bounds the frequency of what a step cannot resolve.
+#: Highest angular frequency of a line times the step above which its vibrations are damped. From 2 on the midpoint rule
+#: turns them by more than a quarter per step.
+UNRESOLVED = 3.0
+#: Inertia of a link against stretching, over `w EA/L h^2`: it bounds the frequency of what a step cannot resolve.
 RINGING_INERTIA = 1 / 16
 #: Weight of the acceleration of the last step where no vibration of the link is resolved. Over a step infinitely stiff
 #: vibrations have the factors of `(y + 1/3) (y^2 + y + 2/5)`: they shrink by sqrt(2/5).
@@ -85,13 +88,14 @@ class Elastic(AxialLaw):
         return self.EA / step.length
 
     def _ringing(self, step: _Step, size: jax.Array) -> jax.Array:
-        """Ringing force `R = EA/L h^2 (a1/16 + w a0/24)` (n,) [N], a1 and a0 the accelerations of the length in this
+        """Ringing force `R = w EA/L h^2 (a1/16 + a0/24)` (n,) [N], a1 and a0 the accelerations of the length in this
         step and in the last one.
 
         Each axial vibration of angular frequency omega has the damping ratio `w (omega h)^3/48` if the step resolves
         it, and shrinks by sqrt(2/5) per step if not. w is 0 if the step resolves all vibrations of the link.
         """
-        return self._stiffness(step) * (2.0 * RINGING_INERTIA * (size - step.expected) + step.memory)
+        inertia = 2.0 * RINGING_INERTIA * (size - step.expected)
+        return self._stiffness(step) * step.weight * (inertia + RINGING_MEMORY * step.memory)
 
     def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
         """Damper tension (n,) [N] over a step, in addition to the spring tension."""
@@ -153,25 +157,26 @@ class Elastic(AxialLaw):
 class _Step(NamedTuple):
     """Links at the start of a step: length [m], length expected at its end, unstretched length; step [s].
 
-    `memory` [m] is the part of the ringing force that the last step determines, over the stiffness.
+    `weight` is that of the ringing force, and `memory` `h^2` times the acceleration of the length in the last step [m].
     """
 
     size: jax.Array
     expected: jax.Array
     length: jax.Array
     h: jax.Array
+    weight: jax.Array | float
     memory: jax.Array | float
 
     @classmethod
     def of(cls, law: Elastic, start: LinkStart, length: jax.Array, h: jax.Array) -> _Step:
         d, stretching = law._stretching(start.d, start.rate, length)
         size = safe_norm(d)
-        memory = 0.0
-        if start.acceleration is not None:
-            turning = dot(start.rate, start.rate) - stretching**2
-            acceleration = law.zero_broken((dot(d, start.acceleration) + turning) / size)
-            # (2/(omega h))^2, omega = 2 sqrt(EA/(L m)) the highest frequency of a line of such links
-            resolved = start.mass * length / (law.EA * h**2)
-            weight = jnp.maximum(1.0 - resolved, 0.0) ** 2
-            memory = RINGING_MEMORY * weight * acceleration * h**2
-        return cls(size, size + h * stretching, length, h, memory)
+        expected = size + h * stretching
+        if start.acceleration is None:
+            return cls(size, expected, length, h, weight=0.0, memory=0.0)
+        turning = dot(start.rate, start.rate) - stretching**2
+        acceleration = law.zero_broken((dot(d, start.acceleration) + turning) / size)
+        highest = 2.0 * law.EA / length * start.lightness  # square of the highest frequency of a line of such links
+        resolved = UNRESOLVED**2 / (highest * h**2)
+        weight = jnp.maximum(1.0 - resolved, 0.0) ** 2
+        return cls(size, expected, length, h, weight, acceleration * h**2)

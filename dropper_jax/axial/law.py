@@ -21,13 +21,14 @@ class LinkStart(NamedTuple):
         d: link vectors (n, 3) [m].
         rate: their rates (n, 3) [m/s]; None if no link stretches.
         acceleration: their mean second derivatives over the last step (n, 3) [m/s^2]; None if no memory is kept.
-        mass: of the links (n,) [kg]; None without `acceleration`.
+        lightness: sum of the inverse masses of the nodes at both ends of the links (n,) [1/kg], 0 for fixed ones; None
+            without `acceleration`.
     """
 
     d: jax.Array
     rate: jax.Array | None
     acceleration: jax.Array | None = None
-    mass: jax.Array | None = None
+    lightness: jax.Array | None = None
 
 
 class AxialLaw(ABC):

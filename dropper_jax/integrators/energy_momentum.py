@@ -99,7 +99,9 @@ class MidpointProblem(StepProblem):
         if not self.alone:  # the last step has another length, and may go backwards
             return LinkStart(self.links0, rate)
         acceleration = model.geometry.differences(s.acceleration, self.end_acceleration)
-        return LinkStart(self.links0, rate, acceleration, model.line.mass)
+        lighter = model.geometry.everywhere(1.0 / model.node_mass[:, None], None)[:, 0]
+        lightness = lighter[model.geometry.first] + lighter[model.geometry.last]
+        return LinkStart(self.links0, rate, acceleration, lightness)
 
     def guess(self) -> Unknowns:
         s = self.s

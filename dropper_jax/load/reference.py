@@ -291,7 +291,7 @@ def schema() -> dict[str, Any]:
         if section.path == "point.*":
             target["properties"] |= {key.name: {**key.schema} for key in BY_HAND["point_type.*"]}
     root["properties"]["unit"]["additionalProperties"] = {"type": "object"}
-    root["properties"]["run"]["required"] = ["dt", "duration"]
+    root["properties"]["run"]["required"] = ["duration"]
     root["required"] = ["run"]
     root["anyOf"] = [{"required": ["line"]}, {"required": ["array"]}]  # all lines may be those of units
     return {

@@ -107,8 +107,8 @@ def how(run: Run) -> tuple[str, str]:
     text = run.integrator
     if run.accuracy is not None:
         text = f"{text}, accuracy {run.accuracy:g}"
-    elif run.step:  # an equilibrium has no step
-        text = f"{text}, dt = {run.step:g} s"
+    elif run.dt:  # an equilibrium has no step
+        text = f"{text}, dt = {run.dt:g} s"
     return (text, FAINT) if run.status == "ok" else (f"{text}, ended with {run.status}", ALERT)
 
 

@@ -100,13 +100,13 @@ class Companion(NamedTuple):
     """A second run, coarser or finer than a first one.
 
     Attributes:
-        go: yields the rows of the given number of saves in pieces; ends early if a step fails.
-        every: saves of the first run per save.
+        go: yields its rows in pieces, for a number of saves of the first run; ends early if a step fails.
+        finer: whether it has two saves for each of the first run, not one for two.
         words: what it follows.
     """
 
     go: Callable[[int], Iterator[tuple[Trajectory, Beside]]]
-    every: int
+    finer: bool
     words: str
 
 
@@ -163,24 +163,32 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
     none = jnp.zeros((), jnp.int32)
     program = several.program(stepper, model, carry, dt, limits, count=none, watch=watch, **settings)
 
-    def go_on(carry: Carry, left: int, limit: jax.Array = limits) -> tuple[Carry, tuple[Trajectory, Beside]]:
+    def advance(
+        carry: Carry, left: int, interval: jax.Array, limit: jax.Array
+    ) -> tuple[Carry, tuple[Trajectory, Beside]]:
         count = min(saves, left)  # never beyond the end, where the run may go on
-        after, rows = program(model, carry, dt, limit, jnp.asarray(count, jnp.int32), watch)
+        after, rows = program(model, carry, interval, limit, jnp.asarray(count, jnp.int32), watch)
         return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
+
+    def go_on(carry: Carry, left: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
+        return advance(carry, left, dt, limits)
 
     def companion(finer: bool) -> Companion:
         other = limit / FACTOR if finer else min(limit * FACTOR, 1.0)
+        # steps end at the saved times: with the interval of the run those of both would be equal where it is short
+        interval = 0.5 * dt if finer else 2.0 * dt
 
-        def go(left: int) -> Iterator[tuple[Trajectory, Beside]]:
+        def go(saves: int) -> Iterator[tuple[Trajectory, Beside]]:
             now = carry
+            left = 2 * saves if finer else saves // 2
             while left > 0:
-                now, piece = go_on(now, left, jnp.asarray(other, model.dtype))
+                now, piece = advance(now, left, interval, jnp.asarray(other, model.dtype))
                 if now.has_failed:
                     return
                 left -= len(piece[0].r)
                 yield piece
 
-        return Companion(go, 1, f"a run with {followed} {other:.2g}")
+        return Companion(go, finer, f"a run with {followed} {other:.2g}")
 
     return Program(go_on, carry, companion)
 
@@ -213,20 +221,18 @@ class _EqualSteps:
     def companion(self, finer: bool) -> Companion:
         """The same run from its start with steps of half or twice the length."""
         parts = 2.0 if finer else 0.5
-        per_row = 2 if finer else 1
 
         def go(saves: int) -> Iterator[tuple[Trajectory, None]]:
             carry = self.first
-            most = max(1, self.settings["capacity"] // per_row)
-            while saves > 0:
-                count = min(saves, most)
-                carry, piece = self._take(carry, count * per_row, parts)
+            left = 2 * saves if finer else saves // 2
+            while left > 0:
+                carry, piece = self._take(carry, min(left, self.settings["capacity"]), parts)
                 if int(carry.first_bad) >= 0:
                     return
-                saves -= count
-                yield jax.tree.map(lambda a: a[per_row - 1 :: per_row], piece), None
+                left -= len(piece.r)
+                yield piece, None
 
-        return Companion(go, 1 if finer else 2, f"a run with steps of {self.dt / parts:.4g} s")
+        return Companion(go, finer, f"a run with steps of {self.dt / parts:.4g} s")
 
 
 def _chunk_size(s: State) -> int:

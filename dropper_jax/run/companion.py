@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run.chunks import FACTOR, Companion, Program, RunOutcome
 from dropper_jax.run.samples import TOO_LONG, Kind, Samples, is_finished
@@ -90,22 +91,24 @@ def state_errors(
         fraction of the travel, until `chaotic_from_s`; None at rest; `angles_rad`: see `_angle_error`.
     """
     rows, beside = outcome.trajectory, outcome.beside
-    every = companion.every
-    saves = len(rows.r) // every
     parts = []
-    apart = np.empty((saves, *rows.r.shape[1:]))
-    done = 0
-    for piece, own_beside in companion.go(saves):
-        first, last = done, done + len(piece.r)
-        apart[first:last] = piece.r - rows.r[every - 1 :: every][first:last]
+    nodes = []
+    for piece, own_beside in companion.go(len(rows.r)):
+        nodes.append(piece.r)
         parts.append((len(piece.r), _tensions(piece, own_beside)))
-        done = last
-    if done < saves:
+    every = 1 if companion.finer else 2
+    run = rows.r[every - 1 :: every]
+    if not nodes:
         return None
+    other = np.concatenate(nodes)
+    other = other[1::2] if companion.finer else other
+    if len(other) < len(run):
+        return None
+    apart = other - run
     factor = _factor(solution, finer)
     travel = _travel(solution, rows.r)
     distance = None if travel is None else np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1)) / travel
-    chaos = None if distance is None else _chaos(distance, rows.r[every - 1 :: every])
+    chaos = None if distance is None else _chaos(distance, run)
     both = _tensions(rows, beside), _weighted(parts)
     return {
         "companion": companion.words,
@@ -174,7 +177,8 @@ def _angle_error(solution: Samples, apart: np.ndarray, every: int) -> float:
     """RMS difference of the links' angles [rad] that arises within a window of a fit, half the shortest link's period.
 
     The change of a link's vector over its length bounds the change of its angle. Every window of a fit has a start of
-    its own, so that errors of earlier windows do not count. 0 for several lines.
+    its own, so that errors of earlier windows do not count: an error that grows evenly to q at t is `q W/t` at the end
+    of a window W, and `1/sqrt(3)` of that in the mean. 0 for several lines.
 
     Args:
         apart: distances (k, nodes, 3) [m] of the free nodes of both runs.
@@ -184,12 +188,13 @@ def _angle_error(solution: Samples, apart: np.ndarray, every: int) -> float:
     if solution.scene.branched or not len(apart):
         return 0.0
     interval = solution.settings["dt"] * solution.settings["save_every"] * every
-    window = max(1, round(np.pi * np.sqrt(float(np.min(line.length)) / 9.81) / interval))
+    window = np.pi * np.sqrt(float(np.min(line.length)) / GRAVITY) / interval
     # the nodes between two fixed end points, or from a fixed one to the free end
     nodes = np.pad(apart, ((0, 0), (1, len(line.length) - apart.shape[1]), (0, 0)))
     turned = np.diff(nodes, axis=1) / line.length[:, None]
-    starts = turned[np.arange(len(turned)) // window * window]
-    return float(np.sqrt(np.mean(np.sum((turned - starts) ** 2, axis=2))))
+    size = np.sqrt(np.mean(np.sum(turned**2, axis=2), axis=1))
+    last = int(np.argmax(size))
+    return float(size[last] * min(window / (last + 1), 1.0) / np.sqrt(3.0))
 
 
 def _relative(found: dict[str, Any]) -> Iterator[tuple[str, str, float]]:

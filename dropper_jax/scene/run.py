@@ -136,7 +136,8 @@ class RunSpec:
         if self.dt is None:
             return self
         interval = self.dt * self.save_every if self.save_interval is None else self.save_interval
-        return dataclasses.replace(self, dt=None, source_dt=self.dt, save_every=1, save_interval=interval)
+        source_dt = self.dt if self.source_dt is None else self.source_dt
+        return dataclasses.replace(self, dt=None, source_dt=source_dt, save_every=1, save_interval=interval)
 
     def _with_whole_steps(self, path: str) -> RunSpec:
         """The same with the steps between saved states counted.

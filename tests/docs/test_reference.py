@@ -69,7 +69,7 @@ def test_the_schema_takes_all_packaged_scenes_and_refuses_mistakes():
     good = packaged_scene("string")
     for wrong in (
         {"run": {**good["run"], "dt": -1.0}},
-        {"run": {"duration": 1.0}},
+        {"run": {"dt": 1.0}},
         {"lines": []},
         {"effects": {"wind": {}}},
     ):

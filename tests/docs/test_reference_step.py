@@ -94,7 +94,11 @@ def test_each_step_on_the_page_has_at_most_forty_lines():
     assert all(len(text.splitlines()) <= 40 for text in BLOCKS)
 
 
-@pytest.mark.parametrize("source", [*RIGID.values(), *STRETCHY.values()], ids=[*RIGID, *STRETCHY])
+#: The page leaves out the ringing force of steps that do not resolve axial vibrations.
+RESOLVED = {**RIGID, "elastic": STRETCHY["elastic"], "elastic, waves": STRETCHY["elastic, waves"]}
+
+
+@pytest.mark.parametrize("source", RESOLVED.values(), ids=RESOLVED)
 def test_energy_momentum_on_the_page_makes_the_steps_of_the_package(page, source):
     stepper, model, s = begun(source, "energy_momentum")
 

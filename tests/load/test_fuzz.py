@@ -121,7 +121,7 @@ def test_a_valid_scene_runs_to_an_honest_end(table: dict) -> None:
     except SceneError:  # a pose that was not found is a named failure too
         return
     stepper = make_stepper(model, halvings=3)
-    dt = scene.run.dt
+    dt = scene.run.step
     run = grid_run(stepper, model, s, dt, 1, STEPS)
     status = status_of(run, stepper)
     if status != "ok":

@@ -87,7 +87,7 @@ def test_conical_rate_is_that_of_a_circle():
 def test_ramps_rise_from_rest_as_the_thesis_prints_them_until_the_release(letter, node, force):
     """(E.1)-(E.3), 0.094 and 0.065 N/s from 3 to 15 s; of D and E the thesis gives no force."""
     scene = load_scene(f"dropper-release-{letter}-ramp")
-    assert (scene.start.kind, scene.run.dt, scene.run.duration) == ("static", 0.0065, 65.0)
+    assert (scene.start.kind, scene.run.step, scene.run.duration) == ("static", 0.0065, 65.0)
     ramp = build_model(scene).effect("nodal_force")
     assert ramp.nodes == (node,)
     times = [0.0, 3.0, 9.0, 14.999, 15.001]
@@ -100,8 +100,8 @@ def test_released_at_14_1_s_the_ramp_meets_the_angles_of_the_thesis_model(letter
     """RMS over the links before the release to Tables E.2 to E.4; at 15 s it is 0.09 to 0.10 rad."""
     scene = load_scene(f"dropper-release-{letter}-ramp-14")
     assert scene.effects["nodal_force"]["release"] == 14.1
-    run = dj.simulate(scene, duration=14.1)
-    before = run.polar[np.searchsorted(run.t, 14.1 - scene.run.dt)]
+    run = dj.simulate(scene, dt=scene.run.step, duration=14.1)
+    before = run.polar[np.searchsorted(run.t, 14.1 - scene.run.step)]
     assert np.sqrt(np.mean((before - MODEL_ANGLES[letter]) ** 2)) == pytest.approx(difference, abs=6e-4)
 
 

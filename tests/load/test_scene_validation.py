@@ -67,8 +67,7 @@ BAD = [
     ("start.polr", [0.0], "start.polr: unknown key", "'polar'"),
     ("line.0.axial", {"law": "elastic", "EA": 1.0, "dampin": 0.1}, "line.0.axial.dampin: unknown key", "'damping'"),
     # missing values
-    ("run", REMOVE, "run: missing", "`dt`"),
-    ("run.dt", REMOVE, "run.dt: missing", "> 0 s"),
+    ("run", REMOVE, "run: missing", "`duration`"),
     ("line.0.mass", REMOVE, "line.0.mass: missing", "> 0 kg"),
     ("line", REMOVE, "line: missing", "[[line]]"),
     ("point", [], "point: missing", "[[point]]"),

@@ -96,7 +96,7 @@ NO_CASE: dict[type, set[str]] = {
     # rows of the deck are type1, type2, ..., one for each kind of link; no law of the package has further constants
     LineType: {"name", "constants"},
     LineSpec: {"centre_of_mass", "inertia", "constants"},
-    RunSpec: {"options"},
+    RunSpec: {"options", "suggested_step", "suggested_interval"},
     StartSpec: {"release_nodes", "release_force", "polar", "azimuth", "polar_rate", "azimuth_rate", "zero"}
     | {"positions", "velocities"},
     WaveSpec: {"file"},  # read into components
@@ -224,7 +224,8 @@ def values_of(cls: type) -> list[tuple[str, str, Any, dict[str, Any]]]:
         found = rows("run", dt=0.05, duration=2.0, integrator="theta", solver="dense", dtype="float32", save_every=2)
         return [
             *found,
-            *rows("run", accuracy=0.01),
+            *rows("run", accuracy=0.01, save_interval=0.5),
+            *rows("run", {"run.accuracy": 0.01}, source_dt=0.01),
             *rows("run", {"run.integrator": "tsit5"}, error_tolerance=1e-3),
         ]
     if cls is FailureSpec:

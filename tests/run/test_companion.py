@@ -15,7 +15,7 @@ NAME = "conical-pendulum-damped"
 @pytest.fixture(scope="module")
 def fine():
     """The damped conical pendulum with steps a tenth of the packaged one."""
-    return dj.simulate(NAME, dt=0.001, duration=15.0, save_every=20)
+    return dj.simulate(NAME, dt=0.001, duration=15.0)
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def pendulum():
 
 
 def largest_distance(run, fine):
-    rows = np.rint(run.t / 0.02).astype(int)
+    rows = np.rint(run.t / 0.001).astype(int)
     apart = np.linalg.norm(run.positions - fine.positions[rows], axis=2).max(axis=1)
     travel = np.linalg.norm(np.ptp(fine.positions, axis=0), axis=1).max()
     return np.sqrt(np.mean(apart[1:] ** 2)) / travel

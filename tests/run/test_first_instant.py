@@ -11,7 +11,7 @@ import dropper_jax as dj
 def test_a_run_from_angles_begins_with_the_tension_of_its_first_instant():
     """A conical pendulum: `m g / sin(polar)` for a polar angle from the horizontal, at once and ever after."""
     scene = dj.load_scene("conical-pendulum")
-    run = dj.simulate(scene, duration=0.1)
+    run = dj.simulate(scene, dt=0.01, duration=0.1)
     weight = scene.lines[0].mass[0] * 9.81
     np.testing.assert_allclose(run.tension[:, 0], weight / np.sin(scene.start.polar[0]), rtol=1e-6)
 

@@ -20,7 +20,7 @@ def test_a_scene_and_a_run_are_small_tables(solution):
     scene, run = solution.scene._repr_html_(), solution._repr_html_()
     assert "<caption>Scene conical-pendulum: 1 lines" in scene
     assert "1 links, 1 m, 1 kg" in scene
-    assert "0 to 0.1 s, 11 saved times" in run
+    assert "0 to 0.1 s, 6 saved times" in run
     assert max(len(scene), len(run)) < 2000
 
 

@@ -14,7 +14,7 @@ from dropper_jax.run.resolution import MOST_WARNINGS, limit_warnings, with_quali
 @pytest.fixture(scope="module")
 def soft(falling):
     """20 steps in a period of the mass on its rope."""
-    return dj.simulate(falling(0.2, 0.01), step_check=False)
+    return dj.simulate(falling(0.2, 0.01))
 
 
 def test_a_peak_of_many_steps_is_not_warned_of(soft):

@@ -45,7 +45,7 @@ OFTEN = (
 )
 def test_all_solvers_give_the_same_positions_over_two_seconds(march, scene):
     model, s = dj.build(scene)
-    steps = round(2.0 / dj.load_scene(scene).run.dt)
+    steps = round(2.0 / dj.load_scene(scene).run.step)
     found = {}
     for name, solver in SOLVERS.items():
         if solver.refuse(model, dj.INTEGRATORS["energy_momentum"]()) is None:

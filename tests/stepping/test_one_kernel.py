@@ -27,7 +27,7 @@ for case in sys.argv[1:]:
     scene = dj.load_scene(name)
     model, s = dj.build(scene)
     stepper = dj.make_stepper(model, scheme, track_work=False).plain
-    run = lambda m, s: dj.integrate(stepper, m, s, scene.run.dt, 50)[0].r.sum()
+    run = lambda m, s: dj.integrate(stepper, m, s, scene.run.step, 50)[0].r.sum()
     run = dj.one_kernel(jax.value_and_grad(run, allow_int=True) if kind == "gradient" else run)
     text = run.lower(model, s).compile().as_text()
     entry = text[text.index("ENTRY"):].splitlines()

@@ -81,7 +81,7 @@ def test_corrections_of_a_step_are_counted() -> None:
     scene = load_scene("conical-pendulum")
     model, s = build(scene)
     never = {"tolerance": 0.0, "halvings": 0}
-    variant = Variant("all", model, make_stepper(model, "energy_momentum", iterations=3, **never), s, scene.run.dt, 5)
+    variant = Variant("all", model, make_stepper(model, "energy_momentum", iterations=3, **never), s, scene.run.step, 5)
     variant.times[:] = [5 * 30e-6]
     variant.count_corrections()
     row = variant.row(variant)

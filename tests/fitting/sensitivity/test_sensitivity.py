@@ -117,8 +117,9 @@ def test_slopes_of_a_rope_whose_tangent_grows_are_differences_with_an_error():
         ends = [replace(gravity, value=gravity.value * (1 + sign * size)) for sign in (-1, 1)]
         low, high = (local(replace(problem, parameters=(end,))).value for end in ends)
         slopes.append((high - low) / (2 * size * gravity.value))
-    np.testing.assert_allclose(found.forward[0], slopes[0], rtol=1e-4)
-    np.testing.assert_allclose(found.error[0], abs(slopes[0] - slopes[1]), rtol=1e-4)
+    # a difference of runs whose rounding errors have grown by e^21
+    np.testing.assert_allclose(found.forward[0], slopes[0], rtol=5e-3)
+    np.testing.assert_allclose(found.error[0], abs(slopes[0] - slopes[1]), rtol=5e-3)
     assert sum(text.startswith("differences") for text in told) == 4
     (warning,) = found.warnings  # the error is larger than a third of the slope
     assert "its differences by 1 % and 0.3 % of effects.point_bodies.gravity" in warning
@@ -265,7 +266,7 @@ def test_command_has_the_verdict_of_a_run_on_its_step(capsys, monkeypatch, found
     assert main(["sensitivity", *argv, "--of", "tension.max", "--to", "b_l", "--json"]) == 3
     printed = json.loads(capsys.readouterr().out)
     assert printed["status"] == "step_too_long"
-    assert any(text.startswith("the run: time step: 0.3 s is too long") for text in printed["warnings"])
+    assert any(text.startswith("the run: mean tension") for text in printed["warnings"])
     assert main(["run", *argv]) == 3
 
 

@@ -128,8 +128,8 @@ def effects() -> str:
     made = MADE.format(what="the docstrings")
     parts = [
         f"# Effects and schemes\n\n{made} Keys, units and ranges of the effects are in [every key of a "
-        "scene](reference.md), derivations in [the physics](physics.md), how to add one in [How to add an effect]"
-        "(add-an-effect.md).",
+        "scene](reference.md), derivations in [the physics](physics.md), how to add one in [Python and own effects]"
+        "(python.md#add-an-effect).",
         "## Effects\n\n`[effects.NAME]` in a scene; what is not named is not computed.",
     ]
     for name, cls in EFFECTS.items():

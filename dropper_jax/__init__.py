@@ -17,9 +17,9 @@ The way of one step:
       |       problem.finish(u)
     next state, and the largest scaled row of the residual; run.assembly makes the solution of a run
 
-Importing the package turns on float64 in JAX (set `JAX_ENABLE_X64` beforehand to prevent that); a scene may still choose
-float32. JAX itself and the names below are imported on first use, so that the command line can reject a typing error at
-once.
+Importing the package turns on float64 in JAX (set `JAX_ENABLE_X64` beforehand to prevent that); a scene may still
+choose float32. JAX itself and the names below are imported on first use, so that the command line can reject a typing
+error at once.
 """
 
 import os

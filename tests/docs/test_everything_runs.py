@@ -68,8 +68,10 @@ def python_by_section(page: Path) -> dict[str, list[str]]:
     """The Python of a page, by `PAGE#HEADING` of its sections; before the first heading `PAGE#`."""
     name = page.relative_to(ROOT).as_posix()
     parts = re.split(r"^## (.+)$", page.read_text(), flags=re.M)
-    found = {f"{name}#": parts[0]} | {f"{name}#{head}": text for head, text in zip(parts[1::2], parts[2::2], strict=True)}
-    return {key: [text for kind, text in BLOCK.findall(part) if kind == "python"] for key, part in found.items()}
+    sections = zip(["", *parts[1::2]], parts[::2], strict=True)
+    return {
+        f"{name}#{head}": [code for kind, code in BLOCK.findall(text) if kind == "python"] for head, text in sections
+    }
 
 
 def python_run_here(page: Path) -> list[str]:

@@ -77,7 +77,7 @@ def test_the_schema_takes_all_packaged_scenes_and_refuses_mistakes():
 
 
 def snippets(page: Path) -> list[str]:
-    """Pieces of scenes on a page, fenced or indented; measurements of whole runs are described in files of their own."""
+    """Pieces of scenes on a page, fenced or indented; descriptions of measurements are no scenes."""
     text = page.read_text().partition("\n## Fit any channel\n")[0]
     indented = re.findall(r"(?:^|\n\n)((?:    \[[\[\w].*\n)(?:(?:    .*)?\n)*?)(?=\S)", text)
     return re.findall(r"^```toml\n(.*?)^```", text, re.M | re.S) + [

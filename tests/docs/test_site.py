@@ -38,7 +38,9 @@ def pages(generator):
     return generator.pages()
 
 
-@pytest.mark.parametrize("name", ["reference.md", "reference-effects.md", "reference-python.md"])
+@pytest.mark.parametrize(
+    "name", ["physics.md", "python.md", "reference.md", "reference-effects.md", "reference-python.md"]
+)
 def test_the_stored_page_is_that_of_the_code(name, pages):
     assert (ROOT / "docs" / name).read_text() == pages[name], "make it again: python docs/site/pages.py"
 

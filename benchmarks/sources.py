@@ -1,4 +1,4 @@
-"""Every table of the thesis and the paper and what is here: the numbers of docs/sources.md.
+"""Every table of the thesis and the paper and what is here: the numbers of docs/checked-against.md.
 
     python benchmarks/sources.py [--poses]
 
@@ -117,7 +117,7 @@ def release_angles() -> Iterator[Row]:
             f"model off the mean run by {rms(angles['model'] - angles['mean']):.4f} rad (RMS of 7 links)",
             f"pose here off the mean run by {off[0]:.4f} rad, off the model by {off[1]:.4f} rad",
             "the packaged force at the lifted node is fitted to the measured pose; for (E.1) to (E.3) see "
-            "[the thesis' releases](validation.md#the-thesis-releases)",
+            "[the thesis' releases](checked-against.md#the-thesis-releases)",
         )
 
 
@@ -184,7 +184,7 @@ def paper() -> Iterator[Row]:
         "7 case 4, steady anchor tension",
         "largest 1558 N (OrcaFlex), 1535 N (adapted MoorDyn)",
         f"{float(steady.tension[0]):.1f} N at rest",
-        "means and extremes of all cases: [MoorDyn](moordyn.md#the-papers-table-7)",
+        "means and extremes of all cases: [MoorDyn](checked-against.md#the-papers-table-7)",
     )
     waves = dj.load_scene("paper-case-3").sea.waves
     height = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude)))

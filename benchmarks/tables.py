@@ -23,7 +23,7 @@ PARTS = (
     "moordyn_tables",
     "edulis_anchors",
 )
-for part in (*PARTS, "source_tables"):
+for part in (*PARTS, "measured_once", "source_tables"):
     import_module(part)  # enters its tables
 
 HERE = Path(__file__).parent

@@ -1,8 +1,25 @@
 """A differentiable simulator of mussel droppers: chains of links, hanging, looped, damped, driven.
 
-Scene -> model -> effects -> residual -> step -> solution. Importing the package turns on float64 in JAX (set
-`JAX_ENABLE_X64` beforehand to prevent that); a scene may still choose float32. JAX itself and the names below are
-imported on first use, so that the command line can reject a typing error at once.
+The way of one step:
+
+    scene            load.scene.load_scene             a TOML file or a dict, checked, in SI units
+      | run.build.build_model, run.build.initial_state
+    model, state     model.Model, model.State          pytrees: what is constant, and what a step changes
+      |
+      | stepping.integrate                             a run is a scan of steps
+      |   stepping.control.advance_over                one step, or shorter ones where it does not converge
+      |     residual.step.step
+      |       integrators/   problem(model, state, h)  the scheme writes the residual R(u) = 0 of the step
+      |         effects/, axial/, sea/                 with forces, laws of tension, water
+      |       residual.step.newton                     u <- u - P^-1 R(u)
+      |         solvers/     linearise(problem, u)     the matrix P, by jax.jacfwd
+      |       residual.step.solution                   du = -(dR/du)^-1 dR/dp dp: its exact derivative
+      |       problem.finish(u)
+    next state, and the largest scaled row of the residual; run.assembly makes the solution of a run
+
+Importing the package turns on float64 in JAX (set `JAX_ENABLE_X64` beforehand to prevent that); a scene may still
+choose float32. JAX itself and the names below are imported on first use, so that the command line can reject a typing
+error at once.
 """
 
 import os

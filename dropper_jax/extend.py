@@ -1,4 +1,4 @@
-"""Names for extensions: effects of your own, their fields and errors (see docs/add-an-effect.md)."""
+"""Names for extensions: effects of your own, their fields and errors (see docs/python.md)."""
 
 from dropper_jax.base.errors import SceneError, SimulationError, nearest
 from dropper_jax.base.fields import component, option, parameter

@@ -118,6 +118,6 @@ def add_words(path: Path) -> None:
     index = json.loads(path.read_text(encoding="utf-8"))
     entries = {entry["location"]: entry for entry in index["docs"]}
     for words, target in WORDS.findall((ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")):
-        entry = entries[target.replace(".md", ".html")]
+        entry = entries[target.replace("README.md", "index.md").replace(".md", ".html")]
         entry.setdefault("tags", []).extend(word.strip("` ") for word in words.split(","))
     path.write_text(json.dumps(index, separators=(",", ":")), encoding="utf-8")

@@ -6,6 +6,7 @@
 | reference-effects.md | docstrings of effects, schemes, linear solvers and axial laws |
 | reference-python.md | public names of `dropper_jax`, `fitting` and their modules, with the first words of docstrings |
 | physics.md | the source of the step, in its place on a page written by hand |
+| python.md | the folders of both packages, by their layers in pyproject.toml and their docstrings, likewise |
 
 A test holds the stored pages to them. Two more kinds are made when the site is built: the commands, from their parsers
 (`commands`), and a page for each public module (`module_pages`).
@@ -18,6 +19,7 @@ import ast
 import inspect
 import re
 import sys
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
@@ -50,6 +52,8 @@ ROOMS = (
 )
 #: A place for source code on a page: its module and the names of its functions.
 SOURCE = re.compile(r"(<!-- source: ([\w.]+): ([\w, ]+) -->\n).*?(<!-- end source -->)", re.DOTALL)
+#: A place for the folders of a package on a page.
+FOLDERS = re.compile(r"(<!-- folders: (\w+) -->\n).*?(<!-- end folders -->)", re.DOTALL)
 #: Heads of the parts of a docstring that list names.
 LISTS = ("Args", "Attributes", "Returns", "Raises", "Yields")
 
@@ -128,8 +132,8 @@ def effects() -> str:
     made = MADE.format(what="the docstrings")
     parts = [
         f"# Effects and schemes\n\n{made} Keys, units and ranges of the effects are in [every key of a "
-        "scene](reference.md), derivations in [the physics](physics.md), how to add one in [How to add an effect]"
-        "(add-an-effect.md).",
+        "scene](reference.md), derivations in [the physics](physics.md), how to add one in [Python and own effects]"
+        "(python.md#add-an-effect).",
         "## Effects\n\n`[effects.NAME]` in a scene; what is not named is not computed.",
     ]
     for name, cls in EFFECTS.items():
@@ -284,6 +288,28 @@ def with_sources(text: str) -> str:
     return SOURCE.sub(lambda place: f"{place[1]}\n{_code(place[2], place[3].split(', '))}\n\n{place[4]}", text)
 
 
+def with_folders(text: str) -> str:
+    """A page with the present folders at each of its places for them."""
+    return FOLDERS.sub(lambda place: f"{place[1]}\n{_folders(place[2])}\n\n{place[3]}", text)
+
+
+def _folders(package: str) -> str:
+    """Folders from the uppermost layer down, with the first sentences of their docstrings."""
+    root = FOLDER.parent
+    project = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = project["tool"]["importlinter"]["contracts"]
+    (layers,) = [contract["layers"] for contract in contracts if contract.get("containers") == [package]]
+    rows = {}
+    for name in " | ".join(layers).split(" | "):
+        folder = name.partition(".")[0]
+        file = root / package / folder / "__init__.py"
+        if file.is_file():
+            about = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8")))
+            sentence = re.match(r".*?\.(?=\s|$)", " ".join(about.split()))[0]
+            rows[folder] = (f"`{package}.{folder}`", prose(sentence.removesuffix("."), True))
+    return _table(("folder", "subject"), rows.values())
+
+
 def _code(module: str, names: list[str]) -> str:
     """The source of functions of a module, as a block of a page."""
     source = inspect.getsource(import_module(module))
@@ -309,6 +335,7 @@ def pages() -> dict[str, str]:
         "reference-effects.md": effects(),
         "reference-python.md": python(),
         "physics.md": with_sources((FOLDER / "physics.md").read_text(encoding="utf-8")),
+        "python.md": with_folders((FOLDER / "python.md").read_text(encoding="utf-8")),
     }
 
 

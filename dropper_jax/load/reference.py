@@ -157,7 +157,7 @@ BY_HAND: dict[str, tuple[Key, ...]] = {
 ABOUT = {
     "": "Keys at the top of the file.",
     "line.*.axial": "Axial law of the links of a line; rigid if omitted.",
-    "fit": "Free parameters and sensors of fits of this scene (see docs/calibration.md).",
+    "fit": "Free parameters and sensors of fits of this scene (see docs/fits.md).",
     "parameters": "Named numbers; a text value that starts with `=` is an expression of them.",
     "unit.*": "Points, lines and buoys that belong together, placed by `[[array]]`.",
     "array.*": "Positions of units (see docs/longlines.md).",

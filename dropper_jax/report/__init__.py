@@ -1,1 +1,1 @@
-"""`dropper report`: engineering evaluation of saved runs; docs/report.md defines each number."""
+"""`dropper report`: engineering evaluation of saved runs; docs/which-number.md defines each number."""

@@ -27,7 +27,7 @@
     months = ["may", "september"]   of [[growth]]; default: the bare scene
     states = ["intact", "west-leg"] or a line (patterns: each of their lines) that breaks in its middle link,
     standard = "ns-9415"            keeps pairs of return periods: `return_period` of sea states and currents; or
-                                    pairs = [[50, 10], [10, 50]], see docs/load-cases.md
+                                    pairs = [[50, 10], [10, 50]], see docs/farms.md
     crops = ["low", "high"]         values of [crop]; default: all three
     break_time = 60.0               [s], so that the transient is in the run ("west-leg:3" breaks in link 3);
                                     default: the middle of the counted time
@@ -44,7 +44,7 @@
     intact = 1.67
     broken = 1.25                   in cases where a line breaks
     source, edition, clause         references, as texts
-    standard = "api-rp-2sk"         or factors with edition and clause by name, see docs/load-cases.md
+    standard = "api-rp-2sk"         or factors with edition and clause by name, see docs/farms.md
 
     [[part]]                        lines of one kind; every line belongs to one part
     name = "loops"

@@ -1,4 +1,4 @@
-"""The page about the architecture: every name on it exists, and every folder is on it."""
+"""The page on Python, with the architecture: every name on it exists, and every folder is on it."""
 
 import importlib
 import re
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-TEXT = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
 NAMES = sorted(set(re.findall(r"`((?:dropper_jax|fitting)\.[\w.]+)`", TEXT)))
 
 

@@ -17,8 +17,17 @@ PAGES = sorted(DOCS.glob("*.md"))
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
 
 
-def blocks(page, language):
-    return [text for kind, text in BLOCK.findall((DOCS / page).read_text()) if kind == language]
+def section(page, heading=""):
+    """The text of a page, or of one of its sections."""
+    text = (DOCS / page).read_text()
+    if not heading:
+        return text
+    (found,) = re.findall(rf"^{heading}$(.*?)(?=^## |\Z)", text, re.M | re.S)
+    return found
+
+
+def blocks(page, language, heading=""):
+    return [text for kind, text in BLOCK.findall(section(page, heading)) if kind == language]
 
 
 @pytest.fixture
@@ -30,20 +39,20 @@ def registry():
     EFFECTS.update(before)
 
 
-def run_page(page, folder, monkeypatch):
+def run_page(page, folder, monkeypatch, heading=""):
     monkeypatch.chdir(folder)
     names = {"__name__": page}
-    for text in blocks(page, "python"):
+    for text in blocks(page, "python", heading):
         exec(compile(text, page, "exec"), names)
     return names
 
 
 @pytest.mark.slow
-def test_the_page_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypatch, registry, capsys):
-    names = run_page("add-an-effect.md", tmp_path, monkeypatch)
+def test_the_section_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypatch, registry, capsys):
+    names = run_page("python.md", tmp_path, monkeypatch, "## Add an effect")
     assert registry["shock_cord"] is names["ShockCord"]
     said = capsys.readouterr().out.strip()
-    assert said in (DOCS / "add-an-effect.md").read_text()
+    assert said in section("python.md", "## Add an effect")
     model, start = names["model"], names["start"]
     force = jax.make_jaxpr(lambda r: model.effects[1].force(model.instant(r, start.v, start.t)))(start.r)
     assert "scatter" not in str(force), "a scatter keeps a run from being one kernel"
@@ -52,17 +61,17 @@ def test_the_page_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypat
 
 
 @pytest.mark.slow
-def test_the_scene_and_the_code_of_the_quick_start_run(tmp_path, monkeypatch):
-    (tmp_path / "loop.toml").write_text(blocks("quick-start.md", "toml")[0])
+def test_the_scene_and_the_code_of_the_first_page_run(tmp_path, monkeypatch):
+    (tmp_path / "loop.toml").write_text(blocks("README.md", "toml")[0])
     trace = observe(simulate_truth("dropper-release-a", 2.0, 60.0, 8), Camera(rate=60.0, angle_noise=0.005), seed=0)
     write_trace(tmp_path / "traces.csv", trace)
-    names = run_page("quick-start.md", tmp_path, monkeypatch)
+    names = run_page("README.md", tmp_path, monkeypatch)
     assert names["solution"].status == "ok"
     assert names["result"].method == "gradient"
     assert names["result"].values == pytest.approx([0.002, 0.001], abs=0.002)
 
 
-@pytest.mark.parametrize("page", ["your-own-video.md", "sweeps-and-sensitivity.md", "load-cases.md"])
+@pytest.mark.parametrize("page", ["film.md", "sweeps-and-sensitivity.md", "farms.md"])
 def test_code_of_other_pages_names_what_there_is(page):
     # what they call is run by the tests of tracking and sweeps
     for text in blocks(page, "python"):

@@ -50,17 +50,35 @@ ELSEWHERE = {
     "season": "tests/fitting/season/test_season.py",
     "sweep dropper-release-a --paired --trace": "tests/fitting/sweep/test_against_trace.py",
 }
-#: Pages whose Python runs in tests of their own, or asks for data that only a user has.
+#: Pages, or sections of pages, whose Python runs in tests of their own, or asks for data that only a user has.
 PYTHON_ELSEWHERE = {
-    "add-an-effect.md": "tests/docs/test_docs.py",
-    "quick-start.md": "tests/docs/test_docs.py",
-    "physics.md": "tests/docs/test_reference_step.py",
-    "fit-any-channel.md": "tests/fitting/channels/test_fit_channels.py",
+    "docs/README.md": "tests/docs/test_docs.py",
+    "docs/physics.md": "tests/docs/test_reference_step.py",
+    "docs/python.md#Add an effect": "tests/docs/test_docs.py",
+    "docs/python.md#A rope in your own program": "tests/docs/test_rope_page.py",
+    "docs/fits.md#Fit any channel": "tests/fitting/channels/test_fit_channels.py",
 }
 
 
 def blocks(page: Path, *kinds: str) -> list[str]:
     return [text for kind, text in BLOCK.findall(page.read_text()) if kind in kinds]
+
+
+def python_by_section(page: Path) -> dict[str, list[str]]:
+    """The Python of a page, by `PAGE#HEADING` of its sections; before the first heading `PAGE#`."""
+    name = page.relative_to(ROOT).as_posix()
+    parts = re.split(r"^## (.+)$", page.read_text(), flags=re.M)
+    sections = zip(["", *parts[1::2]], parts[::2], strict=True)
+    return {
+        f"{name}#{head}": [code for kind, code in BLOCK.findall(text) if kind == "python"] for head, text in sections
+    }
+
+
+def python_run_here(page: Path) -> list[str]:
+    """The Python of a page that no other test runs."""
+    if page.relative_to(ROOT).as_posix() in PYTHON_ELSEWHERE:
+        return []
+    return [text for key, texts in python_by_section(page).items() if key not in PYTHON_ELSEWHERE for text in texts]
 
 
 def commands() -> list[str]:
@@ -119,11 +137,11 @@ def workshop(tmp_path_factory):
         write_video(folder / name, film(Motion(solution.t, solution.positions), view, fps=60.0), 60.0)
     for i, image in enumerate(chessboards(view, count=4), 1):
         opencv().imwrite(str(folder / f"board-{i}.png"), image)
-    for page, name in (("quick-start.md", "loop.toml"), ("tutorial-longline.md", "longline.toml")):
+    for page, name in (("README.md", "loop.toml"), ("longlines.md", "longline.toml")):
         (folder / name).write_text(blocks(ROOT / "docs" / page, "toml")[0])
     (folder / "my_scene.toml").write_text((ROOT / "dropper_jax/data/scenes/dropper-release-a.toml").read_text())
     (folder / "my-longline.toml").write_text(template("longline"))
-    (folder / "states.csv").write_text(next(text for text in blocks(ROOT / "docs/frequency.md", "") if "hs,tp" in text))
+    (folder / "states.csv").write_text(next(text for text in blocks(ROOT / "docs/longlines.md", "") if "hs,tp" in text))
     (folder / "SITE.toml").write_bytes(site_text("exposed-bay"))
     long = dj.simulate("paper-case-1", duration=80.0, dt=0.05)
     short = dj.simulate("paper-case-1", duration=1.0, dt=0.05)
@@ -153,22 +171,25 @@ def test_command_runs(line, place, capsys):
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("page", [p for p in PAGES if p.name not in PYTHON_ELSEWHERE and blocks(p, "python")], ids=str)
+@pytest.mark.parametrize("page", [p for p in PAGES if python_run_here(p)], ids=str)
 def test_python_of_a_page_runs(page, place):
     names = {"__name__": page.stem}
-    for text in blocks(page, "python"):
+    for text in python_run_here(page):
         exec(compile(text, page.name, "exec"), names)
-    if page.stem == "coupling":
+    if page.stem == "python":
         assert names["lines"].status == "ok"
         assert np.all(np.isfinite(names["track"]))
 
 
 def test_python_of_every_page_is_run_somewhere():
-    pages = {page.name: blocks(page, "python") for page in PAGES}
-    assert [page for page in PYTHON_ELSEWHERE if not pages[page]] == []
-    for page, texts in pages.items():
+    sections = {}
+    for page in PAGES:
+        sections |= python_by_section(page)
+    for place in PYTHON_ELSEWHERE:
+        assert [key for key, texts in sections.items() if texts and key.startswith(place)], place
+    for key, texts in sections.items():
         for text in texts:
-            compile(text, page, "exec")
+            compile(text, key, "exec")
 
 
 def test_the_gradient_of_a_run_in_the_readme_is_that_of_two_runs():

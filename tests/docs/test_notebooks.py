@@ -133,7 +133,7 @@ def test_printed_pose_is_that_of_the_measured_angles():
     np.testing.assert_allclose(rows["measured"], runs.mean(axis=0), atol=6e-4)
     (rms,) = numbers(r"RMS difference (\S+) rad", text)
     assert rms == pytest.approx(np.sqrt(np.mean((rows["computed"] - runs.mean(axis=0)) ** 2)), abs=2e-4)
-    assert rms < 0.0139  # what the static poses leave, see docs/validation.md
+    assert rms < 0.0139  # what the static poses leave, see docs/checked-against.md
     drift, scale = numbers(r"drifts by (\S+) J of (\S+) J", text)
     assert drift < 1e-12 * scale
 

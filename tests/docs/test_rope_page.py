@@ -1,4 +1,4 @@
-"""The page on a rope in your own program: its code runs, its gradient is right, and eight devices give the same."""
+"""The section on a rope in your own program: its code runs, its gradient is right, and eight devices give the same."""
 
 import json
 import os
@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-PAGE = Path(__file__).parents[2] / "docs" / "rope-in-your-own-program.md"
-#: The code of the page, with a batch that a test can afford.
-BLOCKS = [text.replace("4096", "64") for text in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.S)]
+PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+(SECTION,) = re.findall(r"^## A rope in your own program$(.*?)(?=^## )", PAGE.read_text(), re.M | re.S)
+#: The code of the section, with a batch that a test can afford.
+BLOCKS = [text.replace("4096", "64") for text in re.findall(r"```python\n(.*?)```", SECTION, re.S)]
 ON_EIGHT = "import json; print(json.dumps([paths.tolist(), len(paths.sharding.device_set)]))"
 
 

@@ -38,7 +38,9 @@ def pages(generator):
     return generator.pages()
 
 
-@pytest.mark.parametrize("name", ["reference.md", "reference-effects.md", "reference-python.md"])
+@pytest.mark.parametrize(
+    "name", ["physics.md", "python.md", "reference.md", "reference-effects.md", "reference-python.md"]
+)
 def test_the_stored_page_is_that_of_the_code(name, pages):
     assert (ROOT / "docs" / name).read_text() == pages[name], "make it again: python docs/site/pages.py"
 
@@ -155,13 +157,13 @@ def test_the_index_of_the_search_has_every_page(site):
     found = {entry["location"].partition("#")[0] for entry in entries}
     pages = {path.relative_to(site).as_posix() for path in site.rglob("*.html")}
     assert pages <= found
-    assert "snap-loads.html" in {entry["location"] for entry in entries if "Snap loads" in entry["title"]}
+    assert "accuracy.html#snap-loads" in {entry["location"] for entry in entries if "Snap loads" in entry["title"]}
 
 
 def test_every_word_of_the_glossary_leads_the_search_to_the_section_about_it(site):
     text = (site / "search" / "search_index.js").read_text(encoding="utf-8")
     tags = {entry["location"]: entry.get("tags", []) for entry in json.loads(text.partition("=")[2])["docs"]}
-    assert "anchor" in tags["report.html#fixed-points-and-anchors"]
+    assert "anchor" in tags["which-number.html#fixed-points-and-anchors"]
     glossary = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (.*) \| .* \|$", glossary.partition("| word | meaning | page |")[2], re.M)
     words = [word.strip("` ") for row in rows if "---" not in row for word in row.split(" | ")[0].split(",")]
@@ -171,19 +173,19 @@ def test_every_word_of_the_glossary_leads_the_search_to_the_section_about_it(sit
 
 #: What a user types, and the section or page that answers.
 ANSWERS = {
-    "tension": "report.html#tension-utilisation-parts",
-    "anchor": "report.html#fixed-points-and-anchors",
-    "position": "quick-start.html#positions-and-tensions-of-a-run",
+    "tension": "which-number.html#tension-utilisation-parts",
+    "anchor": "which-number.html#fixed-points-and-anchors",
+    "position": "index.html#positions-and-tensions-of-a-run",
     "current": "water.html#define-a-current",
     "added mass": "water.html#choose-forces",
     "growth": "water.html#growth-of-mussels",
-    "snap": "snap-loads.html",
-    "snap load": "snap-loads.html",
-    "damping ratio": "stiffness.html#natural-periods-and-damping-ratios",
-    "gradient": "quick-start.html#gradients-and-batches",
+    "snap": "accuracy.html#snap-loads",
+    "snap load": "accuracy.html#snap-loads",
+    "damping ratio": "longlines.html#natural-periods-and-damping-ratios",
+    "gradient": "index.html#gradients-and-batches",
     "batch": "sweeps-and-sensitivity.html#run-many-cases-in-batches",
     "MoorDyn": "moordyn.html",
-    "uncertainty": "statistics-of-fits.html",
+    "uncertainty": "fits.html#noise-and-errors",
 }
 #: Types one word after the other; `hits` has the links of the first result of each, its page first.
 TYPES = """<script>const hits = {}, words = WORDS;
@@ -221,7 +223,7 @@ def test_formulas_are_readable_in_a_browser_on_a_phone(site, in_browser, width):
       (box) => { const svg = box.querySelector("svg"), size = svg.getBoundingClientRect();
         return [size.width, size.height, box.clientWidth, svg.viewBox.baseVal.width, svg.viewBox.baseVal.height]; })]"""
     count = 0
-    for name in ("physics", "water", "water-theory"):
+    for name in ("physics", "water"):
         file = site / f"{name}-looked-at.html"
         page = (site / f"{name}.html").read_text(encoding="utf-8")
         screen, content, *formulas = in_browser(page, probe, every=500, after=2000, width=width, file=file)

@@ -19,6 +19,6 @@ def test_numbers_beside_the_sources_tables_are_those_of_the_scenes():
     known = {row[0]: row for row in stored["thesis"]}
     rows = [*sources.lab_dropper(), *sources.release_angles(), *sources.north_sea()]
     assert [list(row) for row in rows] == [known[row[0]] for row in rows]
-    page = (ROOT / "docs" / "sources.md").read_text()
+    page = (ROOT / "docs" / "checked-against.md").read_text()
     tables = ["2.1", "3.1", "3.2", "8.1", "8.2", "8.3", "8.5", "D.1", "E.1", "G waves"]
     assert all(f"| {table}" in page for table in (*tables, *map(str, range(1, 8)), "A1"))

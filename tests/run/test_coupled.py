@@ -11,7 +11,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError, SimulationError
 
-DOC = Path(__file__).parents[2] / "docs" / "coupling.md"
+DOC = Path(__file__).parents[2] / "docs" / "python.md"
 ENDS = ("left", "right")
 TIMES = np.linspace(0.0, 0.5, 6)
 #: A loop of rope between two ends, links' masses in halves on their nodes.
@@ -156,7 +156,7 @@ def test_input_that_makes_no_sense_is_refused(coupled):
 @pytest.mark.check
 def test_the_body_of_the_docs_swings_back():
     """At 5000 N/m or so and 9 t its surge has a period of some 8 s: after 4 s it is on the other side."""
-    code = re.search(r"```python\n(.*?)```", DOC.read_text(), re.S).group(1)
+    code = re.search(r"^## Couple a program .*?```python\n(.*?)```", DOC.read_text(), re.M | re.S).group(1)
     names: dict[str, object] = {}
     with contextlib.redirect_stdout(io.StringIO()) as out:
         exec(compile(code, str(DOC), "exec"), names)

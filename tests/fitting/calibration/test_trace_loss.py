@@ -80,8 +80,8 @@ def test_a_loop_of_ones_own_finds_the_damping(problem, two, ten):
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory, chain):
-    """What the program of docs/statistics-of-fits.md leaves after it ran on three links for 3 s, from ten times off."""
-    text = re.findall(r"^```python\n(.*?)^```", (DOCS / "statistics-of-fits.md").read_text(), re.M | re.S)
+    """What the program of docs/fits.md leaves after it ran on three links for 3 s, from ten times off."""
+    text = re.findall(r"^```python\n(.*?)^```", (DOCS / "fits.md").read_text(), re.M | re.S)
     (text,) = (block for block in text if "lax.scan" in block)
     effects = {"weight": {}, "linear_damping": {"b_l": 0.002}, "quadratic_damping": {"b_q": 0.001}}
     start = {"kind": "static", "release_nodes": [1], "release_force": [[0.0, 0.0, 0.6]]}
@@ -92,7 +92,7 @@ def program(tmp_path_factory, chain):
     for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file")):
         assert text.count(old) == 1
         text = text.replace(old, new)
-    exec(compile(text, "statistics-of-fits.md", "exec"), names)
+    exec(compile(text, "fits.md", "exec"), names)
     return names
 
 
@@ -110,14 +110,14 @@ def test_the_short_program_of_the_docs_ends_where_separate_windows_do_from_ten_t
 @pytest.mark.check
 def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
     """200 of its 2000 draws, worth about 25 independent ones."""
-    text = re.findall(r"^```python\n(.*?)^```", (DOCS / "calibration.md").read_text(), re.M | re.S)
+    text = re.findall(r"^```python\n(.*?)^```", (DOCS / "fits.md").read_text(), re.M | re.S)
     (text,) = (block for block in text if "log_density" in block)
     for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file"), ("range(2000)", "range(200)")):
         assert text.count(old) == 1
         text = text.replace(old, new)
     problem = loss_of_trace(program["file"], program["scene"], ["b_l", "b_q"], window=0.5)
     names = {"scene": program["scene"], "file": program["file"], "problem": problem}
-    exec(compile(text, "calibration.md", "exec"), names)
+    exec(compile(text, "fits.md", "exec"), names)
     result, draws = names["result"], np.array(names["draws"])
     error = result.uncertainty.std_error
     np.testing.assert_allclose((draws.mean(axis=0) - result.values) / error, 0.0, atol=0.7)

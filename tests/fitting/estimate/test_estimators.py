@@ -1,7 +1,7 @@
 """Twin experiments: the estimators find the truth they were not told, and their errors mean what they say.
 
 The truth is integrated by another scheme at a 20 times finer step; fits start ten times off. The full statistics
-(20 and 60 noise seeds) are in docs/statistics-of-fits.md.
+(20 and 60 noise seeds) are in docs/checked-against.md.
 """
 
 from dataclasses import replace

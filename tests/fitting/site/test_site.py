@@ -154,7 +154,7 @@ def test_input_to_mend_is_named_before_anything_runs(sections, told):
 def test_the_packaged_site_and_the_one_of_the_documentation_can_be_read():
     example = read_site("exposed-bay")
     assert (len(example.storms), len(example.cases)) == (8, 24)
-    page = (Path(__file__).parents[3] / "docs" / "load-cases.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "farms.md").read_text()
     told = tomllib.loads(re.search(r"^```toml\n(.*?)^```", page, re.M | re.S)[1])
     site = read_site({**told, "scene": "dropper-farm"})
     # two directions, currents and levels; intact, a leg and six droppers that break

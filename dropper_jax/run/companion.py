@@ -68,6 +68,8 @@ def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer:
         return solution
     try:
         found = state_errors(solution, run.companion(finer), outcome, finer)
+        if found is None and not finer:  # a step of twice the length fails
+            found = state_errors(solution, run.companion(True), outcome, finer=True)
     except KeyboardInterrupt:  # the run itself is complete
         return solution
     if found is None:
@@ -177,8 +179,8 @@ def _angle_error(solution: Samples, apart: np.ndarray, every: int) -> float:
     """RMS difference of the links' angles [rad] that arises within a window of a fit, half the shortest link's period.
 
     The change of a link's vector over its length bounds the change of its angle. Every window of a fit has a start of
-    its own, so that errors of earlier windows do not count: an error that grows evenly to q at t is `q W/t` at the end
-    of a window W, and `1/sqrt(3)` of that in the mean. 0 for several lines.
+    its own, so that errors of earlier windows do not count: of one that grows evenly for a time T the RMS within a window
+    W is `W/T` of that within T. 0 for several lines.
 
     Args:
         apart: distances (k, nodes, 3) [m] of the free nodes of both runs.
@@ -192,9 +194,8 @@ def _angle_error(solution: Samples, apart: np.ndarray, every: int) -> float:
     # the nodes between two fixed end points, or from a fixed one to the free end
     nodes = np.pad(apart, ((0, 0), (1, len(line.length) - apart.shape[1]), (0, 0)))
     turned = np.diff(nodes, axis=1) / line.length[:, None]
-    size = np.sqrt(np.mean(np.sum(turned**2, axis=2), axis=1))
-    last = int(np.argmax(size))
-    return float(size[last] * min(window / (last + 1), 1.0) / np.sqrt(3.0))
+    size = np.sqrt(np.mean(np.sum(turned**2, axis=2)))
+    return float(size * min(window / len(turned), 1.0))
 
 
 def _relative(found: dict[str, Any]) -> Iterator[tuple[str, str, float]]:

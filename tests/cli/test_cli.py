@@ -179,6 +179,7 @@ KEYS = {
 def test_run_prints_one_object_and_writes_what_was_asked(tmp_path, capsys):
     out, gif, plots = tmp_path / "run.npz", tmp_path / "film.gif", tmp_path / "plots"
     argv = ["run", SCENE, "--json", "--duration", "0.1", "--dt", "0.01", "--set", "effects.linear_damping.b_l=0.01"]
+    argv += ["--no-companion"]
     assert main([*argv, "--out", str(out), "--animate", str(gif), "--plot", str(plots)]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found.keys() >= KEYS

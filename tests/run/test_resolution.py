@@ -137,6 +137,6 @@ def test_what_the_steps_resolve_is_reported(soft):
     assert facts["largest_turn_rad"] == 0.0
     taut = soft.tension[1:, 0] > 0
     assert facts["slack_to_taut_steps"] == sum(b and not a for a, b in zip(taut, taut[1:], strict=False)) > 0
-    still = dj.simulate("double-pendulum-periodic", duration=0.1).summary()["step_facts"]
+    still = dj.simulate("double-pendulum-periodic", dt=0.005, duration=0.1).summary()["step_facts"]
     assert still["axial_period_s"] is None
     assert still["largest_turn_rad"] > 0.0

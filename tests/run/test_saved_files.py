@@ -66,7 +66,7 @@ def test_a_sweep_is_resumed(saved):
     pytest.importorskip("zarr")
     from fitting.sweep import open_sweep, sweep
 
-    scene = dj.load_scene("conical-pendulum").with_values({"run.duration": 0.05})
+    scene = dj.load_scene("conical-pendulum").with_values({"run.dt": 0.01, "run.duration": 0.05})
     found = sweep(scene, {"line.0.mass": [1.0, 1.5, 2.0]}, saved / "sweep.zarr", chunk=2, mix_versions=True)
     assert (found.cases, found.resumed, found.counts["ok"]) == (3, 2, 3)
     tension = open_sweep(saved / "sweep.zarr").tension_max.values

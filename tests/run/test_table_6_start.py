@@ -31,7 +31,9 @@ def test_the_chain_of_table_6_rests_on_its_catenary_until_the_buoy_is_let_go():
 
     a = brentq(lambda a: LENGTH - hanging(a)[0] + hanging(a)[1] - BUOY[0], 0.1, 100.0)
     grounded = LENGTH - hanging(a)[0]
-    run = dj.simulate(dj.load_scene("paper-case-1-table-6").with_values({"line.chain.links": 48}), dt=0.02, duration=0.02)
+    run = dj.simulate(
+        dj.load_scene("paper-case-1-table-6").with_values({"line.chain.links": 48}), dt=0.02, duration=0.02
+    )
     x, z = run.positions[0, :, 0], run.positions[0, :, 2]
     expected = ANCHOR[2] + a * (np.cosh(np.maximum(x - grounded, 0.0) / a) - 1.0)
     np.testing.assert_allclose(z, expected, atol=0.05)

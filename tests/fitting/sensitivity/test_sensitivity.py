@@ -89,7 +89,7 @@ def test_smooth_motion_has_the_full_linear_range(found):
 
 def test_snapping_rope_warns_that_its_exact_derivative_is_linear_over_a_small_range_only():
     """Differences over 1e-8 of gravity give the derivative, over 0.1 % they do not."""
-    problem = study(slack_rope().with_values({"run.duration": 0.2}), "tension.mean", ["effects.point_bodies.gravity"])
+    problem = study(slack_rope().with_values({"run.duration": 0.15}), "tension.mean", ["effects.point_bodies.gravity"])
     (gravity,) = problem.parameters
     found = local(problem)
 
@@ -119,7 +119,7 @@ def test_slopes_of_a_rope_whose_tangent_grows_are_differences_with_an_error():
         slopes.append((high - low) / (2 * size * gravity.value))
     # a difference of runs whose rounding errors have grown by e^21
     np.testing.assert_allclose(found.forward[0], slopes[0], rtol=5e-3)
-    np.testing.assert_allclose(found.error[0], abs(slopes[0] - slopes[1]), rtol=5e-3)
+    np.testing.assert_allclose(found.error[0], abs(slopes[0] - slopes[1]), rtol=5e-2)
     assert sum(text.startswith("differences") for text in told) == 4
     (warning,) = found.warnings  # the error is larger than a third of the slope
     assert "its differences by 1 % and 0.3 % of effects.point_bodies.gravity" in warning

@@ -62,7 +62,7 @@ def whole(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("dt", [0.01, 0.2])
+@pytest.mark.parametrize("dt", [0.01, 0.1])
 def test_the_step_of_a_sweep_has_the_verdict_of_runs_of_its_extreme_cases(tmp_path, dt):
     scene = dj.load_scene(SCENE).with_values({"run.dt": dt, "run.duration": 2.0})
     vary = {"b_l": [0.0, 0.2, 0.8]}
@@ -71,7 +71,7 @@ def test_the_step_of_a_sweep_has_the_verdict_of_runs_of_its_extreme_cases(tmp_pa
     verdict = sweep(scene, vary, tmp_path / "swept.zarr", **QUICK).verdict
     too_long = any(run.status == "step_too_long" for run in runs)
     assert verdict.status == ("step_too_long" if too_long else "ok")
-    assert too_long == (dt > 0.1)
+    assert any("may be off by" in text for run in runs for text in run.warnings) == (dt > 0.01)
     for b_l, run in zip((0, 0.8), runs, strict=True):
         for text in (text for text in run.warnings if "may be off by" in text):
             assert f"effects.linear_damping.b_l = {b_l}: {text}" in verdict.warnings

@@ -33,7 +33,7 @@ import optax
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from fitting import Camera, close_chain, fit, observe, simulate_truth, to_state, wrap
+from fitting import Camera, GradientDescent, close_chain, fit, observe, simulate_truth, to_state, wrap
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 
@@ -211,7 +211,7 @@ plt.show()
 WAYS = {
     "Gauss-Newton": {},
     "L-BFGS": {"method": "gradient"},
-    "Adam": {"method": "gradient", "optimizer": "adam"},
+    "Adam": {"method": GradientDescent("adam")},
 }
 far = scene.with_values({key: 10 * value for key, value in truth.items()})
 found = {name: fit(trace, far, ["b_l", "b_q"], **settings) for name, settings in WAYS.items()}

@@ -15,18 +15,19 @@ from the free parameters is not tested, which the report states. Example: the cl
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
+from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS
 from fitting.calibration.laws import tested_parameters
 from fitting.calibration.prepared import Prepared
+from fitting.calibration.result import FitResult
 from fitting.estimate.normal_equations import prior_of, solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.release import TIME, Release
@@ -41,66 +42,8 @@ from fitting.parameters.target import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, 
 #: clocks.
 SHARE, TURNED, CLOCKS = 0.1, 0.05, 0.01
 
-#: Gain in log likelihood below which a candidate is not suggested.
-WORTH = 6.0
-#: Separator of the names of indistinguishable candidates in reports.
-OR = " or "
 #: Parameters whose derivatives are taken together with those of the starts; windows that programs reserve space for.
 BESIDE, SLACK = 4, 2
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A possible cause of systematic error; has no changes if the traces cannot distinguish it from free parameters.
-
-    Attributes:
-        name: in words.
-        free: names that free it.
-        changes: by parameter, the change that the traces suggest.
-        errors: standard errors of the changes.
-        gain: in log likelihood.
-        p: probability of such a gain if nothing is wrong, over all candidates.
-        worth: gain minus the gain that its numbers bring by chance (Schwarz 1978); reports list candidates by it.
-        alike: candidates that the traces cannot distinguish from it.
-        moves: by parameter, the first-order change of the free parameters and of its own when it is freed.
-        doubt: by each candidate that is indistinguishable from it, how far that one would move every parameter instead;
-            parameters of this candidate return to their start values.
-    """
-
-    name: str
-    free: tuple[str, ...]
-    changes: dict[str, float]
-    errors: dict[str, float]
-    gain: float
-    p: float
-    worth: float = 0.0
-    alike: tuple[str, ...] = ()
-    moves: Mapping[str, float] = field(default_factory=dict)
-    doubt: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    @property
-    def worth_naming(self) -> bool:
-        """Whether the candidate is worth reporting."""
-        # probability, over all candidates, below which a candidate is reported
-        return self.gain > WORTH and self.p < 0.01
-
-    @property
-    def identifiable(self) -> bool:
-        """Whether the traces distinguish it from the free parameters."""
-        return bool(self.changes)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        keys = ("name", "free", "changes", "errors", "gain", "p", "worth", "alike")
-        return {**{key: getattr(self, key) for key in keys}, "named": self.worth_naming, "told": self.identifiable}
-
-    def __str__(self) -> str:
-        if not self.changes:
-            return self.name + (f": gains {self.gain:.0f} in log likelihood" if self.gain else "")
-        largest = max(self.changes, key=lambda name: abs(self.changes[name] / self.errors[name]))
-        change = f"{largest} by {self.changes[largest]:+.3g} +- {self.errors[largest]:.2g}"
-        gain = f"--free ...,{','.join(self.free)} would gain {self.gain:.0f} in log likelihood ({change})"
-        return f"{OR.join([self.name, *self.alike])}: {gain}"
 
 
 def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
@@ -147,7 +90,14 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     return simulator
 
 
-def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None = None) -> list[Candidate]:
+def advise(result: FitResult) -> list[Candidate]:
+    """What else may be wrong, by score tests at the end of a fit: candidates in order of decreasing worth."""
+    if result.tested or result.solution.status != "ok":
+        return result.tested
+    return score_candidates(result.prepared, result.solution)
+
+
+def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulator | None = None) -> list[Candidate]:
     """Candidates in order of decreasing worth; `simulator` must know their numbers."""
     problem, model = solution.problem, prepared.simulator.model
     simulator = simulator or wide(prepared)
@@ -221,16 +171,6 @@ def score_change(
     gain = float(-0.5 * u @ change)
     error = np.sqrt(np.diag(solve_spd(A, np.eye(len(A)))))
     return change, error, -inner @ np.append(change, 1.0), gain, float(chdtrc(len(A), max(2 * gain, 0.0)))
-
-
-def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
-    """By how much candidates indistinguishable from those freed would move the parameters, each (k,).
-
-    A candidate that was freed later in its own right is no longer in doubt.
-    """
-    freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
-    moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
-    return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,9 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.marching import choose_stepper
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.simulator import Simulator
+from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
 from fitting.parameters.parameter import resolve, with_effects
 

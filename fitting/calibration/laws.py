@@ -7,7 +7,7 @@ S = sum S_b, the candidate and the free parameters would move, to first order, b
 
     d = -S^-1 g,    cov = (B - 1)/B sum_b (e_b - mean e)(e_b - mean e)',    e_b = (S - S_b)^-1 (g_b + S_b d)
 
-(Rao 1948; jackknife over B blocks as in `sandwich`). The covariance is at least that of the noise. The ratio
+(Rao 1948; jackknife over B blocks as in `uncertainty`). The covariance is at least that of the noise. The ratio
 `t = d_c/sqrt(cov_cc)` has Student's law with B minus the number of parameters degrees of freedom. A coefficient that
 the scene lacks can only grow: its test is one-sided. Holm's correction (1979) accounts for the number of candidates.
 
@@ -29,13 +29,11 @@ from dropper_jax.model import Model
 from dropper_jax.run.build import build
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.marching import choose_stepper
 from fitting.estimate.normal_equations import Evaluation, Prior, solve_spd
 from fitting.estimate.problem import Residuals, Solution
-from fitting.estimate.sandwich import Pieces, block_of, moves_without, pieces
 from fitting.estimate.shooting import level_of
-from fitting.estimate.simulator import Simulator
-from fitting.estimate.uncertainty import Uncertainty
+from fitting.estimate.simulator import Simulator, choose_stepper
+from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, moves_without, pieces
 from fitting.parameters.missing_forces import missing_forces
 from fitting.parameters.of_scene import free_option
 from fitting.parameters.parameter import Parameter, resolve, with_effects

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import TracesLike, prepare
 from fitting.calibration.prepared import Prepared
-from fitting.estimate.marching import at_samples, march
+from fitting.estimate.simulator import at_samples, march
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import apply
 from fitting.parameters.target import camera_angles, clock_rate, losses
@@ -196,7 +196,7 @@ def loss_of_trace(
 
     Args:
         traces, scene, free: as of `fit`.
-        **options: of `prepare`: `window` and `dt` [s], `start`, `bounds`, `priors`, `until`.
+        **options: of `prepare`: `start`, `bounds`, `priors`, `until`, `settings`.
 
     Returns:
         The problem with `params` and `starts` to start from, `loss(params, starts)`, and `value_and_grad(params)`,

@@ -12,7 +12,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from fitting import Camera, TraceLoss, fit, loss_of_trace, observe, simulate_truth, write_trace
+from fitting import Camera, FitSettings, TraceLoss, fit, loss_of_trace, observe, simulate_truth, write_trace
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
 
@@ -99,7 +99,8 @@ def program(tmp_path_factory, chain):
 @pytest.mark.slow
 def test_the_short_program_of_the_docs_ends_where_separate_windows_do_from_ten_times_off(program):
     begin = {"b_l": 0.02, "b_q": 0.01}
-    result = fit(program["file"], program["scene"], list(begin), method="windows", window=0.5, start=begin)
+    settings = FitSettings(window=0.5)
+    result = fit(program["file"], program["scene"], list(begin), method="windows", settings=settings, start=begin)
     errors = result.uncertainty.std_error
     assert np.all(np.abs(program["b"] - result.values) < 3 * errors)
     assert np.all(np.abs(np.asarray(program["b"]) - [0.002, 0.001]) < 3 * errors)
@@ -115,7 +116,7 @@ def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
     for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file"), ("range(2000)", "range(200)")):
         assert text.count(old) == 1
         text = text.replace(old, new)
-    problem = loss_of_trace(program["file"], program["scene"], ["b_l", "b_q"], window=0.5)
+    problem = loss_of_trace(program["file"], program["scene"], ["b_l", "b_q"], settings=FitSettings(window=0.5))
     names = {"scene": program["scene"], "file": program["file"], "problem": problem}
     exec(compile(text, "calibration.md", "exec"), names)
     result, draws = names["result"], np.array(names["draws"])
@@ -127,7 +128,7 @@ def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
 
 def test_a_release_whose_windows_have_no_start_is_refused(program):
     with pytest.raises(SceneError, match=r"free: 'release\.time\.0' cannot be part of this loss. Use"):
-        loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"], window=0.5)
+        loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"])
 
 
 @pytest.mark.slow

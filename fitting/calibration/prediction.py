@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.calibration.result import FitResult
-from fitting.estimate.marching import march
+from fitting.estimate.simulator import march
 from fitting.parameters.parameter import apply
 from fitting.parameters.target import camera_angles, clock_rate, losses
 from fitting.traces import planar
@@ -25,7 +25,7 @@ PARTED = 0.1
 
 
 @dataclass(frozen=True)
-class OneRun:
+class Prediction:
     """A run of the fitted model from the first window's start to the end of its trace.
 
     Attributes:
@@ -56,7 +56,7 @@ class OneRun:
         )
 
 
-def one_run(result: FitResult, run: int) -> OneRun | None:
+def predict(result: FitResult, run: int = 0) -> Prediction | None:
     """The run for trace `run`; None if no window of it has a start of its own, or if it would take too long."""
     windows, solution = result.windows, result.solution
     mine = np.flatnonzero((windows.run == run) & ~windows.released)
@@ -86,7 +86,7 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
 
     near, other = (CubicHermiteSpline(at, *pair)(t) for pair in angles)
     measured = trace.theta[inside]
-    return OneRun(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
+    return Prediction(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
 
 
 def _runs(

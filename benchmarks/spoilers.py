@@ -23,7 +23,7 @@ from fitting.calibration.advice import wide
 from fitting.calibration.candidate import omitted_parameter_bias
 from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.freeing import free_by_advice, with_freed
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.shooting import level_of

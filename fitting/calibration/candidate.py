@@ -78,3 +78,13 @@ def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Para
     freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
     moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
     return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)
+
+
+def holm(probabilities: Sequence[float]) -> list[float]:
+    """Probabilities over all of several tests (Holm 1979), in the order of the tests."""
+    found = np.empty(len(probabilities))
+    worst = 0.0
+    for i, test in enumerate(np.argsort(probabilities, kind="stable")):
+        worst = max(worst, min(1.0, probabilities[test] * (len(probabilities) - i)))
+        found[test] = worst
+    return found.tolist()

@@ -43,7 +43,7 @@ from fitting.calibration.law_fits import (
     fit_law,
     least_loss,
 )
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.gauss_newton import continue_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.normal_equations import solve_spd

@@ -24,7 +24,7 @@ from scipy.special import chdtri
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from fitting.calibration.kicks import lost_frames, starts_from_previous_windows
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.gauss_newton import continue_windows, fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise

@@ -19,8 +19,7 @@ from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
 from fitting.calibration.laws import law_warnings, test_laws, with_law
 from fitting.calibration.likely_cause import free_too
-from fitting.calibration.preparation import AUTOMATIC, FitSettings, TracesLike, prepare
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, TracesLike, prepare
 from fitting.calibration.result import FitResult, direction_text, score_held_out
 from fitting.calibration.short_windows import SUSPECT, name_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss

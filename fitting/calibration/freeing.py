@@ -22,7 +22,7 @@ from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import score_candidates, wide
 from fitting.calibration.candidate import OR, WORTH, Candidate
 from fitting.calibration.kicks import SEVERAL, Fit, alone, far_off, lost_frames, starts_from_previous_windows
-from fitting.calibration.prepared import Prepared, at_frames
+from fitting.calibration.preparation import Prepared, at_frames
 from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
@@ -30,8 +30,7 @@ from fitting.estimate.noise import log_volume
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import resolve
-from fitting.parameters.target import LOST
+from fitting.parameters.parameter import LOST, resolve
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4

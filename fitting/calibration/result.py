@@ -14,7 +14,7 @@ from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
 from fitting.calibration.laws import LawTests, freeing_option
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.noise import mean_by_run
 from fitting.estimate.problem import Solution

@@ -65,7 +65,7 @@ def seen(motion, seed, size=NOISE):
 
 
 #: Programs of windows and of the loss of a trace.
-RUN_LONG = ("jit_window", "jit__value_and_grad", "jit__move_starts")
+RUN_LONG = ("jit_window", "jit__gauss_newton", "jit__move_starts")
 
 
 @pytest.fixture(scope="module")

@@ -64,6 +64,28 @@ def test_with_the_starts_eliminated_value_and_slopes_are_those_of_fitted_starts(
         assert float(gradient[i]) == pytest.approx(float(ends[0] - ends[1]) / (2 * size), rel=0.02)
 
 
+def test_the_loss_is_a_function_of_the_parameters_whose_gradient_jax_takes(problem, two):
+    at = jnp.asarray(1.05 * two.TRUTH)
+    value, gradient = jax.value_and_grad(problem)(at)
+    expected = problem.gauss_newton(at)
+    assert float(value) == pytest.approx(float(expected.value), rel=1e-12)
+    np.testing.assert_allclose(gradient, expected.gradient, rtol=1e-9)
+    along = jnp.asarray(1e-3 * two.TRUTH)
+    ends = [problem(at + side * along) for side in (1, -1)]
+    assert float(gradient @ along) == pytest.approx(float(ends[0] - ends[1]) / 2, rel=0.05)
+
+
+def test_gauss_newton_steps_of_ones_own_end_where_the_fit_of_the_same_windows_does(problem, two):
+    at = 2.0 * jnp.asarray(two.TRUTH)
+    for _ in range(8):
+        _, gradient, information = problem.gauss_newton(at)
+        at = jnp.maximum(at - jnp.linalg.solve(information, gradient), 0.0)
+    prepared = problem.prepared
+    found = fit_windows(prepared.problem(), prepared.values, prepared.starts)
+    errors = np.sqrt(np.diag(np.linalg.inv(found.information)))
+    assert np.all(np.abs(at - found.values) < 0.1 * errors)
+
+
 @pytest.mark.check
 def test_a_loop_of_ones_own_finds_the_damping(problem, two, ten):
     """Adam on the two coefficients, each in units of its start value."""

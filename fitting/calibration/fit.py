@@ -17,7 +17,7 @@ from fitting.calibration.comparison import refuse_tied
 from fitting.calibration.estimating import FIRST, Method, as_method, estimate, with_sound_windows
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
-from fitting.calibration.laws import law_warnings, test_laws, with_law
+from fitting.calibration.laws import LawTest, law_warnings, test_laws, with_law
 from fitting.calibration.likely_cause import free_too
 from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, TracesLike, prepare
 from fitting.calibration.result import FitResult, direction_text, score_held_out
@@ -234,33 +234,34 @@ def fit_and_free(
         traces, scene, free, method, loss, progress: as of `fit`.
         **options: the other arguments of `fit`.
     """
-    method, loss, progress = as_method(method), as_loss(loss), progress or silent
+    chosen, loss, progress = as_method(method), as_loss(loss), progress or silent
     whole = prepare(traces, scene, free, progress=progress, **options)
     refuse_tied("auto_free", whole.parameters)
 
-    def again(prepared: Prepared, name: str, loss: Loss, frozen: np.ndarray | None = None) -> Solution:
-        return estimate(prepared, replace(method, name=name), loss, progress, frozen)
+    def again(prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None) -> Solution:
+        return estimate(prepared, replace(chosen, name=method), loss, progress, frozen)
 
-    started, sound = whole.started, with_sound_windows(whole, loss, method.iterations, progress, keep_jumps=True)
+    started, sound = whole.started, with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
     kicks: list[Candidate] = []
     if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
         whole, kicks = without_kicks(whole, again, loss)
         if kicks:
-            sound = with_sound_windows(whole, loss, method.iterations, progress, keep_jumps=True)
-    joined = "shooting" if method.name == "gradient" else method.name
+            sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
+    joined = "shooting" if chosen.name == "gradient" else chosen.name
     at = free_by_advice(sound, again, joined, loss, progress=progress)
-    freed = [*kicks, *at.names]
+    freed: list[Candidate | LawTest] = [*kicks, *at.names]
+    doubt = omitted_parameter_bias([*kicks, *at.names], at.prepared.parameters)
     prepared, solution = at.prepared, at.solution
-    if method.name == "gradient":
+    if chosen.name == "gradient":
         solution = again(prepared, "gradient", at.loss)
-    known = replace(prepared.known, doubt=omitted_parameter_bias(freed, prepared.parameters))
+    known = replace(prepared.known, doubt=doubt)
     solution.problem = replace(solution.problem, known=known)
     solution.iterations += prepared.iterations
-    result = summarise(replace(prepared, started=started, known=known), method.name, solution)
+    result = summarise(replace(prepared, started=started, known=known), chosen.name, solution)
     while result.status == "model_error" and result.laws.wrong.free and len(freed) < MOST_FREED:
         freed.append(result.laws.wrong)
         law = with_law(result.prepared, result.laws.wrong.free, result.solution)
-        result = summarise(law, method.name, again(law, method.name, at.loss))
+        result = summarise(law, chosen.name, again(law, chosen.name, at.loss))
     result = explain(result, whole)
     result.freed = freed
     result.add_advice(at.found)

@@ -13,7 +13,7 @@ from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
-from fitting.calibration.laws import LawTests, freeing_option
+from fitting.calibration.laws import LawTest, LawTests, freeing_option
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.noise import mean_by_run
@@ -143,7 +143,7 @@ class FitResult(SceneFit):
     held_out: list[HeldOut] = field(default_factory=list)
     comparison: list[Law] = field(default_factory=list)
     advice: list[Candidate] = field(default_factory=list)
-    freed: list[Candidate] = field(default_factory=list)
+    freed: list[Candidate | LawTest] = field(default_factory=list)
     wrong_file: str = ""
     likely: str = ""
     left_out: tuple[tuple[int, float, float], ...] = ()

@@ -7,7 +7,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Any
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError, nearest, silent
 from dropper_jax.cli.options import (
     OK,
     Failure,
@@ -188,7 +188,7 @@ def run(args: argparse.Namespace) -> int:
         columns=column_names(args.columns),
     )
     shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
-    say = progress(args.quiet)
+    say = progress(args.quiet) or silent
     run_fit = fit_and_free if args.auto_free else fit
     result = run_fit(args.traces, scene, free, **shared, progress=say)
     add_judgements(result, args, say)
@@ -315,7 +315,7 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
 
     changed = {"run.dt": args.dt, "run.integrator": args.integrator}
     scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
-    say = progress(args.quiet)
+    say = progress(args.quiet) or silent
     result = fit_channels(
         args.traces[0],
         scene,

@@ -150,7 +150,7 @@ def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
 
 def test_a_release_whose_windows_have_no_start_is_refused(program):
     with pytest.raises(SceneError, match=r"free: 'release\.time\.0' cannot be part of this loss. Use"):
-        loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"])
+        loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"], settings=FitSettings(window=0.5))
 
 
 @pytest.mark.slow

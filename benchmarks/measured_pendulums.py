@@ -19,11 +19,11 @@ import numpy as np
 from study import command, say, store, stored
 
 from dropper_jax import load_scene
-from fitting import compare, fit, prepare, read_trace
+from fitting import FitSettings, fit, prepare, read_trace
+from fitting.calibration.comparison import compare_laws
 from fitting.calibration.fit import estimate, summarise
-from fitting.traces.trace import convention
 
-DOWN = convention("down", 1, "rad")
+DOWN = FitSettings(zero="down", sign=1, unit="rad")
 #: Windows of the law comparison [s]: many enough for a standard error of the score.
 LAW_WINDOW = 2.6
 LAWS = "laws_on_windows_before_the_held_out_part"
@@ -76,9 +76,9 @@ def run(name: str, case: Case, folder: Path) -> dict:
     """Fit, score, compare laws."""
     trace = read_trace(folder / case.file)
     trace = replace(trace, t=trace.t[::2], theta=trace.theta[::2], omega=None)
-    given = {"until": case.until, "dt": 0.004, "asked": DOWN}
+    settings, until = replace(DOWN, dt=0.004, window=case.window), case.until
     scene, free = scene_of(case), list(case.free)
-    prepared = prepare(trace, scene, free, held_out=case.held_out, window=case.window, **given)
+    prepared = prepare(trace, scene, free, until=until, held_out=case.held_out, settings=settings)
     result = summarise(prepared, "windows", estimate(prepared, "windows"))
     held = [h.rms for h in result.held_out]
     found = {
@@ -93,7 +93,8 @@ def run(name: str, case: Case, folder: Path) -> dict:
     # the laws take longest: the fit is there if they are interrupted
     store(results, {**found, LAWS: stored(results, {LAWS: []})[LAWS]})
     # the laws are compared on windows before the held-out part: choosing one must not use it either
-    laws = compare(prepare(trace, scene, free, window=LAW_WINDOW, **given))
+    settings = replace(settings, window=LAW_WINDOW)
+    laws = compare_laws(prepare(trace, scene, free, until=until, settings=settings))
     return {**found, LAWS: [law.to_json() for law in laws]}
 
 
@@ -102,7 +103,7 @@ def thirds(case: Case, folder: Path) -> dict:
     trace = read_trace(folder / case.file)
     edges = np.linspace(trace.t[0], trace.t[-1] + trace.interval, 4)
     parts = [trace.between(low, high) for low, high in zip(edges, edges[1:], strict=False)]
-    fits = [fit(part, case.scene, zero=DOWN.zero, sign=DOWN.sign, unit=DOWN.unit) for part in parts]
+    fits = [fit(part, case.scene, settings=DOWN) for part in parts]
     return {"edges_s": list(edges), "parameters": [found.estimates() for found in fits]}
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from study import RESULTS, Found, collect, command, timed
 
 from dropper_jax import Scene, SceneError, load_scene
-from fitting import Camera, Trace, fit, observe, simulate_truth
+from fitting import Camera, FitSettings, Trace, fit, observe, simulate_truth
 from fitting.estimate.uncertainty import degrees_of_freedom
 
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
@@ -176,7 +176,7 @@ def main(args) -> None:
     def row(seed: int) -> Found:
         d = draw(seed, args.kind)
         try:
-            return judge(d, STILL * (args.kind == "still"), window=args.window)
+            return judge(d, STILL * (args.kind == "still"), settings=FitSettings(window=args.window))
         except SceneError as error:
             failed = {"status": "invalid_input", "message": str(error), "printed_noise": 0}
             return {"seed": seed, "noise": d.noise, **failed}

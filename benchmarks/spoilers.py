@@ -18,11 +18,12 @@ from closed_chain import Chain
 from scipy.interpolate import CubicSpline
 from study import RESULTS, Found, command, say, store, timed
 
-from fitting import Convention, Trace, prepare
-from fitting.calibration.advice import omitted_parameter_bias, wide
+from fitting import Convention, FitSettings, Trace, prepare
+from fitting.calibration.advice import wide
+from fitting.calibration.candidate import omitted_parameter_bias
 from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.freeing import free_by_advice, with_freed
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.shooting import level_of
@@ -34,7 +35,7 @@ END, LINEAR, QUADRATIC = np.array([0.38, 0.0]), 4e-3, 4e-3
 RATE, REST, BEGIN, DURATION, NOISE = 60.0, 1.5, 2.0, 12.0, 0.004
 FREE = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]
 TRUTH = np.array([LINEAR, QUADRATIC])
-WINDOW = 1.5  # eight of them are one program's
+SETTINGS = FitSettings(window=1.5, rest=((0.0, BEGIN - 0.1),))  # eight windows are one program's
 POLAR = np.array([1.3, -0.2, 0.2, -0.9])
 #: Gap weight at which joined windows are one run.
 CLOSED = 1e-6
@@ -196,9 +197,7 @@ def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
 def one(kind: str, number: int, shared: list[Simulator]) -> Found:
     """One trace, fitted."""
     d, trace = draw(kind, number)
-    prepared = prepare(
-        trace, scene(), FREE, rest=[(0.0, BEGIN - 0.1)], window=WINDOW, simulator=shared[0] if shared else None
-    )
+    prepared = prepare(trace, scene(), FREE, settings=SETTINGS, simulator=shared[0] if shared else None)
     shared[:] = shared or [wide(prepared)]
     # as `fit` does first
     prepared = with_sound_windows(with_freed(prepared, [], None, shared[0]), keep_jumps=True)

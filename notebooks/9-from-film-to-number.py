@@ -27,8 +27,7 @@ import numpy as np
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from fitting import View, film, fit, fitted_scene, simulate_truth, write_video
-from fitting.calibration.one_run import one_run
+from fitting import View, advise, compare, film, fit, fit_and_free, fitted_scene, predict, simulate_truth, write_video
 from fitting.tracking import track
 
 LINKS, DURATION = 3, 12.0
@@ -99,7 +98,7 @@ believed = true_scene.with_values(
         "effects.quadratic_damping.b_q": 0.001,
     }
 )
-first = fit(tracked.trace, believed, ["b_l", "b_q"], advice=True)
+first = fit(tracked.trace, believed, ["b_l", "b_q"])
 
 
 def show(result):
@@ -111,17 +110,18 @@ def show(result):
 
 
 show(first)
-for warning in first.warnings:
-    print("-", warning)
+for line in first.warnings + [str(candidate) for candidate in advise(first) if candidate.worth_naming]:
+    print("-", line)
 
 # %% [markdown]
 # ## The fit that frees wrong parameters
 #
-# `auto_free` tries the candidates of the advice one at a time, with a fit of each, and keeps the one with the largest
-# gain. Here it selects the lengths, which the score tests rank first. It ends when no candidate improves the fit.
+# `fit_and_free` tries the candidates of the advice one at a time, with a fit of each, and keeps the one with the
+# largest gain. Here it selects the lengths, which the score tests rank first. It ends when no candidate improves
+# the fit.
 
 # %%
-result = fit(tracked.trace, believed, ["b_l", "b_q"], auto_free=True)
+result = fit_and_free(tracked.trace, believed, ["b_l", "b_q"])
 show(result)
 print("freed:", ", ".join(candidate.name for candidate in result.freed) or "nothing")
 for parameter, value, error in zip(result.parameters, result.values, result.uncertainty.std_error, strict=True):
@@ -136,9 +136,9 @@ for parameter, value, error in zip(result.parameters, result.values, result.unce
 
 # %%
 fixed = fitted_scene(result.scene, result.model, result.parameters, result.values)
-laws = fit(tracked.trace, fixed, ["b_l", "b_q"], method="windows", compare_models=True)
-best = max(law.score for law in laws.comparison)
-for law in sorted(laws.comparison, key=lambda law: -law.score)[:6]:
+laws = compare(fit(tracked.trace, fixed, ["b_l", "b_q"], method="windows"))
+best = max(law.score for law in laws)
+for law in sorted(laws, key=lambda law: -law.score)[:6]:
     print(f"{law.name:40s} log score {law.score - best:10.1f} {'<- chosen' if law.chosen else ''}")
 
 # %% [markdown]
@@ -149,8 +149,8 @@ for law in sorted(laws.comparison, key=lambda law: -law.score)[:6]:
 
 # %%
 for each in (first, result):
-    print(one_run(each, 0).text)
-whole, naive = one_run(result, 0), one_run(first, 0)
+    print(predict(each).text)
+whole, naive = predict(result), predict(first)
 fig, axes = plt.subplots(2, 1, figsize=(9, 4.2), sharex=True, layout="constrained")
 axes[0].plot(whole.t, whole.measured[:, -1], ".", ms=2, color=style.DARK, label="film")
 axes[0].plot(whole.t, whole.simulated[:, -1], lw=1, color=style.FIRST, label="one run")

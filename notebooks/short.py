@@ -43,7 +43,9 @@ SHORT: dict[str, list[tuple[str, str | None]]] = {
         ("np.geomspace(0.25, 4, 61)", "np.array([0.5, 0.9, 1.0, 1.1, 2.0])"),
         ('method="shooting"', 'method="windows"'),
         ("for _ in range(25):", "for _ in range(3):"),
-        ('    "Adam": {"method": "gradient", "optimizer": "adam"},\n', ""),
+        ('    "Adam": {"method": GradientDescent("adam")},\n', ""),
+        ("np.geomspace(0.2, 12, 13)", "np.geomspace(0.2, 12, 3)"),
+        ("for _ in range(15):", "for _ in range(3):"),
     ],
     "5-sensitivity": [
         (', *(f"line.0.mass.{j}" for j in range(6))]', "]"),

@@ -179,8 +179,8 @@ def _angle_error(solution: Samples, apart: np.ndarray, every: int) -> float:
     """RMS difference of the links' angles [rad] that arises within a window of a fit, half the shortest link's period.
 
     The change of a link's vector over its length bounds the change of its angle. Every window of a fit has a start of
-    its own, so that errors of earlier windows do not count: of one that grows evenly for a time T the RMS within a window
-    W is `W/T` of that within T. 0 for several lines.
+    its own, so that errors of earlier windows do not count: of one that grows evenly for a time T the RMS within a
+    window W is `W/T` of that within T. 0 for several lines.
 
     Args:
         apart: distances (k, nodes, 3) [m] of the free nodes of both runs.

@@ -15,92 +15,35 @@ from the free parameters is not tested, which the report states. Example: the cl
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
+from fitting.calibration.candidate import Candidate, holm
 from fitting.calibration.law_fits import OF_JOINTS, PARTS
-from fitting.calibration.laws import tested_parameters
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
+from fitting.calibration.result import FitResult
 from fitting.estimate.normal_equations import prior_of, solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.release import TIME, Release
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
+from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import rig_priors
-from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.target import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
+from fitting.parameters.parameter import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace, Parameter, resolve
 
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
 #: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
 #: clocks.
 SHARE, TURNED, CLOCKS = 0.1, 0.05, 0.01
 
-#: Gain in log likelihood below which a candidate is not suggested.
-WORTH = 6.0
-#: Separator of the names of indistinguishable candidates in reports.
-OR = " or "
 #: Parameters whose derivatives are taken together with those of the starts; windows that programs reserve space for.
 BESIDE, SLACK = 4, 2
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A possible cause of systematic error; has no changes if the traces cannot distinguish it from free parameters.
-
-    Attributes:
-        name: in words.
-        free: names that free it.
-        changes: by parameter, the change that the traces suggest.
-        errors: standard errors of the changes.
-        gain: in log likelihood.
-        p: probability of such a gain if nothing is wrong, over all candidates.
-        worth: gain minus the gain that its numbers bring by chance (Schwarz 1978); reports list candidates by it.
-        alike: candidates that the traces cannot distinguish from it.
-        moves: by parameter, the first-order change of the free parameters and of its own when it is freed.
-        doubt: by each candidate that is indistinguishable from it, how far that one would move every parameter instead;
-            parameters of this candidate return to their start values.
-    """
-
-    name: str
-    free: tuple[str, ...]
-    changes: dict[str, float]
-    errors: dict[str, float]
-    gain: float
-    p: float
-    worth: float = 0.0
-    alike: tuple[str, ...] = ()
-    moves: Mapping[str, float] = field(default_factory=dict)
-    doubt: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    @property
-    def worth_naming(self) -> bool:
-        """Whether the candidate is worth reporting."""
-        # probability, over all candidates, below which a candidate is reported
-        return self.gain > WORTH and self.p < 0.01
-
-    @property
-    def identifiable(self) -> bool:
-        """Whether the traces distinguish it from the free parameters."""
-        return bool(self.changes)
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        keys = ("name", "free", "changes", "errors", "gain", "p", "worth", "alike")
-        return {**{key: getattr(self, key) for key in keys}, "named": self.worth_naming, "told": self.identifiable}
-
-    def __str__(self) -> str:
-        if not self.changes:
-            return self.name + (f": gains {self.gain:.0f} in log likelihood" if self.gain else "")
-        largest = max(self.changes, key=lambda name: abs(self.changes[name] / self.errors[name]))
-        change = f"{largest} by {self.changes[largest]:+.3g} +- {self.errors[largest]:.2g}"
-        gain = f"--free ...,{','.join(self.free)} would gain {self.gain:.0f} in log likelihood ({change})"
-        return f"{OR.join([self.name, *self.alike])}: {gain}"
 
 
 def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
@@ -147,44 +90,76 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     return simulator
 
 
-def advise(prepared: Prepared, solution: Solution, simulator: Simulator | None = None) -> list[Candidate]:
+def advise(result: FitResult) -> list[Candidate]:
+    """What else may be wrong, by score tests at the end of a fit: candidates in order of decreasing worth."""
+    if result.tested or result.solution.status != "ok":
+        return result.tested
+    return score_candidates(result.prepared, result.solution)
+
+
+def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulator | None = None) -> list[Candidate]:
     """Candidates in order of decreasing worth; `simulator` must know their numbers."""
-    problem, model = solution.problem, prepared.simulator.model
-    simulator = simulator or wide(prepared)
-    free = {p.name for p in problem.parameters}
-    asked = [
-        (name, paths, [p for p in every if p.name not in free])
-        for name, paths, every in candidates(model, prepared.simulator.release)
-        if not any(known.startswith(tuple(paths)) for known in free)
-    ]
-    asked = [row for row in asked if row[2]]
-    S, g, data = joint_information(prepared, solution, simulator, [p for _, _, found in asked for p in found])
-    free_rows = np.flatnonzero(~problem.held_mask)
-    ends = np.cumsum([len(found) for _, _, found in asked])
-    indices = [
-        len(problem.parameters) + np.arange(end - len(row[2]), end) for row, end in zip(asked, ends, strict=True)
-    ]
-    tests = [(*row, mine, score_change(S, g, data, free_rows, mine)) for row, mine in zip(asked, indices, strict=True)]
-    known = sorted((test for test in tests if test[-1]), key=lambda test: test[-1][-1])  # by p, for Holm's correction
+    problem = solution.problem
+    asked = _not_free(prepared, problem.parameters)
+    more = [p for one in asked for p in one.parameters]
+    S, g, data = joint_information(prepared, solution, simulator or wide(prepared), more)
+    free = np.flatnonzero(~problem.held_mask)
+    tested, untold = [], []
+    for one in asked:
+        change = score_change(S, g, data, free, one.rows)
+        if change is None:
+            untold.append(Candidate(one.name, one.paths, {}, {}, 0.0, 1.0))
+        else:
+            tested.append((one, change))
     price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
-    rows: list[Candidate] = []
-    worst = 0.0
-    free_names = [problem.parameters[i].name for i in free_rows]
-    for i, (name, paths, found, mine, (change, error, along, gain, p)) in enumerate(known):
-        worst = max(worst, min(1.0, p * (len(known) - i)))
-        names = [parameter.name for parameter in found]
-        changes, errors = (dict(zip(names, map(float, x), strict=True)) for x in (change, error))
-        moves = {**dict(zip(free_names, map(float, along), strict=True)), **changes}
-        row = Candidate(name, tuple(paths), changes, errors, gain, worst, gain - price * len(found), moves=moves)
+    names = [problem.parameters[i].name for i in free]
+    found = []
+    for (one, change), p in zip(tested, holm([change.p for _, change in tested]), strict=True):
+        row = _candidate(one, change, p, price, names)
         if row.worth_naming:
-            beside = np.concatenate([free_rows, mine])
-            others = [test for test in tests if test[0] != name and len(test[3]) == len(mine)]
-            alike = (test[0] for test in others if score_change(S, g, data, beside, test[3]) is None)
+            beside = np.concatenate([free, one.rows])
+            others = [other for other in asked if other is not one and len(other.rows) == len(one.rows)]
+            alike = [other.name for other in others if score_change(S, g, data, beside, other.rows) is None]
             row = replace(row, alike=tuple(alike))
-        rows.append(row)
-    # indistinguishable candidates keep their order
-    rows.sort(key=lambda row: -round(row.worth, 1))
-    return rows + [Candidate(name, tuple(paths), {}, {}, 0.0, 1.0) for name, paths, *_, test in tests if test is None]
+        found.append((change.p, row))
+    # indistinguishable candidates keep the order of their probabilities
+    found.sort(key=lambda pair: pair[0])
+    rows = sorted((row for _, row in found), key=lambda row: -round(row.worth, 1))
+    return rows + untold
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A candidate to be tested: its name, the paths that free it, its numbers, and their rows in the information."""
+
+    name: str
+    paths: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    rows: np.ndarray
+
+
+def _not_free(prepared: Prepared, parameters: Sequence[Parameter]) -> list[Asked]:
+    """The candidates whose numbers are not free yet; their rows follow those of the free parameters."""
+    free = {p.name for p in parameters}
+    found: list[Asked] = []
+    end = len(parameters)
+    for name, paths, every in candidates(prepared.simulator.model, prepared.simulator.release):
+        more = tuple(p for p in every if p.name not in free)
+        if not more or any(known.startswith(tuple(paths)) for known in free):
+            continue
+        found.append(Asked(name, tuple(paths), more, np.arange(end, end + len(more))))
+        end += len(more)
+    return found
+
+
+def _candidate(one: Asked, found: ScoreChange, p: float, price: float, free: Sequence[str]) -> Candidate:
+    """A tested candidate with its probability over all candidates; each number costs `price` of its gain."""
+    names = [parameter.name for parameter in one.parameters]
+    changes = dict(zip(names, map(float, found.change), strict=True))
+    errors = dict(zip(names, map(float, found.error), strict=True))
+    moves = dict(zip(free, map(float, found.moves), strict=True)) | changes
+    worth = found.gain - price * len(names)
+    return Candidate(one.name, one.paths, changes, errors, found.gain, p, worth, moves=moves)
 
 
 def joint_information(
@@ -202,10 +177,20 @@ def joint_information(
     return data / problem.memory + prior.curvature, slope / problem.memory + prior.gradient, data
 
 
+class ScoreChange(NamedTuple):
+    """First-order changes of a candidate's numbers, their errors, moves of free parameters, gain and probability."""
+
+    change: np.ndarray
+    error: np.ndarray
+    moves: np.ndarray
+    gain: float
+    p: float
+
+
 def score_change(
     S: np.ndarray, g: np.ndarray, data: np.ndarray, free: np.ndarray, mine: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float, float] | None:
-    """Changes, errors, moves of free parameters, gain and probability; None if the traces carry no information."""
+) -> ScoreChange | None:
+    """The change that freeing the numbers `mine` would make; None if the traces carry no information on them."""
     size = np.diag(data)[mine]
     if not (size > 0).all():
         return None
@@ -220,17 +205,8 @@ def score_change(
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)
     error = np.sqrt(np.diag(solve_spd(A, np.eye(len(A)))))
-    return change, error, -inner @ np.append(change, 1.0), gain, float(chdtrc(len(A), max(2 * gain, 0.0)))
-
-
-def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
-    """By how much candidates indistinguishable from those freed would move the parameters, each (k,).
-
-    A candidate that was freed later in its own right is no longer in doubt.
-    """
-    freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
-    moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
-    return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)
+    p = float(chdtrc(len(A), max(2 * gain, 0.0)))
+    return ScoreChange(change, error, -inner @ np.append(change, 1.0), gain, p)
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from dropper_jax.base.read import ScenePath
 from fitting.calibration.cross_validation import Scores, blocks, fair, last_third, other_runs, score
 from fitting.calibration.decision import LACKS, chance, decide, decide_joined, deviation, unit_work, unseen
 from fitting.calibration.law_fits import (
@@ -41,15 +43,19 @@ from fitting.calibration.law_fits import (
     fit_law,
     least_loss,
 )
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.gauss_newton import continue_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import fit_with_noise
 from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
-from fitting.estimate.uncertainty import finer_step, refine
+from fitting.estimate.step_size import finer_step, refine
 from fitting.estimate.windows import Windows
+from fitting.parameters.parameter import Parameter
+
+if TYPE_CHECKING:
+    from fitting.calibration.result import FitResult
 
 #: Evaluations of separate windows in the widest law's family, and between a law and one that contains it.
 ITERATIONS, ONWARD = 25, 15
@@ -103,6 +109,25 @@ FAR, HOPELESS = 10.0, 1000.0
 
 
 def compare(
+    result: FitResult, laws: Sequence[str] = tuple(LADDER), iterations: int = 25, progress: Progress | None = None
+) -> list[Law]:
+    """Which damping laws the traces of a fit leave possible; see `compare_laws`.
+
+    Raises:
+        SceneError: a law of unknown name, or a fit of a number that ties several values of the scene.
+    """
+    refuse_tied("compare_models", result.parameters)
+    return compare_laws(result.prepared.noisy(result.solution.problem.noise), laws, iterations, progress)
+
+
+def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
+    """Reject numbers of `[parameters]`, which move the model along a line, for what changes the model's effects."""
+    tied = next((p.name for p in parameters if ScenePath(p.name).section == "parameters"), None)
+    if tied is not None:
+        raise SceneError(f"{option}: not with {tied!r} free. Omit it, or free paths of the scene such as b_l")
+
+
+def compare_laws(
     prepared: Prepared, laws: Sequence[str] = tuple(LADDER), iterations: int = 25, progress: Progress | None = None
 ) -> list[Law]:
     """Fit laws to the same windows by `windows`, and report which of them the traces leave possible.

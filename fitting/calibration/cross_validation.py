@@ -23,7 +23,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.problem import Solution
-from fitting.estimate.sandwich import scores
+from fitting.estimate.uncertainty import scores
 
 #: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
 BLOCKS, SMALLEST, GAP = 5, 3, 1

@@ -40,14 +40,14 @@ from dropper_jax.model import Model
 from dropper_jax.model.slots import Potential
 from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law_fits import LADDER, Law, contains
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.of_scene import DAMPING
 from fitting.parameters.parameter import apply
 from fitting.traces import planar
-from fitting.traces.trace import Trace, smooth
+from fitting.traces.trace import smooth_stretch
 
 # Energy of a measured motion and its dissipation by damping, without any simulation
 
@@ -65,23 +65,6 @@ def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array
             rate = jnp.sum(jnp.abs(effect.relative_rates(k)), axis=1)
             taken = taken + jnp.sum(jnp.broadcast_to(effect.dry, (model.line.links + 1,))[: len(rate)] * rate)
     return model.kinetic_energy(k) + model.potential_energy(k), taken
-
-
-def smooth_stretch(
-    trace: Trace, span: tuple[float, float], reach: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Equidistant times (k,), smoothed angles and rates (k, n) of a stretch of a trace; None if it is too short."""
-    part = trace.between(*span)
-    # minimum number of samples of a run
-    if len(part.t) < 120:
-        return None
-    t = np.arange(part.t[0], part.t[-1] + 0.5 * part.interval, part.interval)
-    return t, *smooth(part.at(t), _width(part, reach), part.interval)
-
-
-def _width(trace: Trace, reach: float) -> int:
-    """Number of frames that the smoother uses."""
-    return 2 * max(2, round(reach / trace.interval)) + 1
 
 
 #: Fraction of the lost energy that must be detectable for a part, and normal quantile of its upper limit.

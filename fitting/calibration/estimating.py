@@ -14,27 +14,29 @@ minimum number of frames that determine a start. Windows that stay lost are left
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtri
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from fitting.calibration.kicks import lost_frames, starts_from_previous_windows
-from fitting.calibration.prepared import Prepared
-from fitting.estimate.gaps import gaps
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.gauss_newton import continue_windows, fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.residual_noise import fit_with_noise, pose_again
-from fitting.estimate.sandwich import start_covariances
-from fitting.estimate.shooting import continue_shooting, fit_shooting, solve_to_end
-from fitting.estimate.uncertainty import finer_step, refine
+from fitting.estimate.shooting import continue_shooting, fit_shooting, gaps, solve_to_end
+from fitting.estimate.step_size import finer_step, refine
+from fitting.estimate.uncertainty import start_covariances
 from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts
+
+if TYPE_CHECKING:
+    from fitting.estimate.descent import GradientDescent
 
 #: Ratio of a window's mean square residual to that of most windows above which it is lost, and the probability of such
 #: a ratio by noise alone.
@@ -267,32 +269,70 @@ def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
     return noise if (noise.factor.max(axis=1) > 3.0 * noise.factor.min(axis=1)).any() else None
 
 
+@dataclass(frozen=True)
+class Method:
+    """How a fit finds the minimum of its loss.
+
+    Attributes:
+        name: `windows` (separate), `shooting` (joined; both by Gauss-Newton steps), or `gradient`: the minimum of
+            `shooting` by gradient descent.
+        continuity: of joined windows: `estimate`, `tight` or `exact`.
+        iterations: maximum Gauss-Newton iterations over separate windows.
+        descent: of `gradient`; None is its default.
+    """
+
+    name: str = "shooting"
+    continuity: str = "estimate"
+    iterations: int = 40
+    descent: GradientDescent | None = None
+
+    def __post_init__(self) -> None:
+        if self.name not in METHODS:
+            raise SceneError(f"method: {self.name!r} is unknown; {nearest(self.name, METHODS)}")
+        if self.iterations < 1:
+            raise SceneError(f"iterations: {self.iterations} is too small; allowed: at least 1")
+
+    def reporting(self, progress: Progress) -> tuple[GradientDescent, Progress]:
+        """The descent, and the progress function that also receives the loss of each of its steps."""
+        from fitting.estimate.descent import GradientDescent, reporting  # noqa: PLC0415 - optax is slow to import
+
+        return reporting(self.descent or GradientDescent(), progress)
+
+
+METHODS = ("windows", "shooting", "gradient")
+
+
+def as_method(given: Method | GradientDescent | str) -> Method:
+    """The method that a caller means.
+
+    Raises:
+        SceneError: an unknown name.
+    """
+    if isinstance(given, Method):
+        return given
+    return Method(given) if isinstance(given, str) else Method("gradient", descent=given)
+
+
 def estimate(
     prepared: Prepared,
-    method: str = "shooting",
+    method: Method | GradientDescent | str = "shooting",
     loss: Loss = LEAST_SQUARES,
-    continuity: str = "estimate",
-    iterations: int = 40,
     progress: Progress = silent,
-    settings: Mapping[str, Any] | None = None,
     frozen: np.ndarray | None = None,
 ) -> Solution:
-    """Run an estimator; arguments as in `fit`."""
-    if method == "gradient":  # only the steps differ: windows, noise, gap weight and time step are the default ones
-        from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
-
-        descent, progress = descent_of(settings or {}, progress)
-        problem = prepared.problem(initial_loss(loss), frozen)
-        values, starts, history = descent.first_stages(problem, prepared.values, prepared.starts)
-        started = replace(prepared, descent=descent, begin=values, starts=starts)
-        found = estimate(started, "shooting", loss, continuity, iterations, progress, frozen=frozen)
-        return replace(found, problem=replace(found.problem, descent=None), history=[*history, *found.history])
-    share = 0.5 if method == "shooting" else 0.9
+    """Run an estimator; arguments as in `fit`, with `frozen` parameters (k,) bool at their start values."""
+    method = as_method(method)
+    if method.name == "gradient":
+        # only the steps differ: windows, noise, gap weight and time step are the default ones
+        descent, progress = method.reporting(progress)
+        found = estimate(replace(prepared, descent=descent), replace(method, name="shooting"), loss, progress, frozen)
+        return replace(found, problem=replace(found.problem, descent=None))
+    share = 0.5 if method.name == "shooting" else 0.9
     solution = fit_windows(
         prepared.problem(initial_loss(loss), frozen),
         prepared.values,
         prepared.starts,
-        iterations=iterations,
+        iterations=method.iterations,
         progress=lambda fraction, text: progress(0.05 + share * fraction, text),
     )
     if solution.status != "ok":
@@ -303,11 +343,11 @@ def estimate(
     if solution.problem.loss != loss:
         there = replace(solution.problem, loss=loss)
         solution = own_noise(continue_windows(pose_again(solution, there, solution.evaluation)), again=continue_windows)
-    if method == "windows":
+    if method.name == "windows":
         return refined(solution)
     joined = fit_shooting(
         solution,
-        continuity=continuity,
+        continuity=method.continuity,
         finer=finer_step,
         progress=lambda fraction, text: progress(0.55 + 0.4 * fraction, text),
     )

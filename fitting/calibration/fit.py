@@ -3,34 +3,34 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, nearest, silent
-from dropper_jax.base.read import ScenePath
+from dropper_jax.base.errors import Progress, silent
 from dropper_jax.run.build import SceneLike
-from fitting.calibration.advice import Candidate, advise, omitted_parameter_bias
-from fitting.calibration.comparison import compare
-from fitting.calibration.estimating import FIRST, estimate, with_sound_windows
+from fitting.calibration.advice import advise
+from fitting.calibration.candidate import Candidate, omitted_parameter_bias
+from fitting.calibration.comparison import refuse_tied
+from fitting.calibration.estimating import FIRST, Method, as_method, estimate, with_sound_windows
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
-from fitting.calibration.laws import law_warnings, test_laws, with_law
+from fitting.calibration.laws import LawTest, law_warnings, test_laws, with_law
 from fitting.calibration.likely_cause import free_too
-from fitting.calibration.preparation import TracesLike, prepare
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, TracesLike, prepare
 from fitting.calibration.result import FitResult, direction_text, score_held_out
 from fitting.calibration.short_windows import SUSPECT, name_wrong_file
-from fitting.estimate.gaps import lyapunov
-from fitting.estimate.loss import loss_of
+from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss
 from fitting.estimate.problem import CHI2_RANGE, CORRELATION_FLOOR, Solution
-from fitting.estimate.scene_fit import Intervals, common_warnings
+from fitting.estimate.scene_fit import common_warnings
+from fitting.estimate.shooting import lyapunov
 from fitting.estimate.uncertainty import Uncertainty, degrees_of_freedom, uncertainty
 from fitting.parameters.parameter import Bounds, Priors, StartValues
-from fitting.traces.trace import convention
+
+if TYPE_CHECKING:
+    from fitting.estimate.descent import GradientDescent
 
 # From a solution to a result: errors, held-out scores, and warnings that a user must know before trusting it
 
@@ -123,13 +123,13 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     """The result of a solution: errors, held-out scores, warnings."""
     simulator, windows = prepared.simulator, solution.windows
     rate = lyapunov(simulator, windows, solution.evaluation, solution.values)
-    # held-out stretches use the same step size as the fit
-    prepared = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     u = uncertainty(solution)
     expected = prepared.windows.weight
     claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))
     chi2 = float(np.sum(solution.weights * (solution.errors * expected) ** 2)) / degrees_of_freedom(solution)
-    scored = prepared.noisy(solution.problem.noise)
+    # held-out stretches use the same step size as the fit
+    finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
+    scored = finer.noisy(solution.problem.noise)
     laws = test_laws(prepared, solution, u)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(
@@ -143,21 +143,11 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
         traces=prepared.traces,
         lyapunov=rate,
         laws=laws,
+        prepared=prepared,
         left_out=prepared.left_out,
         held_out=[score_held_out(scored, solution.values, span) for span in prepared.held_out],
         warnings=[*prepared.warnings, *warnings_of(prepared, solution, u, chi2), *law_warnings(laws)],
     )
-
-
-def likeliest(prepared: Prepared, result: FitResult, tested: Sequence[Candidate]) -> str:
-    """The force or the number of the scene that explains most of a misfit, and what frees it; empty if none does."""
-    candidates = [candidate for candidate in tested if candidate.worth_naming][:1]
-    candidates += [test for test in result.laws.significant if test.free][:1]
-    best = max(candidates, key=lambda candidate: candidate.gain, default=None)
-    return "" if best is None else f"{best.name}; {free_too(prepared, best.free)}"
-
-
-METHODS = ("windows", "shooting", "gradient")
 
 
 def fit(
@@ -165,87 +155,42 @@ def fit(
     scene: SceneLike,
     free: Sequence[str] | None = None,
     *,
-    method: str = "shooting",
+    method: Method | GradientDescent | str = "shooting",
+    loss: Loss | str = LEAST_SQUARES,
     start: StartValues | None = None,
     bounds: Bounds | None = None,
     priors: Priors | None = None,
     until: float | None = None,
     held_out: Sequence[tuple[float, float]] = (),
-    rest: Sequence[tuple[float, float]] = (),
-    window: float | None = None,
-    dt: float | None = None,
-    zero: str | None = None,
-    sign: int | None = None,
-    unit: str | None = None,
-    columns: Mapping[str, str] | None = None,
-    huber: float | None = None,
-    student: bool = False,
-    robust: str | None = None,
-    continuity: str = "estimate",
-    iterations: int = 40,
-    static_start: bool = False,
-    compare_models: bool = False,
-    advice: bool = False,
-    auto_free: bool = False,
-    integrator: str | None = None,
-    profile: Sequence[str] | bool = False,
-    bootstrap: int = 0,
+    settings: FitSettings = AUTOMATIC,
     progress: Progress | None = None,
-    **settings: Any,
 ) -> FitResult:
     """Calibrate parameters of a scene to measured angles.
+
+    `advise`, `compare`, `profile`, `bootstrap` and `predict` judge the result; `fit_and_free` also frees what the
+    traces show to be wrong.
 
     Args:
         traces: CSV files or `Trace`s; several runs of the same line are fitted together.
         scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values.
         free: paths of parameters, or unique last names such as `b_l`; default: those listed in the scene's `[fit]`,
             otherwise its damping.
-        method: `windows`, `shooting` (Gauss-Newton), or `gradient`: the minimum of `shooting` by gradient descent.
+        method: `shooting` (Gauss-Newton over joined windows), `windows` (separate ones), `gradient`, a `Method`, or a
+            `GradientDescent`.
+        loss: `squares`, `huber`, `student` or a `Loss` such as `Huber(2.0)`. Student's t starts from the end of
+            Huber's and is for traces with outliers.
         start, bounds, priors: by name: start value; (low, high); (mean, standard deviation). Priors from the scene's
             `[fit]` apply to parameters without one here.
         until: samples from this time [s] on are not fitted.
         held_out: (low, high) [s] that are not fitted but scored; only their starts are fitted, afterwards.
-        rest: (low, high) [s] in which the line hangs at rest, before it moves or after it has stopped; these poses are
-            fitted together with the motion.
-        window: length [s]; default from the Lyapunov exponent.
-        dt: time step [s], at most the samples' interval; a shorter step that divides the interval is used. Default:
-            1/75 of the shortest link's period, or 1/200 for second order.
-        integrator: of the windows; default rattle_4 for point masses, otherwise energy_momentum. tsit5 and dop853 are
-            faster for lines that they support; `dt` is then their output interval.
-        zero, sign, unit: angle convention of the traces; default from the files, otherwise inferred from the scene.
-        columns: the files' columns if they have other names: `{"time": "timestamp", "theta_1": "angle"}`.
-        huber: threshold of a robust loss in standard deviations, such as 3; default least squares.
-        student: Student's t loss with 4 degrees of freedom, started from the end of Huber's; for traces with outliers.
-        robust: the same losses by name, `huber` (threshold 3) or `student`.
-        continuity: for `shooting`: `estimate`, `tight` or `exact`.
-        iterations: maximum Gauss-Newton iterations over separate windows.
-        static_start: every run starts from the scene's `[start]` and is released at t = 0 of its clock; free names such
-            as `release.time` and `release.force` imply it.
-        advice: also test what else may be wrong, by score tests (`advice`).
-        auto_free: free the candidate with the largest gain, one at a time, while the fit improves.
-        compare_models: also fit the ladder of damping laws.
-        profile: names of free parameters whose profile-likelihood intervals are also computed; True for all.
-        bootstrap: number of draws of a bootstrap over blocks of time.
+        settings: how traces are read and cut into windows.
         progress: called with (fraction, text).
-        **settings: of the gradient method: `optimizer` (`lbfgs`, `adam`, `sgd` or a transformation of optax),
-            `learning_rate`, `steps`, `horizon`, `loss`; see `gradient.GradientDescent`.
 
     Raises:
         SceneError: for any invalid input, in one line.
     """
-    if method not in METHODS:
-        raise SceneError(f"method: {method!r} is unknown; {nearest(method, METHODS)}")
-    if settings and method != "gradient":
-        name = min(settings)
-        raise SceneError(f"{name}: {settings[name]!r} is not a setting of method {method!r}. Use method gradient")
-    if method == "gradient":
-        from fitting.estimate.gradient import descent_of  # noqa: PLC0415 - optax is slow to import
-
-        descent_of(settings)  # rejects invalid settings before anything is compiled
-    asked = Intervals(profile, bootstrap)
-    progress = progress or silent
-    started = time.perf_counter()
-    prepared = prepare(
+    method, loss, progress = as_method(method), as_loss(loss), progress or silent
+    whole = prepare(
         traces,
         scene,
         free,
@@ -254,62 +199,90 @@ def fit(
         priors=priors,
         until=until,
         held_out=held_out,
-        rest=rest,
-        window=window,
-        dt=dt,
-        asked=convention(zero, sign, unit),
-        static_start=static_start,
-        integrator=integrator,
-        columns=columns,
+        settings=settings,
         progress=progress,
     )
-    tied = next((p.name for p in prepared.parameters if ScenePath(p.name).section == "parameters"), None)
-    if tied and (auto_free or compare_models):  # both change the effects of the model along which it moves
-        option = "auto_free" if auto_free else "compare_models"
-        raise SceneError(f"{option}: not with {tied!r} free. Omit it, or free paths of the scene such as b_l")
-    asked.profile_names(prepared.scene, prepared.parameters)  # rejects unknown names before anything is fitted
-    loss = loss_of(huber, student, robust)
-    sound = with_sound_windows(prepared, loss, iterations, progress, keep_jumps=auto_free)
-    if method == "gradient" and not auto_free:  # the descent is separate: it only takes the windows of the other fit
-        sound = replace(sound, begin=prepared.begin, starts=sound.starts_from_samples())
-    whole, prepared = prepared, sound
-    again = partial(estimate, continuity=continuity, iterations=iterations, progress=progress)
-    found, freed = [], []
-    if auto_free:
-        if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
-            whole, freed = without_kicks(whole, again, loss)
-        if freed:
-            prepared = with_sound_windows(whole, loss, iterations, progress, keep_jumps=True)
-        at = free_by_advice(prepared, again, "shooting" if method == "gradient" else method, loss, progress=progress)
-        prepared, solution, found, freed = at.prepared, at.solution, at.found, [*freed, *at.names]
-        loss = at.loss
-        if method == "gradient":
-            solution = again(prepared, method, at.loss, settings=settings)
+    prepared = with_sound_windows(whole, loss, method.iterations, progress)
+    if method.name == "gradient":  # the descent is separate: it only takes the windows of the other fit
+        prepared = replace(prepared, begin=whole.begin, starts=prepared.starts_from_samples())
+        left = method.iterations
     else:
-        left = iterations if method == "gradient" else max(iterations - sound.iterations, min(iterations - 1, FIRST), 1)
-        solution = again(prepared, method, loss, iterations=left, settings=settings)
-        if advice and solution.status == "ok":
-            found = advise(prepared, solution)
-    known = replace(prepared.known, doubt=omitted_parameter_bias(freed, prepared.parameters))
-    solution.problem = replace(solution.problem, known=known)
+        left = max(method.iterations - prepared.iterations, min(method.iterations - 1, FIRST), 1)
+    solution = estimate(prepared, replace(method, iterations=left), loss, progress)
     solution.iterations += prepared.iterations
-    prepared = replace(prepared, started=started, known=known)
-    result = summarise(prepared, method, solution)
-    while auto_free and result.status == "model_error" and result.laws.wrong.free and len(freed) < MOST_FREED:
-        freed = [*freed, result.laws.wrong]
-        prepared = with_law(prepared, result.laws.wrong.free, solution)
-        solution = again(prepared, method, loss, settings=settings)
-        result = summarise(prepared, method, solution)
-    if result.status != "ok" or result.chi2_per_dof > SUSPECT:
-        result.wrong_file = name_wrong_file(whole)
-    if result.status == "misfit" and not (result.wrong_file or auto_free or method == "gradient"):
-        result.likely = likeliest(prepared, result, found or advise(prepared, solution))
-    result.advice, result.freed = found, freed
-    # number of candidates listed in the warnings
-    result.warnings += [str(candidate) for candidate in found if candidate.worth_naming][:3]
-    asked.add_to(result, progress)
-    if compare_models:
-        result.comparison = compare(prepared.noisy(solution.problem.noise), progress=progress)
-        result.seconds["run"] = time.perf_counter() - started - result.seconds["compile"]
+    result = explain(summarise(prepared, method.name, solution), whole)
+    if result.status == "misfit" and not result.wrong_file and method.name != "gradient":
+        result.tested = advise(result)
+        result.likely = likeliest(result)
     progress(1.0, result.status)
     return result
+
+
+def fit_and_free(
+    traces: TracesLike,
+    scene: SceneLike,
+    free: Sequence[str] | None = None,
+    *,
+    method: Method | GradientDescent | str = "shooting",
+    loss: Loss | str = LEAST_SQUARES,
+    progress: Progress | None = None,
+    **options: Any,
+) -> FitResult:
+    """The fit with what the traces show to be wrong freed too, one candidate at a time, while the fit improves.
+
+    Args:
+        traces, scene, free, method, loss, progress: as of `fit`.
+        **options: the other arguments of `fit`.
+    """
+    chosen, loss, progress = as_method(method), as_loss(loss), progress or silent
+    whole = prepare(traces, scene, free, progress=progress, **options)
+    refuse_tied("auto_free", whole.parameters)
+
+    def again(prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None) -> Solution:
+        return estimate(prepared, replace(chosen, name=method), loss, progress, frozen)
+
+    started, sound = whole.started, with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
+    kicks: list[Candidate] = []
+    if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
+        whole, kicks = without_kicks(whole, again, loss)
+        if kicks:
+            sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
+    joined = "shooting" if chosen.name == "gradient" else chosen.name
+    at = free_by_advice(sound, again, joined, loss, progress=progress)
+    freed: list[Candidate | LawTest] = [*kicks, *at.names]
+    doubt = omitted_parameter_bias([*kicks, *at.names], at.prepared.parameters)
+    prepared, solution = at.prepared, at.solution
+    if chosen.name == "gradient":
+        solution = again(prepared, "gradient", at.loss)
+    known = replace(prepared.known, doubt=doubt)
+    solution.problem = replace(solution.problem, known=known)
+    solution.iterations += prepared.iterations
+    result = summarise(replace(prepared, started=started, known=known), chosen.name, solution)
+    while result.status == "model_error" and result.laws.wrong.free and len(freed) < MOST_FREED:
+        freed.append(result.laws.wrong)
+        law = with_law(result.prepared, result.laws.wrong.free, result.solution)
+        result = summarise(law, chosen.name, again(law, chosen.name, at.loss))
+    result = explain(result, whole)
+    result.freed = freed
+    result.add_advice(at.found)
+    progress(1.0, result.status)
+    return result
+
+
+def explain(result: FitResult, whole: Prepared) -> FitResult:
+    """The result with the mistake in the traces that explains a misfit, if there is one.
+
+    Args:
+        whole: the preparation with all windows.
+    """
+    if result.status != "ok" or result.chi2_per_dof > SUSPECT:
+        result.wrong_file = name_wrong_file(whole)
+    return result
+
+
+def likeliest(result: FitResult) -> str:
+    """The force or the number of the scene that explains most of a misfit, and what frees it; empty if none does."""
+    candidates = [candidate for candidate in result.tested if candidate.worth_naming][:1]
+    candidates += [test for test in result.laws.significant if test.free][:1]
+    best = max(candidates, key=lambda candidate: candidate.gain, default=None)
+    return "" if best is None else f"{best.name}; {free_too(result.prepared, best.free)}"

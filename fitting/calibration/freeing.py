@@ -19,9 +19,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.calibration.advice import OR, WORTH, Candidate, advise, wide
+from fitting.calibration.advice import score_candidates, wide
+from fitting.calibration.candidate import OR, WORTH, Candidate
 from fitting.calibration.kicks import SEVERAL, Fit, alone, far_off, lost_frames, starts_from_previous_windows
-from fitting.calibration.prepared import Prepared, at_frames
+from fitting.calibration.preparation import Prepared, at_frames
 from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
@@ -29,8 +30,7 @@ from fitting.estimate.noise import log_volume
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import resolve
-from fitting.parameters.target import LOST
+from fitting.parameters.parameter import LOST, resolve
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED, TRIED = 6, 4
@@ -104,7 +104,7 @@ def free_by_advice(
     refused: set[str] = set()
     while not wrong and at.solution.status == "ok" and len(at.names) - first < MOST_FREED:
         progress(0.5, f"testing what may be wrong, {len(at.names)} freed")
-        at.found = advise(at.prepared, at.solution, simulator)
+        at.found = score_candidates(at.prepared, at.solution, simulator)
         tries = promising(at.found, refused)
         if not tries:
             break
@@ -134,7 +134,7 @@ def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list
 def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> bool:
     """Free one candidate of the score tests if it alone explains a misfit far above the noise."""
     progress(0.5, "testing what may be wrong, one by one")
-    tries = promising(advise(at.prepared, at.solution, simulator)) if at.solution.status == "ok" else []
+    tries = promising(score_candidates(at.prepared, at.solution, simulator)) if at.solution.status == "ok" else []
     tries = [candidate for candidate in tries if _explains(at, candidate, simulator)]
     one = replace(at, names=list(at.names))
     _choose(one, fit, simulator, tries, set())
@@ -183,7 +183,7 @@ def _reconsider(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator)
         return at
     if _score(without) > _score(at):
         return without
-    found = advise(prepared, without.solution, simulator)
+    found = score_candidates(prepared, without.solution, simulator)
     found = [c for c in found if c.worth_naming and c.name not in candidate.name]
     _choose(without, fit, simulator, found[:TRIED], set())
     return without if _score(without) > _score(at) else at
@@ -202,7 +202,7 @@ def _continue_with(
     at = replace(at, prepared=begin, solution=fit(begin, method, at.loss))
     while at.solution.status == "ok" and not is_model_wrong(at.prepared, at.solution):
         progress(0.9, f"testing what may be wrong, {len(at.names)} freed")
-        at.found = advise(at.prepared, at.solution, simulator)
+        at.found = score_candidates(at.prepared, at.solution, simulator)
         best = next((c for c in at.found if c.worth_naming and c.name not in refused), None)
         if best is None or len(at.names) >= MOST_FREED:
             break

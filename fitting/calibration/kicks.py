@@ -24,8 +24,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from fitting.calibration.advice import Candidate
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.candidate import Candidate
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.gauss_newton import fit_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.problem import Solution

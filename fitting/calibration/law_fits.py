@@ -12,12 +12,11 @@ import numpy as np
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
-from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared
+from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.marching import choose_stepper
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.simulator import Simulator
+from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
 from fitting.parameters.parameter import resolve, with_effects
 
@@ -75,30 +74,7 @@ class Law:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        keys = (
-            "name",
-            "coefficients",
-            "rms",
-            "held_out",
-            "held_out_error",
-            "bic",
-            "status",
-            "values",
-            "chosen",
-            "cost",
-            "unreached",
-            "joined",
-            "score",
-            "score_error",
-            "extrapolated",
-            "other_run",
-            "share",
-            "equals",
-            "unseen",
-            "refuted",
-            "possible",
-        )
-        found = {key: getattr(self, key) for key in keys}
+        found = {key: value for key, value in vars(self).items() if key != "free"} | {"possible": self.possible}
         return {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in found.items()}
 
 

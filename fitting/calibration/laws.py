@@ -7,7 +7,7 @@ S = sum S_b, the candidate and the free parameters would move, to first order, b
 
     d = -S^-1 g,    cov = (B - 1)/B sum_b (e_b - mean e)(e_b - mean e)',    e_b = (S - S_b)^-1 (g_b + S_b d)
 
-(Rao 1948; jackknife over B blocks as in `sandwich`). The covariance is at least that of the noise. The ratio
+(Rao 1948; jackknife over B blocks as in `uncertainty`). The covariance is at least that of the noise. The ratio
 `t = d_c/sqrt(cov_cc)` has Student's law with B minus the number of parameters degrees of freedom. A coefficient that
 the scene lacks can only grow: its test is one-sided. Holm's correction (1979) accounts for the number of candidates.
 
@@ -25,21 +25,18 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtr
 
-from dropper_jax.model import Model
 from dropper_jax.run.build import build
+from fitting.calibration.candidate import holm
 from fitting.calibration.law_fits import substeps_of
-from fitting.calibration.prepared import Prepared
-from fitting.estimate.marching import choose_stepper
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.normal_equations import Evaluation, Prior, solve_spd
 from fitting.estimate.problem import Residuals, Solution
-from fitting.estimate.sandwich import Pieces, block_of, moves_without, pieces
 from fitting.estimate.shooting import level_of
-from fitting.estimate.simulator import Simulator
-from fitting.estimate.uncertainty import Uncertainty
-from fitting.parameters.missing_forces import missing_forces
+from fitting.estimate.simulator import Simulator, choose_stepper
+from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, moves_without, pieces
+from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import free_option
-from fitting.parameters.parameter import Parameter, resolve, with_effects
-from fitting.parameters.target import CAMERA
+from fitting.parameters.parameter import CAMERA, Parameter, resolve, with_effects
 
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
 LEVEL = 0.01
@@ -145,12 +142,6 @@ class LawTests:
     def wrong(self) -> LawTest | None:
         """The candidate that explains most, if the law is wrong."""
         return next((test for test in self.significant if test.matters), None)
-
-
-def tested_parameters(model: Model, parameters: Sequence[Parameter]) -> list[Parameter]:
-    """Sizes of all candidates, which the programs of a fit with these parameters know too."""
-    camera = [] if any(p.name == CAMERA for p in parameters) else resolve(model, [CAMERA])
-    return [*missing_forces(model), *camera]
 
 
 def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTests:
@@ -263,7 +254,9 @@ def _judge(
         gain = 0.5 * float(moved[-1]) ** 2 * float(_rest(information, free, [mine])[0, 0]) / scale
         row = LawTest(suspect.name, suspect.free, float(moved[-1]), error, t, p, moves, gain, matters)
         tests.append((row, mine))
-    tests = _over_family(tests)
+    tests.sort(key=lambda row: row[0].p)
+    over_family = holm([test.p for test, _ in tests])
+    tests = [(replace(test, p=p), mine) for (test, mine), p in zip(tests, over_family, strict=True)]
     shown = [(test, k) for test, k in tests if test.p < LEVEL and test.free]
     alike = [
         tuple(other.name for other, k in shown if k != mine and _correlation(information, free, mine, k) > ALIKE)
@@ -272,15 +265,6 @@ def _judge(
     found = [replace(test, alike=same) for (test, _), same in zip(tests, alike, strict=True)]
     found.sort(key=lambda test: (not test.free, -test.gain))
     return LawTests(tuple(found), included, blocks)
-
-
-def _over_family(tests: Sequence[tuple[LawTest, int]]) -> list[tuple[LawTest, int]]:
-    """The tests with probabilities over all of them (Holm 1979)."""
-    worst, found = 0.0, []
-    for i, (test, mine) in enumerate(sorted(tests, key=lambda row: row[0].p)):
-        worst = max(worst, min(1.0, test.p * (len(tests) - i)))
-        found.append((replace(test, p=worst), mine))
-    return found
 
 
 def _one_step(

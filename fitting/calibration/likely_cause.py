@@ -19,11 +19,10 @@ import numpy as np
 
 from fitting.calibration.advice import candidates, wide
 from fitting.calibration.freeing import with_freed
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.release import TIME
 from fitting.parameters.of_scene import free_option
-from fitting.parameters.parameter import Parameter
-from fitting.parameters.target import NODE
+from fitting.parameters.parameter import NODE, Parameter
 from fitting.traces.trace import Trace
 
 #: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.

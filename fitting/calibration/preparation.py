@@ -1,31 +1,43 @@
-"""The steps before any estimate: traces and scene are read and checked, windows cut and their starts found."""
+"""The stages before any estimate: traces are read and checked, samples chosen, windows cut and their starts found."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from dropper_jax import load_scene
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.laws import tested_parameters
-from fitting.calibration.prepared import STEPS_PER_PERIOD, Prepared, at_frames, fitted_parts
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
-from fitting.estimate.gaps import lyapunov, transitions
-from fitting.estimate.marching import choose_stepper
-from fitting.estimate.release import release_of
-from fitting.estimate.rest import advice_on_rest, held_start, rests
-from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Piece, Windows, cut, fewest_frames, fill, first_starts
-from fitting.parameters.of_scene import by_full_path, default_free, free_of_traces, full_names, rig_priors
-from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
+from fitting.estimate.loss import LEAST_SQUARES, Loss
+from fitting.estimate.noise import Noise
+from fitting.estimate.problem import Descent, Problem, Solution
+from fitting.estimate.release import Release, release_of
+from fitting.estimate.rest import Rest, advice_on_rest, held_start, rests
+from fitting.estimate.shooting import lyapunov, transitions
+from fitting.estimate.simulator import Simulator, choose_stepper
+from fitting.estimate.windows import Piece, Starts, Windows, cut, fewest_frames, fill, first_starts
+from fitting.parameters.missing_forces import tested_parameters
+from fitting.parameters.of_scene import JointPrior, by_full_path, default_free, free_of_traces, full_names, rig_priors
+from fitting.parameters.parameter import (
+    Bounds,
+    LostPlace,
+    Parameter,
+    Priors,
+    StartValues,
+    adjust_parameters,
+    with_effects,
+)
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar
-from fitting.traces.trace import Convention, Trace, as_trace, noise
+from fitting.traces.trace import Convention, Trace, as_trace, convention, noise
 
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
 #: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
@@ -33,6 +45,244 @@ TURN, FASTEST = 0.25, 0.98
 
 #: One run or several: CSV files or traces.
 TracesLike = Sequence[str | Path | Trace] | str | Path | Trace
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How a fit reads traces and cuts them into windows.
+
+    Attributes:
+        window: maximum length of a window [s]; None: as far as small errors in the motion may grow.
+        dt: time step [s], at most the samples' interval; a shorter step that divides the interval is used. Default:
+            1/75 of the shortest link's period, or 1/200 for second order.
+        integrator: of the windows; default rattle_4 for point masses, otherwise energy_momentum. tsit5 and dop853 are
+            faster for lines that they support; `dt` is then their output interval.
+        rest: (low, high) [s] in which the line hangs at rest, before it moves or after it has stopped; these poses are
+            fitted together with the motion.
+        static_start: every run starts from the scene's `[start]` and is released at t = 0 of its clock; free names such
+            as `release.time` and `release.force` imply it.
+        zero, sign, unit: angle convention of the traces; default from the files, otherwise inferred from the scene.
+        columns: the files' columns if they have other names: `{"time": "timestamp", "theta_1": "angle"}`.
+    """
+
+    window: float | None = None
+    dt: float | None = None
+    integrator: str | None = None
+    rest: Sequence[tuple[float, float]] = ()
+    static_start: bool = False
+    zero: str | None = None
+    sign: str | int | None = None
+    unit: str | None = None
+    columns: Mapping[str, str] | None = None
+
+    @property
+    def convention(self) -> Convention:
+        """The given convention of the angles, checked."""
+        return convention(self.zero, self.sign, self.unit)
+
+
+#: No settings: everything from the traces and the scene.
+AUTOMATIC = FitSettings()
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The samples of the traces that are fitted.
+
+    Attributes:
+        traces: in the model's convention; their standard errors include the model error.
+        spans: (run, from, to) [s] of the fitted samples.
+        sigma: noise of each run's links (n,) [rad].
+        held_out: (from, to) [s] that are scored.
+        rest: poses at rest.
+        slowest, period: of the line as one pendulum, and of its shortest link [s].
+        notes: for the user.
+    """
+
+    traces: list[Trace]
+    spans: list[tuple[int, float, float]]
+    sigma: list[np.ndarray]
+    held_out: tuple[tuple[float, float], ...]
+    rest: Rest | None
+    slowest: float
+    period: float
+    notes: list[str]
+
+    @property
+    def seen(self) -> list[Trace]:
+        """The traces without held-out samples, which affect nothing, not even the first guess of a start."""
+        return fitted_parts(self.traces, self.spans)
+
+    @property
+    def interval(self) -> float:
+        """Longest sampling interval of the traces [s]."""
+        return max(trace.interval for trace in self.traces)
+
+
+@dataclass(frozen=True)
+class WindowPlan:
+    """Sizes of the windows: time step [s], maximum length [s], steps of the short ones that are joined."""
+
+    dt: float
+    length: float
+    short: int
+
+
+@dataclass(frozen=True)
+class FirstWindows:
+    """Windows with the starts that their samples give, and the growth rate of small errors in the motion [1/s]."""
+
+    windows: Windows
+    starts: Starts
+    lyapunov: float
+
+
+def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple[Parameter, ...]:
+    """The parameters with the times of the frames that they refer to.
+
+    Raises:
+        SceneError: an unknown run, or a frame without a predecessor.
+    """
+    found = list(parameters)
+    for i, p in enumerate(found):
+        if isinstance(p.where, LostPlace):
+            if p.where.run >= len(traces):
+                raise SceneError(f"free: {p.name!r}: unknown run; allowed: 0 to {len(traces) - 1}")
+            t = traces[p.where.run].t
+            if not 0 < p.where.frame < len(t):
+                raise SceneError(f"free: {p.name!r}: unknown frame; allowed: 1 to {len(t) - 1}")
+            found[i] = replace(p, where=replace(p.where, time=float(t[p.where.frame])))
+    return tuple(found)
+
+
+def fitted_parts(traces: Sequence[Trace], spans: Sequence[tuple[int, float, float]]) -> list[Trace]:
+    """The traces with every sample outside the spans (run, from, to) [s] marked as missing."""
+    found = []
+    for i, trace in enumerate(traces):
+        inside = np.zeros(len(trace.t), bool)
+        for run, low, high in spans:
+            inside |= (run == i) & (trace.t >= low - 1e-9) & (trace.t < high - 1e-9)
+        found.append(replace(trace, theta=np.where(inside[:, None], trace.theta, np.nan)))
+    return found
+
+
+#: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
+#: 1 s 1.6e-5 rad) at order 4; second order takes more; a fit that needs finer steps halves it.
+#: Schemes with error control save at least this often, for the cubics between.
+STEPS_PER_PERIOD = {8: 38, 5: 38, 4: 75, 2: 200}
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Everything that an estimator needs: the result of `prepare`.
+
+    Attributes:
+        left_out: (run, from, to) of windows that are not fitted because no start explains them.
+        breaks: (run, time) where the motion jumps, so that windows are not joined there.
+        iterations: evaluations used so far.
+        first_noise: noise at the start of a fit, if links are missed by different multiples of their claimed noise.
+    """
+
+    scene: Scene
+    traces: list[Trace]
+    sigma: list[np.ndarray]
+    parameters: tuple[Parameter, ...]
+    simulator: Simulator
+    windows: Windows
+    starts: Starts
+    held_out: tuple[tuple[float, float], ...]
+    lyapunov: float
+    period: float
+    warnings: tuple[str, ...]
+    started: float = 0.0
+    compiled_before: float = 0.0
+    noise: Noise | None = None
+    known: JointPrior = JointPrior()
+    rest: Rest | None = None
+    begin: np.ndarray | None = None
+    left_out: tuple[tuple[int, float, float], ...] = ()
+    breaks: tuple[tuple[int, float], ...] = ()
+    iterations: int = 0
+    first_noise: Noise | None = None
+    descent: Descent | None = None
+
+    def problem(self, loss: Loss = LEAST_SQUARES, frozen: np.ndarray | None = None) -> Problem:
+        """The minimisation problem."""
+        return Problem(
+            simulator=self.simulator,
+            windows=self.first_windows,
+            parameters=self.parameters,
+            loss=loss,
+            frozen=frozen,
+            noise=self.noise or self.first_noise,
+            known=self.known,
+            rest=self.rest,
+            descent=self.descent,
+        )
+
+    @property
+    def first_windows(self) -> Windows:
+        """The windows with the noise that a fit starts with."""
+        if self.noise is not None or self.first_noise is None:
+            return self.windows
+        return self.first_noise.apply_to(self.windows, self.traces)
+
+    def claimed_windows(self, point: Solution) -> Windows:
+        """The windows with the noise that the traces claim, and a solution's steps."""
+        return replace(self.windows, substeps=point.windows.substeps)
+
+    def noisy(self, noise: Noise | None) -> Prepared:
+        """The preparation with the noise estimated by a fit, if any: in the windows and in all that are cut later."""
+        return self if noise is None else replace(self, windows=noise.apply_to(self.windows, self.traces), noise=noise)
+
+    def cut(self, length: float, pieces: Sequence[tuple[int, float, float]]) -> Windows:
+        """Windows of `length` [s] of these (run, from, to), of the same substeps and noise."""
+        return self._as_fitted(cut(self.traces, length, self.windows.dt, self.sigma, pieces))
+
+    def _as_fitted(self, windows: Windows) -> Windows:
+        windows = replace(windows, substeps=self.windows.substeps)
+        return windows if self.noise is None else self.noise.apply_to(windows, self.traces)
+
+    def with_pieces(self, pieces: Sequence[Piece]) -> Prepared:
+        """The preparation cut into other windows, with the known noise, and with starts from the samples."""
+        windows = fill(self.traces, pieces, self.windows.dt, self.sigma)
+        if self.simulator.release is not None:
+            windows = self.simulator.release.mark(windows, self.traces)
+        found = replace(self, windows=self._as_fitted(windows))
+        return replace(found, starts=found.starts_from_samples())
+
+    def with_parameters(
+        self, parameters: Sequence[Parameter], begin: np.ndarray, simulator: Simulator | None = None
+    ) -> Prepared:
+        """The preparation with other free parameters, from values (k,); the simulator's programs must know them."""
+        simulator = simulator or self.simulator
+        every, known = rig_priors(self.scene, simulator.model, parameters)
+        return replace(self, parameters=every, known=known, simulator=simulator.view_of(every), begin=begin)
+
+    def starts_from_samples(self) -> Starts:
+        """Starts of the windows from their samples alone."""
+        return first_starts(self.simulator.model, self.traces, self.windows, self.sigma)
+
+    @property
+    def floor(self) -> np.ndarray:
+        """Minimum noise of every run and link relative to the claimed one (R, n): the sensor's rounding."""
+        fit = self.scene.fit
+        rounding = 0.0 if fit is None else fit.resolution("angle") / np.sqrt(12)
+        claimed = [
+            s if trace.se is None else np.sqrt(np.nanmean(trace.se**2, axis=0))
+            for s, trace in zip(self.sigma, self.traces, strict=True)
+        ]
+        return np.maximum(rounding / np.array(claimed), 1e-9)
+
+    @property
+    def order(self) -> int:
+        """Order of the scheme for which the windows' step was chosen."""
+        return self.simulator.stepper.integrator.order
+
+    @property
+    def values(self) -> np.ndarray:
+        """Start of the parameters (k,): their start values, or the end of an earlier fit."""
+        return self.begin if self.begin is not None else np.array([p.value for p in self.parameters])
 
 
 def prepare(
@@ -45,14 +295,8 @@ def prepare(
     priors: Priors | None = None,
     until: float | None = None,
     held_out: Sequence[tuple[float, float]] = (),
-    rest: Sequence[tuple[float, float]] = (),
-    window: float | None = None,
-    dt: float | None = None,
-    asked: Convention = Convention(),  # noqa: B008 - frozen
-    static_start: bool = False,
+    settings: FitSettings = AUTOMATIC,
     simulator: Simulator | None = None,
-    integrator: str | None = None,
-    columns: Mapping[str, str] | None = None,
     progress: Progress | None = None,
 ) -> Prepared:
     """Read and check everything, cut windows, find their starts.
@@ -60,120 +304,210 @@ def prepare(
     Arguments as in `fit`; `simulator` is an already compiled one from an earlier call with the same scene and
     parameters.
     """
+    started = time.perf_counter()
+    compiled_before = 0.0 if simulator is None else simulator.compile_s
     say = progress or silent
     say(0.0, "reading")
-    started, compiled_before = time.perf_counter(), 0.0 if simulator is None else simulator.compile_s
     scene = load_scene(scene)
     names = default_free(scene) if free is None else full_names(scene, free)
     scene = with_effects(scene, names)
     model, state = build(scene)
     check_planar(model, state)
-    given = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
-    if not given:
-        raise SceneError("traces: none given. Use one or more CSV files")
-    read, notes = [as_trace(item, model.line.links, columns) for item in given], []
-    for trace in read:
-        check_sampling(trace, model)
-        check_unit(trace, model, asked.over(trace.convention))
-        notes += refuse_wrong_file(trace, model, asked, names)
-    converted = [settle_convention(trace, model, asked) for trace in read]
-    runs, notes = [trace for trace, _ in converted], notes + [note for _, more in converted for note in more]
-    if dt is not None:
-        check_step(runs, dt)
-    release = release_of(scene, state, names, len(runs), static_start)
+    read, notes = read_traces(traces, model, settings, names)
+    release = release_of(scene, state, names, len(read), settings.static_start)
     changed = by_full_path(scene, start, bounds, priors)
     parameters = adjust_parameters(free_of_traces(scene, model, names, release), *changed)
-    parameters = at_frames(parameters, runs)
-    parameters, known = rig_priors(scene, model, parameters)
-    held_out = check_spans(runs, held_out)
-    rest = check_spans(runs, rest, "rest")
-    spans = fitted_spans(runs, until, sorted([*held_out, *rest]))
-    if scene.fit is not None and scene.fit.model_error:
-        runs = [replace(trace, model_error=scene.fit.model_error) for trace in runs]
-    elif errors := [f"{trace.model_error:.2g} rad ({trace.name})" for trace in runs if trace.model_error]:
-        notes.append(f"model error as stated by the traces: {', '.join(errors)}; `model_error` in [fit] replaces it")
-    sigma = [np.hypot(noise(trace), trace.model_error) for trace in fitted_parts(runs, spans)]
-    runs = [trace if trace.se is None else replace(trace, se=np.hypot(trace.se, trace.model_error)) for trace in runs]
-    slowest = 2 * np.pi * np.sqrt(float(np.sum(np.asarray(model.line.length))) / 9.81)
-    if release is None:
-        spans, more = without_held_starts(
-            spans, fitted_parts(runs, spans), sigma, slowest, lambda: resting_angles(model)
-        )
-        notes += more
-    span = max(high - low for _, low, high in spans)
-    period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
-    for i, trace in enumerate(runs):
-        if mine := [(low, high) for run, low, high in spans if run == i]:
-            refuse_rising_energy(trace, model, mine, period)
+    parameters, known = rig_priors(scene, model, at_frames(parameters, read))
+    samples = choose_samples(read, scene, model, until, held_out, settings, release is not None)
     if simulator is None:
-        stepper = choose_stepper(model, integrator, scene.run.solver)
+        stepper = choose_stepper(model, settings.integrator, scene.run.solver)
         simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))
     else:
         simulator = simulator.view_of(parameters)
-    dt = time_step(runs, dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
-    # held-out samples affect nothing, not even the noise or the first guess of a start
-    seen = fitted_parts(runs, spans)
-    poses = rests(runs, sigma, rest)
-    if not rest and release is None:
-        notes += [line for pair in zip(seen, sigma, strict=True) for line in advice_on_rest(*pair, slowest)]
-    interval = max(trace.interval for trace in runs)
-    fewest = fewest_frames(model.line.links, simulator.freedoms)
-    base = max(SHORTEST_PART * period, fewest * interval)
-    length = window or longest_window(
-        simulator.freedoms // 2, float(np.mean(np.asarray(model.line.length))), span, base
-    )
-    if window is not None and window > span:
-        raise SceneError(f"window: {window:g} s is longer than the trace; allowed: at most {span:g} s")
-    frame = max(1, round(interval / dt))
-    frames = max(1, int(length / dt / frame + 1e-6))
-    base = max(1, frames // max(1, int(length / base + 1e-6))) * frame
+    plan = plan_windows(samples, simulator, settings)
+    simulator.capacity = program_capacity(samples, plan)
+    say(0.02, f"windows of at most {plan.length:.3g} s: compiling")
     values = np.array([p.value for p in parameters])
-    longest = max((min(high, float(trace.t[-1])) - low for low, high in held_out for trace in runs), default=0.0)
-    # maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them
-    longest_run = longest if length < longest < 2.5 * length else length
-    simulator.capacity = int(longest_run / dt + 1e-6), int(longest_run / min(trace.interval for trace in runs) + 1.5)
-    say(0.02, f"windows of at most {length:.3g} s: compiling")
-    windows = cut(runs, base * dt, dt, sigma, spans)
+    first = windows_along_motion(samples, simulator, release, plan, values)
+    check_effects(simulator, first, values)
     if release is not None:
-        windows = release.mark(windows, runs)
-    starts = first_starts(model, seen, windows, sigma)
-    # subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN`
-    fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), FASTEST))
-    windows = replace(windows, substeps=2 ** max(0, int(np.ceil(np.log2(max(dt * fastest / TURN, 1e-9))))))
-    evaluation = simulator(values, starts, windows)
-    rate = lyapunov(simulator, windows, evaluation, values)
-    move = transitions(simulator, windows, evaluation, values)
-    longer = fill(runs, follow_motion(windows, move, int(length / dt + 1e-6)), dt, sigma)
-    windows = replace(longer, substeps=windows.substeps)
-    if release is not None:
-        windows = release.mark(windows, runs)
-        simulator.parameters = release.bound_times(simulator.parameters, windows)
-    starts = first_starts(model, seen, windows, sigma)
-    slopes = simulator(values, starts, windows).jacobian[..., simulator.freedoms :]
-    for p, effective in zip(parameters, slopes.any(axis=(0, 1, 2)), strict=True):
-        if not effective:
-            raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")
-    if release is not None:
-        residuals = lambda *at: simulator(*at).residual  # noqa: E731
-        values = release.guess(residuals, simulator.parameters, windows, starts, values)
-        parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
+        parameters = guess_release(simulator, release, first, values)
     return Prepared(
         scene=scene,
-        traces=runs,
-        sigma=sigma,
+        traces=samples.traces,
+        sigma=samples.sigma,
         parameters=parameters,
         simulator=simulator,
-        windows=windows,
-        starts=starts,
-        held_out=held_out,
-        lyapunov=rate,
-        period=period,
-        warnings=tuple(notes),
+        windows=first.windows,
+        starts=first.starts,
+        held_out=samples.held_out,
+        lyapunov=first.lyapunov,
+        period=samples.period,
+        warnings=(*notes, *samples.notes),
         started=started,
         compiled_before=compiled_before,
         known=known,
-        rest=poses,
+        rest=samples.rest,
     )
+
+
+def read_traces(
+    traces: TracesLike, model: Model, settings: FitSettings, free: Sequence[str]
+) -> tuple[list[Trace], list[str]]:
+    """The traces in the model's convention, checked, and notes for the user.
+
+    Args:
+        free: names of the parameters that are fitted.
+
+    Raises:
+        SceneError: files that cannot be read or do not belong to the scene.
+    """
+    given = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
+    if not given:
+        raise SceneError("traces: none given. Use one or more CSV files")
+    asked = settings.convention
+    notes = []
+    read = [as_trace(item, model.line.links, settings.columns) for item in given]
+    for trace in read:
+        check_sampling(trace, model)
+        check_unit(trace, model, asked.over(trace.convention))
+        notes += refuse_wrong_file(trace, model, asked, free)
+    found = []
+    for trace in read:
+        converted, more = settle_convention(trace, model, asked)
+        found.append(converted)
+        notes += more
+    if settings.dt is not None:
+        check_step(found, settings.dt)
+    return found, notes
+
+
+def choose_samples(
+    traces: list[Trace],
+    scene: Scene,
+    model: Model,
+    until: float | None,
+    held_out: Sequence[tuple[float, float]],
+    settings: FitSettings,
+    released: bool,
+) -> Samples:
+    """The samples to fit, to score and to take as poses at rest, with their noise.
+
+    Args:
+        released: whether the model gives the start of every run.
+
+    Raises:
+        SceneError: spans that contain nothing, or a motion that gains energy.
+    """
+    held = check_spans(traces, held_out)
+    rest = check_spans(traces, settings.rest, "rest")
+    spans = fitted_spans(traces, until, sorted([*held, *rest]))
+    traces, notes = with_model_error(traces, scene)
+    sigma = [np.hypot(noise(trace), trace.model_error) for trace in fitted_parts(traces, spans)]
+    traces = [
+        trace if trace.se is None else replace(trace, se=np.hypot(trace.se, trace.model_error)) for trace in traces
+    ]
+    length = np.asarray(model.line.length)
+    slowest = pendulum_period(float(np.sum(length)))
+    period = pendulum_period(float(np.min(length)))
+    if not released:
+        seen = fitted_parts(traces, spans)
+        spans, more = without_held_starts(spans, seen, sigma, slowest, lambda: resting_angles(model))
+        notes += more
+    for i, trace in enumerate(traces):
+        if mine := [(low, high) for run, low, high in spans if run == i]:
+            refuse_rising_energy(trace, model, mine, period)
+    found = Samples(traces, spans, sigma, held, rests(traces, sigma, rest), slowest, period, notes)
+    if not rest and not released:
+        for trace, size in zip(found.seen, sigma, strict=True):
+            notes += advice_on_rest(trace, size, slowest)
+    return found
+
+
+def pendulum_period(length: float) -> float:
+    """Period [s] of small swings of a mathematical pendulum of this length [m]."""
+    return 2 * np.pi * np.sqrt(length / GRAVITY)
+
+
+def with_model_error(traces: list[Trace], scene: Scene) -> tuple[list[Trace], list[str]]:
+    """The traces with the model error of the scene's `[fit]`, otherwise their own, which is noted."""
+    if scene.fit is not None and scene.fit.model_error:
+        return [replace(trace, model_error=scene.fit.model_error) for trace in traces], []
+    errors = [f"{trace.model_error:.2g} rad ({trace.name})" for trace in traces if trace.model_error]
+    if not errors:
+        return traces, []
+    return traces, [f"model error as stated by the traces: {', '.join(errors)}; `model_error` in [fit] replaces it"]
+
+
+def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) -> WindowPlan:
+    """Time step and length of the windows.
+
+    Raises:
+        SceneError: a requested window longer than the trace.
+    """
+    period, interval = samples.period, samples.interval
+    span = max(high - low for _, low, high in samples.spans)
+    dt = time_step(samples.traces, settings.dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
+    fewest = fewest_frames(simulator.model.line.links, simulator.freedoms)
+    short = max(SHORTEST_PART * period, fewest * interval)
+    link = float(np.mean(np.asarray(simulator.model.line.length)))
+    length = settings.window or longest_window(simulator.freedoms // 2, link, span, short)
+    if settings.window is not None and settings.window > span:
+        raise SceneError(f"window: {settings.window:g} s is longer than the trace; allowed: at most {span:g} s")
+    frame = max(1, round(interval / dt))
+    frames = max(1, int(length / dt / frame + 1e-6))
+    parts = max(1, int(length / short + 1e-6))
+    return WindowPlan(dt, length, max(1, frames // parts) * frame)
+
+
+def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
+    """Steps and sample slots of the windows' programs."""
+    ends = [float(trace.t[-1]) for trace in samples.traces]
+    longest = max((min(high, end) - low for low, high in samples.held_out for end in ends), default=0.0)
+    # maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them
+    length = longest if plan.length < longest < 2.5 * plan.length else plan.length
+    return int(length / plan.dt + 1e-6), int(length / min(trace.interval for trace in samples.traces) + 1.5)
+
+
+def windows_along_motion(
+    samples: Samples, simulator: Simulator, release: Release | None, plan: WindowPlan, values: np.ndarray
+) -> FirstWindows:
+    """Windows as long as the motion allows: short ones are run first and joined (`follow_motion`)."""
+    model, sigma, seen = simulator.model, samples.sigma, samples.seen
+    windows = cut(samples.traces, plan.short * plan.dt, plan.dt, sigma, samples.spans)
+    if release is not None:
+        windows = release.mark(windows, samples.traces)
+    starts = first_starts(model, seen, windows, sigma)
+    # subdivisions of a step in which the fastest link of nearly all windows turns by at most `TURN`
+    fastest = float(np.quantile(np.abs(starts.omega).max(axis=1), FASTEST))
+    halvings = max(0, int(np.ceil(np.log2(max(plan.dt * fastest / TURN, 1e-9)))))
+    windows = replace(windows, substeps=2**halvings)
+    evaluation = simulator(values, starts, windows)
+    rate = lyapunov(simulator, windows, evaluation, values)
+    move = transitions(simulator, windows, evaluation, values)
+    pieces = follow_motion(windows, move, int(plan.length / plan.dt + 1e-6))
+    windows = replace(fill(samples.traces, pieces, plan.dt, sigma), substeps=windows.substeps)
+    if release is not None:
+        windows = release.mark(windows, samples.traces)
+        simulator.parameters = release.bound_times(simulator.parameters, windows)
+    return FirstWindows(windows, first_starts(model, seen, windows, sigma), rate)
+
+
+def check_effects(simulator: Simulator, first: FirstWindows, values: np.ndarray) -> None:
+    """Reject parameters that change no angle."""
+    slopes = simulator(values, first.starts, first.windows).jacobian[..., simulator.freedoms :]
+    for p, effective in zip(simulator.parameters, slopes.any(axis=(0, 1, 2)), strict=True):
+        if not effective:
+            raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")
+
+
+def guess_release(
+    simulator: Simulator, release: Release, first: FirstWindows, values: np.ndarray
+) -> tuple[Parameter, ...]:
+    """The parameters with the release times that fit the first windows best."""
+    residuals = lambda *at: simulator(*at).residual  # noqa: E731
+    values = release.guess(residuals, simulator.parameters, first.windows, first.starts, values)
+    return tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
 
 
 def check_step(traces: Sequence[Trace], dt: float) -> None:

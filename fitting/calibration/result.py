@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.model import Model
+from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
-from fitting.calibration.laws import LawTests, freeing_option
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.laws import LawTest, LawTests, freeing_option
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.noise import mean_by_run
 from fitting.estimate.problem import Solution
@@ -83,9 +84,6 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterati
     return solution
 
 
-if TYPE_CHECKING:
-    from fitting.calibration.advice import Candidate
-
 SCHEMA = 1
 #: Linear and quadratic damping, which have similar effects.
 DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
@@ -131,6 +129,8 @@ class FitResult(SceneFit):
         wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
         likely: the likeliest cause of a smaller misfit and what to free, from the score tests; otherwise empty.
         laws: score tests of forces that the scene lacks.
+        prepared: what was fitted; `advise`, `compare` and others start from it.
+        tested: score tests that were made because of a misfit.
         accepted: whether a misfit or a wrong law is accepted; it has errors then.
     """
 
@@ -143,11 +143,13 @@ class FitResult(SceneFit):
     held_out: list[HeldOut] = field(default_factory=list)
     comparison: list[Law] = field(default_factory=list)
     advice: list[Candidate] = field(default_factory=list)
-    freed: list[Candidate] = field(default_factory=list)
+    freed: list[Candidate | LawTest] = field(default_factory=list)
     wrong_file: str = ""
     likely: str = ""
     left_out: tuple[tuple[int, float, float], ...] = ()
     laws: LawTests = LawTests()
+    prepared: Prepared
+    tested: list[Candidate] = field(default_factory=list)
     accepted: bool = False
 
     @property
@@ -305,6 +307,12 @@ class FitResult(SceneFit):
             "std_error": np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)),
             "unit": "kg/s",
         }
+
+    def add_advice(self, candidates: list[Candidate]) -> None:
+        """Report candidates of `advise`, the first ones worth it as warnings too."""
+        self.advice = candidates
+        # number of candidates listed in the warnings
+        self.warnings += [str(candidate) for candidate in candidates if candidate.worth_naming][:3]
 
     def noise_table(self) -> dict[str, Any]:
         """The noise estimated from the residuals: its kind, and by run and link its size, memory and delay.

@@ -14,7 +14,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.calibration.likely_cause import Misfit, likely_cause
-from fitting.calibration.prepared import Prepared
+from fitting.calibration.preparation import Prepared
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import first_starts
 from fitting.parameters.of_scene import DAMPING

@@ -1,4 +1,4 @@
-"""The loss of a trace as JAX functions: for your own loop with optax, or any other optimizer that uses gradients."""
+"""The loss of a trace as a JAX function of the parameters: `loss(params)`, `jax.grad(loss)`, for any optimizer."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from jax.flatten_util import ravel_pytree
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.run.build import SceneLike
-from fitting.calibration.preparation import TracesLike, prepare
-from fitting.calibration.prepared import Prepared
-from fitting.estimate.marching import at_samples, march
+from fitting.calibration.preparation import Prepared, TracesLike, prepare
+from fitting.estimate.simulator import at_samples, march
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import apply
-from fitting.parameters.target import camera_angles, clock_rate, losses
+from fitting.parameters.parameter import apply, camera_angles, clock_rate, losses
 from fitting.traces import planar
 
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of
@@ -26,22 +24,37 @@ INNER = 6
 
 
 class Blocks(NamedTuple):
-    """A window at its best start so far: z (m2,), cost, and its normal equations A (m2, m2), B (m2, k), gz, gp."""
+    """A window at its best start so far: z (m2,), cost, and Gauss-Newton blocks A (m2, m2), B (m2, k), C (k, k), gz,
+    gp."""
 
     z: jax.Array
     cost: jax.Array
     A: jax.Array
     B: jax.Array
+    C: jax.Array
     gz: jax.Array
     gp: jax.Array
+
+
+class GaussNewton(NamedTuple):
+    """A loss at parameters (k,): value, gradient (k,) and information (k, k), the starts of the windows eliminated."""
+
+    value: jax.Array
+    gradient: jax.Array
+    information: jax.Array
 
 
 class TraceLoss:
     """Half of chi-square of a trace's windows, `1/2 sum (simulated - measured)^2/sigma^2`, and the priors.
 
-    Windows are separate, each with a start of its own; noise and first starts come from the samples. Both functions are
-    pure JAX and work with `jax.jit`, `jax.grad` and `jax.vmap`. `loss` has its own derivative rule: the few derivatives
-    of each window are taken in forward mode, as in a fit, also under `jax.grad`.
+    Windows are separate, each with a start of its own; noise and first starts come from the samples. The object itself
+    is a function of the parameters (k,) alone, with the starts at their optimum:
+
+        loss(params),  jax.grad(loss)(params),  loss.gauss_newton(params)
+
+    `loss.loss(params, starts)` is the same at given starts. All are pure JAX and work with `jax.jit`, `jax.grad` and
+    `jax.vmap`. They have derivative rules of their own: the few derivatives of each window are taken in forward mode,
+    as in a fit, also under `jax.grad`.
 
     Attributes:
         names: of the parameters.
@@ -65,8 +78,19 @@ class TraceLoss:
         self._cost = jax.custom_jvp(self._half_square)
         self._cost.defjvp(self._half_square_jvp)
         self.loss = jax.jit(self._loss)
-        self.value_and_grad = jax.jit(self._value_and_grad)
+        self.gauss_newton = jax.jit(self._gauss_newton)
         self._moved_starts = jax.jit(self._move_starts)
+        self._value = jax.custom_jvp(lambda params: self.value_and_grad(params)[0])
+        self._value.defjvp(self._value_jvp)
+
+    def __call__(self, params: jax.Array) -> jax.Array:
+        """The loss at parameters (k,) with the starts at their optimum; `jax.grad` gives its gradient."""
+        return self._value(params)
+
+    def _value_jvp(self, primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[jax.Array, jax.Array]:
+        """The loss and its derivative, linear in the tangent, so that JAX can transpose it."""
+        value, gradient = self.value_and_grad(*primals)
+        return value, gradient @ tangents[0]
 
     def residuals(self, params: jax.Array, starts: Starts) -> jax.Array:
         """Simulated minus measured angles over their noise (windows, samples, links), 0 where there is no sample."""
@@ -77,17 +101,26 @@ class TraceLoss:
         cost = jax.vmap(self._cost, in_axes=(None, *(0 for _ in range(6))))(params, *starts, *self._samples)
         return jnp.sum(cost) + self._prior(params)
 
-    def _value_and_grad(self, params: jax.Array, starts: Starts | None = None) -> tuple[jax.Array, jax.Array]:
-        """The loss with the starts at their optimum, and its gradient by the parameters (k,).
+    def _gauss_newton(self, params: jax.Array, starts: Starts | None = None) -> GaussNewton:
+        """The loss with the starts at their optimum, its gradient and information by the parameters (k,).
 
         The elimination is written in JAX: `INNER` damped Gauss-Newton steps of every window's start in a `lax.scan`,
         beginning at `starts`. The gradient is the partial one at that optimum (the envelope theorem), corrected to
         first order for the remaining slope of the starts. Use it directly; do not differentiate it again.
         """
         best = self._best(params, starts)
-        inner = jnp.linalg.solve(self._regular(best.A), best.gz[..., None])[..., 0]
+        rows = jnp.concatenate([best.B, best.gz[..., None]], axis=-1)
+        inner = jnp.linalg.solve(self._regular(best.A), rows)
+        eliminated = jnp.einsum("kij,kil->jl", best.B, inner)
         prior, slope = jax.value_and_grad(self._prior)(params)
-        return jnp.sum(best.cost) + prior, jnp.sum(best.gp, axis=0) - jnp.einsum("kij,ki->j", best.B, inner) + slope
+        gradient = jnp.sum(best.gp, axis=0) - eliminated[:, -1] + slope
+        information = jnp.sum(best.C, axis=0) - eliminated[:, :-1] + jax.hessian(self._prior)(params)
+        return GaussNewton(jnp.sum(best.cost) + prior, gradient, information)
+
+    def value_and_grad(self, params: jax.Array, starts: Starts | None = None) -> tuple[jax.Array, jax.Array]:
+        """The loss with the starts at their optimum and its gradient (k,), as of `gauss_newton`."""
+        found = self.gauss_newton(params, starts)
+        return found.value, found.gradient
 
     def best_starts(self, params: jax.Array, starts: Starts | None = None) -> Starts:
         """The starts at their optimum for these parameters, for example for the next call of `value_and_grad`."""
@@ -162,7 +195,8 @@ class TraceLoss:
             point = jnp.concatenate([z, params])
             r, slope = jax.vmap(lambda d: jax.jvp(residual, (point,), (d,)), out_axes=(None, -1))(along)
             own, shared = slope[:, : 2 * m], slope[:, 2 * m :]
-            return Blocks(z, 0.5 * r @ r, own.T @ own, own.T @ shared, own.T @ r, shared.T @ r)
+            cross = own.T @ shared
+            return Blocks(z, 0.5 * r @ r, own.T @ own, cross, shared.T @ shared, own.T @ r, shared.T @ r)
 
         def trial(carry: tuple[Blocks, jax.Array, jax.Array], _: None) -> tuple[Any, None]:
             best, z, damping = carry
@@ -192,15 +226,14 @@ def loss_of_trace(
     free: Sequence[str] | None = None,
     **options: Any,
 ) -> TraceLoss:
-    """The loss of traces for your own optimizer: `problem.loss(params, starts)` is pure JAX.
+    """The loss of traces as a function of the parameters, in pure JAX: `loss(params)` and `jax.grad(loss)(params)`.
 
     Args:
         traces, scene, free: as of `fit`.
-        **options: of `prepare`: `window` and `dt` [s], `start`, `bounds`, `priors`, `until`.
+        **options: of `prepare`: `start`, `bounds`, `priors`, `until`, `settings`.
 
     Returns:
-        The problem with `params` and `starts` to start from, `loss(params, starts)`, and `value_and_grad(params)`,
-        which eliminates the starts.
+        The loss, with `params` and `scale` to start from.
 
     Raises:
         SceneError: what `prepare` rejects, and parameters of a release or of lost frames, whose windows have no start.

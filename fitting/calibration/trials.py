@@ -18,22 +18,20 @@ import numpy as np
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.run.build import build
-from fitting.calibration.advice import Candidate, Group, groups, joint_information, wide
+from fitting.calibration.advice import Group, groups, joint_information, wide
+from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
-from fitting.calibration.preparation import LONGEST
-from fitting.calibration.prepared import Prepared, fitted_parts
+from fitting.calibration.preparation import LONGEST, Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
-from fitting.estimate.marching import choose_stepper
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import memory_of
-from fitting.estimate.simulator import Simulator
+from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.target import all_joints
+from fitting.parameters.parameter import Parameter, all_joints, resolve
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
 #: the misfit is ten times the noise, and smooth. A misfit at 6 Hz, sampled 60 times a second, correlates by 0.81.

@@ -17,7 +17,6 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.calibration.decision import smooth_stretch
 from fitting.parameters.of_scene import DAMPING, free_option
 from fitting.traces.conventions import (
     Change,
@@ -31,7 +30,7 @@ from fitting.traces.conventions import (
     units,
 )
 from fitting.traces.planar import wrap
-from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
+from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, smooth_stretch
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
 #: that no change closes are rejected. Noise is 0.01, lengths wrong by 2 % give 0.02, a marker off by 1 degree less;

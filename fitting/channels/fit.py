@@ -20,11 +20,11 @@ from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
 from fitting.channels.setup import find_free
 from fitting.estimate.gauss_newton import continue_windows, first_solution
-from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss, loss_of
+from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
 from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
-from fitting.estimate.scene_fit import Intervals, common_warnings
-from fitting.estimate.uncertainty import refine
+from fitting.estimate.scene_fit import common_warnings
+from fitting.estimate.step_size import refine
 from fitting.parameters.of_scene import by_full_path, default_free, full_names, rig_priors
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
 
@@ -115,15 +115,9 @@ def fit_channels(
     start: StartValues | None = None,
     bounds: Bounds | None = None,
     priors: Priors | None = None,
-    dt: float | None = None,
-    integrator: str | None = None,
-    huber: float | None = None,
-    student: bool = False,
-    robust: str | None = None,
+    loss: Loss | str = LEAST_SQUARES,
     iterations: int = 40,
     check_step: bool = True,
-    profile: Sequence[str] | bool = False,
-    bootstrap: int = 0,
     progress: Progress | None = None,
 ) -> ChannelFit:
     """Fit parameters of any scene to named channels: one uninterrupted run of each data file, from the scene's start.
@@ -134,16 +128,14 @@ def fit_channels(
 
     Args:
         data: the data's file (`reading`), the same as plain values, or the result of `read_data`.
-        scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values.
+        scene: packaged name, TOML file, plain values or a `Scene`; its values are the start values, and its `[run]`
+            gives time step and scheme.
         free: paths (see `setup`); default: those listed in the scene's `[fit]`, otherwise its damping.
         own: those of them that each run has separately; their mean and spread over the runs are reported too.
         start, bounds, priors: by name: start value; (low, high); (mean, standard deviation).
-        dt: time step [s]; default: the scene's.
-        integrator: scheme; default: the scene's.
-        huber, student, robust: robust losses, as for `fit`.
+        loss: as for `fit`.
         iterations: maximum evaluations of each descent.
         check_step: whether half the step is tried, to report (and correct) the shift of the estimates by the step.
-        profile, bootstrap: intervals by these methods too, as for `fit`.
         progress: called with (fraction, text).
 
     Raises:
@@ -152,13 +144,8 @@ def fit_channels(
     started, progress = time.perf_counter(), progress or silent
     if iterations < 1:
         raise SceneError(f"iterations: {iterations} is too small; allowed: at least 1")
-    asked = Intervals(profile, bootstrap)
-    changed = {"run.dt": dt, "run.integrator": integrator}
-    scene = load_scene(scene).with_values({key: value for key, value in changed.items() if value is not None})
-    scene = scene.with_equal_steps()
+    loss, scene = as_loss(loss), load_scene(scene).with_equal_steps()
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
-    asked.profile_names(scene, problem.parameters)  # rejects unknown names before anything runs
-    loss = loss_of(huber, student, robust)
     progress(0.0, "first run")
     point = first_point(problem, initial_loss(loss))
     point = settle_noise(point, iterations, lambda share, text: progress(0.7 * share, text))
@@ -173,7 +160,6 @@ def fit_channels(
     result = ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
     result.between = over_runs(result)
     result.warnings = warnings_of(result)
-    asked.add_to(result, progress)
     result.seconds = time.perf_counter() - started
     progress(1.0, result.status)
     return result

@@ -97,8 +97,7 @@ def errors_of(point: Solution) -> Errors:
     """Errors at a solution, and the parameters that its channels do not determine.
 
     White residuals of known size give the covariance `S^-1`; if neighbours remain correlated, the scatter of blocks of
-    scores gives it (`estimate.sandwich`). A parameter of fixed sign is *not determined* if no channel is sensitive to
-    it: with
+    scores gives it. A parameter of fixed sign is *not determined* if no channel is sensitive to it: with
 
         s = RMS(p dy/dp)/RMS(y) of a tension,      RMS(p dy/dp)/std(y) of other channels,
 

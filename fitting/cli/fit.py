@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
+import time
 from typing import TYPE_CHECKING, Any
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, nearest, silent
 from dropper_jax.cli.options import (
     OK,
     Failure,
@@ -28,8 +29,11 @@ from dropper_jax.cli.options import (
 from dropper_jax.cli.outputs import add_out, deliver, out_file
 
 if TYPE_CHECKING:
+    from dropper_jax.base.errors import Progress
     from dropper_jax.load.scene import Scene
+    from fitting.calibration.estimating import Method
     from fitting.calibration.result import FitResult
+    from fitting.estimate.loss import Loss
     from fitting.estimate.scene_fit import SceneFit
 
 help = "calibrate a scene to measured angle traces, or to any channels named in a TOML file"
@@ -154,13 +158,13 @@ def run(args: argparse.Namespace) -> int:
     if removed := next((name for name in REMOVED if getattr(args, name) is not None), None):
         raise SceneError(f"--{removed}: was removed. Use --profile or --bootstrap, or sample the loss in Python")
     shared: dict[str, Any] = {
-        **{key: getattr(args, key) for key in ("dt", "integrator", "huber", "student", "robust", "iterations")},
-        **intervals(args),
+        "loss": chosen_loss(args),
         "start": {key: _number("start", key, text) for key, text in _pairs("start", args.start)},
         "bounds": {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)},
         "priors": {key: _prior(key, text) for key, text in _pairs("prior", args.prior)},
     }
     scene = read_scene(args)
+    check_intervals(args, scene, free)
     if any(name.lower().endswith(".toml") for name in args.traces):
         if plot:
             raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
@@ -168,31 +172,26 @@ def run(args: argparse.Namespace) -> int:
     if args.own is not None:
         raise SceneError("--own: only for channels named in a TOML file. Omit it for traces of angles")
 
-    from fitting.calibration.fit import fit
+    from fitting.calibration.fit import fit, fit_and_free
+    from fitting.calibration.preparation import FitSettings
     from fitting.calibration.result import ACCEPTABLE
 
-    descent = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
-    result = fit(
-        args.traces,
-        scene,
-        free,
-        method=args.method,
-        **shared,
-        until=args.until,
-        held_out=spans,
-        rest=held_out_spans(args.rest, "--rest"),
+    settings = FitSettings(
         window=args.window,
+        dt=args.dt,
+        integrator=args.integrator,
+        rest=held_out_spans(args.rest, "--rest"),
+        static_start=args.static_start,
         zero=args.zero,
         sign=args.sign,
         unit=args.unit,
         columns=column_names(args.columns),
-        static_start=args.static_start,
-        compare_models=args.compare_models,
-        advice=args.advice,
-        auto_free=args.auto_free,
-        progress=progress(args.quiet),
-        **descent,
     )
+    shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
+    say = progress(args.quiet) or silent
+    run_fit = fit_and_free if args.auto_free else fit
+    result = run_fit(args.traces, scene, free, **shared, progress=say)
+    add_judgements(result, args, say)
     result.accepted = args.accept_misfit
     if folder:
         from fitting.report.report import write_report
@@ -207,11 +206,87 @@ def run(args: argparse.Namespace) -> int:
     return OK if args.accept_misfit and result.status in ACCEPTABLE else code
 
 
+def chosen_loss(args: argparse.Namespace) -> Loss:
+    """The loss of --huber, --student and --robust."""
+    from fitting.estimate.loss import LEAST_SQUARES, Huber, as_loss
+
+    name = "student" if args.student else args.robust
+    if name is not None:
+        return as_loss(name, "robust")
+    return LEAST_SQUARES if args.huber is None else Huber(args.huber)
+
+
+def chosen_method(args: argparse.Namespace) -> Method:
+    """The method with its settings.
+
+    Raises:
+        SceneError: settings of a descent for another method.
+    """
+    from fitting.calibration.estimating import Method
+
+    given = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
+    if args.method != "gradient":
+        for name, value in sorted(given.items()):
+            raise SceneError(f"{name}: {value!r} is not a setting of method {args.method!r}. Use method gradient")
+        return Method(args.method, iterations=args.iterations)
+    from fitting.estimate.descent import GradientDescent
+
+    return Method("gradient", iterations=args.iterations, descent=GradientDescent(**given))
+
+
+def check_intervals(args: argparse.Namespace, scene: Scene, free: list[str] | None) -> None:
+    """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted."""
+    from fitting.estimate.scene_fit import check_draws
+    from fitting.parameters.of_scene import default_free, full_names
+
+    if args.bootstrap is not None:
+        check_draws(args.bootstrap)
+    if not args.profile:
+        return
+    own = [] if args.own is None else args.own.split(",")
+    names = [*(default_free(scene) if free is None else free), *own]
+    known = [name if name.startswith(OF_DATA) else full_names(scene, [name])[0] for name in names]
+    for name in args.profile.split(","):
+        full = name if name.startswith(OF_DATA) else full_names(scene, [name.partition("@")[0]], "profile")[0]
+        if not any(f"{full}.".startswith(f"{one}.") or one.startswith(f"{full}.") for one in known):
+            raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
+
+
+def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> None:
+    """Intervals by --profile and --bootstrap."""
+    from fitting.estimate.scene_fit import bootstrap, profiles
+
+    if args.profile is not None:
+        names = args.profile.split(",") if args.profile else ()
+        result.profiles = profiles(result, names, say)
+    if args.bootstrap is not None:
+        drawn = bootstrap(result, args.bootstrap)
+        result.bootstrap = drawn.draws
+        result.warnings += filter(None, [drawn.warning])
+
+
+def add_judgements(result: FitResult, args: argparse.Namespace, say: Progress) -> None:
+    """What else may be wrong, intervals, and the comparison of laws, as requested."""
+    from fitting.calibration.advice import advise
+    from fitting.calibration.comparison import compare
+
+    if args.advice and not args.auto_free:
+        result.add_advice(advise(result))
+    add_intervals(result, args, say)
+    if args.compare_models:
+        started = time.perf_counter()
+        result.comparison = compare(result, progress=say)
+        result.seconds["run"] += time.perf_counter() - started
+    say(1.0, result.status)
+
+
 def failure_of(result: SceneFit) -> Failure | None:
     """Status and message of a fit that failed."""
     return None if result.status == "ok" else (result.status, f"{result.status}: {result.message}")
 
 
+#: Beginnings of names of parameters that belong to a file of channels, not to the scene.
+OF_DATA = ("start.", "channel.", "camera.")
 #: Options of `--method gradient`.
 OF_DESCENT = ("optimizer", "learning_rate", "steps")
 #: Options without a meaning in a fit to channels, and their values if not given.
@@ -238,14 +313,20 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
     from fitting.channels.fit import fit_channels
     from fitting.report.tables import between_rows, channel_rows, channel_summary, interval_rows, parameter_rows
 
+    changed = {"run.dt": args.dt, "run.integrator": args.integrator}
+    scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
+    say = progress(args.quiet) or silent
     result = fit_channels(
         args.traces[0],
         scene,
         free,
         own=[] if args.own is None else args.own.split(","),
         **shared,
-        progress=progress(args.quiet),
+        iterations=args.iterations,
+        progress=say,
     )
+    add_intervals(result, args, say)
+    say(1.0, result.status)
     if args.report:
         from fitting.report.report import write_channel_report
 
@@ -254,12 +335,6 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
     tables = (parameter_rows(result), interval_rows(result), between_rows(result), channel_rows(result))
     parts = [*(table(rows) for rows in tables if len(rows) > 1), listing(channel_summary(result)), result.outcome]
     return deliver(args.json, result.to_json(), "\n\n".join(parts), out_file(args.out), failure_of(result))
-
-
-def intervals(args: argparse.Namespace) -> dict[str, bool | int | list[str]]:
-    """Arguments of `fit` by --profile and --bootstrap."""
-    profile = args.profile.split(",") if args.profile else args.profile is not None
-    return {"profile": profile, "bootstrap": args.bootstrap or 0}
 
 
 def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:

@@ -184,11 +184,12 @@ def _parts(args: argparse.Namespace) -> list[float] | None:
 def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
     """The fit of the varied inputs to the same trace, and one run at its values."""
     from fitting.calibration.fit import fit
+    from fitting.calibration.preparation import FitSettings
     from fitting.sweep.against_trace import FittedScore
 
-    asked: dict[str, Any] = {"zero": args.zero, "sign": args.sign, "unit": args.unit, "until": args.duration}
-    asked["columns"] = column_names(args.columns)
-    result = fit(args.trace, scene, list(scores.paths), **asked, progress=progress(args.quiet))
+    settings = FitSettings(zero=args.zero, sign=args.sign, unit=args.unit, columns=column_names(args.columns))
+    say = progress(args.quiet)
+    result = fit(args.trace, scene, list(scores.paths), until=args.duration, settings=settings, progress=say)
     print_warnings(result.warnings)
     return FittedScore.of(scores, result.status, result.values, result.uncertainty.std_error)
 

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.gaps import Joined
-from fitting.estimate.normal_equations import Evaluation, Normal, Step, eliminate, normal_blocks
+from fitting.estimate.normal_equations import Evaluation, Joined, Normal, Step, eliminate, normal_blocks
 from fitting.estimate.problem import Problem, Residuals, Solution
 from fitting.estimate.windows import Starts
 

@@ -103,24 +103,23 @@ class StudentT:
         return (1 - share) / (1 + share) ** 2
 
 
-#: Robust losses by name, as `robust` and `--robust` take them; a fit with a loss that redescends starts with Huber's.
-ROBUST: dict[str, Loss] = {"huber": Huber(), "student": StudentT()}
+#: Losses by name; a fit with a loss that redescends starts with Huber's.
+LOSSES: dict[str, Loss] = {"squares": LEAST_SQUARES, "huber": Huber(), "student": StudentT()}
 
 
-def loss_of(huber: float | None, student: bool = False, robust: str | None = None) -> Loss:
-    """Huber's loss with a threshold, that of Student's t, the robust loss of a name, or least squares.
+def as_loss(given: Loss | str, option: str = "loss") -> Loss:
+    """A loss, or that of a name.
 
     Raises:
         SceneError: an unknown name.
     """
-    if robust is not None and robust not in ROBUST:
-        raise SceneError(f"robust: {robust!r} is unknown; {nearest(robust, ROBUST)}")
-    name = "student" if student else robust
-    if name is not None:
-        return ROBUST[name]
-    return LEAST_SQUARES if huber is None else Huber(huber)
+    if not isinstance(given, str):
+        return given
+    if given not in LOSSES:
+        raise SceneError(f"{option}: {given!r} is unknown; {nearest(given, LOSSES)}")
+    return LOSSES[given]
 
 
 def initial_loss(loss: Loss) -> Loss:
     """The initial loss: one with a single minimum."""
-    return ROBUST["huber"] if loss.redescends else loss
+    return LOSSES["huber"] if loss.redescends else loss

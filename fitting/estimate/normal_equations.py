@@ -220,6 +220,26 @@ def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, hig
     return step._replace(predicted=-(slope + 0.5 * float(square)))
 
 
+class Joined(NamedTuple):
+    """Normal equations with gaps: diagonal and neighbouring blocks, border B, C, and slopes."""
+
+    normal: Normal
+    below: np.ndarray
+
+
+def eliminate_joined(system: Joined, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray) -> Step:
+    """One damped step with the starts of joined windows eliminated."""
+    normal = system.normal
+    diagonal = np.einsum("kii->ki", normal.A)
+    A = normal.A + (damping * diagonal + 1e-13 * diagonal.max())[:, :, None] * np.eye(diagonal.shape[1])
+    factor = Factor(A, system.below)
+    solved = factor.solve(np.concatenate([normal.B, normal.gz[..., None]], axis=2))
+    step, slope = reduce_step(normal, solved, damping, prior, low, high)
+    # at the exact minimum of the damped model: decrease = -(slope)/2, plus the part withheld by the damping
+    held = damping * (float(np.sum(diagonal * step.dz**2)) + float(np.diag(step.information) @ step.dp**2))
+    return step._replace(predicted=-0.5 * slope + 0.5 * held, log_determinant=factor.log_determinant)
+
+
 def solve_spd(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     """Solve with a symmetric positive definite matrix, its diagonal scaled to 1."""
     size = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))

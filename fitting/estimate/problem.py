@@ -25,7 +25,7 @@ CHI2_RANGE = (0.5, 1.5)
 
 
 class Descent(Protocol):
-    """How parameters move to a minimum, if not by Gauss-Newton steps (`gradient.GradientDescent`)."""
+    """How parameters move to a minimum, if not by Gauss-Newton steps (`descent.GradientDescent`)."""
 
     def mover(self, objective: Any, count: int = 0) -> Any:
         """The mover between points (`gauss_newton.Mover`) on an objective, after this number of evaluations."""

@@ -36,8 +36,8 @@ from fitting.estimate.noise import (
 )
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.problem import Residuals, Solution
-from fitting.estimate.sandwich import leverage, start_covariances
 from fitting.estimate.shooting import level_of
+from fitting.estimate.uncertainty import leverage, start_covariances
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
 

@@ -28,8 +28,7 @@ from dropper_jax.model import Model
 from fitting.estimate.noise import Noise
 from fitting.estimate.normal_equations import Prior
 from fitting.estimate.simulator import Simulator
-from fitting.parameters.parameter import apply
-from fitting.parameters.target import camera_angles
+from fitting.parameters.parameter import apply, camera_angles
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 

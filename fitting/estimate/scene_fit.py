@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
 
-from dropper_jax.base.errors import Progress, SceneError, nearest
+from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from fitting.estimate.gauss_newton import descend
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.sandwich import FEW
 from fitting.estimate.shooting import level_of
-from fitting.estimate.uncertainty import LARGEST_BIAS, Uncertainty, bootstrap, degrees_of_freedom
+from fitting.estimate.step_size import LARGEST_BIAS
+from fitting.estimate.uncertainty import FEW, Uncertainty, block_of, degrees_of_freedom, pieces, resample
 from fitting.parameters.of_scene import full_names
 from fitting.parameters.parameter import Parameter
 
@@ -39,9 +39,8 @@ class Profile:
 
 
 def profile(
-    solution: Solution,
+    result: SceneFit,
     name: str,
-    std_error: float,
     *,
     level: float = 0.90,
     reach: float = 3.0,
@@ -52,11 +51,10 @@ def profile(
     The interval is where twice the growth stays below the `level` quantile of chi-square with one degree of freedom
     (Wilks 1938), read from a quadratic through the nearest points. If the standard error exceeds that from the noise
     (correlated residuals, a partly wrong model), the growth is scaled down accordingly (Kent 1982).
-
-    Args:
-        std_error: of the parameter, from `uncertainty`.
     """
+    solution = result.solution
     index = [p.name for p in solution.problem.parameters].index(name)
+    std_error = float(result.uncertainty.std_error[index])
     p = solution.problem.parameters[index]
     held = solution.problem.held_mask.copy()
     held[index] = True
@@ -220,48 +218,67 @@ class SceneFit:
         return {p.name: dict(zip(keys, row, strict=True)) for p, row in zip(self.parameters, rows, strict=True)}
 
 
-@dataclass(frozen=True)
-class Intervals:
-    """Intervals to compute in addition to the errors of a fit.
-
-    Attributes:
-        profile: names of free parameters whose profile likelihood is requested; True for all.
-        bootstrap: draws over blocks of time.
+def profiles(result: SceneFit, names: Sequence[str] = (), progress: Progress = silent) -> list[Profile]:
+    """Profile likelihoods of free parameters, by their names or those of their fields; of all by default.
 
     Raises:
-        SceneError: one draw of a bootstrap.
+        SceneError: a parameter that is not free.
     """
+    known, found = [p.name for p in result.parameters], []
+    for name in names or known:
+        full = name if name in known else full_names(result.scene, [name], "profile")[0]
+        mine = [p for p in known if p == full or p.startswith((f"{full}.", f"{full}@"))]
+        if not mine:
+            raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
+        found += mine
+    rows = []
+    for name in dict.fromkeys(found):
+        progress(0.96, f"profile of {name}")
+        rows.append(profile(result, name))
+    return rows
 
-    profile: Sequence[str] | bool = False
-    bootstrap: int = 0
 
-    def __post_init__(self) -> None:
-        if self.bootstrap < 0 or self.bootstrap == 1:
-            raise SceneError(f"bootstrap: {self.bootstrap} draws are too few; allowed: 0 or at least 2")
+class Bootstrap(NamedTuple):
+    """Parameters (draws, k) of a bootstrap, and its effective number of blocks of time."""
 
-    def profile_names(self, scene: Scene, parameters: Sequence[Parameter]) -> list[str]:
-        """Free parameters whose profile is requested, by their names or those of their fields.
+    draws: np.ndarray
+    blocks: float
 
-        Raises:
-            SceneError: one that is not free.
-        """
-        known, found = [p.name for p in parameters], []
-        for name in known if self.profile is True else self.profile or ():
-            full = name if name in known else full_names(scene, [name], "profile")[0]
-            mine = [p for p in known if p == full or p.startswith((f"{full}.", f"{full}@"))]
-            if not mine:
-                raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
-            found += mine
-        return list(dict.fromkeys(found))
+    @property
+    def warning(self) -> str:
+        """One line if blocks are few, otherwise empty."""
+        text = (
+            f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW}: the width "
+            f"of its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %. Use longer traces"
+        )
+        return text if self.blocks < FEW else ""
 
-    def add_to(self, result: SceneFit, progress: Progress) -> None:
-        """Add the intervals to a result, with their warnings."""
-        solution = result.solution
-        errors = dict(zip((p.name for p in result.parameters), result.uncertainty.std_error, strict=True))
-        for name in self.profile_names(result.scene, result.parameters):
-            progress(0.96, f"profile of {name}")
-            result.profiles.append(profile(solution, name, float(errors[name])))
-        if self.bootstrap:
-            drawn = bootstrap(solution, self.bootstrap)
-            result.bootstrap = drawn.draws
-            result.warnings += filter(None, [drawn.warning])
+
+def bootstrap(result: SceneFit, draws: int = 200, block: int | None = None, seed: int = 0) -> Bootstrap:
+    """Parameters refitted, to first order, to blocks of time drawn with replacement (`uncertainty.resample`).
+
+    The information of a draw is that of all stretches, because a draw of few may leave a parameter undetermined (Kline
+    and Santos 2012).
+
+    Args:
+        block: number of stretches drawn together: windows, or parts of few ones; default two correlation times.
+
+    Raises:
+        SceneError: fewer than two draws.
+    """
+    check_draws(draws)
+    solution = result.solution
+    free = np.flatnonzero(~solution.problem.held_mask)
+    parts = pieces(solution, free)
+    information = solution.information[np.ix_(free, free)]
+    block = block or block_of(parts, information)
+    moved, blocks = resample(parts, information, block, draws, np.random.default_rng(seed))
+    found = np.tile(solution.values, (draws, 1))
+    found[:, free] -= moved
+    return Bootstrap(np.clip(found, *solution.problem.bounds(solution.values)), blocks)
+
+
+def check_draws(draws: int) -> None:
+    """Reject a number of draws that has no spread."""
+    if draws < 2:
+        raise SceneError(f"bootstrap: {draws} draws are too few; allowed: 0 or at least 2")

@@ -1,28 +1,223 @@
-"""Uncertainty of a fit: covariance with correlated residuals, intervals at bounds, bootstrap, identifiability.
+"""Uncertainty of a fit: covariance with correlated residuals, intervals at bounds, identifiability.
 
 The Gauss-Newton covariance `s^2 S^-1` holds for white residuals of standard deviation s. If residuals are correlated,
-or larger than the noise that the traces show, the scatter of blocks of scores is used instead (`sandwich`).
+or larger than the noise that the traces show, the scatter of blocks of scores is used instead.
 
 A few blocks may scatter less by chance. The covariance is at least `s^2 (D/M + P)^-1`, that of noise with the memory of
 the residuals: M samples count as one. D is the information of the measurements and P that of the priors.
+
+Errors of estimates whose model is partly wrong: from the scatter of blocks of scores, not from the noise's size.
+
+Let g_b be the contribution of a stretch of time to the parameters' gradient, with its window starts eliminated, and S_b
+its contribution to the information S. Both include the gaps of joined windows, each counted with the next window.
+Leaving the block out moves the estimate by `d_b = (S - S_b)^-1 g_b` to first order, and
+
+    cov = (B - 1)/B sum_b (d_b - mean d)(d_b - mean d)'        (jackknife over blocks: Tukey 1958, Kuensch 1989)
+
+holds for any residuals, as long as blocks are independent: each is at least two correlation times of the scores long.
+Priors count as separate measurements.
+
+A wrong model has no single best value: it changes with the amplitude, of which each block sees only a part. Let d be
+the difference between the estimates from the first and the second half of the time. The variance grows by the larger of
+`d^2/4` (the distance of each half from the whole) and `d^2 - 4 var` (the excess over independent blocks).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.loss import Loss
-from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.normal_equations import Evaluation, Factor, Normal, Step, solve_spd
 from fitting.estimate.problem import Solution
-from fitting.estimate.sandwich import FEW, block_of, leverage, pieces, resample, scatter
-from fitting.estimate.shooting import continue_shooting, level_of
+from fitting.estimate.shooting import gaps, level_of
+
+#: Minimum number of blocks, for any memory of the scores.
+FEWEST = 4
+#: Number of blocks below which intervals use Student's quantile and a warning is given.
+FEW = 15
+
+
+class Pieces(NamedTuple):
+    """Gradients (P, k) and information (P, k, k) of pieces of time, in the order of their runs (P,)."""
+
+    gradient: np.ndarray
+    information: np.ndarray
+    run: np.ndarray
+
+
+class Scatter(NamedTuple):
+    """Covariance (k, k) of the parameters by the scatter of this many blocks."""
+
+    covariance: np.ndarray
+    blocks: int
+
+
+def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
+    """Derivative of every residual by the parameters along the optimum of the starts (K, S, n, k)."""
+    m2, jacobian = step.eliminated.shape[1], evaluation.jacobian
+    return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], step.eliminated)
+
+
+def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
+    """Covariances (K, m2, m2) of the windows' starts at given parameters, and the log determinant of their inverse."""
+    level = level_of(point.problem, point.gap_weight)
+    system = level.system(point.evaluation, point.values)
+    if isinstance(system, Normal):
+        largest = np.einsum("kii->ki", system.A).max(initial=0.0)
+        A = system.A + (1e-12 * largest + 1e-300) * np.eye(system.A.shape[1])
+        return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
+    A = system.normal.A
+    factor = Factor(A + 1e-13 * np.einsum("kii->ki", A).max() * np.eye(A.shape[1]), system.below)
+    return factor.inverse_diagonal(), factor.log_determinant
+
+
+def hat_diagonal(rows: np.ndarray, information: np.ndarray) -> np.ndarray:
+    """Diagonal (...) of the hat matrix of rows (..., k) of this information (k, k), which may be singular."""
+    size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    inverse = np.linalg.pinv(information * np.outer(size, size), hermitian=True) * np.outer(size, size)
+    return np.einsum("...p,pq,...q->...", rows, inverse, rows, optimize=True)
+
+
+def leverage(point: Solution) -> np.ndarray:
+    """Degrees of freedom that the fit has used of each sample (K, S, n): the diagonal of its hat matrix."""
+    m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
+    free = np.flatnonzero(~point.problem.held_mask)
+    own = root * point.evaluation.jacobian[..., :m2]
+    taken = np.einsum("ksni,kij,ksnj->ksn", own, start_covariances(point)[0], own, optimize=True)
+    if len(free):
+        score = (root * scores(point.evaluation, point))[..., free]
+        taken = taken + hat_diagonal(score, point.information[np.ix_(free, free)])
+    return taken
+
+
+def pieces(solution: Solution, free: np.ndarray) -> Pieces:
+    """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
+    timing, weights = solution.problem.timing(), solution.weights
+    score = scores(solution.evaluation, solution)[..., free]
+    weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
+    square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
+    # target number of pieces of time; a small number of windows is cut into them
+    duration = timing.duration / max(60, timing.blocks) * (1 + 1e-9)
+
+    def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
+        """Run and piece of these times of runs, combined in one number."""
+        since = np.floor((t - timing.begin[run]) / duration + 1e-6).astype(int)
+        return run * 10**9 + np.maximum(since, 0)
+
+    known = timing.known
+    rows = [(number(timing.t, timing.run)[known], weighted_score[known], square[known])]
+    if solution.gap_weight and solution.windows.follows.any():
+        windows = solution.windows
+        found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
+        left, right, along = found.left, found.left + 1, solution.eliminated
+        slope = (found.shared + found.before @ along[left] + found.after @ along[right])[..., free]
+        slope = slope / solution.gap_weight
+        gradient = np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
+        square = np.einsum("gip,giq->gpq", slope, slope)
+        rows.append((number(windows.begin[right], windows.run[right]), gradient, square))
+    numbers, gradients, squares = (np.concatenate(column) for column in zip(*rows, strict=True))
+    names, index = np.unique(numbers, return_inverse=True)
+    gradient, information = (np.zeros((len(names), *a.shape[1:])) for a in (gradients, squares))
+    np.add.at(gradient, index, gradients)
+    np.add.at(information, index, squares)
+    return Pieces(gradient, information, names // 10**9)
+
+
+def memory(series: np.ndarray, run: np.ndarray) -> float:
+    """Integrated correlation time of a series (P,) over several runs, in its steps: `1 + 2 sum rho_l` up to the first
+    non-positive sum of a pair of neighbouring lags (Geyer 1992); two correlation times for an exponential decay."""
+    series = series - series.mean()
+    size = max(float(series @ series), 1e-300)
+    count = len(series)
+    rho = lambda lag: float(series[lag:] @ (series[: count - lag] * (run[lag:] == run[: count - lag]))) / size  # noqa: E731
+    pairs = (rho(lag) + rho(lag + 1) for lag in range(0, max(2, count // 2) - 1, 2))
+    return max(1.0, 2 * sum(takewhile(lambda pair: pair > 0, pairs)) - 1)
+
+
+def block_of(parts: Pieces, information: np.ndarray) -> int:
+    """Pieces, of this total information (k, k), per block: two correlation times of the parameters' scores, if `FEWEST`
+    blocks remain."""
+    influence = solve_spd(information, parts.gradient.T).T
+    longest = max((memory(column, parts.run) for column in influence.T), default=1.0)
+    return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
+
+
+def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
+    """Covariance of the free parameters by the scatter of blocks; None with too few pieces of time."""
+    parts, information = pieces(solution, free), solution.information[np.ix_(free, free)]
+    prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
+    if len(parts.gradient) < FEWEST or not len(free):
+        return None
+    length = block_of(parts, information)
+    # a run's last block includes the remainder
+    part = [np.minimum(np.arange(n) // length, max(n // length - 1, 0)) for n in np.bincount(parts.run)]
+    names, block = np.unique(np.stack([parts.run, np.concatenate(part)]), axis=1, return_inverse=True)
+    blocks = names.shape[1]
+    if blocks < 2:
+        return None
+    moved = moves_without(parts, [np.flatnonzero(block.ravel() == b) for b in range(blocks)], information)
+    inner = solve_spd(information, np.eye(len(information)))
+    covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner
+    own, drift = np.diag(covariance), _half_difference(parts, information) ** 2
+    # independent blocks explain four times the variance
+    more = np.maximum(0.25 * drift, drift - 4 * own)
+    grow = np.sqrt(1 + more / np.maximum(own, 1e-300))
+    return Scatter(covariance * np.outer(grow, grow), blocks)
+
+
+def moves_without(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
+    """Change of the estimates (B, k) without each block of pieces, to first order, minus their mean."""
+    rests = [_positive(information - parts.information[mine].sum(0), information) for mine in blocks]
+    moved = [solve_spd(rest, parts.gradient[mine].sum(0)) for rest, mine in zip(rests, blocks, strict=True)]
+    return np.array(moved) - np.mean(moved, axis=0)
+
+
+def resample(
+    parts: Pieces, information: np.ndarray, block: int, draws: int, rng: np.random.Generator
+) -> tuple[np.ndarray, float]:
+    """Moves of the estimates (draws, k) by blocks of `block` pieces drawn with replacement, and effective block count.
+
+    Each block contributes the move `d_b = (S - S_b)^-1 g_b` of leaving it out. S^-1 g_b would be too small by the
+    block's fraction of the information, because the fit has followed its noise. With B blocks drawn, the factor
+    `sqrt((B - 1)/B)` gives the right size, exactly so for equal fractions. For blocks with different fractions h of the
+    variance of an estimate, the effective count is 1/sum h^2, and the minimum over all estimates is used.
+    """
+    count = len(parts.run)
+    number = int(np.ceil(count / block))
+    blocks = (np.arange(count)[:, None] + np.arange(block)) % count  # any piece may be the first of a block
+    moved = moves_without(parts, list(blocks), information)
+    moved *= np.sqrt((number - 1) / number * count / (number * block))
+    found = moved[rng.integers(0, count, size=(draws, number))].sum(axis=1)
+    apart = np.array([parts.information[i : i + block].sum(axis=0) for i in range(0, count, block)])
+    inner = solve_spd(information, np.eye(len(information)))
+    share = np.einsum("ij,bjk,ki->bi", inner, apart, inner)
+    share = share / np.maximum(share.sum(axis=0), 1e-300)
+    return found, float(np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number))
+
+
+def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
+    """Difference between the estimates (k,) of the first and the second half of the time, to first order."""
+    middle = len(parts.run) // 2
+    halves = (slice(middle), slice(middle, None))
+    rests = [_positive(parts.information[half].sum(0), information) for half in halves]
+    first, second = (solve_spd(rest, parts.gradient[half].sum(0)) for rest, half in zip(rests, halves, strict=True))
+    return first - second
+
+
+def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:
+    """The remaining information, at least 10 % of the whole in every direction: beyond that a step is not linear."""
+    size = 1 / np.sqrt(np.maximum(np.diag(full), 1e-300))
+    root = np.linalg.cholesky(full * np.outer(size, size) + 1e-12 * np.eye(len(full)))
+    inverse = np.linalg.inv(root)
+    share, turn = np.linalg.eigh(inverse @ (rest * np.outer(size, size)) @ inverse.T)
+    return (root @ (turn * np.maximum(share, 0.1)) @ turn.T @ root.T) / np.outer(size, size)
+
 
 #: Probability of the reported intervals.
 LEVEL = 0.90
@@ -181,118 +376,3 @@ def open_directions(solution: Solution, covariance: np.ndarray, free: np.ndarray
             column = column / np.abs(column).max()
             found.append({parameters[i].name: float(c) for i, c, s in zip(free, column, several, strict=True) if s})
     return tuple(found)
-
-
-class Bootstrap(NamedTuple):
-    """Parameters (draws, k) of a bootstrap, and its effective number of blocks of time."""
-
-    draws: np.ndarray
-    blocks: float
-
-    @property
-    def warning(self) -> str:
-        """One line if blocks are few, otherwise empty."""
-        text = (
-            f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW}: the width "
-            f"of its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %. Use longer traces"
-        )
-        return text if self.blocks < FEW else ""
-
-
-def bootstrap(solution: Solution, draws: int = 200, block: int | None = None, seed: int = 0) -> Bootstrap:
-    """Parameters refitted, to first order, to blocks of time drawn with replacement (`sandwich.resample`).
-
-    The information of a draw is that of all stretches, because a draw of few may leave a parameter undetermined (Kline
-    and Santos 2012).
-
-    Args:
-        block: number of stretches drawn together: windows, or parts of few ones; default two correlation times.
-    """
-    free = np.flatnonzero(~solution.problem.held_mask)
-    parts = pieces(solution, free)
-    information = solution.information[np.ix_(free, free)]
-    block = block or block_of(parts, information)
-    moved, blocks = resample(parts, information, block, draws, np.random.default_rng(seed))
-    found = np.tile(solution.values, (draws, 1))
-    found[:, free] -= moved
-    return Bootstrap(np.clip(found, *solution.problem.bounds(solution.values)), blocks)
-
-
-# Check of the step size against the errors of a fit: effect of halving it on an estimate, and continuation if needed.
-#
-# A scheme of order q leaves an error e h^q in the simulated angles, which shifts the estimate. One Gauss-Newton step
-# from the optimum with all residuals (and gaps) of half the step gives this shift d to first order, so that the bias
-# is
-#
-#     b(h) ~ -d / (1 - 2^-q),       b(h/2) ~ b(h) / 2^q
-#
-# If b is not small compared with the standard error, the fit continues with half the step. Joined windows of long
-# traces, with errors of 0.1 %, need it. Steps are halved inside the compiled program: nothing is compiled again.
-
-#: Bias of the step that is accepted, in standard errors.
-LARGEST_BIAS = 0.3
-#: Bias below which the prediction from the coarser step for half of it is accepted without a check.
-SURELY = 0.15
-
-
-def fit_again(ahead: Solution) -> Solution:
-    """Continue from a solution whose windows, separate or joined, have finer steps."""
-    return continue_shooting(ahead) if ahead.gap_weight else fit_windows(ahead.problem, ahead.values, ahead.starts)
-
-
-def refine(
-    solution: Solution,
-    progress: Progress = silent,
-    again: Callable[[Solution], Solution] = fit_again,
-    sure: float = SURELY,
-) -> Solution:
-    """Continue from a converged solution with finer steps until their bias is below `LARGEST_BIAS` standard errors.
-
-    Args:
-        again: continues from a solution with finer steps.
-        sure: bias below which the prediction from the coarser step is accepted for half of it.
-
-    Returns:
-        The solution with its `step_bias`, and its problem with the steps used.
-    """
-    while True:
-        solution.step_bias, ahead = step_bias(solution)
-        worst = float(np.max(np.abs(solution.step_bias), initial=0.0))
-        if not worst > LARGEST_BIAS or ahead.problem.finest:
-            return solution
-        progress(0.0, f"the step's bias is {worst:.2g} standard errors: halving the step")
-        on = again(ahead)
-        if on.status != "ok":
-            return solution
-        on.iterations += solution.iterations + 1
-        on.step_bias = solution.step_bias * 0.5**solution.problem.order
-        solution = on
-        if np.max(np.abs(on.step_bias), initial=0.0) < sure:
-            return on
-
-
-def finer_step(solution: Solution) -> Solution | None:
-    """The solution on windows of half the step if the step's bias is too large; otherwise None."""
-    bias, ahead = step_bias(solution)
-    if ahead.problem.finest or not np.max(np.abs(bias), initial=0.0) > LARGEST_BIAS:
-        return None
-    return ahead
-
-
-def step_bias(solution: Solution) -> tuple[np.ndarray, Solution]:
-    """Bias (k,) in standard errors of a solution, and the solution evaluated with half the step."""
-    finer = solution.problem.finer()
-    ahead = replace(solution, problem=finer, evaluation=finer.evaluate(solution.values, solution.starts))
-    errors = uncertainty(solution).std_error
-    left = 1 - 0.5**finer.order
-    # the remaining step of the solution itself is not bias: a gradient descent stops 0.05 standard errors away
-    return (_newton_step(solution) - _newton_step(ahead)) / left / np.where(errors > 0, errors, np.inf), ahead
-
-
-def _newton_step(ahead: Solution) -> np.ndarray:
-    """The parameters' Gauss-Newton step (k,) on a solution's residuals, inside the bounds."""
-    problem, values = ahead.problem, ahead.values
-    if not np.isfinite(ahead.evaluation.residual).all():
-        return np.full(len(values), np.nan)
-    step = level_of(problem, ahead.gap_weight).undamped_step(ahead.evaluation, values)
-    return np.zeros(len(values)) if step is None else step.dp

@@ -20,8 +20,7 @@ from dropper_jax.effects import Bending, JointFriction
 from dropper_jax.model import Effect, Kinematics, Model
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.slots import Force
-from fitting.parameters.parameter import Parameter
-from fitting.parameters.target import MissingForce
+from fitting.parameters.parameter import CAMERA, MissingForce, Parameter, resolve
 
 #: Relative rate of two links [rad/s] below which the dry friction between them fades: its sign would be noise.
 SLIDES = 0.02
@@ -40,6 +39,12 @@ def missing_forces(model: Model) -> list[Parameter]:
     """The sizes of all forces as parameters, each 0."""
     kinds = [kind for kind in UNITS if kind != "springs" or model.line.links > 1]
     return [Parameter(f"missing.{kind}", MissingForce(kind), 0.0, unit=UNITS[kind]) for kind in kinds]
+
+
+def tested_parameters(model: Model, parameters: Sequence[Parameter]) -> list[Parameter]:
+    """Sizes of all candidates, which the programs of a fit with these parameters know too."""
+    camera = [] if any(p.name == CAMERA for p in parameters) else resolve(model, [CAMERA])
+    return [*missing_forces(model), *camera]
 
 
 def add_missing_forces(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> Model:

@@ -23,6 +23,8 @@ from dropper_jax.run.build import build_model, model_slopes
 from dropper_jax.scene import PriorSpec
 from fitting.parameters.parameter import (
     Bounds,
+    Direction,
+    ModelPlace,
     Parameter,
     Priors,
     Released,
@@ -31,7 +33,6 @@ from fitting.parameters.parameter import (
     paths,
     resolve,
 )
-from fitting.parameters.target import Direction, ModelPlace
 
 #: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
 LINEAR_REACH, LINEAR_TOLERANCE = 0.2, 1e-9

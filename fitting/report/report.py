@@ -18,7 +18,7 @@ from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
 from fitting.calibration.fit import fit
-from fitting.calibration.one_run import OneRun, one_run
+from fitting.calibration.prediction import Prediction, predict
 from fitting.calibration.result import FitResult, direction_text
 from fitting.channels.result import ChannelFit
 from fitting.estimate.scene_fit import SceneFit
@@ -48,7 +48,7 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     """Write `report.md`, its pictures and `fitted.toml`, the scene with the fitted values; returns the files."""
     folder = folder_without(folder, "report.md")
     fitted = fitted_scene(result.scene, result.model, result.parameters, result.values)
-    runs = {run: one_run(result, run) for run, _ in fitted_runs(result)}
+    runs = {run: predict(result, run) for run, _ in fitted_runs(result)}
     runs = {run: found for run, found in runs.items() if found is not None}
     return [
         atomic_write(folder / "fitted.toml", as_toml(fitted.as_written())),
@@ -75,7 +75,7 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
     return [(run, trace) for run, trace in enumerate(result.traces) if (result.windows.run == run).any()]
 
 
-def report(result: FitResult, full_runs: Mapping[int, OneRun] | None = None) -> str:
+def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None) -> str:
     """The Markdown text; `full_runs` are uninterrupted runs by the number of their trace."""
     parts = [
         *_first_parts(result, f"Method `{result.method}`; status"),
@@ -202,7 +202,7 @@ def correlation_rows(result: FitResult) -> list[tuple[str, ...]]:
 
 
 @style.plot_style()
-def one_run_picture(found: OneRun, name: str, path: Path) -> Path:
+def one_run_picture(found: Prediction, name: str, path: Path) -> Path:
     """Measured angles and the run, per link [rad from the horizontal]; faint beyond the prediction horizon."""
     title = f"{name}: one run over the trace [rad from the horizontal]"
     figure, axes = link_panels(found.measured.shape[1], title, margin=1.5)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.calibration.advice import Candidate
+from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import Law
 from fitting.calibration.laws import LawTests
 from fitting.calibration.result import FitResult

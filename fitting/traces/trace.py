@@ -253,6 +253,23 @@ def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.n
     return angles, rates
 
 
+def smooth_stretch(
+    trace: Trace, span: tuple[float, float], reach: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Equidistant times (k,), smoothed angles and rates (k, n) of a stretch of a trace; None if it is too short.
+
+    Args:
+        reach: half width of the smoother [s].
+    """
+    part = trace.between(*span)
+    # minimum number of samples of a run
+    if len(part.t) < 120:
+        return None
+    t = np.arange(part.t[0], part.t[-1] + 0.5 * part.interval, part.interval)
+    width = 2 * max(2, round(reach / part.interval)) + 1
+    return t, *smooth(part.at(t), width, part.interval)
+
+
 def without_spikes(trace: Trace) -> Trace:
     """The trace with isolated outliers marked as missing: they are far from both their neighbours."""
     theta = trace.theta.copy()

@@ -17,7 +17,7 @@ from jax._src import compiler
 from jaxlib.mlir import ir
 from scipy.integrate import solve_ivp
 
-from fitting import Convention, Trace, prepare
+from fitting import Convention, FitSettings, Trace, prepare
 from fitting.calibration.fit import estimate, summarise
 
 LENGTH, MASS = np.array([0.3, 0.25]), np.array([0.12, 0.09])
@@ -26,6 +26,7 @@ VISCOUS, QUADRATIC = 4e-4, 0.02
 TRUTH = np.array([VISCOUS, QUADRATIC])
 FREE = ["effects.joint_friction.viscous", "effects.quadratic_damping.b_q"]
 G, RATE, DURATION, NOISE, WINDOW = 9.81, 30.0, 9.6, 0.005, 1.2
+SETTINGS = FitSettings(window=WINDOW)
 
 
 def torque(w, dry):
@@ -64,7 +65,7 @@ def seen(motion, seed, size=NOISE):
 
 
 #: Programs of windows and of the loss of a trace.
-RUN_LONG = ("jit_window", "jit__value_and_grad", "jit__move_starts")
+RUN_LONG = ("jit_window", "jit__gauss_newton", "jit__move_starts")
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +89,7 @@ def optimised():
 def two():
     """Numbers of the two rods, `two.swing(angles)` and `two.seen(motion, seed)`."""
     return SimpleNamespace(
-        TRUTH=TRUTH, FREE=FREE, QUADRATIC=QUADRATIC, NOISE=NOISE, RATE=RATE, WINDOW=WINDOW, swing=swing, seen=seen
+        TRUTH=TRUTH, FREE=FREE, QUADRATIC=QUADRATIC, NOISE=NOISE, RATE=RATE, SETTINGS=SETTINGS, swing=swing, seen=seen
     )
 
 
@@ -116,7 +117,7 @@ def ready(rods):
     shared = []
 
     def make(traces, **options):
-        prepared = prepare(traces, rods, FREE, window=WINDOW, simulator=shared[0] if shared else None, **options)
+        prepared = prepare(traces, rods, FREE, settings=SETTINGS, simulator=shared[0] if shared else None, **options)
         shared[:] = [prepared.simulator]
         return prepared
 

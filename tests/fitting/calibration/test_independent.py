@@ -8,16 +8,16 @@ import optax
 import pytest
 
 from dropper_jax import SceneError
-from fitting import compare, fit
-from fitting.calibration.comparison import Law, with_bic
+from fitting import bootstrap, fit, predict, profile
+from fitting.calibration.comparison import Law, compare_laws, with_bic
 from fitting.calibration.fit import estimate, summarise
-from fitting.calibration.one_run import PARTED, one_run
+from fitting.calibration.prediction import PARTED
+from fitting.estimate.descent import ARRIVED, GradientDescent
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.gradient import ARRIVED, GradientDescent, Spectrum
 from fitting.estimate.normal_equations import drop_wild
-from fitting.estimate.scene_fit import profile
 from fitting.estimate.shooting import level_of
-from fitting.estimate.uncertainty import LARGEST_BIAS, bootstrap, step_bias, uncertainty
+from fitting.estimate.step_size import LARGEST_BIAS, step_bias
+from fitting.estimate.uncertainty import uncertainty
 from fitting.report.report import one_run_picture
 
 
@@ -82,7 +82,7 @@ def test_a_pose_held_before_the_release_is_found_and_is_no_part_of_the_fit(two, 
 
 def test_one_run_follows_the_trace_and_says_how_long(two, ten, motion, tmp_path):
     """Against SciPy's motion without its noise; with twice the damping the run leaves the trace early."""
-    found = one_run(ten[0], 0)
+    found = predict(ten[0])
     t, phi = motion
     good = t <= min(found.trusted, t[-1] - 2 / two.RATE)
     turned = np.pi / 2 - phi[good]  # from the horizontal, positive downwards
@@ -92,27 +92,8 @@ def test_one_run_follows_the_trace_and_says_how_long(two, ten, motion, tmp_path)
     assert found.diverged_at >= found.trusted
     assert "of the trace for" in found.text
     wrong = replace(ten[0], solution=replace(ten[0].solution, values=2 * ten[0].values))
-    assert one_run(wrong, 0).diverged_at < found.diverged_at
+    assert predict(wrong).diverged_at < found.diverged_at
     assert one_run_picture(found, "rods", tmp_path / "run.png").stat().st_size > 10_000
-
-
-@pytest.mark.check
-def test_the_gradient_of_the_spectrum_loss_agrees_with_central_differences(two, ready, motion):
-    """Starts are eliminated again at every point; Gauss-Newton's elimination leaves out the residuals' curvature."""
-    prepared = ready(two.seen(motion, 0))
-    problem = prepared.problem(frozen=np.ones(2, bool))
-    loss = Spectrum(prepared.problem())
-
-    def at(values):
-        found = fit_windows(problem, values, prepared.starts, iterations=12)
-        system = loss.system(found.evaluation, values)
-        return loss.cost(found.evaluation, values), loss.solve(system, values, 0.0, *np.zeros((2, 2))).gradient
-
-    point = 1.1 * two.TRUTH
-    gradient = at(point)[1]
-    for i, step in enumerate(1e-3 * two.TRUTH):
-        ends = [at(point + side * step * np.eye(2)[i])[0] for side in (1, -1)]
-        assert gradient[i] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=0.05)
 
 
 def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(two, ready, motion):
@@ -140,18 +121,18 @@ def test_a_program_serves_shorter_windows_and_gives_what_their_own_would(two, re
 @pytest.mark.parametrize("method", ["windows", "shooting"])
 def test_profile_and_bootstrap_agree_with_the_errors_of_either_method(two, ready, motion, method):
     prepared = ready(two.seen(motion, 0))
-    solution = estimate(prepared, method)
-    u = uncertainty(solution)
-    found = profile(solution, two.FREE[0], float(u.std_error[0]), points=2)
+    result = summarise(prepared, method, estimate(prepared, method))
+    u = result.uncertainty
+    found = profile(result, two.FREE[0], points=2)
     assert found.converged
     assert [found.low, found.high] == pytest.approx([u.low[0], u.high[0]], abs=0.3 * u.std_error[0])
-    spread = bootstrap(solution, draws=400).draws.std(axis=0)
+    spread = bootstrap(result, draws=400).draws.std(axis=0)
     np.testing.assert_allclose(spread, u.std_error, rtol=0.6)
 
 
 def test_a_bootstrap_of_few_windows_is_as_wide_as_the_noise_makes_it_and_warns(ten):
     """Eight windows, of which the first few tell most: ten traces with white noise, whose errors their noise tells."""
-    drawn = [bootstrap(result.solution, draws=400) for result in ten]
+    drawn = [bootstrap(result, draws=400) for result in ten]
     ratio = [d.draws.std(axis=0) / result.uncertainty.std_error for d, result in zip(drawn, ten, strict=True)]
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratio), axis=0)), 1.0, atol=0.15)
     assert all(1 < d.blocks < 15 for d in drawn)
@@ -186,13 +167,13 @@ def joined(two, ready, motion):
         {"optimizer": "adam"},
         pytest.param({"optimizer": "sgd"}, marks=pytest.mark.check),
         pytest.param({"optimizer": optax.adam(0.3, b1=0.5, b2=0.9)}, marks=pytest.mark.check),
-        pytest.param({"loss": "spectrum", "horizon": (0.5, 1.0)}, marks=pytest.mark.check),
+        pytest.param({"preconditioner": "size"}, marks=pytest.mark.check),
     ],
 )
 def test_gradient_descent_ends_at_the_defaults_estimate_gap_weight_and_errors(two, ready, motion, joined, settings):
     """From ten times off; a tenth of a standard error is twice what descent may leave in every direction."""
     prepared = ready(two.seen(motion, 0))
-    result = summarise(prepared, "gradient", estimate(prepared, "gradient", settings=settings))
+    result = summarise(prepared, "gradient", estimate(prepared, GradientDescent(**settings)))
     error = joined.uncertainty.std_error
     assert result.status == "ok"
     assert result.solution.gap_weight == joined.solution.gap_weight
@@ -237,14 +218,14 @@ def test_a_coefficient_whose_minimum_is_below_zero_ends_on_its_bound(two, ready)
 
 def test_a_learning_rate_that_diverges_and_steps_too_few_say_what_to_do(two, ready, motion):
     prepared = ready(two.seen(motion, 0))
-    wild = estimate(prepared, "gradient", settings={"optimizer": "adam", "learning_rate": 1e4})
+    wild = estimate(prepared, GradientDescent("adam", learning_rate=1e4))
     assert wild.status == "not_converged"
     assert re.fullmatch(
         r"the loss (grew from \S+ to \S+|is not finite) after \d+ steps of adam with learning rate 10000. Use 0.3",
         wild.message,
     )
     assert np.isfinite(wild.cost)
-    short = estimate(prepared, "gradient", settings={"steps": 1})
+    short = estimate(prepared, GradientDescent(steps=1))
     assert (short.status, short.message) == ("not_converged", "no convergence in 1 steps of lbfgs. Use more steps")
 
 
@@ -256,20 +237,18 @@ def test_a_learning_rate_that_diverges_and_steps_too_few_say_what_to_do(two, rea
         ({"learning_rate": -1.0}, "learning_rate: -1 is not positive; allowed: > 0, such as 1"),
         ({"learning_rate": np.nan}, "learning_rate: nan is not positive"),
         ({"learning_rate": 0.1, "optimizer": optax.adam(0.1)}, "is part of a transformation of optax"),
-        ({"loss": "phase"}, "loss: 'phase' is unknown"),
-        ({"horizon": (0.0, 1.0)}, "horizon: (0.0, 1.0) leaves no samples"),
-        ({"rate": 0.1}, "method: 'gradient' has no setting 'rate'"),
+        ({"preconditioner": "siz"}, "preconditioner: 'siz' is unknown; did you mean 'size'"),
     ],
 )
 def test_settings_of_a_descent_that_make_no_sense_are_refused_before_anything_runs(settings, words):
     with pytest.raises(SceneError, match=re.escape(words)):
-        fit("no-such-file.csv", "dropper-release-a", method="gradient", **settings)
+        fit("no-such-file.csv", "dropper-release-a", method=GradientDescent(**settings))
 
 
 @pytest.mark.check
 def test_the_law_that_made_the_traces_wins_the_comparison(two, ready):
     prepared = ready(two.seen(two.swing([1.2, 0.6], quadratic=0.0), 0))
-    laws = {law.name: law for law in compare(prepared, ("none", "linear", "joint viscous", "linear + quadratic"))}
+    laws = {law.name: law for law in compare_laws(prepared, ("none", "linear", "joint viscous", "linear + quadratic"))}
     assert [name for name, law in laws.items() if law.chosen] == ["joint viscous"]
     assert min(laws.values(), key=lambda law: law.bic).name == "joint viscous"
     assert laws["joint viscous"].rms == pytest.approx(two.NOISE, rel=0.1)

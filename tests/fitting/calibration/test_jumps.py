@@ -9,7 +9,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import integrate
-from fitting import Camera, Motion, observe, prepare
+from fitting import Camera, FitSettings, Motion, observe, prepare
 from fitting.calibration.estimating import estimate, with_sound_windows
 from fitting.calibration.fit import summarise
 from fitting.calibration.kicks import alone, best_jump, without_kicks
@@ -113,7 +113,8 @@ def with_frames_missing(trace):
 def test_a_kick_is_named_with_its_time_and_what_it_spoils_is_left_out(rig, shared, change, spoil, words):
     """In the plane or out of it, frames missing there: before, such a fit was `ok` with chi-square 2000 and no name."""
     trace = spoil(kicked(rig(TRUTH), change))
-    prepared = prepare(trace, rig(2 * TRUTH), DAMPING, window=1.5, simulator=shared[0] if shared else None)
+    simulator = shared[0] if shared else None
+    prepared = prepare(trace, rig(2 * TRUTH), DAMPING, settings=FitSettings(window=1.5), simulator=simulator)
     shared[:] = [prepared.simulator]
     prepared, names = without_kicks(prepared, estimate)
     prepared = with_sound_windows(prepared)

@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import chi2, multivariate_normal
 
 import dropper_jax as dj
-from fitting import Convention, Trace, compare, prepare
+from fitting import Convention, Trace, prepare
 from fitting.calibration import comparison
 from fitting.calibration.cross_validation import Scores, blocks, last_third, other_runs, score_window
 from fitting.calibration.decision import chance, decide, decide_joined, shares, unseen, verdict
@@ -231,7 +231,8 @@ def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(law, ef
         return found
 
     monkeypatch.setattr(comparison, "fit_law", stuck)
-    laws = {one.name: one for one in compare(prepare(trace, scene, [field]), laws=[law, "linear + dry"])}
+    rows = comparison.compare_laws(prepare(trace, scene, [field]), laws=[law, "linear + dry"])
+    laws = {one.name: one for one in rows}
     assert laws[law].values[f"effects.{effect}.{field}"] == pytest.approx(truth, rel=0.05)
     assert laws[law].cost < laws["linear + dry"].cost + 3
 
@@ -254,7 +255,7 @@ def test_a_pendulum_whose_windows_leave_laws_open_is_decided_where_they_are_join
     angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
     angle += 3e-3 * np.random.default_rng(0).standard_normal(angle.shape)
     trace = Trace("rod", run.t, angle, convention=Convention("down", 1, "rad"))
-    laws = compare(prepare(trace, scene, ["b_l"]))
+    laws = comparison.compare_laws(prepare(trace, scene, ["b_l"]))
     joined = [law for law in laws if np.isfinite(law.joined)]
     assert len(joined) > 1
     assert verdict(laws) == "linear"

@@ -16,7 +16,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import integrate, make_stepper
-from fitting import fit, read_trace
+from fitting import FitSettings, fit, fit_and_free, read_trace
 from fitting.traces import planar
 
 FOLDER = os.environ.get("DROPPER_MEASURED_DATA", "")
@@ -27,6 +27,7 @@ pytestmark = pytest.mark.skipif(
 )
 RESULTS = Path(__file__).parents[3] / "benchmarks" / "results"
 
+DOWN = FitSettings(zero="down", sign=1, unit="rad")
 #: Errors of the published parameters on the two held-out windows [rad], initial state free.
 PUBLISHED = (0.0067, 0.0129)
 UNTIL, HELD_OUT = 36.668, [(36.668, 45.834), (45.834, 55.0)]
@@ -40,10 +41,9 @@ def test_the_measured_single_pendulum_is_predicted_better_than_by_its_published_
     trace = read_trace(FILE)
     trace = replace(trace, t=trace.t[::4], theta=trace.theta[::4], omega=None)  # 125 Hz: a quarter of the work
     free = ["line.0.inertia", "viscous", "dry", "b_q", "camera.offset"]
-    result = fit(
-        trace, "measured-single-pendulum", free, method="windows", until=UNTIL, held_out=HELD_OUT, window=9.16,
-        dt=0.008, zero="down", sign=1, unit="rad",
-    )  # fmt: skip
+    settings = replace(DOWN, window=9.16, dt=0.008)
+    spans = {"until": UNTIL, "held_out": HELD_OUT}
+    result = fit(trace, "measured-single-pendulum", free, method="windows", settings=settings, **spans)
     assert result.status == "ok"
     assert result.windows.times().max() < UNTIL
     assert np.mean([held.rms for held in result.held_out]) < 0.6 * np.mean(PUBLISHED)
@@ -89,7 +89,7 @@ def test_a_rig_of_which_nothing_is_stated_is_freed_in_groups(file, name, until, 
     """Without `[fit]`: no list of what is open, no priors, no sensors."""
     table = dj.load_scene(name).to_dict()
     del table["fit"]
-    result = fit(file, table, until=until, held_out=spans, auto_free=True, zero="down", sign=1, unit="rad")
+    result = fit_and_free(file, table, until=until, held_out=spans, settings=DOWN)
     assert result.status in ("ok", "misfit")
     assert all(held.windows.count == 1 for held in result.held_out)
     assert not any("outliers" in candidate.name for candidate in result.freed)
@@ -101,7 +101,7 @@ def test_thirds_of_the_double_pendulum_differ_as_their_errors_say():
     trace = read_trace(DOUBLE)
     edges = np.linspace(trace.t[0], trace.t[-1] + trace.interval, 4)
     parts = [trace.between(low, high) for low, high in zip(edges, edges[1:], strict=False)]
-    fits = [fit(part, "measured-double-pendulum", zero="down", sign=1, unit="rad") for part in parts]
+    fits = [fit(part, "measured-double-pendulum", settings=DOWN) for part in parts]
     off = [
         np.abs(a.values - b.values) / np.maximum(np.hypot(a.uncertainty.std_error, b.uncertainty.std_error), 1e-300)
         for a, b in combinations(fits, 2)

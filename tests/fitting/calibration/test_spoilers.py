@@ -12,8 +12,9 @@ from scipy.interpolate import CubicSpline
 
 import dropper_jax as dj
 from dropper_jax import build_model
-from fitting import Convention, StudentT, Trace, fit, prepare
-from fitting.calibration.advice import Candidate, advise, groups, wide
+from fitting import Convention, FitSettings, StudentT, Trace, fit, fit_and_free, prepare
+from fitting.calibration.advice import groups, score_candidates, wide
+from fitting.calibration.candidate import Candidate
 from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.freeing import promising
 from fitting.calibration.result import window_length
@@ -103,7 +104,7 @@ def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, motion):
     """Frames 0.5 % further apart than the trace tells; lengths and gravity are known."""
     trace = two.seen(motion, 4)
     late = replace(trace, t=trace.t / 1.005)
-    prepared = prepare(late, rods, [*two.FREE, "clock.rate"], window=two.WINDOW, priors={"clock.rate": (1.0, 0.02)})
+    prepared = prepare(late, rods, [*two.FREE, "clock.rate"], settings=two.SETTINGS, priors={"clock.rate": (1.0, 0.02)})
     result = summarise(prepared, "windows", estimate(prepared, "windows"))
     assert result.status == "ok"
     error = result.uncertainty.std_error
@@ -128,7 +129,7 @@ def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, motion):
 )
 def test_what_spoils_a_trace_is_named_first(two, ready, motion, everything, spoil, name):
     prepared = ready(spoil(two.seen(motion, 6)))
-    found = advise(prepared, estimate(prepared, "windows"), everything(prepared))
+    found = score_candidates(prepared, estimate(prepared, "windows"), everything(prepared))
     assert all(candidate.identifiable for candidate in found)
     if name is None:
         assert not any(candidate.worth_naming for candidate in found)
@@ -152,7 +153,7 @@ def test_frames_that_are_missing_are_found_and_named(two, rods, motion, gone):
     trace = two.seen(motion, 6)
     theta = np.delete(trace.theta, slice(gone, gone + 12), axis=0)
     short = replace(trace, t=trace.t[: len(theta)], theta=theta)
-    result = fit(short, rods, two.FREE, window=two.WINDOW, method="windows", auto_free=True)
+    result = fit_and_free(short, rods, two.FREE, settings=two.SETTINGS, method="windows")
     (candidate,) = result.freed
     assert candidate.free == (f"clock.lost.0.{gone}",)
     assert candidate.name.startswith("12.0 lost frames")
@@ -174,7 +175,7 @@ def test_frames_that_are_missing_are_found_and_named(two, rods, motion, gone):
 def test_what_spoils_a_trace_is_freed_until_nothing_gains(two, rods, motion):
     trace = two.seen(motion, 6)
     late = replace(trace, t=trace.t / 1.005, theta=trace.theta + [0.0, np.deg2rad(1.0)])
-    result = fit(late, rods, two.FREE, window=two.WINDOW, method="windows", auto_free=True)
+    result = fit_and_free(late, rods, two.FREE, settings=two.SETTINGS, method="windows")
     assert {candidate.name.split(" or ")[0] for candidate in result.freed} == {"rate of the clock", "marker of link 1"}
     assert result["clock.rate"] == pytest.approx(1.005, abs=5e-4)
     assert np.all(np.abs(result.values[:2] - two.TRUTH) < 3 * result.uncertainty.std_error[:2])
@@ -208,7 +209,8 @@ def test_held_out_spans_are_scored_by_the_same_windows_however_the_fit_is_cut(ro
     """Shorter windows of the fit alone must not lower the score; the span itself is cut where errors grow too far."""
     trace = two.seen(motion, 6)
     options = {"held_out": [(7.2, 9.6)], "simulator": ready(trace).simulator}
-    long, short = (prepare(trace, rods, two.FREE, window=s, **options) for s in (two.WINDOW, 0.6))
+    sizes = two.SETTINGS, FitSettings(window=0.6)
+    long, short = (prepare(trace, rods, two.FREE, settings=size, **options) for size in sizes)
     assert short.windows.length < long.windows.length
     assert window_length(short, (7.2, 9.6)) == window_length(long, (7.2, 9.6)) == pytest.approx(2.4)
     chaotic = replace(long, lyapunov=5.0)  # 12 e-folds over the span, of which a window's start bears 6
@@ -233,9 +235,9 @@ def wrong_model(two, rods):
 def test_a_model_that_is_wrong_as_a_whole_is_freed_in_groups_that_halve_the_held_out_error(two, wrong_model):
     """Geometry and clock are right, and no sample is an outlier; nothing of the held-out end is seen by the choice."""
     trace, scene = wrong_model
-    options = {"window": two.WINDOW, "method": "windows", "held_out": [(7.2, 9.6)]}
+    options = {"settings": two.SETTINGS, "method": "windows", "held_out": [(7.2, 9.6)]}
     plain = fit(trace, scene, two.FREE[:1], **options)
-    freed = fit(trace, scene, two.FREE[:1], auto_free=True, **options)
+    freed = fit_and_free(trace, scene, two.FREE[:1], **options)
     names = [candidate.name.split(" (")[0] for candidate in freed.freed]
     assert {"markers", "inertia", "quadratic drag"} <= set(names)
     assert not any("outliers" in name for name in names)
@@ -250,8 +252,7 @@ def test_two_errors_are_both_named_where_a_third_candidate_hides_them(monkeypatc
     monkeypatch.syspath_prepend(str(BENCHMARKS))  # its modules import one another, as scripts do
     study = importlib.import_module("spoilers")
     _, trace = study.draw("lengths and roll", 16)
-    options = {"rest": [(0.0, study.BEGIN - 0.1)], "window": study.WINDOW}
-    result = fit(trace, study.scene(), study.FREE, auto_free=True, **options)
+    result = fit_and_free(trace, study.scene(), study.FREE, settings=study.SETTINGS)
     assert result.status == "ok"
     names = {candidate.name.split(" (")[0] for candidate in result.freed}
     assert names == {"lengths of links", "roll of the camera"}

@@ -12,7 +12,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from fitting import Camera, TraceLoss, fit, loss_of_trace, observe, simulate_truth, write_trace
+from fitting import Camera, FitSettings, TraceLoss, fit, loss_of_trace, observe, simulate_truth, write_trace
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
 
@@ -64,6 +64,28 @@ def test_with_the_starts_eliminated_value_and_slopes_are_those_of_fitted_starts(
         assert float(gradient[i]) == pytest.approx(float(ends[0] - ends[1]) / (2 * size), rel=0.02)
 
 
+def test_the_loss_is_a_function_of_the_parameters_whose_gradient_jax_takes(problem, two):
+    at = jnp.asarray(1.05 * two.TRUTH)
+    value, gradient = jax.value_and_grad(problem)(at)
+    expected = problem.gauss_newton(at)
+    assert float(value) == pytest.approx(float(expected.value), rel=1e-12)
+    np.testing.assert_allclose(gradient, expected.gradient, rtol=1e-9)
+    along = jnp.asarray(1e-3 * two.TRUTH)
+    ends = [problem(at + side * along) for side in (1, -1)]
+    assert float(gradient @ along) == pytest.approx(float(ends[0] - ends[1]) / 2, rel=0.05)
+
+
+def test_gauss_newton_steps_of_ones_own_end_where_the_fit_of_the_same_windows_does(problem, two):
+    at = 2.0 * jnp.asarray(two.TRUTH)
+    for _ in range(8):
+        _, gradient, information = problem.gauss_newton(at)
+        at = jnp.maximum(at - jnp.linalg.solve(information, gradient), 0.0)
+    prepared = problem.prepared
+    found = fit_windows(prepared.problem(), prepared.values, prepared.starts)
+    errors = np.sqrt(np.diag(np.linalg.inv(found.information)))
+    assert np.all(np.abs(at - found.values) < 0.1 * errors)
+
+
 @pytest.mark.check
 def test_a_loop_of_ones_own_finds_the_damping(problem, two, ten):
     """Adam on the two coefficients, each in units of its start value."""
@@ -99,7 +121,8 @@ def program(tmp_path_factory, chain):
 @pytest.mark.slow
 def test_the_short_program_of_the_docs_ends_where_separate_windows_do_from_ten_times_off(program):
     begin = {"b_l": 0.02, "b_q": 0.01}
-    result = fit(program["file"], program["scene"], list(begin), method="windows", window=0.5, start=begin)
+    settings = FitSettings(window=0.5)
+    result = fit(program["file"], program["scene"], list(begin), method="windows", settings=settings, start=begin)
     errors = result.uncertainty.std_error
     assert np.all(np.abs(program["b"] - result.values) < 3 * errors)
     assert np.all(np.abs(np.asarray(program["b"]) - [0.002, 0.001]) < 3 * errors)
@@ -115,7 +138,7 @@ def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
     for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file"), ("range(2000)", "range(200)")):
         assert text.count(old) == 1
         text = text.replace(old, new)
-    problem = loss_of_trace(program["file"], program["scene"], ["b_l", "b_q"], window=0.5)
+    problem = loss_of_trace(program["file"], program["scene"], ["b_l", "b_q"], settings=FitSettings(window=0.5))
     names = {"scene": program["scene"], "file": program["file"], "problem": problem}
     exec(compile(text, "fits.md", "exec"), names)
     result, draws = names["result"], np.array(names["draws"])
@@ -127,7 +150,7 @@ def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
 
 def test_a_release_whose_windows_have_no_start_is_refused(program):
     with pytest.raises(SceneError, match=r"free: 'release\.time\.0' cannot be part of this loss. Use"):
-        loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"], window=0.5)
+        loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"], settings=FitSettings(window=0.5))
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.cli import main
-from fitting import Camera, Convention, fit, observe, prepare, simulate_truth, write_trace
+from fitting import Camera, Convention, Method, fit, observe, prepare, simulate_truth, write_trace
 from fitting.calibration import short_windows
 from fitting.calibration.short_windows import name_wrong_file
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
@@ -226,7 +226,7 @@ def test_a_fit_of_a_wrong_file_is_not_ok_and_says_why(two, rods, ready, motion, 
     trace = relative(two.seen(motion, 6))
     # by the simulator of the other tests, whose windows are compiled
     monkeypatch.setattr("fitting.calibration.fit.prepare", partial(prepare, simulator=ready(trace).simulator))
-    result = fit(trace, rods, two.FREE, window=two.WINDOW, method="windows", iterations=3)
+    result = fit(trace, rods, two.FREE, settings=two.SETTINGS, method=Method("windows", iterations=3))
     assert result.status != "ok"
     assert "angles are relative to the link before" in result.message
     assert result.wrong_file not in result.warnings  # it is the error line already

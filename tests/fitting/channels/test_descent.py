@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fitting.channels.problem import FACTOR, apply_step, is_axial_stiffness, step_bounds
-from fitting.parameters.parameter import Parameter
-from fitting.parameters.target import Direction
+from fitting.parameters.parameter import Direction, Parameter
 
 EA = Parameter("line_type.rope.EA", Direction({}, 1e6, linear=False), 1e6, 0.0, np.inf)
 DRAG = Parameter("line_type.rope.cdn", Direction({}, 1.2, linear=True), 1.2, 0.0, np.inf)

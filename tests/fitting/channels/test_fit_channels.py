@@ -16,7 +16,7 @@ from fitting import fit_channels
 from fitting.channels.fit import growth, pose
 from fitting.channels.sensors import projection
 from fitting.channels.setup import differentiate_channels, observe_channels, setup_with_directions, shift_setup
-from fitting.estimate.scene_fit import Intervals
+from fitting.estimate.scene_fit import bootstrap, profiles
 
 MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8
 T = np.arange(0.0, 4.0, 0.04)
@@ -127,7 +127,7 @@ def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
 def test_profile_and_bootstrap_agree_with_the_errors(found):
     """Ways to the same interval where the problem is nearly linear."""
     again = replace(found, profiles=[], bootstrap=None)
-    Intervals(profile=["b_l"], bootstrap=400).add_to(again, lambda *_: None)
+    again.profiles, again.bootstrap = profiles(again, ["b_l"]), bootstrap(again, 400).draws
     i, (by_profile,) = [p.name for p in again.parameters].index("effects.linear_damping.b_l"), again.profiles
     e, given = again.errors, again.to_json()
     assert by_profile.converged

@@ -13,8 +13,7 @@ from fitting.estimate.gauss_newton import first_solution
 from fitting.estimate.loss import LEAST_SQUARES
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.residual_noise import ResidualNoiseModel
-from fitting.parameters.parameter import Parameter
-from fitting.parameters.target import Direction
+from fitting.parameters.parameter import Direction, Parameter
 
 N = 4000
 T = np.arange(N) * 0.1

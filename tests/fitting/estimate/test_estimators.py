@@ -14,14 +14,12 @@ from scipy.optimize import least_squares
 
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model
-from fitting import Camera, Huber, observe, prepare, simulate_truth
+from fitting import Camera, FitSettings, Huber, bootstrap, observe, prepare, profile, simulate_truth
 from fitting.calibration.fit import estimate, summarise
 from fitting.estimate import shooting
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.normal_equations import bounded_step
-from fitting.estimate.scene_fit import profile
 from fitting.estimate.shooting import fit_shooting, loosest, solve_to_end
-from fitting.estimate.uncertainty import bootstrap
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import apply, resolve
 from fitting.traces import planar
@@ -30,6 +28,7 @@ SCENE = "dropper-release-a"
 FREE = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]
 TRUTH = np.array([0.002, 0.001])
 FAR = dict.fromkeys(FREE, 0.02)
+SECOND = FitSettings(window=1.0)
 SEEDS = 4
 
 
@@ -46,7 +45,7 @@ def twins(motion):
     def prepared(seed):
         simulator = prepared(0).simulator if seed else None
         trace = observe(motion, Camera(angle_noise=0.005), seed)
-        return prepare(trace, SCENE, FREE, start=FAR, window=1.0, simulator=simulator)
+        return prepare(trace, SCENE, FREE, start=FAR, settings=SECOND, simulator=simulator)
 
     return prepared
 
@@ -60,7 +59,7 @@ def separate(twins):
 @pytest.mark.check
 def test_windows_by_a_scheme_that_holds_its_own_error_give_the_same_estimates(motion, twins, separate):
     trace = observe(motion, Camera(angle_noise=0.005), 0)
-    prepared = prepare(trace, SCENE, FREE, start=FAR, window=1.0, integrator="tsit5")
+    prepared = prepare(trace, SCENE, FREE, start=FAR, settings=FitSettings(window=1.0, integrator="tsit5"))
     held = estimate(prepared, "windows")
     assert held.status == "ok"
     error = summarise(twins(0), "windows", separate(0)).uncertainty.std_error
@@ -133,7 +132,7 @@ def test_scipy_least_squares_with_our_jacobian_finds_the_same_optimum(twins, sep
 def test_window_jacobian_agrees_with_central_differences():
     """Of the first windows alone, whose truth takes a fifth of the time."""
     trace = observe(simulate_truth(SCENE, 5.0), Camera(angle_noise=0.005), 0)
-    prepared = prepare(trace, SCENE, FREE, start=FAR, window=1.0)
+    prepared = prepare(trace, SCENE, FREE, start=FAR, settings=SECOND)
     few = prepared.windows.pick(np.arange(4))
     starts = Starts(prepared.starts.theta[:4], prepared.starts.omega[:4])
     at = prepared.simulator(TRUTH, starts, few)
@@ -148,11 +147,11 @@ def test_window_jacobian_agrees_with_central_differences():
 
 @pytest.mark.check
 def test_bootstrap_and_profile_agree_with_the_covariance(twins, separate):
-    solution = separate(0)
-    u = summarise(twins(0), "windows", solution).uncertainty
-    spread = bootstrap(solution, draws=400).draws.std(axis=0)
+    result = summarise(twins(0), "windows", separate(0))
+    u = result.uncertainty
+    spread = bootstrap(result, draws=400).draws.std(axis=0)
     np.testing.assert_allclose(spread, u.std_error, rtol=0.5)
-    found = profile(solution, FREE[0], u.std_error[0], points=2)
+    found = profile(result, FREE[0], points=2)
     assert found.low == pytest.approx(u.low[0], abs=0.5 * u.std_error[0])
     assert found.high == pytest.approx(u.high[0], abs=0.5 * u.std_error[0])
 
@@ -164,7 +163,7 @@ def test_a_damping_of_zero_is_reached_and_reported(motion, twins):
     results = []
     for seed in range(3):
         trace = observe(truth, Camera(angle_noise=0.005), seed)
-        prepared = prepare(trace, SCENE, FREE, window=1.0, simulator=twins(0).simulator)
+        prepared = prepare(trace, SCENE, FREE, settings=SECOND, simulator=twins(0).simulator)
         results.append(summarise(prepared, "windows", estimate(prepared, "windows")))
     assert all(r.values[1] >= 0 for r in results)
     for r in results:
@@ -177,7 +176,7 @@ def test_a_damping_of_zero_is_reached_and_reported(motion, twins):
 @pytest.mark.check
 def test_huber_resists_outliers(motion, twins):
     trace = observe(motion, Camera(angle_noise=0.005, outliers=0.02, missing=0.05), 7)
-    prepared = prepare(trace, SCENE, FREE, window=1.0, simulator=twins(0).simulator)
+    prepared = prepare(trace, SCENE, FREE, settings=SECOND, simulator=twins(0).simulator)
     plain = estimate(prepared, "shooting")
     robust = estimate(prepared, "shooting", Huber(2.0))
     assert robust.status == "ok"
@@ -230,7 +229,7 @@ def test_a_parameter_that_does_nothing_is_named():
     }
     trace = observe(simulate_truth(pendulum, 4.0), Camera(angle_noise=0.005), 0)
     with pytest.raises(SceneError, match="'point.0.position.1' does not affect"):
-        prepare(trace, pendulum, ["point.0.position.1"], window=0.5)
+        prepare(trace, pendulum, ["point.0.position.1"])
 
 
 def test_of_gap_weights_that_the_evidence_cannot_tell_apart_the_loosest_is_taken():

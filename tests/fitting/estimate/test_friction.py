@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fitting import Convention, Trace, prepare
+from fitting import Convention, FitSettings, Trace, prepare
 from fitting.calibration.fit import estimate, summarise
 from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.windows import Starts
@@ -48,7 +48,7 @@ def ready():
     seen = angle + NOISE * np.random.default_rng(0).standard_normal(len(t))
     trace = Trace("swing", t, seen[:, None], convention=Convention("down", 1, "rad"))
     start = {FREE[0]: 0.1, FREE[1]: 5e-4}
-    return prepare(trace, SCENE, FREE, start=start, window=DURATION)
+    return prepare(trace, SCENE, FREE, start=start, settings=FitSettings(window=DURATION))
 
 
 def test_dry_friction_and_linear_damping_are_told_apart(ready):

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import t as student_t
 
 from fitting import Huber, StudentT
-from fitting.estimate.loss import LEAST_SQUARES, initial_loss, loss_of
+from fitting.estimate.loss import LEAST_SQUARES, as_loss, initial_loss
 from fitting.estimate.uncertainty import robust_variance
 
 RESIDUALS = np.array([-7.0, -2.1, -1.9, -0.3, 0.0, 0.4, 1.0, 2.5, 40.0])
@@ -45,9 +45,10 @@ def test_huber_is_least_squares_within_its_threshold_and_straight_beyond():
     assert Huber(2.0).cost(np.array([40.0])) - Huber(2.0).cost(np.array([39.0])) == pytest.approx(2.0)
 
 
-def test_a_fit_without_a_threshold_is_one_of_least_squares():
-    assert loss_of(None) is LEAST_SQUARES
-    assert loss_of(3.0) == Huber(3.0)
+def test_a_loss_is_given_by_its_name_or_itself():
+    assert as_loss("squares") is LEAST_SQUARES
+    assert as_loss("huber") == Huber(3.0)
+    assert as_loss(Huber(2.0)) == Huber(2.0)
 
 
 def test_students_loss_is_the_log_density_of_t_with_its_freedom():

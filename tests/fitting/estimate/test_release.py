@@ -10,7 +10,8 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from fitting import Camera, Trace, compare, observe, prepare, simulate_truth
+from fitting import Camera, FitSettings, Trace, observe, prepare, simulate_truth
+from fitting.calibration.comparison import compare_laws
 from fitting.calibration.cross_validation import blocks, fair
 from fitting.calibration.fit import estimate, summarise
 
@@ -96,7 +97,7 @@ def test_before_its_release_a_run_rests_in_the_scenes_static_pose(ready):
 def test_a_known_release_needs_no_free_parameter(motion):
     """Let go at t = 0 from the scene's pose."""
     trace = observe(motion, Camera(rate=RATE, angle_noise=NOISE), 1)
-    prepared = prepare(trace, SCENE, ["b_l"], start={NAMES[0]: 0.1}, static_start=True)
+    prepared = prepare(trace, SCENE, ["b_l"], start={NAMES[0]: 0.1}, settings=FitSettings(static_start=True))
     result = summarise(prepared, "windows", estimate(prepared, "windows"))
     assert result.windows.released.sum() == 1
     assert result.status == "ok"
@@ -107,7 +108,7 @@ def test_a_known_release_needs_no_free_parameter(motion):
 @pytest.mark.check
 def test_laws_are_compared_with_the_release_free_in_each(ready):
     """The law that made the trace wins, and finds the same release as the fit."""
-    laws = compare(ready, ("none", "linear"))
+    laws = compare_laws(ready, ("none", "linear"))
     assert [law.name for law in laws if law.chosen] == ["linear"]
     assert laws[0].rms > 1.5 * laws[1].rms
     assert [law.free for law in laws] == [3, 4]
@@ -142,4 +143,4 @@ def test_a_release_that_the_scene_does_not_have_is_refused(motion, change, free,
 def test_a_release_far_from_the_first_sample_is_refused(motion):
     trace = seen(motion, 0)
     with pytest.raises(SceneError, match="starts at 9 s; allowed"):
-        prepare(replace(trace, t=trace.t + 9.0), SCENE, ["b_l"], static_start=True)
+        prepare(replace(trace, t=trace.t + 9.0), SCENE, ["b_l"], settings=FitSettings(static_start=True))

@@ -11,8 +11,7 @@ from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.run.quantities import quantity
 from fitting import Camera, fit, fitted_scene, observe, simulate_truth
 from fitting.parameters.of_scene import find_parameters, free_of_traces, full_names, scene_parameter
-from fitting.parameters.parameter import apply, resolve
-from fitting.parameters.target import Direction
+from fitting.parameters.parameter import Direction, apply, resolve
 from fitting.sensitivity import Study, ranges
 
 SCENE = "paper-case-4"

@@ -7,8 +7,7 @@ import dropper_jax as dj
 from dropper_jax import Scene, SceneError, build_model
 from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.of_scene import default_free, find_parameters, power_of_mass, rig_priors
-from fitting.parameters.parameter import resolve
-from fitting.parameters.target import camera_offset
+from fitting.parameters.parameter import camera_offset, resolve
 
 NAME = "measured-double-pendulum"
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import build_model, load_scene
-from fitting.parameters.parameter import Parameter, apply, resolve
-from fitting.parameters.target import Direction
+from fitting.parameters.parameter import Direction, Parameter, apply, resolve
 
 
 @pytest.fixture(scope="module")

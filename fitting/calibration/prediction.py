@@ -15,9 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.calibration.result import FitResult
-from fitting.estimate.marching import march
-from fitting.parameters.parameter import apply
-from fitting.parameters.target import camera_angles, clock_rate, losses
+from fitting.estimate.simulator import march
+from fitting.parameters.parameter import apply, camera_angles, clock_rate, losses
 from fitting.traces import planar
 
 #: RMS over the links [rad] at which two motions count as diverged.
@@ -25,7 +24,7 @@ PARTED = 0.1
 
 
 @dataclass(frozen=True)
-class OneRun:
+class Prediction:
     """A run of the fitted model from the first window's start to the end of its trace.
 
     Attributes:
@@ -56,7 +55,7 @@ class OneRun:
         )
 
 
-def one_run(result: FitResult, run: int) -> OneRun | None:
+def predict(result: FitResult, run: int = 0) -> Prediction | None:
     """The run for trace `run`; None if no window of it has a start of its own, or if it would take too long."""
     windows, solution = result.windows, result.solution
     mine = np.flatnonzero((windows.run == run) & ~windows.released)
@@ -86,7 +85,7 @@ def one_run(result: FitResult, run: int) -> OneRun | None:
 
     near, other = (CubicHermiteSpline(at, *pair)(t) for pair in angles)
     measured = trace.theta[inside]
-    return OneRun(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
+    return Prediction(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
 
 
 def _runs(

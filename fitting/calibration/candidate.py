@@ -1,0 +1,90 @@
+"""A possible cause of systematic error, as score tests and fits find it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fitting.parameters.parameter import Parameter
+
+#: Gain in log likelihood below which a candidate is not suggested.
+WORTH = 6.0
+#: Separator of the names of indistinguishable candidates in reports.
+OR = " or "
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A possible cause of systematic error; has no changes if the traces cannot distinguish it from free parameters.
+
+    Attributes:
+        name: in words.
+        free: names that free it.
+        changes: by parameter, the change that the traces suggest.
+        errors: standard errors of the changes.
+        gain: in log likelihood.
+        p: probability of such a gain if nothing is wrong, over all candidates.
+        worth: gain minus the gain that its numbers bring by chance (Schwarz 1978); reports list candidates by it.
+        alike: candidates that the traces cannot distinguish from it.
+        moves: by parameter, the first-order change of the free parameters and of its own when it is freed.
+        doubt: by each candidate that is indistinguishable from it, how far that one would move every parameter instead;
+            parameters of this candidate return to their start values.
+    """
+
+    name: str
+    free: tuple[str, ...]
+    changes: dict[str, float]
+    errors: dict[str, float]
+    gain: float
+    p: float
+    worth: float = 0.0
+    alike: tuple[str, ...] = ()
+    moves: Mapping[str, float] = field(default_factory=dict)
+    doubt: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def worth_naming(self) -> bool:
+        """Whether the candidate is worth reporting."""
+        # probability, over all candidates, below which a candidate is reported
+        return self.gain > WORTH and self.p < 0.01
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether the traces distinguish it from the free parameters."""
+        return bool(self.changes)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        keys = ("name", "free", "changes", "errors", "gain", "p", "worth", "alike")
+        return {**{key: getattr(self, key) for key in keys}, "named": self.worth_naming, "told": self.identifiable}
+
+    def __str__(self) -> str:
+        if not self.changes:
+            return self.name + (f": gains {self.gain:.0f} in log likelihood" if self.gain else "")
+        largest = max(self.changes, key=lambda name: abs(self.changes[name] / self.errors[name]))
+        change = f"{largest} by {self.changes[largest]:+.3g} +- {self.errors[largest]:.2g}"
+        gain = f"--free ...,{','.join(self.free)} would gain {self.gain:.0f} in log likelihood ({change})"
+        return f"{OR.join([self.name, *self.alike])}: {gain}"
+
+
+def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Parameter]) -> tuple[np.ndarray, ...]:
+    """By how much candidates indistinguishable from those freed would move the parameters, each (k,).
+
+    A candidate that was freed later in its own right is no longer in doubt.
+    """
+    freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
+    moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
+    return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)
+
+
+def holm(probabilities: Sequence[float]) -> list[float]:
+    """Probabilities over all of several tests (Holm 1979), in the order of the tests."""
+    found = np.empty(len(probabilities))
+    worst = 0.0
+    for i, test in enumerate(np.argsort(probabilities, kind="stable")):
+        worst = max(worst, min(1.0, probabilities[test] * (len(probabilities) - i)))
+        found[test] = worst
+    return found.tolist()

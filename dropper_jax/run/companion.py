@@ -67,9 +67,9 @@ def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer:
     if not is_finished(solution):
         return solution
     try:
-        found = state_errors(solution, run.companion(finer), outcome, finer)
+        found = state_errors(solution, run.companion(finer), outcome)
         if found is None and not finer:  # a step of twice the length fails
-            found = state_errors(solution, run.companion(True), outcome, finer=True)
+            found = state_errors(solution, run.companion(True), outcome)
     except KeyboardInterrupt:  # the run itself is complete
         return solution
     if found is None:
@@ -82,9 +82,7 @@ def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer:
     return replace(solution, settings=settings, status=status, warnings=(*solution.warnings, *warnings))
 
 
-def state_errors(
-    solution: Samples, companion: Companion, outcome: RunOutcome, finer: bool = False
-) -> dict[str, Any] | None:
+def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -> dict[str, Any] | None:
     """Errors of a run; None if a step of the companion fails.
 
     Returns:
@@ -93,31 +91,33 @@ def state_errors(
         fraction of the travel, until `chaotic_from_s`; None at rest; `angles_rad`: see `_angle_error`.
     """
     rows, beside = outcome.trajectory, outcome.beside
-    parts = []
-    nodes = []
-    for piece, own_beside in companion.go(len(rows.r)):
-        nodes.append(piece.r)
-        parts.append((len(piece.r), _tensions(piece, own_beside)))
     every = 1 if companion.finer else 2
     run = rows.r[every - 1 :: every]
-    if not nodes:
+    parts, distance, turned = [], [], []
+    done = 0
+    for piece, own_beside in companion.go(len(rows.r)):
+        parts.append((len(piece.r), _tensions(piece, own_beside)))
+        number = done + np.arange(len(piece.r))
+        both = piece.r[number % 2 == 1] if companion.finer else piece.r
+        first = done // 2 if companion.finer else done
+        apart = both - run[first : first + len(both)]
+        distance.append(np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1, initial=0.0)))
+        turned.append(_turned(solution, apart))
+        done += len(piece.r)
+    if done == 0 or done // (2 if companion.finer else 1) < len(run):
         return None
-    other = np.concatenate(nodes)
-    other = other[1::2] if companion.finer else other
-    if len(other) < len(run):
-        return None
-    apart = other - run
-    factor = _factor(solution, finer)
+    factor = _factor(solution, companion.finer)
     travel = _travel(solution, rows.r)
-    distance = None if travel is None else np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1)) / travel
-    chaos = None if distance is None else _chaos(distance, run)
-    both = _tensions(rows, beside), _weighted(parts)
+    separation = None if travel is None else np.concatenate(distance) / travel
+    chaos = None if separation is None else _chaos(separation, run)
+    both_tensions = _tensions(rows, beside), _weighted(parts)
+    interval = solution.settings["dt"] * solution.settings["save_every"] * every
     return {
         "companion": companion.words,
-        "lines": list(_lines(solution, both, 1.0 if chaos is not None else factor)),
-        "positions": None if distance is None else factor * float(np.sqrt(np.mean(distance[:chaos] ** 2))),
+        "lines": list(_lines(solution, both_tensions, 1.0 if chaos is not None else factor)),
+        "positions": None if separation is None else factor * float(np.sqrt(np.mean(separation[:chaos] ** 2))),
         "chaotic_from_s": None if chaos is None else float(solution.t[every * (1 + chaos)]),
-        "angles_rad": factor * _angle_error(solution, apart[:chaos], every),
+        "angles_rad": factor * _angle_error(solution, np.concatenate(turned)[:chaos], interval),
     }
 
 
@@ -175,27 +175,36 @@ def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
     return resolved if resolved > SWINGS * swing and off < SUDDEN * resolved else None
 
 
-def _angle_error(solution: Samples, apart: np.ndarray, every: int) -> float:
-    """RMS difference of the links' angles [rad] that arises within a window of a fit, half the shortest link's period.
+def _turned(solution: Samples, apart: np.ndarray) -> np.ndarray:
+    """Mean square (k,) over the links of a single line of the bound of their difference of angle; 0 for several lines.
 
-    The change of a link's vector over its length bounds the change of its angle. Every window of a fit has a start of
-    its own, so that errors of earlier windows do not count: of one that grows evenly for a time T the RMS within a
-    window W is `W/T` of that within T. 0 for several lines.
+    The change of a link's vector over its length bounds the change of its angle.
 
     Args:
         apart: distances (k, nodes, 3) [m] of the free nodes of both runs.
-        every: saves of the run between them.
     """
-    line = solution.scene.lines[0]
-    if solution.scene.branched or not len(apart):
-        return 0.0
-    interval = solution.settings["dt"] * solution.settings["save_every"] * every
-    window = np.pi * np.sqrt(float(np.min(line.length)) / GRAVITY) / interval
+    length = solution.scene.lines[0].length
+    if solution.scene.branched:
+        return np.zeros(len(apart))
     # the nodes between two fixed end points, or from a fixed one to the free end
-    nodes = np.pad(apart, ((0, 0), (1, len(line.length) - apart.shape[1]), (0, 0)))
-    turned = np.diff(nodes, axis=1) / line.length[:, None]
-    size = np.sqrt(np.mean(np.sum(turned**2, axis=2)))
-    return float(size * min(window / len(turned), 1.0))
+    nodes = np.pad(apart, ((0, 0), (1, len(length) - apart.shape[1]), (0, 0)))
+    return np.mean(np.sum((np.diff(nodes, axis=1) / length[:, None]) ** 2, axis=2), axis=1)
+
+
+def _angle_error(solution: Samples, turned: np.ndarray, interval: float) -> float:
+    """RMS difference of the links' angles [rad] that arises within a window of a fit, half the shortest link's period.
+
+    Every window of a fit has a start of its own, so that errors of earlier windows do not count: of one that grows
+    evenly for a time T the RMS within a window W is `W/T` of that within T.
+
+    Args:
+        turned: see `_turned`, at times that far apart [s].
+    """
+    if not len(turned):
+        return 0.0
+    shortest = min(float(np.min(line.length)) for line in solution.scene.lines)
+    window = np.pi * np.sqrt(shortest / GRAVITY) / interval
+    return float(np.sqrt(np.mean(turned)) * min(window / len(turned), 1.0))
 
 
 def _relative(found: dict[str, Any]) -> Iterator[tuple[str, str, float]]:

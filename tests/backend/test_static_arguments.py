@@ -32,7 +32,7 @@ WRITTEN = {
     "fitting/sweep/program.py",  # an equilibrium of a case, which follows from its scene
 }
 #: Fields that do not count in a comparison, of classes that are no static argument.
-UNCOMPARED = {"fitting/estimate/gradient.py"}  # the callback of a descent
+UNCOMPARED = {"fitting/estimate/descent.py"}  # the callback of a descent
 
 TWO_RODS = {
     "run": {"dt": 0.01, "duration": 0.1},

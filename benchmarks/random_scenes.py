@@ -24,6 +24,8 @@ from dropper_jax.scene import whole_lines
 Scene = dict[str, Any]
 #: Distance of two runs as a fraction of the travel from which they are different motions.
 PARTED = 0.1
+#: Tension [N] below which a scene has none.
+SMALLEST = 1e-6
 #: Windows of a run whose maxima are compared.
 WINDOWS = 4
 
@@ -104,7 +106,7 @@ def compare(run: dj.Solution, exact: dj.Solution) -> dict[str, Any]:
         "parted_s": None if parted == len(apart) else float(run.t[parted]),
     }
     mean, deviation, maximum = [], [], []
-    largest = float(exact.tension_max.max())
+    largest = max(float(exact.tension_max.max()), SMALLEST)
     for line in whole_lines(run.scene):
         links = line.links
         link = links.start + int(np.argmax(exact.tension_max[:, links].max(axis=0)))

@@ -225,14 +225,14 @@ def cases() -> list[dict[str, Any]]:
     accuracy = [
         row(
             "ten-times-the-step",
-            "10 times the advised step: the status reports it (1: reported as ok)",
+            "20 times the step of the scene: the status reports it (1: reported as ok)",
             0.0,
             "-",
             "too large a step",
             UNDAMPED,
             0.025,
             2.0,
-            expected="not_converged",
+            expected="step_too_long",
             baseline=2.0,
         ),
         row(

@@ -104,11 +104,11 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
     more = [p for one in asked for p in one.parameters]
     S, g, data = joint_information(prepared, solution, simulator or wide(prepared), more)
     free = np.flatnonzero(~problem.held_mask)
-    tested, untold = [], []
+    tested, undistinguished = [], []
     for one in asked:
         change = score_change(S, g, data, free, one.rows)
         if change is None:
-            untold.append(Candidate(one.name, one.paths, {}, {}, 0.0, 1.0))
+            undistinguished.append(Candidate(one.name, one.paths, {}, {}, 0.0, 1.0))
         else:
             tested.append((one, change))
     price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
@@ -125,11 +125,11 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
     # indistinguishable candidates keep the order of their probabilities
     found.sort(key=lambda pair: pair[0])
     rows = sorted((row for _, row in found), key=lambda row: -round(row.worth, 1))
-    return rows + untold
+    return rows + undistinguished
 
 
 @dataclass(frozen=True)
-class Asked:
+class UntestedCandidate:
     """A candidate to be tested: its name, the paths that free it, its numbers, and their rows in the information."""
 
     name: str
@@ -138,21 +138,21 @@ class Asked:
     rows: np.ndarray
 
 
-def _not_free(prepared: Prepared, parameters: Sequence[Parameter]) -> list[Asked]:
+def _not_free(prepared: Prepared, parameters: Sequence[Parameter]) -> list[UntestedCandidate]:
     """The candidates whose numbers are not free yet; their rows follow those of the free parameters."""
     free = {p.name for p in parameters}
-    found: list[Asked] = []
+    found: list[UntestedCandidate] = []
     end = len(parameters)
     for name, paths, every in candidates(prepared.simulator.model, prepared.simulator.release):
         more = tuple(p for p in every if p.name not in free)
         if not more or any(known.startswith(tuple(paths)) for known in free):
             continue
-        found.append(Asked(name, tuple(paths), more, np.arange(end, end + len(more))))
+        found.append(UntestedCandidate(name, tuple(paths), more, np.arange(end, end + len(more))))
         end += len(more)
     return found
 
 
-def _candidate(one: Asked, found: ScoreChange, p: float, price: float, free: Sequence[str]) -> Candidate:
+def _candidate(one: UntestedCandidate, found: ScoreChange, p: float, price: float, free: Sequence[str]) -> Candidate:
     """A tested candidate with its probability over all candidates; each number costs `price` of its gain."""
     names = [parameter.name for parameter in one.parameters]
     changes = dict(zip(names, map(float, found.change), strict=True))

@@ -269,14 +269,14 @@ def fit_and_free(
     return result
 
 
-def explain(result: FitResult, whole: Prepared) -> FitResult:
+def explain(result: FitResult, prepared: Prepared) -> FitResult:
     """The result with the mistake in the traces that explains a misfit, if there is one.
 
     Args:
-        whole: the preparation with all windows.
+        prepared: with all windows.
     """
     if result.status != "ok" or result.chi2_per_dof > SUSPECT:
-        result.wrong_file = name_wrong_file(whole)
+        result.wrong_file = name_wrong_file(prepared)
     return result
 
 

@@ -237,7 +237,7 @@ class GradientSteps:
         return None
 
     def _free(self, point: Point, newton: Step) -> np.ndarray:
-        """Parameters (k,) that move: those on a bound stay there if the quadratic model says so."""
+        """Parameters (k,) that move: those on a bound stay there if the quadratic model leads out of it."""
         size = newton.dp * np.sqrt(np.diag(newton.information))
         low, high = self.objective.problem.bounds(point.values)
         stays = (point.values <= low) & (size < STAYS) | (point.values >= high) & (size > -STAYS)

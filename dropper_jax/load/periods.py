@@ -17,7 +17,8 @@ AnyScene = TypeVar("AnyScene", bound=SceneData)
 #: Saved states per period of the waves, or of the shortest link's swing where there are none.
 ROWS_PER_PERIOD = 20
 #: Bounds of the number of saved states of a run.
-FEWEST_ROWS, MOST_ROWS = 100, 10_000
+FEWEST_ROWS = 100
+MOST_ROWS = 10_000
 
 
 def periods(scene: SceneData) -> dict[str, float]:

@@ -154,11 +154,13 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
     if isinstance(carry, Controlled):
         limit = allowed_error(stepper, model, run)
         followed = "an error tolerance"
-        several, settings = _advance_controlled, {"saves": saves, "every": run.save_every}
+        several = _advance_controlled
+        settings = {"saves": saves, "every": run.save_every}
     else:
         limit = run.accuracy
         followed = "accuracy"
-        several, settings = _advance_adaptively, {"saves": saves}
+        several = _advance_adaptively
+        settings = {"saves": saves}
     limits = jnp.asarray(limit, model.dtype)
     none = jnp.zeros((), jnp.int32)
     program = several.program(stepper, model, carry, dt, limits, count=none, watch=watch, **settings)

@@ -36,13 +36,20 @@ from dropper_jax.stepping.integrate import Trajectory
 TRAVEL_AT_REST = 1e-3
 #: Fraction of the maximum tension of all lines below which a line's errors do not count in the verdict.
 SMALL_TENSION = 0.1
-#: Error of a result above which equal steps are unusable, and above which they are warned of.
-UNUSABLE, WARNED = 0.1, 0.03
+#: Error of a result above which equal steps are unusable.
+UNUSABLE = 0.1
+#: Error of a result above which equal steps are warned of.
+WARNED = 0.03
 #: Stated errors above this multiple of the accuracy are warned of.
 MISSED = 3.0
-#: Chaos: the distance of the two runs is below 1 % of the travel for three times the first swing, and it then reaches
-#: 30 % in less than four times this time. A linear drift of the phase takes 30 times as long.
-CHAOS_RESOLVED, SEPARATED, SWINGS, SUDDEN = 0.01, 0.3, 3, 4.0
+#: Chaos: distance of the two runs, over the travel, up to which they are one motion ...
+CHAOS_RESOLVED = 0.01
+#: ... which they stay for at least this number of times the first swing ...
+SWINGS = 3
+#: ... and distance from which they are two motions ...
+SEPARATED = 0.3
+#: ... reached within this multiple of that time. A linear drift of the phase takes 30 times as long.
+SUDDEN = 4.0
 
 
 class Tensions(NamedTuple):
@@ -93,7 +100,9 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     rows, beside = outcome.trajectory, outcome.beside
     every = 1 if companion.finer else 2
     run = rows.r[every - 1 :: every]
-    parts, distance, turned = [], [], []
+    parts = []
+    distance = []
+    turned = []
     done = 0
     for piece, own_beside in companion.go(len(rows.r)):
         parts.append((len(piece.r), _tensions(piece, own_beside)))
@@ -104,7 +113,8 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
         distance.append(np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1, initial=0.0)))
         turned.append(_turned(solution, apart))
         done += len(piece.r)
-    if done == 0 or done // (2 if companion.finer else 1) < len(run):
+    compared = done // 2 if companion.finer else done
+    if done == 0 or compared < len(run):
         return None
     factor = _factor(solution, companion.finer)
     travel = _travel(solution, rows.r)
@@ -171,7 +181,8 @@ def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
         return None
     shift = np.sqrt(np.max(np.sum((nodes - nodes[0]) ** 2, axis=2), axis=1))
     swing = int(np.argmax(shift > 0.5 * np.max(shift)))
-    resolved, off = (int(np.argmax(separation > limit)) for limit in (CHAOS_RESOLVED, SEPARATED))
+    resolved = int(np.argmax(separation > CHAOS_RESOLVED))
+    off = int(np.argmax(separation > SEPARATED))
     return resolved if resolved > SWINGS * swing and off < SUDDEN * resolved else None
 
 

@@ -14,8 +14,8 @@ from dropper_jax.base.numerics import dot, safe_norm
 
 INTERNAL_DAMPING, AXIAL_RINGING = "internal_damping", "axial_ringing"
 #: Highest angular frequency of a line times the step above which its vibrations are damped. From 2 on the midpoint rule
-#: turns them by more than a quarter per step. With 2 the growth of tangents is the same to 0.03 e-folds per second, and
-#: the hard case of a snapping rope, at 2.5, is off by 2.3 % in place of 1.8 %.
+#: turns them by more than a quarter per step. With 2 the hard case of a snapping rope, at 2.5, is off by 2.3 % in place
+#: of 1.8 %.
 UNRESOLVED = 3.0
 #: Inertia of a link against stretching, over `w EA/L h^2`: it bounds the frequency of what a step cannot resolve.
 RINGING_INERTIA = 1 / 16

@@ -260,7 +260,7 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
     "dt": {
         "type": step_length,
         "metavar": "S",
-        "help": "time step [s], or auto: that of `dropper check`, which `run` shortens if its error is large",
+        "help": "length of equal steps [s]; auto: the step of `dropper check`, in `run` an accuracy of 0.01",
     },
     "duration": {"type": number, "help": "simulated time [s]"},
     "dtype": {"metavar": "NAME", "help": "float64 or float32"},
@@ -268,9 +268,11 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
         "type": number,
         "help": "choose the steps by their error: required relative accuracy of positions and tensions, such as 0.01",
     },
+    "save_interval": {"type": number, "metavar": "S", "help": "time between saved states [s]"},
     "error_tolerance": {
         "type": number,
-        "help": "error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (default: 1e-6)",
+        "help": "error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (default: 0.001 of "
+        "the accuracy; 1e-6 with --dt)",
     },
     "gamma": {"type": number, "help": "weight of the new time in the theta schemes, 0 to 1"},
     "rho_infinity": {

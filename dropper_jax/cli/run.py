@@ -60,6 +60,7 @@ OVERRIDES = (
     "duration",
     "dtype",
     "accuracy",
+    "save_interval",
     "error_tolerance",
     "gamma",
     "rho_infinity",

@@ -1,9 +1,10 @@
-"""Runs with an accuracy on random scenes against runs with one far smaller, and how far the stated errors hold.
+"""Runs with an accuracy on random or packaged scenes against runs with one far smaller, and how far stated errors hold.
 
     python benchmarks/random_scenes.py --seeds 0:20 --out benchmarks/results/random_scenes.json
+    python benchmarks/random_scenes.py --packaged --out benchmarks/results/packaged_scenes.json
 
-A scene has 1 to 4 lines, rigid or elastic, half of the ropes without internal damping; a float or a load where they
-meet, seabed, current, waves, a released end, an end that moves. Its draw follows from the seed alone.
+A random scene has 1 to 4 lines, rigid or elastic, half of the ropes without internal damping; a float or a load where
+they meet, seabed, current, waves, a released end, an end that moves. Its draw follows from the seed alone.
 """
 
 from __future__ import annotations
@@ -127,11 +128,10 @@ def _statistics(run: dj.Solution, link: int) -> tuple[float, float]:
     return mean, float(np.sqrt(max(np.mean(run.tension_square[1:, link]) - mean**2, 0.0)))
 
 
-def judge(seed: int, reference: float) -> dict[str, Any]:
-    """One row."""
+def judge(name: int | str, scene: Scene | str, reference: float) -> dict[str, Any]:
+    """One row: a scene that follows an accuracy of 0.01, named by its seed or its packaged name."""
     started = time.perf_counter()
-    scene = draw_scene(seed)
-    row: dict[str, Any] = {"seed": seed, "lines": len(scene["line"])}
+    row: dict[str, Any] = {"scene": name, "lines": len(dj.load_scene(scene).lines)}
     try:
         run = dj.simulate(scene, companion="coarser")
         exact = dj.simulate(scene, accuracy=reference)
@@ -152,19 +152,25 @@ def judge(seed: int, reference: float) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="0:20", help="FIRST:LAST")
+    parser.add_argument("--packaged", action="store_true", help="packaged scenes in place of random ones")
+    parser.add_argument("--only", nargs="*", help="packaged scenes of these names")
     parser.add_argument("--reference", type=float, default=1e-4, help="accuracy of the run compared with")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    first, last = map(int, args.seeds.split(":"))
+    if args.packaged:
+        names = args.only or dj.scene_names()
+        scenes = {name: name for name in names}
+    else:
+        first, last = map(int, args.seeds.split(":"))
+        scenes = {seed: draw_scene(seed) for seed in range(first, last)}
     rows = []
-    for seed in range(first, last):
-        rows.append(judge(seed, args.reference))
+    for name, scene in scenes.items():
+        rows.append(judge(name, scene, args.reference))
         print(json.dumps(rows[-1]), flush=True)
-    good = [row for row in rows if "positions" in row]
-    off = [
-        row["seed"] for row in good if max(row["positions"], row["mean"]) > MISSED * 0.01 and row["parted_s"] is None
-    ]
-    peaks = [row["seed"] for row in good if row["maximum"] > MISSED * 0.01 and row["parted_s"] is None]
+    good = [row for row in rows if "positions" in row and row["parted_s"] is None]
+    limit = MISSED * 0.01
+    off = [row["scene"] for row in good if max(row["positions"], row["mean"]) > limit]
+    peaks = [row["scene"] for row in good if row["maximum"] > limit]
     print(f"{len(rows)} scenes, {len(good)} compared; positions or means off: {off}; window maxima off: {peaks}")
     if args.out is not None:
         args.out.write_text(json.dumps({"reference": args.reference, "rows": rows}, indent=1))

@@ -100,6 +100,11 @@ def safe_norm(x: jax.Array, floor: float = 1e-30) -> jax.Array:
     return jnp.sqrt(dot(x, x) + jnp.asarray(floor, x.dtype))
 
 
+def time_just_after(t: jax.Array, side: float = 1.0) -> jax.Array:
+    """An instant just after t (before it with side -1): a quantity that jumps at t has its value on that side."""
+    return t + 8.0 * side * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)
+
+
 def horizontal_norm(x: jax.Array) -> jax.Array:
     """The same of the horizontal parts of 3-vectors (..., 3)."""
     return safe_norm(x * jnp.array([1.0, 1.0, 0.0], x.dtype))

@@ -269,11 +269,6 @@ RUN_VALUES: dict[str, dict[str, Any]] = {
         "help": "choose the steps by their error: required relative accuracy of positions and tensions, such as 0.01",
     },
     "save_interval": {"type": number, "metavar": "S", "help": "time between saved states [s]"},
-    "error_tolerance": {
-        "type": number,
-        "help": "error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (default: 0.001 of "
-        "the accuracy; 1e-6 with --dt)",
-    },
     "gamma": {"type": number, "help": "weight of the new time in the theta schemes, 0 to 1"},
     "rho_infinity": {
         "type": number,

@@ -61,7 +61,6 @@ OVERRIDES = (
     "dtype",
     "accuracy",
     "save_interval",
-    "error_tolerance",
     "gamma",
     "rho_infinity",
 )
@@ -209,9 +208,6 @@ def _steps(solution: Solution) -> str:
     if "refused_steps" not in used:
         return f"{used['steps']} steps of {used['dt']:g} s to {end}"
     refused = f"{used['refused_steps']} more rejected"
-    if "error_tolerance" in used:
-        held = f"{used['steps']} steps with an error tolerance of {used['error_tolerance']:g} to {end}"
-        return f"{held}, {refused}; saved every {used['dt'] * used['save_every']:g} s"
     limited = f", {used['shortest_steps']} of the shortest length with a larger error" if used["shortest_steps"] else ""
     held = f"{used['steps']} steps with an accuracy of {used['accuracy']:g} to {end}"
     return f"{held}, {refused}{limited}; saved every {used['dt']:g} s"

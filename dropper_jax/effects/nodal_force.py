@@ -23,9 +23,9 @@ class NodalForce(Effect):
     `s(t)` is 1 (constant), `min(max((t - start)/rise, 0), 1)` until `release` and 0 after it (ramp; thesis (E.1)-(E.3)
     is `rise = M g / 0.094 s`), or read from a table `time`, `scale` (linear between the rows, held outside).
 
-    Schemes evaluate s at their own instants (the middle of the step by default). A `release` inside a step is moved to
-    the end or the start of that step, an error of first order in the step. Use a step that divides `release`, or a
-    scheme that ends steps there (tsit5, dop853).
+    Schemes evaluate s at their own instants (the middle of the step by default). Equal steps move a `release` inside a
+    step to the end or the start of that step, an error of first order in the step: use a step that divides `release`.
+    Steps that follow an accuracy end there.
     """
 
     name: ClassVar[str] = "nodal_force"

@@ -18,7 +18,6 @@ class Dop853(ProjectedRungeKutta):
 
     name: ClassVar[str] = "dop853"
     order: ClassVar[int] = 8
-    knots: ClassVar[int] = 3
     stable: ClassVar[float] = 6.0
     a: ClassVar[tuple[tuple[float, ...], ...]] = (
         (0.05260015195876773,),

@@ -18,7 +18,6 @@ class Tsit5(ProjectedRungeKutta):
 
     name: ClassVar[str] = "tsit5"
     order: ClassVar[int] = 5
-    knots: ClassVar[int] = 2
     stable: ClassVar[float] = 3.0
     a: ClassVar[tuple[tuple[float, ...], ...]] = (
         (0.161,),

@@ -287,9 +287,9 @@ class Scene(SceneData):
     def _with_steps_for(self, run: dict[str, Any]) -> dict[str, Any]:
         """The table of `[run]`, with equal steps if its scheme has no estimate of the error of a step."""
         scheme = INTEGRATORS.get(run["integrator"])
-        if self.run.accuracy is None or "dt" in run or scheme is None or scheme.controls_error:
+        if self.run.accuracy is None or "dt" in run or scheme is None:
             return run
-        if scheme(**{key: run[key] for key in scheme.options() if key in run}).local_error is not None:
+        if scheme(**{key: run[key] for key in scheme.options() if key in run}).follows_accuracy:
             return run
         return {**choose_steps(run, {"run.dt": None}), "dt": self.run.step}
 

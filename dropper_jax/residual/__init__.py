@@ -1,7 +1,15 @@
 """A step is a residual: its unknowns and rows, Newton's method on them, the derivative of the solution (`step`)."""
 
 from dropper_jax.residual.problem import GRAVITY_SCALE, SpeedProblem, StepProblem, local_jacobian
-from dropper_jax.residual.scheme import Explicit, Implicit, Integrator, LocalError, couples_inertia, point_masses_only
+from dropper_jax.residual.scheme import (
+    Embedded,
+    Explicit,
+    Implicit,
+    Integrator,
+    LocalError,
+    couples_inertia,
+    point_masses_only,
+)
 from dropper_jax.residual.step import (
     TOO_FAR,
     Filter,
@@ -11,6 +19,7 @@ from dropper_jax.residual.step import (
     Solver,
     Stepper,
     Unknowns,
+    explicit_row,
     finish_step,
     largest_row,
     newton,
@@ -22,6 +31,7 @@ from dropper_jax.residual.step import (
 )
 
 __all__ = [
+    "Embedded",
     "Explicit",
     "Filter",
     "GRAVITY_SCALE",
@@ -38,6 +48,7 @@ __all__ = [
     "TOO_FAR",
     "Unknowns",
     "couples_inertia",
+    "explicit_row",
     "finish_step",
     "largest_row",
     "local_jacobian",

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import jax
+import jax.numpy as jnp
 
 from dropper_jax.base.read import read_number
 from dropper_jax.model import AddedMass, Model, State
@@ -49,8 +50,6 @@ class Integrator:
     implicit: ClassVar[bool] = True
     #: Fractions of the substeps (compositions have several).
     stages: ClassVar[tuple[float, ...]] = (1.0,)
-    #: Whether the scheme chooses its steps by its own error.
-    controls_error: ClassVar[bool] = False
 
     @property
     def dissipates(self) -> bool:
@@ -59,8 +58,13 @@ class Integrator:
 
     @property
     def local_error(self) -> LocalError | None:
-        """The error of a step; None if none is known, so that the scheme cannot follow a required accuracy."""
+        """The error of a step by the accelerations of two steps; None if it is not known."""
         return None
+
+    @property
+    def follows_accuracy(self) -> bool:
+        """Whether the error of a step is known, so that steps can follow a required accuracy."""
+        return self.local_error is not None
 
     @property
     def evaluations(self) -> int:
@@ -154,6 +158,20 @@ class Explicit(Integrator, ABC):
         if not all(law.of_state for law in model.laws):
             return _law_not_taken(model)
         return super().refuse(model)
+
+
+@dataclasses.dataclass(frozen=True)
+class Embedded(Explicit):
+    """An explicit scheme that estimates the error of its step."""
+
+    follows_accuracy = True
+
+    @abstractmethod
+    def advance_with_error(self, model: Model, s: State, h: jax.Array, tolerance: jax.Array) -> tuple[State, jax.Array]:
+        """One step, and its error relative to a tolerance, of the scheme's order in h; not differentiated."""
+
+    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+        return self.advance_with_error(model, s, h, jnp.ones((), model.dtype))[0]
 
 
 def couples_inertia(model: Model) -> bool:

@@ -442,9 +442,14 @@ def finish_step(stepper: Stepper, theta: Theta, u: Unknowns, row: jax.Array) -> 
 
 def _explicit_step(integrator: Scheme, model: Model, s: State, h: jax.Array) -> tuple[State, jax.Array]:
     s1 = integrator.advance(model.with_internal_state(s.own), s, h)
+    return s1, explicit_row(model, s, s1)
+
+
+def explicit_row(model: Model, s: State, s1: State) -> jax.Array:
+    """The row of an explicit step from s to s1, which solves nothing: 0, or what is wrong with it."""
     finite = jnp.all(jnp.isfinite(s1.r)) & jnp.all(jnp.isfinite(s1.v))
     row = jnp.where(finite, 0.0, jnp.nan).astype(model.dtype)
-    return s1, limit_pace(model, s, s1, row)
+    return limit_pace(model, s, s1, row)
 
 
 def limit_pace(model: Model, s: State, s1: State, row: jax.Array) -> jax.Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -18,10 +17,9 @@ from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, Parted, work_names
 from dropper_jax.model.slots import Force
-from dropper_jax.residual import TOO_FAR, Stepper, local_jacobian
+from dropper_jax.residual import TOO_FAR, Embedded, Stepper, local_jacobian
 from dropper_jax.run.arrays import body_motion, breaks, words
 from dropper_jax.run.bends import twist_remarks
-from dropper_jax.run.build import allowed_error
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.run.resolution import pose_remarks, with_quality_checks, without_push
@@ -31,10 +29,10 @@ from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_s
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.control import DRIFT_LIMIT
-from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Observed, Trajectory, observe
 from dropper_jax.stepping.step_change import STEP_CHANGES, books_changes
+from dropper_jax.stepping.step_control import allowed_error
 
 #: Fraction of the steps that may be of the shortest length with a larger error, as after a start or a snap, without a
 #: warning.
@@ -71,9 +69,7 @@ def build_solution(
     solution = _observe_run(kind, scene, stepper, model, first, since, run, extra, rows)
     solution = _with_step_extremes(solution, run.extremes, stepper.limit(model), rows)
     if isinstance(outcome.beside, Within):
-        solution = _with_adaptive_steps(solution, outcome.beside, carry, first.carry)
-    if isinstance(carry, Controlled):
-        solution = _with_controlled_steps(solution, stepper, model, run, outcome.beside, carry, first.carry)
+        solution = _with_adaptive_steps(solution, stepper, model, run, outcome.beside, carry, first.carry)
     if solution.first_bad is None:
         solution = replace(solution, last=name_leaves(Last(last_row(run), carry)))
     if outcome.interrupted:
@@ -173,8 +169,7 @@ def ledger(stepper: Stepper, model: Model, run: RunSpec) -> tuple[str, ...]:
     if not stepper.track_work:
         return ()
     names = work_names(model)
-    is_adaptive = run.accuracy is not None and not stepper.integrator.controls_error
-    return (*names, STEP_CHANGES) if is_adaptive and books_changes(stepper, model) else names
+    return (*names, STEP_CHANGES) if run.accuracy is not None and books_changes(stepper, model) else names
 
 
 class _Observed(NamedTuple):
@@ -228,52 +223,44 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, tolerance: fl
     return replace(solution, **found)
 
 
-def _with_adaptive_steps(solution: Kind, within: Within, carry: Adaptive, start: Adaptive) -> Kind:
-    """The solution of a run with an accuracy: mean squares between saved times, accepted and rejected steps."""
-    good = len(solution.t) - 1
-    first = solution.tension[:1]
-    taken = {
-        "steps": int(np.sum(within.steps[:good])),
-        "refused_steps": int(carry.refused - start.refused),
-        "shortest_steps": int(carry.shortest - start.shortest),
-    }
-    accuracy = solution.scene.run.accuracy
-    warnings = solution.warnings
-    if taken["shortest_steps"] > SHORTEST_SHARE * taken["steps"]:
-        counted = f"{taken['shortest_steps']} of {taken['steps']} steps are as short as steps get"
-        text = f"accuracy: {counted} and have a larger error than {accuracy:g} allows. Use a larger run.accuracy"
-        warnings = (*warnings, text)
-    return replace(
-        solution,
-        t_tension=np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * solution.settings["dt"]]),
-        tension_square=np.concatenate([first**2, within.square[:good]]),
-        settings={**solution.settings, **taken, "accuracy": accuracy},
-        warnings=warnings,
-    )
-
-
-def _with_controlled_steps(
+def _with_adaptive_steps(
     solution: Kind,
     stepper: Stepper,
     model: Model,
     run: Trajectory,
-    h: np.ndarray,
-    carry: Controlled,
-    first: Controlled,
+    within: Within,
+    carry: Adaptive,
+    start: Adaptive,
 ) -> Kind:
-    """The solution of an error-controlled run: accepted and rejected steps, where they failed, what limited them."""
+    """The solution of a run with an accuracy: mean squares between saved times, accepted and rejected steps."""
     good = len(solution.t) - 1
-    taken = {"steps": int(carry.taken - first.taken), "refused_steps": int(carry.refused - first.refused)}
-    taken["error_tolerance"] = allowed_error(stepper, model, solution.scene.run)
-    notes = stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h[:good])
-    if solution.first_bad is not None:
-        status, why = "not_converged", "error above the tolerance"
-        if int(carry.bad) == 2:
-            status, why = "non_finite", "non-finite positions or velocities"
-        bad = {"step": int(carry.taken) + 1, "time_s": float(carry.now.t), "residual": math.nan}
-        solution = replace(solution, status=status, first_bad={**bad, "reason": f"{why} at the shortest step"})
-    settings, warnings = {**solution.settings, **taken}, (*solution.warnings, *notes)
-    return replace(solution, settings=settings, warnings=warnings, max_residual=0.0)
+    first = solution.tension[:1]
+    steps = within.steps[:good]
+    interval = solution.settings["dt"]
+    accuracy = solution.scene.run.accuracy
+    taken = {
+        "steps": int(np.sum(steps)),
+        "refused_steps": int(carry.refused - start.refused),
+        "shortest_steps": int(carry.shortest - start.shortest),
+        "accuracy": accuracy,
+    }
+    warnings = list(solution.warnings)
+    if solution.first_bad is None and taken["shortest_steps"] > SHORTEST_SHARE * taken["steps"]:
+        counted = f"{taken['shortest_steps']} of {taken['steps']} steps are as short as steps get"
+        warnings.append(
+            f"accuracy: {counted} and have a larger error than {accuracy:g} allows. Use a larger run.accuracy"
+        )
+    if isinstance(stepper.integrator, Embedded):
+        taken["error_tolerance"] = float(allowed_error(accuracy, model.dtype))
+        h = interval / steps
+        warnings += stiffness_remarks(stepper.integrator, model, run.r[:good], run.v[:good], solution.t[1:], h)
+    return replace(
+        solution,
+        t_tension=np.concatenate([solution.t[:1], solution.t[1:] - 0.5 * interval]),
+        tension_square=np.concatenate([first**2, within.square[:good]]),
+        settings={**solution.settings, **taken},
+        warnings=tuple(warnings),
+    )
 
 
 def _precision(scene: Scene, model: Model) -> tuple[str, ...]:

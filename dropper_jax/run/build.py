@@ -136,11 +136,6 @@ def _under_tension(model: Model, s: State) -> State:
     return replace(s, tension=instant(acting.instant(s.r, s.v, s.t), moved)[1])
 
 
-#: Minimum error tolerance in units of rounding.
-TOLERANCE_ROUNDING = 100.0
-#: Error of a step [m], [m/s] that schemes with error control allow, over the accuracy.
-TOLERANCE_SHARE = 1e-3
-
 SceneLike = str | Path | Mapping[str, Any] | Scene
 
 
@@ -191,44 +186,10 @@ def shift_model(model: Model, moving: Sequence[int], rows: Sequence[jax.Array | 
 def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:
     """The stepper of a scene's `[run]`."""
     stepper = make_stepper(model, run.integrator, run.solver, **run.options, **settings)
-    holds = stepper.integrator.controls_error
-    if run.error_tolerance is not None:
-        _check_tolerance(run.error_tolerance, run.integrator, holds, model)
-    if run.accuracy is not None and not (holds or stepper.integrator.local_error):
+    if run.accuracy is not None and not stepper.integrator.follows_accuracy:
         why = f"needs an estimate of the error of a step, which integrator {run.integrator!r} has not"
         raise SceneError(f"run.accuracy: {run.accuracy:g} {why}. Use run.dt, energy_momentum or generalized_alpha")
     return stepper
-
-
-def equal_steps(model: Model, run: RunSpec, **settings: Any) -> Stepper:
-    """The stepper for studies that take equal steps of `run.step`.
-
-    Raises:
-        SceneError: a scheme that controls its own error.
-    """
-    stepper = stepper_of(model, run, **settings)
-    if stepper.integrator.controls_error:
-        why = "controls its own error, but equal steps are needed; allowed: rattle, energy_momentum"
-        raise SceneError(f"run.integrator: {run.integrator!r} {why}")
-    return stepper
-
-
-def allowed_error(stepper: Stepper, model: Model, run: RunSpec) -> float:
-    """The error tolerance of a step, for schemes that control their error."""
-    if run.error_tolerance is not None:
-        return run.error_tolerance
-    wanted = stepper.integrator.tolerance if run.accuracy is None else TOLERANCE_SHARE * run.accuracy
-    return max(wanted, TOLERANCE_ROUNDING * float(jnp.finfo(model.dtype).eps))
-
-
-def _check_tolerance(tolerance: float, integrator: str, holds: bool, model: Model) -> None:
-    if not holds:
-        why = f"is given, but integrator {integrator!r} takes equal steps. Use it with tsit5 or dop853"
-        raise SceneError(f"run.error_tolerance: {tolerance:g} {why}")
-    least = TOLERANCE_ROUNDING * float(jnp.finfo(model.dtype).eps)
-    if tolerance < least:
-        why = f"is below the resolution of {model.dtype}; allowed: at least {least:.0e}"
-        raise SceneError(f"run.error_tolerance: {tolerance:g} {why}")
 
 
 def build(scene: SceneLike, dtype: str | None = None) -> tuple[Model, State]:

@@ -21,11 +21,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import allowed_error
 from dropper_jax.run.row_store import InMemory, Last, last_row, name_leaves
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
-from dropper_jax.stepping.controlled import Controlled, advance_controlled, start_controlled
 from dropper_jax.stepping.extremes import Watch
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance_some, begin
 
@@ -84,16 +82,14 @@ CHUNK_SIZES = (1, 2, 16, 128, 1024)
 FACTOR = 4.0
 
 #: The state carried from chunk to chunk, and the data on its steps in addition to the trajectory.
-Carry = Progress | Adaptive | Controlled
-Beside = Within | jax.Array | None
+Carry = Progress | Adaptive
+Beside = Within | None
 #: A carry and the maximum number of saves -> the carry after them, the saved states.
 GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
 _advance = cached_jit(static=("stepper", "capacity", "save_every"), kernel=True)(advance_some)
 _advance_adaptively = cached_jit(static=("stepper", "saves"), kernel=True)(advance_adaptively)
-_advance_controlled = cached_jit(static=("stepper", "saves", "every"), kernel=True)(advance_controlled)
-_start_controlled = cached_jit(static=("stepper",))(start_controlled)
 
 
 class Companion(NamedTuple):
@@ -132,12 +128,10 @@ class RunOutcome(NamedTuple):
 
 def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
     """The carry of a run that starts at `start`."""
-    if stepper.integrator.controls_error:
-        return _start_controlled(stepper, model, start, jnp.asarray(allowed_error(stepper, model, run), model.dtype))
     progress = begin(stepper, model, start)
     if run.accuracy is None:
         return progress
-    return adaptive_start(model, progress)
+    return adaptive_start(stepper, model, progress)
 
 
 def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watch: Watch | None = None) -> Program:
@@ -151,32 +145,22 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
         return Program(equal, carry, equal.companion)
     dt = jnp.asarray(run.interval, model.dtype)
     saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
-    if isinstance(carry, Controlled):
-        limit = allowed_error(stepper, model, run)
-        followed = "an error tolerance"
-        several = _advance_controlled
-        settings = {"saves": saves, "every": run.save_every}
-    else:
-        limit = run.accuracy
-        followed = "accuracy"
-        several = _advance_adaptively
-        settings = {"saves": saves}
-    limits = jnp.asarray(limit, model.dtype)
+    accuracy = jnp.asarray(run.accuracy, model.dtype)
     none = jnp.zeros((), jnp.int32)
-    program = several.program(stepper, model, carry, dt, limits, count=none, watch=watch, **settings)
+    program = _advance_adaptively.program(stepper, model, carry, dt, accuracy, count=none, watch=watch, saves=saves)
 
     def advance(
-        carry: Carry, left: int, interval: jax.Array, limit: jax.Array
+        carry: Carry, left: int, interval: jax.Array, accuracy: jax.Array
     ) -> tuple[Carry, tuple[Trajectory, Beside]]:
         count = min(saves, left)  # never beyond the end, where the run may go on
-        after, rows = program(model, carry, interval, limit, jnp.asarray(count, jnp.int32), watch)
+        after, rows = program(model, carry, interval, accuracy, jnp.asarray(count, jnp.int32), watch)
         return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
 
     def go_on(carry: Carry, left: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
-        return advance(carry, left, dt, limits)
+        return advance(carry, left, dt, accuracy)
 
     def companion(finer: bool) -> Companion:
-        other = limit / FACTOR if finer else min(limit * FACTOR, 1.0)
+        other = run.accuracy / FACTOR if finer else min(run.accuracy * FACTOR, 1.0)
         # steps end at the saved times: with the interval of the run those of both would be equal where it is short
         interval = 0.5 * dt if finer else 2.0 * dt
 
@@ -190,7 +174,7 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
                 left -= len(piece[0].r)
                 yield piece
 
-        return Companion(go, finer, f"a run with {followed} {other:.2g}")
+        return Companion(go, finer, f"a run with accuracy {other:.2g}")
 
     return Program(go_on, carry, companion)
 

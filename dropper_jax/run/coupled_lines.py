@@ -163,10 +163,7 @@ def coupled_lines(
     rates = np.zeros_like(home) if velocities is None else np.asarray(velocities, float)
     motion = CoupledMotion.uniform(points, home, rates, accelerations)
     model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
-    stepper = stepper_of(model, scene.run)
-    if stepper.integrator.controls_error:
-        raise SceneError("run: chooses its own steps, which a coupling cannot use. Use a scheme of equal steps")
-    return CoupledLines(model, initial_state(model, scene.start), stepper)
+    return CoupledLines(model, initial_state(model, scene.start), stepper_of(model, scene.run))
 
 
 def coupled_points(scene: Scene, given: Sequence[str] | None) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from dropper_jax.run.row_store import OnDisk, read_mark
 from dropper_jax.run.simulate import Solution, initial_carry, restore_end
 from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.extremes import Extremes
-from dropper_jax.stepping.integrate import Progress, Trajectory
+from dropper_jax.stepping.integrate import Trajectory
 
 
 def recover(path: Path) -> list[str]:
@@ -48,7 +48,7 @@ def killed_run(folder: Path) -> Solution:
     """The run in the scratch folder of a killed process, up to its last complete state, with status `interrupted`.
 
     Raises:
-        SceneError: rows by an earlier version, of a run that continued another one or that controlled its error.
+        SceneError: rows by an earlier version, or of a run that continued another one.
     """
     rows = OnDisk.resume(folder)
     scene = Scene.from_dict(rows.about["scene"])
@@ -63,11 +63,9 @@ def killed_run(folder: Path) -> Solution:
     else:
         if rows.about.get("went_on"):
             raise SceneError("it continued another run. Use --continue from that run again")
-        if stepper.integrator.controls_error:
-            raise SceneError(f"integrator: {stepper.integrator.name} controls its own error. Run it again")
         first, since = initial_carry(stepper, model, scene, None)
         carry = first.carry
-    beside = {Progress: None, Adaptive: Within(*(0.0,) * len(Within._fields))}.get(type(first.carry), 0.0)
+    beside = Within(*(0.0,) * len(Within._fields)) if isinstance(first.carry, Adaptive) else None
     plain = Trajectory(*(0.0,) * 8, first.row.parted, first.row.own), beside
     extremes = None
     # rows by an earlier version have no extremes

@@ -30,7 +30,6 @@ from dropper_jax.base.store import Store, differences, read_archive, write_archi
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Parted, State
 from dropper_jax.stepping.adaptive import Adaptive
-from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
 #: File with the number of complete states and the last one; file with what is needed to build a solution from them.
@@ -191,7 +190,7 @@ UNITS |= {"wanted": "s", "before": "s", "level": "N", "speed": "m s-1"}
 #: Name of the run in error messages.
 RUN = "the run to continue"
 #: Keys of `[run]` that may change when a run continues.
-FREE = ("dt", "duration", "save_every", "solver", "accuracy", "error_tolerance")
+FREE = ("dt", "duration", "save_every", "solver", "accuracy")
 #: Keys of a scene that do not affect the motion.
 WORDS = ("name", "description", "notes")
 
@@ -211,7 +210,7 @@ class Last(NamedTuple):
     """The end of a run: its last row and its last carry."""
 
     row: Row
-    carry: Progress | Adaptive | Controlled
+    carry: Progress | Adaptive
 
 
 def last_row(trajectory: Trajectory) -> Row:

@@ -40,7 +40,6 @@ from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary
 from dropper_jax.scene import RunSpec
 from dropper_jax.statics.search import node_positions
-from dropper_jax.stepping.controlled import Controlled
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
 
 if TYPE_CHECKING:
@@ -190,7 +189,6 @@ def simulate(
     save_every: int | None = None,
     save_interval: float | None = None,
     accuracy: float | None = None,
-    error_tolerance: float | None = None,
     progress: Callable[[float, str], None] | None = None,
     throw: bool = False,
     errors: bool = False,
@@ -214,8 +212,6 @@ def simulate(
         accuracy: required relative accuracy, above 0 and at most 1. Steps then follow the error of positions and
             tensions (see `stepping.step_control`) and end at the saved times; saved tensions are means over the
             interval, extremes are those of all steps.
-        error_tolerance: error of a step in positions [m] and velocities [m/s] that tsit5 and dop853 allow (see
-            `stepping.controlled`), in place of 0.001 times the accuracy.
         progress: called with the fraction done and a line of text.
         throw: raise `SimulationError` (with the partial solution) if the status is not `ok`.
         errors: run again with smaller steps and more links (about 12 times the cost), and store the loads with an
@@ -242,7 +238,6 @@ def simulate(
         "save_every": save_every,
         "save_interval": save_interval,
         "accuracy": accuracy,
-        "error_tolerance": error_tolerance,
         **{name: settings.pop(name) for name in OPTIONS if name in settings},
     }
     check_settings(settings, [*given, *OPTIONS, "residual_tolerance", *stepper_settings()])
@@ -305,9 +300,6 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
     since = since._replace(saves=since.saves + len(before.t) - 1)
     if (run.interval, run.save_every) != (used["dt"] * used["save_every"], used["save_every"]):
         since = TimeOrigin(float(before.t[-1]))
-        if isinstance(last.carry, Controlled):
-            here = last.carry._replace(origin=jnp.asarray(since.origin, model.dtype), saved=jnp.zeros((), jnp.int32))
-            last = last._replace(carry=here)
     return last, since
 
 

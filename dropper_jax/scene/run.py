@@ -29,6 +29,8 @@ from dropper_jax.scene.line import LineSpec
 
 #: Accuracy of runs of scenes that give neither accuracy nor step.
 DEFAULT_ACCURACY = 0.01
+#: Keys that an accuracy replaces.
+REPLACED = ("tolerance", "step_tolerance", "error_tolerance")
 #: How the start may be given.
 _KINDS = {"one line": ("static", "angles", "positions"), "a system of lines": ("static", "points")}
 #: Linear solvers by name, as `dropper_jax.solvers` offers them; importing that would load scipy for every scene reader.
@@ -63,14 +65,6 @@ class RunSpec:
     solver: str = option("linear solver", choices=SOLVERS, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
     save_every: int = count("equal steps between saved states", default=1)
-    error_tolerance: float | None = parameter(
-        "error per step of schemes with error control (tsit5, dop853): of positions [m] and velocities",
-        unit="m/s",
-        low=0.0,
-        open_low=True,
-        high=0.1,
-        optional=True,
-    )
     options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name
     #: For `step` and `interval` where the scene gives none [s]; the scene suggests them.
     suggested_step: float | None = None
@@ -114,10 +108,9 @@ class RunSpec:
         """A checked `[run]`; `options` are the additional keys of schemes, name and range."""
         given = read_table(table, path)
         options = options or {}
-        if "step_tolerance" in given:
-            raise SceneError(
-                f"{path}.step_tolerance: no longer exists. Use run.accuracy, a relative error such as 0.01"
-            )
+        for key in REPLACED:
+            if key in given:
+                raise SceneError(f"{path}.{key}: no longer exists. Use run.accuracy, a relative error such as 0.01")
         check_keys(given, [*declared_fields(cls), *options], path)
         values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
         values["options"] = {

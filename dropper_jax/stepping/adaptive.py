@@ -1,8 +1,11 @@
 """Steps that follow a required accuracy: one whose local error is too large is rejected and repeated.
 
 The error and the next length are those of `step_control`. A step that does not converge is rejected like one that is
-too long. Steps end at the saved times, which are evenly spaced. Steps of the shortest length are accepted at any error,
-and counted.
+too long. Steps end at the saved times, which are evenly spaced, and at times at which an effect is not smooth
+(`Model.corners`). Steps of the shortest length are accepted at any error, and counted.
+
+Lengths of steps are not differentiated: derivatives of a run, in forward mode, are those with the lengths held
+constant, up to corners that depend on a parameter.
 """
 
 from __future__ import annotations
@@ -13,22 +16,21 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from dropper_jax.base.numerics import time_just_after
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Stepper, step_and_filter
+from dropper_jax.residual import Stepper
 from dropper_jax.stepping.control import step_failed
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
 from dropper_jax.stepping.integrate import Progress, Trajectory, begin, empty_rows, scan_steps
 from dropper_jax.stepping.step_change import books_changes, with_step_changed
 from dropper_jax.stepping.step_control import (
-    LEAST,
     MOST,
     Control,
     after_step,
-    compare,
-    error_rows,
     next_length,
     shortest_step,
     start_control,
+    try_step,
 )
 
 
@@ -116,7 +118,7 @@ def advance_adaptively(
 
         def attempt(done: _Interval) -> _Interval:
             tried = _try(stepper, model, done.adaptive, end, dt, accuracy)
-            within, tension = done.within, tried.adaptive.state.tension
+            within, tension = done.within, _in_the_middle(stepper, done.adaptive.state, tried.adaptive.state)
             taken = done._replace(
                 within=Within(
                     within.mean + tried.h / dt * tension,
@@ -159,16 +161,13 @@ def _try(
     stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, accuracy: jax.Array
 ) -> _Tried:
     (s, number, first_bad), control, refused, shortest, changed = adaptive
-    left = end - s.t
-    h = left / jnp.ceil(left / control.wanted - 1e-9)
+    left = _next_stop(model, s.t, end) - s.t
+    h = left / jnp.ceil(jax.lax.stop_gradient(left) / control.wanted - 1e-9)
     start, added = with_step_changed(stepper, model, s, control.before, h)
-    s1, row, error = step_and_filter(stepper, model, start, h, error_rows(stepper, control.before))
+    s1, row, excess = try_step(stepper, model, start, h, control, accuracy)
     failed = step_failed(stepper, model, s1, row)
-    excess = compare(model, start, s1, h, error, control, accuracy)
-    # there is nothing to compare the first acceleration with
-    excess = jnp.where(control.before > 0.0, excess, LEAST)
     excess = jnp.where(failed | ~jnp.isfinite(excess), MOST, excess)
-    floor = shortest_step(model)
+    floor = shortest_step(stepper, model)
     last_resort = floor * 0.5**stepper.halvings
     # a failed run continues to its end with any error
     solved = ~failed | (h <= 1.01 * last_resort) | (first_bad >= 0)
@@ -176,12 +175,30 @@ def _try(
     accepted = solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0))
     least = jnp.where(failed, last_resort, jnp.minimum(floor, h))
     wanted = jnp.clip(next_length(h, excess, control, accepted), least, dt)
+    wanted = jnp.where(first_bad >= 0, dt, wanted)
     progress = Progress(s1, number, jnp.where(failed & (first_bad < 0), number, first_bad))
     following = after_step(model, s1, h, excess, wanted, control)
     taken = Adaptive(progress, following, refused, shortest + ~exact, changed + added)
     left_alone = adaptive._replace(control=control._replace(wanted=wanted, rejected=~accepted), refused=refused + 1)
     chosen = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, left_alone)
     return _Tried(chosen, h, row, failed, accepted)
+
+
+def _in_the_middle(stepper: Stepper, s: State, s1: State) -> jax.Array:
+    """Tensions (n,) [N] in the middle of a step, from those reported in this and the last one."""
+    late = stepper.integrator.tension_time - 0.5
+    if late == 0.0:
+        return s1.tension
+    return (1.0 - late) * s1.tension + late * s.tension
+
+
+def _next_stop(model: Model, t: jax.Array, end: jax.Array) -> jax.Array:
+    """The end of the interval, or a time before it at which an effect is not smooth [s]."""
+    if model.corners is None:
+        return end
+    later = jnp.where(model.corners > time_just_after(t, 2.0), model.corners, jnp.inf)
+    first = jnp.min(later)
+    return jnp.where(first < end, first, end)
 
 
 def adaptive_step_lengths(
@@ -192,7 +209,7 @@ def adaptive_step_lengths(
     A run along these steps, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes
     with the steps held constant. Steps after the first `most` are left out.
     """
-    adaptive = adaptive_start(model, begin(stepper, model, s))
+    adaptive = adaptive_start(stepper, model, begin(stepper, model, s))
     last = adaptive.t + intervals * dt
 
     def before_end(carry: tuple[Adaptive, jax.Array, jax.Array]) -> jax.Array:
@@ -210,7 +227,7 @@ def adaptive_step_lengths(
     return lengths, number
 
 
-def adaptive_start(model: Model, progress: Progress) -> Adaptive:
+def adaptive_start(stepper: Stepper, model: Model, progress: Progress) -> Adaptive:
     """The carry of a run that starts."""
     none = jnp.zeros((), jnp.int32)
-    return Adaptive(progress, start_control(model, progress.state), none, none, jnp.zeros((), model.dtype))
+    return Adaptive(progress, start_control(stepper, model, progress.state), none, none, jnp.zeros((), model.dtype))

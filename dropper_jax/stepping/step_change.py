@@ -26,7 +26,7 @@ def with_step_changed(
     """The state from which a step of h [s] continues smoothly after one of `before` [s], 0 if there is none, and the
     energy that this adds [J]."""
     none = jnp.zeros((), model.dtype)
-    if not has_rigid_links(model):
+    if not _changes(stepper, model):
         return s, none
     inner = model if s.parted is None else without_broken_links(model, s)
     inner = inner.with_internal_state(s.own)
@@ -45,9 +45,9 @@ def with_step_changed(
 
 def books_changes(stepper: Stepper, model: Model) -> bool:
     """Whether the rows of a run have the energy of changes of the step as their last work."""
-    return stepper.track_work and has_rigid_links(model)
+    return stepper.track_work and _changes(stepper, model)
 
 
-def has_rigid_links(model: Model) -> bool:
-    """Whether any link is inextensible."""
-    return bool(model.line.axial.rigid(model.line.links).any())
+def _changes(stepper: Stepper, model: Model) -> bool:
+    """Whether velocities of the scheme depend on the step: it is implicit, and a link is inextensible."""
+    return stepper.integrator.implicit and bool(model.line.axial.rigid(model.line.links).any())

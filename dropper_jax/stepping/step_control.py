@@ -10,6 +10,9 @@ matrix takes out of e what rigid links forbid, and divides a vibration of freque
 stiffest vibration, which the scheme does not resolve, would set the step. Error per unit of time makes the errors of
 results go with the accuracy. The change of tension over a step is no measure: with rigid links it alternates by `1/h`.
 
+Explicit schemes with an embedded error estimate (`residual.Embedded`) keep that estimate below 0.001 accuracy, of
+positions in m and of velocities in m/s.
+
 The next step follows by PI control (`pi_control`).
 """
 
@@ -24,7 +27,7 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.model import Graph, Model, State
-from dropper_jax.residual import Filter, Stepper, Unknowns
+from dropper_jax.residual import Embedded, Filter, Stepper, Unknowns, explicit_row, step_and_filter
 from dropper_jax.stepping.pi_control import step_ratio
 
 #: Order of the error of positions per unit of time.
@@ -39,6 +42,10 @@ LEAST, MOST = 1e-4, 1e6
 #: The shortest step, as a fraction of the period of the stiffest vibration along a line, and of the swing of the
 #: shortest link.
 AXIAL_SHARE, SWING_SHARE = 1e-2, 1e-3
+#: The shortest step of an embedded estimate, which needs no safety from vibrations, over that share of the swing.
+EMBEDDED_SHARE = 1e-3
+#: Error of a step of an embedded estimate [m], [m/s] over the accuracy, and its floor over rounding.
+TOLERANCE_SHARE, TOLERANCE_ROUNDING = 1e-3, 100.0
 #: Speed [m/s] below which a line counts as at rest, over that of a fall by its mean link: errors there are rounding.
 STILL = 1e-4
 #: Tension of a line below which its errors do not count, over the largest of all lines at the start.
@@ -64,15 +71,16 @@ class Control(NamedTuple):
     speed: jax.Array
 
 
-def start_control(model: Model, s: State) -> Control:
+def start_control(stepper: Stepper, model: Model, s: State) -> Control:
     """The controller at the start of a run. The first step is the shortest: it gives the first acceleration."""
+    model, s = jax.lax.stop_gradient((model, s))
     zero = jnp.zeros((), model.dtype)
     level = _line_maximum(model.geometry, jnp.abs(s.tension))
     # a line without tension anywhere is going to carry its weights
     largest = jnp.where(jnp.max(level) > 0.0, jnp.max(level), GRAVITY * jnp.max(model.node_mass))
     still = STILL * jnp.sqrt(GRAVITY * jnp.mean(model.line.length))
     return Control(
-        wanted=shortest_step(model),
+        wanted=shortest_step(stepper, model),
         before=zero,
         excess=zero + 1.0,
         rejected=jnp.zeros((), bool),
@@ -81,12 +89,15 @@ def start_control(model: Model, s: State) -> Control:
     )
 
 
-def shortest_step(model: Model) -> jax.Array:
+def shortest_step(stepper: Stepper, model: Model) -> jax.Array:
     """The shortest step [s] that is chosen: `w^2 <= 2 EA/L (1/m_a + 1/m_b)` bounds the stiffest vibration."""
+    model = jax.lax.stop_gradient(model)
     lighter = model.geometry.everywhere(1.0 / model.node_mass[:, None], None)[:, 0]
     stiffness = model.line.axial.stiffness(model.line.length)
     fastest = jnp.max(2.0 * stiffness * (lighter[model.geometry.first] + lighter[model.geometry.last]))
     swing = SWING_SHARE * 2.0 * jnp.pi * jnp.sqrt(jnp.min(model.line.length) / GRAVITY)
+    if isinstance(stepper.integrator, Embedded):
+        return (EMBEDDED_SHARE * swing).astype(model.dtype)
     axial = AXIAL_SHARE * 2.0 * jnp.pi / jnp.sqrt(jnp.maximum(fastest, jnp.finfo(model.dtype).tiny))
     return jnp.minimum(swing, axial).astype(model.dtype)
 
@@ -109,7 +120,27 @@ def error_rows(stepper: Stepper, before: jax.Array) -> Filter:
     return rows
 
 
-def compare(
+def try_step(
+    stepper: Stepper, model: Model, s: State, h: jax.Array, control: Control, accuracy: jax.Array
+) -> tuple[State, jax.Array, jax.Array]:
+    """The state after a step of h [s], the largest scaled row, and the error relative to what the accuracy allows."""
+    scheme = stepper.integrator
+    if isinstance(scheme, Embedded):
+        allowed = allowed_error(accuracy, model.dtype)
+        s1, error = scheme.advance_with_error(model, s, h, allowed)
+        return s1, explicit_row(model, s, s1), jax.lax.stop_gradient(error) ** (ORDER / scheme.order)
+    s1, row, error = step_and_filter(stepper, model, s, h, error_rows(stepper, control.before))
+    excess = _compare(model, s, s1, h, error, control, accuracy)
+    # there is nothing to compare the first acceleration with
+    return s1, row, jnp.where(control.before > 0.0, jax.lax.stop_gradient(excess), LEAST)
+
+
+def allowed_error(accuracy: jax.Array | float, dtype: Any) -> jax.Array:
+    """Error of a step [m], [m/s] that schemes with an embedded estimate allow."""
+    return jnp.maximum(TOLERANCE_SHARE * accuracy, TOLERANCE_ROUNDING * float(jnp.finfo(dtype).eps)).astype(dtype)
+
+
+def _compare(
     model: Model, s: State, s1: State, h: jax.Array, error: jax.Array, control: Control, accuracy: jax.Array
 ) -> jax.Array:
     """The error of a step relative to what the accuracy allows, of second order in h, a scalar."""
@@ -127,7 +158,7 @@ def compare(
 
 def next_length(h: jax.Array, excess: jax.Array, control: Control, accepted: jax.Array) -> jax.Array:
     """The next step [s] after one of h [s], which is repeated if it is not accepted; not bounded."""
-    now = jnp.clip(excess, LEAST, MOST)
+    h, now = jax.lax.stop_gradient((h, jnp.clip(excess, LEAST, MOST)))
     most = jnp.where(control.rejected | ~accepted, 1.0, LONGER)
     ratio = step_ratio(now, jnp.maximum(control.excess, LEAST), ORDER, accepted)
     return h * jnp.clip(ratio, SHORTER, most)
@@ -137,6 +168,7 @@ def after_step(
     model: Model, s1: State, h: jax.Array, excess: jax.Array, wanted: jax.Array, control: Control
 ) -> Control:
     """The controller after an accepted step of h [s] to s1."""
+    h, s1 = jax.lax.stop_gradient((h, s1))
     return Control(
         wanted=wanted,
         before=h,

@@ -10,7 +10,6 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import Plain
 from dropper_jax.effects import EFFECTS
-from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.report.extremes import line_snaps
 from dropper_jax.report.record import Record, arc, record
@@ -110,8 +109,8 @@ def load_errors(
 ) -> dict[str, Any]:
     """Loads of a run with an estimate of their error.
 
-    The scene is run with its step h, h/2 and h/4. A step tolerance is divided by 4 and 16, which halves the steps; the
-    tolerance of error-controlled schemes is reduced accordingly. It is also run with twice the links at the same EA and
+    The scene is run with its step h, h/2 and h/4; an accuracy is divided by 4 and 16, which halves the steps. It is also
+    run with twice the links at the same EA and
     BA and, if present, with twice the internal damping and twice the stiffness of the seabed. The cost is some 12 times
     that of a single run. With q(h) a load,
 
@@ -167,11 +166,10 @@ def load_errors(
 
 
 def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
-    left_out, run, scheme = {}, scene.run, INTEGRATORS[scene.run.integrator]
+    left_out = {}
+    run = scene.run
     key, value, power = "dt", run.step, 1
-    if scheme.controls_error:
-        key, value, power = "error_tolerance", run.error_tolerance or scheme.tolerance, scheme.order
-    elif run.accuracy is not None:
+    if run.accuracy is not None:
         key, value, power = "accuracy", run.accuracy, 2
     found = {str(n): scene.with_values({f"run.{key}": value / n**power}) if n > 1 else scene for n in FINER}
     heavier = {f"line.{i}.mass": (line.mass * (1.0 + PERTURBED)).tolist() for i, line in enumerate(scene.lines)}

@@ -15,7 +15,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.stepping.controlled import advance_controlled, start_controlled
+from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import begin, empty_rows, next_progress, scan_steps
 from dropper_jax.stepping.stepper import make_stepper
 
@@ -197,7 +197,7 @@ def march(
 
 
 class MarchResult(NamedTuple):
-    """Result of `march_held`: states at the grid's times, accepted and rejected steps."""
+    """Result of `march_with_accuracy`: states at the grid's times, accepted and rejected steps."""
 
     run: Marched
     taken: jax.Array
@@ -205,20 +205,20 @@ class MarchResult(NamedTuple):
 
 
 @cached_jit(static=("stepper", "saves"), kernel=True)
-def march_held(
-    stepper: Stepper, model: Model, s: State, grid: jax.Array, tolerance: jax.Array, saves: int
+def march_with_accuracy(
+    stepper: Stepper, model: Model, s: State, grid: jax.Array, accuracy: jax.Array, saves: int
 ) -> MarchResult:
-    """`march` for error-controlled schemes with a `tolerance`, on a grid [s]; `path` by the trapezoidal rule."""
-    grid, tolerance = jnp.asarray(grid, model.dtype), jnp.asarray(tolerance, model.dtype)
-    carry = start_controlled(stepper, model, s, tolerance)
-    carry, (found, _) = advance_controlled(stepper, model, carry, grid, tolerance, saves)
+    """`march` in steps that follow an accuracy, on a grid [s]; `path` by the trapezoidal rule, tensions are means."""
+    grid = jnp.asarray(grid, model.dtype)
+    start = adaptive_start(stepper, model, begin(stepper, model, s))
+    end, (found, within) = advance_adaptively(stepper, model, start, grid, jnp.asarray(accuracy, model.dtype), saves)
     both = jnp.stack([found.tension, jnp.roll(found.tension, 1, axis=0)], axis=1)
     speed = jnp.sum(jnp.square(found.v), axis=(1, 2))
     # a loop, not `cumsum`, which would prevent one kernel
     passed = jax.lax.scan(lambda total, x: (total + x, total + x), jnp.zeros((), model.dtype), speed)[1]
     path = grid * (passed - 0.5 * speed)
     run = Marched(found.r, found.v, both, found.work, found.residual, found.first_bad, found.retried, path)
-    return MarchResult(run, carry.taken, carry.refused)
+    return MarchResult(run, jnp.sum(within.steps), end.refused)
 
 
 def spare_rows(saves: int) -> int:

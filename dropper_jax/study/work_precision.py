@@ -17,14 +17,14 @@ from jax.typing import ArrayLike
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.model import Model, State
-from dropper_jax.residual import Stepper
+from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import (
     Marched,
     Scheme,
     grid_run,
     link_vectors,
-    march_held,
+    march_with_accuracy,
     rms,
     rms_angle,
     rms_position,
@@ -32,8 +32,8 @@ from dropper_jax.study.march import (
 )
 from dropper_jax.study.reference import Reference
 
-#: Error tolerances of error-controlled schemes, instead of steps.
-SCHEME_TOLERANCES = tuple(10.0 ** (-0.5 * k) for k in range(4, 24))
+#: Accuracies of schemes whose steps follow one.
+ACCURACIES = tuple(10.0 ** (-0.5 * k) for k in range(2, 13))
 #: Maximum counted operations of a run, some seconds of a core: a longer run, and those of finer steps, are left out.
 WORK_LIMIT = 1e10
 #: Wall times of repeated runs [s], and which of them counts.
@@ -65,7 +65,7 @@ def measure(
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows of all schemes and steps, and runs left out because of their counted work (`WORK_LIMIT`).
 
-    Error-controlled schemes are run at `SCHEME_TOLERANCES`; their `dt` is the mean step.
+    Schemes whose steps follow an accuracy are run at `ACCURACIES` too; their `dt` is the mean step.
 
     Args:
         model, s: in float64.
@@ -106,10 +106,11 @@ def _scheme_rows(
     stepper = stepper if retry else stepper.plain
     saves = len(target.t)
     per_step = step_work(model, stepper, evaluation)
-    if stepper.integrator.controls_error:
-        for tolerance in SCHEME_TOLERANCES:
-            yield _held_row(model, s, scheme, stepper, target, tolerance, timing, per_step)
-        return
+    if stepper.integrator.follows_accuracy and scheme.dtype == "float64":
+        for accuracy in ACCURACIES:
+            yield _row_of_accuracy(model, s, scheme, stepper, target, accuracy, timing, per_step)
+        if isinstance(stepper.integrator, Embedded):
+            return
     walls, pick = timing
     compiled = False
     for every in sorted({max(1, round(target.grid / dt)) for dt in dts}):
@@ -150,19 +151,19 @@ def _row_labels(scheme: Scheme, stepper: Stepper) -> dict[str, Any]:
     }
 
 
-def _held_row(
+def _row_of_accuracy(
     model: Model,
     s: State,
     scheme: Scheme,
     stepper: Stepper,
     target: Reference,
-    tolerance: float,
+    accuracy: float,
     timing: Timing,
     per_step: float,
 ) -> dict[str, Any]:
-    """The row of an error-controlled scheme."""
+    """The row of a scheme whose steps follow an accuracy; its `dt` is the mean step."""
     walls, pick = timing
-    again = partial(march_held, stepper, model, s, target.grid, tolerance, len(target.t))
+    again = partial(march_with_accuracy, stepper, model, s, target.grid, accuracy, len(target.t))
     found = jax.tree.map(np.asarray, again())
     status = status_of(found.run, stepper)
     ok = status == "ok"
@@ -170,10 +171,12 @@ def _held_row(
     tries = int(found.taken + found.refused)
     return {
         **_row_labels(scheme, stepper),
+        "label": f"{scheme.label}, accuracy",
         "dt": target.horizon / max(int(found.taken), 1),
-        "error_tolerance": tolerance,
+        "accuracy": accuracy,
         "refused_steps": int(found.refused),
         **(row_errors(model, s, found.run, stepper, target) if ok else NOTHING),
+        "rms_tension_error_n": None,  # means between saved times
         "us_per_step": 1e6 * wall / tries if ok else None,
         "wall_s_per_simulated_s": wall / target.horizon if ok else None,
         "operations_per_simulated_s": per_step * tries / target.horizon,

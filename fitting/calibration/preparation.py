@@ -56,7 +56,7 @@ class FitSettings:
         dt: time step [s], at most the samples' interval; a shorter step that divides the interval is used. Default:
             1/75 of the shortest link's period, or 1/200 for second order.
         integrator: of the windows; default rattle_4 for point masses, otherwise energy_momentum. tsit5 and dop853 are
-            faster for lines that they support; `dt` is then their output interval.
+            faster for lines that they support; their steps then end at multiples of `dt`.
         rest: (low, high) [s] in which the line hangs at rest, before it moves or after it has stopped; these poses are
             fitted together with the motion.
         static_start: every run starts from the scene's `[start]` and is released at t = 0 of its clock; free names such

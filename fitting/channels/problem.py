@@ -14,7 +14,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
-from dropper_jax.run.build import build_model, equal_steps
+from dropper_jax.run.build import build_model, stepper_of
 from fitting.channels.channel import ByChannel, Data, Series
 from fitting.channels.setup import Plan, SetupPlace, differentiate_channels, setup_with_directions
 from fitting.estimate.noise import correlates, lag_one_by_source, whiten
@@ -202,7 +202,7 @@ class Problem(Residuals):
         scene = self.scenes[run]
         more = {} if self.retries else {"halvings": 0}
         return Plan(
-            equal_steps(build_model(scene), scene.run, track_work=False, **more),
+            stepper_of(build_model(scene), scene.run, track_work=False, **more),
             scene.start.kind,
             scene.start.zero,
             scene.start.release_nodes,

@@ -21,7 +21,7 @@ from dropper_jax.base.memory import available_cores
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import SceneLike, build, equal_steps, initial_state, with_points_fixed
+from dropper_jax.run.build import SceneLike, build, initial_state, stepper_of, with_points_fixed
 from dropper_jax.run.chunks import Program, compile_run, first_carry, run_chunks
 from dropper_jax.run.members import StepVerdict, check_steps
 from dropper_jax.run.quantities import OVER_STEPS, PERIOD, Quantity, quantity
@@ -122,7 +122,7 @@ class Study:
     @cached_property
     def stepper(self) -> Stepper:
         more = {} if self.retries else {"halvings": 0}
-        return equal_steps(self.model, self.scene.run, track_work=False, **more)
+        return stepper_of(self.model, self.scene.run, track_work=False, **more)
 
     @cached_property
     def plan(self) -> Plan:
@@ -351,7 +351,7 @@ def run_members(problem: Study, values: np.ndarray, say: Progress = silent) -> n
             s = initial_state(model, problem.scene.start)
         except SceneError:
             return None
-        stepper = equal_steps(model, settings)
+        stepper = stepper_of(model, settings)
         return model, s, compile_run(stepper, model, first_carry(stepper, model, s, settings), settings)
 
     def run_one(member: tuple[Model, State, Program] | None) -> float:

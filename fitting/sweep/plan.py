@@ -28,7 +28,7 @@ from dropper_jax.load.paths import describe
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.arrays import bare_model
-from dropper_jax.run.build import SceneLike, build, build_model, equal_steps, stepper_of
+from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
@@ -115,7 +115,7 @@ class Plan:
         settings = {"track_work": False, **dict(self.settings)}
         if self.is_adaptive:
             return stepper_of(self.base[0], self.scene.run, **settings)
-        return equal_steps(self.base[0], self.scene.run, **settings)
+        return stepper_of(self.base[0], self.scene.run, **settings)
 
     @property
     def is_adaptive(self) -> bool:

@@ -236,7 +236,7 @@ def killed_at(count, out, monkeypatch, simulate):
             simulate(folder)
 
 
-@pytest.mark.parametrize("settings", [{}, {"integrator": "tsit5"}], ids=["equal steps", "error-controlled steps"])
+@pytest.mark.parametrize("settings", [{}, {"integrator": "tsit5"}], ids=["default", "embedded error"])
 def test_a_killed_run_continues_to_the_bit_also_one_that_continued_another(tmp_path, monkeypatch, settings):
     whole = dj.simulate("conical-pendulum-damped", dt=0.01, duration=0.6, **settings)
     first = dj.simulate("conical-pendulum-damped", dt=0.01, duration=0.2, **settings)

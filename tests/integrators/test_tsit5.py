@@ -1,4 +1,4 @@
-"""Tsit5 with equal steps; runs that hold their error are in tests/stepping/test_controlled.py."""
+"""Tsit5 with equal steps; runs that follow an accuracy are in tests/stepping/test_embedded.py."""
 
 import pytest
 

@@ -226,7 +226,6 @@ def values_of(cls: type) -> list[tuple[str, str, Any, dict[str, Any]]]:
             *found,
             *rows("run", accuracy=0.01, save_interval=0.5),
             *rows("run", {"run.accuracy": 0.01}, source_dt=0.01),
-            *rows("run", {"run.integrator": "tsit5"}, error_tolerance=1e-3),
         ]
     if cls is FailureSpec:
         found = rows("failure.0", line="tail", link=2, load=1e4, time=0.6)

@@ -132,13 +132,13 @@ def test_files_keep_the_extremes_and_older_ones_without_them_load(thinned, suffi
     assert any("earlier version" in note for note in report_run(read)["notes"])
 
 
-def test_an_error_controlled_run_has_the_extremes_of_all_times_that_could_be_saved():
-    settings = {"dt": 0.01, "duration": 1.2, "integrator": "tsit5"}
-    fine, coarse = (dj.simulate(PENDULUM, **settings, save_every=every) for every in (1, 12))
-    np.testing.assert_array_equal(coarse.positions, fine.positions[::12])
+def test_a_run_with_an_embedded_error_has_the_extremes_of_all_steps():
+    settings = {"accuracy": 1e-4, "duration": 1.2, "integrator": "tsit5"}
+    fine, coarse = (dj.simulate(PENDULUM, **settings, save_interval=interval) for interval in (0.01, 0.12))
+    np.testing.assert_allclose(coarse.positions, fine.positions[::12], atol=1e-6)
     for name, wanted in fine.tension_summary().items():
         for key in ("min", "max", "min_s", "max_s"):
-            assert coarse.tension_summary()[name][key] == pytest.approx(wanted[key], rel=1e-9)
+            assert coarse.tension_summary()[name][key] == pytest.approx(wanted[key], rel=0.02)
 
 
 @pytest.mark.check

@@ -109,10 +109,9 @@ def load_errors(
 ) -> dict[str, Any]:
     """Loads of a run with an estimate of their error.
 
-    The scene is run with its step h, h/2 and h/4; an accuracy is divided by 4 and 16, which halves the steps. It is also
-    run with twice the links at the same EA and
-    BA and, if present, with twice the internal damping and twice the stiffness of the seabed. The cost is some 12 times
-    that of a single run. With q(h) a load,
+    The scene is run with its step h, h/2 and h/4; an accuracy is divided by 4 and 16, which halves the steps. It is
+    also run with twice the links at the same EA and BA and, if present, with twice the internal damping and twice the
+    stiffness of the seabed. The cost is some 12 times that of a single run. With q(h) a load,
 
         step:  1.25 (|q(h) - q(h/4)| + |q(h/2) - q(h/4)|/(2^p - 1)),    2^p = |q(h) - q(h/2)|/|q(h/2) - q(h/4)|,
         links: 1.25 (2 |q(h) - q'(h)|),    q' with twice the links,

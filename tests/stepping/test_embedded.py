@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
-from dropper_jax.stepping.integrate import begin
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
+from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
+from dropper_jax.stepping.integrate import begin
 
 SCHEMES = ("tsit5", "dop853")
 
@@ -85,7 +85,8 @@ def released():
     exact = independent()
 
     def find(scheme, tolerance):
-        solution = dj.simulate("dropper-release-a", integrator=scheme, **follow(tolerance), save_interval=0.25, duration=1.5)
+        run = {"save_interval": 0.25, "duration": 1.5, **follow(tolerance)}
+        solution = dj.simulate("dropper-release-a", integrator=scheme, **run)
         assert solution.status == "ok"
         return solution, float(np.sqrt(np.mean((solution.positions[1:, 1:-1] - exact) ** 2)))
 

@@ -97,11 +97,16 @@ def _system(rng: np.random.Generator, count: int, depth: float) -> tuple[list[Sc
     return points, lines
 
 
-def compare(run: dj.Solution, exact: dj.Solution) -> dict[str, Any]:
-    """Errors of a run: positions over the travel, means, deviations and window maxima over those of the line."""
+def compare(run: dj.Solution, exact: dj.Solution, chaotic_from: float | None) -> dict[str, Any]:
+    """Errors of a run: positions over the travel, means, deviations and window maxima over those of the line.
+
+    Positions are compared until both runs are different motions, or until the time [s] from which the run is chaotic.
+    """
     travel = max(float(np.linalg.norm(np.ptp(exact.positions, axis=0), axis=1).max()), 1e-3)
     apart = np.linalg.norm(run.positions - exact.positions, axis=2).max(axis=1) / travel
     parted = int(np.argmax(apart > PARTED)) if np.any(apart > PARTED) else len(apart)
+    if chaotic_from is not None:
+        parted = min(parted, int(np.searchsorted(run.t, chaotic_from)))
     found: dict[str, Any] = {
         "positions": float(np.sqrt(np.mean(apart[:parted] ** 2))),
         "parted_s": None if parted == len(apart) else float(run.t[parted]),
@@ -145,7 +150,7 @@ def judge(name: int | str, scene: Scene | str, reference: float) -> dict[str, An
         row["stated_positions"] = stated["positions"]
         row["chaotic_from_s"] = stated["chaotic_from_s"]
     if run.status == "ok" and exact.status == "ok":
-        row |= compare(run, exact)
+        row |= compare(run, exact, row.get("chaotic_from_s"))
     return row | {"seconds": time.perf_counter() - started}
 
 

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.numerics import time_just_after
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.control import step_failed
@@ -32,6 +31,9 @@ from dropper_jax.stepping.step_control import (
     start_control,
     try_step,
 )
+
+#: Rounding of times, as a fraction of the interval between saved times.
+ROUNDING = 1e-9
 
 
 class Adaptive(NamedTuple):
@@ -114,7 +116,7 @@ def advance_adaptively(
         start = _Interval(adaptive, within, jnp.zeros((), model.dtype), none, none, extremes)
 
         def before_end(done: _Interval) -> jax.Array:
-            return done.adaptive.t < end - 1e-9 * dt
+            return done.adaptive.t < end - ROUNDING * dt
 
         def attempt(done: _Interval) -> _Interval:
             tried = _try(stepper, model, done.adaptive, end, dt, accuracy)
@@ -134,7 +136,7 @@ def advance_adaptively(
             return after._replace(adaptive=tried.adaptive, retried=done.retried + repeated)
 
         done = jax.lax.while_loop(before_end, attempt, start)
-        s = replace(done.adaptive.state, t=end)
+        s = done.adaptive.state
         progress = Progress(s, done.adaptive.steps_done + 1, done.adaptive.progress.first_bad)
         counts = done.residual, done.retried, done.bad, progress.first_bad
         work = s.work
@@ -161,10 +163,13 @@ def _try(
     stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, accuracy: jax.Array
 ) -> _Tried:
     (s, number, first_bad), control, refused, shortest, changed = adaptive
-    left = _next_stop(model, s.t, end) - s.t
-    h = left / jnp.ceil(jax.lax.stop_gradient(left) / control.wanted - 1e-9)
+    stop = _next_stop(model, s.t, end, dt)
+    left = stop - s.t
+    parts = jnp.ceil(jax.lax.stop_gradient(left) / control.wanted - ROUNDING)
+    h = left / parts
     start, added = with_step_changed(stepper, model, s, control.before, h)
     s1, row, excess = try_step(stepper, model, start, h, control, accuracy)
+    s1 = replace(s1, t=jnp.where(parts > 1.0, s1.t, stop))
     failed = step_failed(stepper, model, s1, row)
     excess = jnp.where(failed | ~jnp.isfinite(excess), MOST, excess)
     floor = shortest_step(stepper, model)
@@ -192,13 +197,16 @@ def _in_the_middle(stepper: Stepper, s: State, s1: State) -> jax.Array:
     return (1.0 - late) * s1.tension + late * s.tension
 
 
-def _next_stop(model: Model, t: jax.Array, end: jax.Array) -> jax.Array:
-    """The end of the interval, or a time before it at which an effect is not smooth [s]."""
+def _next_stop(model: Model, t: jax.Array, end: jax.Array, dt: jax.Array) -> jax.Array:
+    """The end of the interval of dt, or a time before it at which an effect is not smooth [s].
+
+    It is that time, to the last bit, if the end is the same but for rounding: effects switch there.
+    """
     if model.corners is None:
         return end
-    later = jnp.where(model.corners > time_just_after(t, 2.0), model.corners, jnp.inf)
-    first = jnp.min(later)
-    return jnp.where(first < end, first, end)
+    rounding = ROUNDING * dt
+    first = jnp.min(jnp.where(model.corners > t + rounding, model.corners, jnp.inf))
+    return jnp.where(first < end + rounding, first, end)
 
 
 def adaptive_step_lengths(
@@ -213,11 +221,11 @@ def adaptive_step_lengths(
     last = adaptive.t + intervals * dt
 
     def before_end(carry: tuple[Adaptive, jax.Array, jax.Array]) -> jax.Array:
-        return (carry[0].t < last - 1e-9 * dt) & (carry[2] < most)
+        return (carry[0].t < last - ROUNDING * dt) & (carry[2] < most)
 
     def attempt(carry: tuple[Adaptive, jax.Array, jax.Array]) -> tuple[Adaptive, jax.Array, jax.Array]:
         adaptive, lengths, number = carry
-        end = s.t + dt * (jnp.floor((adaptive.t - s.t) / dt + 1e-9) + 1.0)
+        end = s.t + dt * (jnp.floor((adaptive.t - s.t) / dt + ROUNDING) + 1.0)
         tried = _try(stepper, model, adaptive, end, dt, accuracy)
         lengths = lengths.at[number].set(jnp.where(tried.accepted, tried.h, 0.0))
         return tried.adaptive, lengths, number + tried.accepted

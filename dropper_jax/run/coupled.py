@@ -64,7 +64,7 @@ class Coupled:
         residual, retried: of the last step: maximum scaled residual, inner steps solved by the fallback.
 
     Raises:
-        SceneError: points that are not fixed or already move, a scheme that chooses its own steps.
+        SceneError: points that are not fixed or already move.
     """
 
     def __init__(

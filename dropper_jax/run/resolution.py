@@ -14,7 +14,7 @@ from dropper_jax.load.periods import periods
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.growth import lines_in_words
 from dropper_jax.run.plausibility import fastest_current, with_cause
-from dropper_jax.run.samples import Kind, Samples
+from dropper_jax.run.samples import TOO_LONG, Kind, Samples
 from dropper_jax.scene import WholeLine, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
 
@@ -128,9 +128,14 @@ def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
 MOST_WARNINGS = 20
 
 
+#: Unresolved axial vibrations are warned of where they take more than these fractions of all dissipated work and of
+#: the energy scale, and the steps are too long above the last one of the dissipated work.
+RINGING_SHARE, RINGING_ENERGY, RINGING_MOST = 0.1, 0.01, 0.5
+
+
 def with_quality_checks(solution: Kind) -> Kind:
     """The solution with the warnings of its quality checks; its status is not ok if the energy balance has a large
-    error."""
+    error, or if most of the dissipated work is that of axial vibrations which the steps do not resolve."""
     # relative energy balance error above which the status of a run is not ok
     failing = 0.1
     used = solution.settings
@@ -146,6 +151,14 @@ def with_quality_checks(solution: Kind) -> Kind:
         by_design = _dissipates(solution) and max(drift, _gain(solution) / failing) <= scale
         if status == "ok" and not by_design:
             status = "energy_drift"
+    share = solution.axial_ringing_share
+    if share > RINGING_SHARE and solution.axial_ringing > RINGING_ENERGY * scale:
+        found.append(
+            f"axial vibrations that the steps do not resolve take {share:.0%} of the dissipated work: peaks and "
+            "deviations of tensions are too low. Use a smaller --accuracy or --dt, or line.axial.damping"
+        )
+        if status == "ok" and share > RINGING_MOST:
+            status = TOO_LONG
     return replace(solution, status=status, warnings=(*solution.warnings, *found))
 
 

@@ -146,13 +146,17 @@ class Samples:
             return float(np.max(np.abs(self.balance - self.balance[0])))
 
     @property
-    def axial_ringing_share(self) -> float:
-        """Fraction of all dissipated work that the scheme takes from unresolved axial vibrations."""
+    def axial_ringing(self) -> float:
+        """Energy [J] that the scheme has taken from unresolved axial vibrations."""
         if AXIAL_RINGING not in self.work_names:
             return 0.0
-        dissipated = np.maximum(-self.work[-1], 0.0)
-        total = float(np.sum(dissipated))
-        return float(dissipated[self.work_names.index(AXIAL_RINGING)]) / total if total else 0.0
+        return max(-float(self.work[-1, self.work_names.index(AXIAL_RINGING)]), 0.0)
+
+    @property
+    def axial_ringing_share(self) -> float:
+        """The same as a fraction of all dissipated work."""
+        total = float(np.sum(np.maximum(-self.work[-1], 0.0)))
+        return self.axial_ringing / total if total else 0.0
 
     @property
     def energy_scale(self) -> float:
@@ -227,7 +231,8 @@ class Samples:
             what = f"energy balance error {self.energy_drift:.3g} J (reference {self.energy_scale:.3g} J)"
             return f"{self.status}: {what}. Use a smaller step"
         if self.status == TOO_LONG:
-            return f"{self.status}: tensions or positions are off by more than 10 %. Use --accuracy 0.01"
+            what = "tensions or positions are off by more than 10 %, or most dissipated work is unresolved vibration"
+            return f"{self.status}: {what}. Use a smaller --accuracy or --dt"
         if self.first_bad is None:
             return f"{self.status}: at t = {self.t[-1]:.6g} s of {self.settings['duration']:g} s"
         bad = self.first_bad

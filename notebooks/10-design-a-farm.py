@@ -29,8 +29,8 @@ from dropper_jax.cli.options import table
 from dropper_jax.plots import style
 from fitting.cases import assess, run_cases
 from fitting.cli.optimise import text
-from fitting.optimise.models import read_variables
 from fitting.optimise.run import design_picture, optimise
+from fitting.optimise.variables import read_variables
 from fitting.season import season, write_season
 from fitting.site import read_site
 

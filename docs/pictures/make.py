@@ -22,7 +22,8 @@ from fitting.sweep import open_sweep, sweep
 from fitting.traces.synthetic import Motion
 from fitting.traces.trace import write_trace
 from fitting.tracking import track
-from fitting.tracking.render import View, chessboards, film, write_overlay
+from fitting.tracking.overlay import write_overlay
+from fitting.tracking.render import View, chessboards, film
 from fitting.tracking.video import opencv, write_video
 
 HERE = Path(__file__).parent

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.report.tension import YEAR, damage
 from fitting.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.cases.one import Found
-from fitting.cases.run import Runs
+from fitting.cases.stored import Runs
 from fitting.site import Anchor, Part, Site, Storm
 from fitting.site.case_lists import CASE_KINDS
 

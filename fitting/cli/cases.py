@@ -66,7 +66,8 @@ def run(args: argparse.Namespace) -> int:
 
     from fitting.cases.assess import assess
     from fitting.cases.page import write_page
-    from fitting.cases.run import CasesStopped, run_cases, step_errors
+    from fitting.cases.run import CasesStopped, run_cases
+    from fitting.cases.stored import step_errors
 
     dt = site.prepared().run.step
     how = {"workers": args.workers or available_cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}

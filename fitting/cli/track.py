@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
 
     from fitting.traces.trace import write_trace
     from fitting.tracking.ordering import AmbiguousOrderError
-    from fitting.tracking.render import write_overlay
+    from fitting.tracking.overlay import write_overlay
     from fitting.tracking.track import track
 
     try:
@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
     """Draw the orders that are compatible with the film; no trace is written."""
-    from fitting.tracking.render import SHOWN, write_alternatives
+    from fitting.tracking.overlay import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
     shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"

@@ -23,7 +23,6 @@ from fitting.optimise.goals import Goals, check_depths
 from fitting.optimise.models import (
     ASSUMPTIONS,
     Still,
-    Variable,
     designs_beside,
     idle,
     in_assumed,
@@ -31,11 +30,11 @@ from fitting.optimise.models import (
     masked_still,
     sea_of,
     still,
-    with_design,
 )
 from fitting.optimise.quantities import Quantity, check_seeds, weights
 from fitting.optimise.storm import WINDOW_RAMP, Peaks, Settings, Storms, full_storm, peaks
 from fitting.optimise.values import RunStart, Values, Window, rest
+from fitting.optimise.variables import Variable, with_design
 from fitting.site import Case, Part, Site
 
 Say = Callable[[float, str], None]

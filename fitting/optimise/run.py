@@ -18,10 +18,11 @@ from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot
 from dropper_jax.plots.style import save as save_figure
 from fitting.optimise.design import Design, Say
 from fitting.optimise.goals import read_goals
-from fitting.optimise.models import ASSUMPTIONS, Variable, bounds, read_variables, still_model
+from fitting.optimise.models import ASSUMPTIONS, still_model
 from fitting.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
 from fitting.optimise.storm import Peaks, Settings
 from fitting.optimise.values import Dominated, Values, Window, dominated_slopes, near_rest, prices
+from fitting.optimise.variables import Variable, bounds, read_variables
 from fitting.site import Site
 
 #: Value above which a constraint is called active.

@@ -19,9 +19,9 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.optimise.design import Design, Say
-from fitting.optimise.models import bounds
 from fitting.optimise.storm import Storms
 from fitting.optimise.values import Values, Window
+from fitting.optimise.variables import bounds
 
 #: Penalty of a violation, in objectives at the start.
 PRICE = 10.0

@@ -15,7 +15,7 @@ from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.moordyn.reading.options import CURRENT, FREQUENCIES
+from dropper_jax.moordyn.reading.water import CURRENT, FREQUENCIES
 from dropper_jax.moordyn.writing.differences import differences, moved_points
 from dropper_jax.moordyn.writing.pieces import (
     DIGITS,

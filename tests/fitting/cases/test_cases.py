@@ -27,7 +27,7 @@ from fitting.cases.flags import characteristic
 from fitting.cases.one import Runner
 from fitting.cases.page import page
 from fitting.cases.run import CaseStore as Store
-from fitting.cases.run import step_errors
+from fitting.cases.stored import step_errors
 from fitting.site import Case, read_site
 from fitting.site.sections import RunValues, standards
 

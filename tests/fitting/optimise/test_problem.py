@@ -9,11 +9,12 @@ from dropper_jax import SceneError, packaged_scene
 from dropper_jax.run.growth import fixed_point_loads
 from dropper_jax.scene import line_slices
 from fitting.optimise.goals import read_goals
-from fitting.optimise.models import read_variables, still, still_model
+from fitting.optimise.models import still, still_model
 from fitting.optimise.run import read_problem
 from fitting.optimise.search import programme
 from fitting.optimise.storm import Peaks
 from fitting.optimise.values import Values, Window, near_rest, rest
+from fitting.optimise.variables import read_variables
 from fitting.site import read_site
 
 LOOPS = packaged_scene("looped-longline")

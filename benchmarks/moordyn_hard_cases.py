@@ -13,9 +13,9 @@ from moordyn_runs import looks_at
 from study import Found, Rows, collect, columns, command, table_of
 
 from dropper_jax import Scene, build_model
-from dropper_jax.study.stability import Case, all_cases, evaluate
-from dropper_jax.study.stability.case import scene_of
-from dropper_jax.study.stability.measures import OF_PATHS
+from dropper_jax.stability import Case, all_cases, evaluate
+from dropper_jax.stability.case import scene_of
+from dropper_jax.stability.measures import OF_PATHS
 
 #: MoorDyn's time integrators by label; None leaves scheme and step to MoorDyn.
 SCHEMES = {"moordyn rk2": "rk2", "moordyn default": None}

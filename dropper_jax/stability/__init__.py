@@ -1,13 +1,12 @@
-"""A catalogue of hard cases, each with a measured numerical claim, compared with the thesis' schemes on the same
-case."""
+"""`dropper stability`: hard cases, each with a measured claim, compared with the thesis' schemes on the same case."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from dropper_jax.study.stability.case import Case, Outcome, all_cases
-from dropper_jax.study.stability.march import baselines
-from dropper_jax.study.stability.measures import MEASURES
+from dropper_jax.stability.case import Case, Outcome, all_cases
+from dropper_jax.stability.march import baselines
+from dropper_jax.stability.measures import MEASURES
 
 
 def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str, Any]:

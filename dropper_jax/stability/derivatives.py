@@ -12,9 +12,9 @@ import numpy as np
 from dropper_jax.model import Effect, Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
+from dropper_jax.stability.case import Case, Outcome, scene_of
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.stepper import make_stepper
-from dropper_jax.study.stability.case import Case, Outcome, scene_of
 
 #: Relative change of the parameter in the central differences.
 CHANGE = 1e-5

@@ -15,8 +15,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
+from dropper_jax.stability.case import Case, scene_of
 from dropper_jax.study.march import Marched, Scheme, grid_run, link_vectors, status_of
-from dropper_jax.study.stability.case import Case, scene_of
 from dropper_jax.study.work_precision import energy_loss
 
 #: Saved times of a run.

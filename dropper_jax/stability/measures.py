@@ -14,11 +14,11 @@ import numpy as np
 from dropper_jax.run.build import build
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.run.wakes import scene_wakes
+from dropper_jax.stability import derivatives
+from dropper_jax.stability.case import Case, Outcome, scene_of
+from dropper_jax.stability.march import CaseRun, run_named
 from dropper_jax.stepping.integrate import integrate
 from dropper_jax.stepping.stepper import make_stepper
-from dropper_jax.study.stability import derivatives
-from dropper_jax.study.stability.case import Case, Outcome, scene_of
-from dropper_jax.study.stability.march import CaseRun, run_named
 
 Measure = Callable[[Case, bool], Outcome]
 

@@ -52,7 +52,7 @@ PUBLIC = {
     "controlled_steps": "stepping.controlled",
     "coupled_lines": "run.coupled_lines",
     "equilibrium": "run.build",
-    "frequency_response": "run.frequency",
+    "frequency_response": "frequency.response",
     "from_angles": "run.build",
     "initial_state": "run.build",
     "integrate": "stepping.integrate",
@@ -82,7 +82,7 @@ PUBLIC = {
     "step": "residual.step",
     "step_lengths": "stepping.integrate",
     "store_programs": "backend.programs",
-    "tension_deviation": "statics.linear_waves",
+    "tension_deviation": "frequency.linear_waves",
     "write_moordyn": "moordyn.writing.writer",
     "write_vtk": "report.vtk",
 }

@@ -13,6 +13,8 @@ from dropper_jax.base.numerics import scatter_add as scatter_add
 from dropper_jax.base.toml_text import as_toml as as_toml
 from dropper_jax.effects import Effect as Effect
 from dropper_jax.effects import register as register
+from dropper_jax.frequency.linear_waves import tension_deviation as tension_deviation
+from dropper_jax.frequency.response import frequency_response as frequency_response
 from dropper_jax.integrators import INTEGRATORS as INTEGRATORS
 from dropper_jax.load.packaged import packaged_scene as packaged_scene
 from dropper_jax.load.packaged import scene_names as scene_names
@@ -39,12 +41,10 @@ from dropper_jax.run.build import initial_state as initial_state
 from dropper_jax.run.build import linearised as linearised
 from dropper_jax.run.coupled import Coupled as Coupled
 from dropper_jax.run.coupled_lines import coupled_lines as coupled_lines
-from dropper_jax.run.frequency import frequency_response as frequency_response
 from dropper_jax.run.recovery import recover as recover
 from dropper_jax.run.simulate import Solution as Solution
 from dropper_jax.run.simulate import simulate as simulate
 from dropper_jax.scene.data import SceneData as SceneData
-from dropper_jax.statics.linear_waves import tension_deviation as tension_deviation
 from dropper_jax.statics.modes import natural_modes as natural_modes
 from dropper_jax.statics.modes import natural_periods as natural_periods
 from dropper_jax.statics.static_pose import settle as settle

@@ -1,4 +1,4 @@
-"""Motions and tensions of a scene in irregular waves, in the frequency domain (see `statics.frequency`)."""
+"""Motions and tensions of a scene in irregular waves, in the frequency domain (see `states`)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.frequency.linear_waves import check_no_bodies
+from dropper_jax.frequency.states import TOLERANCE, solve_states
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model
 from dropper_jax.model.slots import Displacement
@@ -20,8 +22,6 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, wave_components, waves_on
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.frequency import TOLERANCE, solve_states
-from dropper_jax.statics.linear_waves import check_no_bodies
 from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
 from dropper_jax.statics.search import Equilibrium, outward
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads

@@ -1,6 +1,6 @@
 """Many sea states in the frequency domain, in one basis of motions: responses that are solved in full at a few of them.
 
-The equations are those of `dropper_jax.statics.linear_waves`.
+The equations are those of `dropper_jax.frequency.linear_waves`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.model import Model, State
-from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.linear_waves import (
+from dropper_jax.frequency.linear_waves import (
     LinearMotion,
     WaveLoads,
     dragging_effects,
@@ -29,6 +27,8 @@ from dropper_jax.statics.linear_waves import (
     tension_changes,
     wave_loads,
 )
+from dropper_jax.model import Model, State
+from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.tangent import Tangent
 
 

@@ -68,7 +68,7 @@ PUBLIC = {
     "option": "base.fields",
     "packaged_scene": "load.packaged",
     "parameter": "base.fields",
-    "read_moordyn": "moordyn.reading.reader",
+    "read_moordyn": "decks.reading.reader",
     "recover": "run.recovery",
     "register": "effects",
     "report_run": "report.build",
@@ -83,7 +83,7 @@ PUBLIC = {
     "step_lengths": "stepping.integrate",
     "store_programs": "backend.programs",
     "tension_deviation": "frequency.linear_waves",
-    "write_moordyn": "moordyn.writing.writer",
+    "write_moordyn": "decks.writing.writer",
     "write_vtk": "report.vtk",
 }
 

@@ -11,6 +11,8 @@ from dropper_jax.base.fields import parameter as parameter
 from dropper_jax.base.numerics import safe_norm as safe_norm
 from dropper_jax.base.numerics import scatter_add as scatter_add
 from dropper_jax.base.toml_text import as_toml as as_toml
+from dropper_jax.decks.reading.reader import read_moordyn as read_moordyn
+from dropper_jax.decks.writing.writer import write_moordyn as write_moordyn
 from dropper_jax.effects import Effect as Effect
 from dropper_jax.effects import register as register
 from dropper_jax.frequency.linear_waves import tension_deviation as tension_deviation
@@ -26,8 +28,6 @@ from dropper_jax.model.line import Point as Point
 from dropper_jax.model.model import Model as Model
 from dropper_jax.model.state import State as State
 from dropper_jax.model.state import state as state
-from dropper_jax.moordyn.reading.reader import read_moordyn as read_moordyn
-from dropper_jax.moordyn.writing.writer import write_moordyn as write_moordyn
 from dropper_jax.report.build import report_run as report_run
 from dropper_jax.report.build import report_runs as report_runs
 from dropper_jax.report.vtk import write_vtk as write_vtk

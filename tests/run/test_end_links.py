@@ -12,7 +12,7 @@ from scipy.optimize import fsolve
 import dropper_jax as dj
 from dropper_jax import as_toml, report_run
 from dropper_jax.cli import main
-from dropper_jax.moordyn.writing.outputs import write_out
+from dropper_jax.decks.writing.outputs import write_out
 from dropper_jax.run.growth import end_force_vectors, end_forces
 from dropper_jax.run.quantities import static_quantity
 from dropper_jax.scene import line_slices

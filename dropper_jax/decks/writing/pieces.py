@@ -12,9 +12,9 @@ import numpy as np
 from dropper_jax.axial.tabulated import ForceTable
 from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.read import Plain
+from dropper_jax.decks.reading.bodies import SEGMENTS, UPRIGHT
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
-from dropper_jax.moordyn.reading.bodies import SEGMENTS, UPRIGHT
 from dropper_jax.scene import BodySpec, FailureSpec
 
 #: Digits of a value per metre that was stored per link: dividing by the link's length rounds the last ones.

@@ -11,11 +11,11 @@ from typing import Any
 from dropper_jax.base.errors import LocatedValues, SceneError, nearest
 from dropper_jax.base.files import find_referenced
 from dropper_jax.base.toml_text import parsed_toml
-from dropper_jax.moordyn.reading.joints import Part, join_lines
-from dropper_jax.moordyn.reading.options import Options, read_options, read_seafloor, read_types
-from dropper_jax.moordyn.reading.points import Ends, first_version, read_ends, wet_floats_note
-from dropper_jax.moordyn.reading.sections import Deck, columns, integer, number, read_input, split_file
-from dropper_jax.moordyn.reading.water import read_current, read_waves
+from dropper_jax.decks.reading.joints import Part, join_lines
+from dropper_jax.decks.reading.options import Options, read_options, read_seafloor, read_types
+from dropper_jax.decks.reading.points import Ends, first_version, read_ends, wet_floats_note
+from dropper_jax.decks.reading.sections import Deck, columns, integer, number, read_input, split_file
+from dropper_jax.decks.reading.water import read_current, read_waves
 
 #: Values used if the file does not give them; MoorDyn's driver would.
 DEFAULT_STEP, DEFAULT_DURATION = 0.01, 60.0

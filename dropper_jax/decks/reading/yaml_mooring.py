@@ -11,8 +11,8 @@ from typing import Any
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
-from dropper_jax.moordyn.reading.reader import DEFAULT_DURATION, DEFAULT_STEP, read_moordyn
-from dropper_jax.moordyn.reading.sections import read_input
+from dropper_jax.decks.reading.reader import DEFAULT_DURATION, DEFAULT_STEP, read_moordyn
+from dropper_jax.decks.reading.sections import read_input
 
 SUFFIXES = (".yaml", ".yml")
 #: Number of links of each line, which these files do not give.

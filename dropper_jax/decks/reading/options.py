@@ -10,7 +10,7 @@ from dropper_jax.axial.tabulated import ForceTable
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import find_referenced, read_lines
-from dropper_jax.moordyn.reading.sections import Deck, Row, columns, is_number, number
+from dropper_jax.decks.reading.sections import Deck, Row, columns, is_number, number
 
 #: Coefficients in the columns after BA in version 1, and after EI in version 2.
 FIRST = ("can", "cat", "cdn", "cdt")

@@ -13,11 +13,9 @@ import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
-from dropper_jax.effects.buoyancy import displaced_diameter
-from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.moordyn.reading.water import CURRENT, FREQUENCIES
-from dropper_jax.moordyn.writing.differences import differences, moved_points
-from dropper_jax.moordyn.writing.pieces import (
+from dropper_jax.decks.reading.water import CURRENT, FREQUENCIES
+from dropper_jax.decks.writing.differences import differences, moved_points
+from dropper_jax.decks.writing.pieces import (
     DIGITS,
     Piece,
     body_numbers,
@@ -29,6 +27,8 @@ from dropper_jax.moordyn.writing.pieces import (
     rule,
     section,
 )
+from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSpec
 from dropper_jax.sea.make import make_current, wave_components

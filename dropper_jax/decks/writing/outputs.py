@@ -11,10 +11,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.moordyn.reading.joints import Part
-from dropper_jax.moordyn.reading.points import read_ends
-from dropper_jax.moordyn.reading.reader import line_parts
-from dropper_jax.moordyn.reading.sections import Deck, looks_like_moordyn, split_file
+from dropper_jax.decks.reading.joints import Part
+from dropper_jax.decks.reading.points import read_ends
+from dropper_jax.decks.reading.reader import line_parts
+from dropper_jax.decks.reading.sections import Deck, looks_like_moordyn, split_file
 from dropper_jax.run.growth import end_forces
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice

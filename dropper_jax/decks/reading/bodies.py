@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.moordyn.reading.sections import Deck, Row, columns, integer, number, sizes
+from dropper_jax.decks.reading.sections import Deck, Row, columns, integer, number, sizes
 
 
 def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> dict[str, Any]:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from dropper_jax.decks.reading.points import wet_floats_note
+from dropper_jax.decks.writing.pieces import detachment
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
-from dropper_jax.moordyn.reading.points import wet_floats_note
-from dropper_jax.moordyn.writing.pieces import detachment
 from dropper_jax.scene import BodySpec
 
 #: Values of effects that a file represents, or that have their own sentence below; any other given value is listed.

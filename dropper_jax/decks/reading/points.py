@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from dropper_jax.moordyn.reading.bodies import free_body, free_rod, spar
-from dropper_jax.moordyn.reading.sections import Deck, Row, columns, integer, number
+from dropper_jax.decks.reading.bodies import free_body, free_rod, spar
+from dropper_jax.decks.reading.sections import Deck, Row, columns, integer, number
 
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")

@@ -45,7 +45,7 @@ ROOMS = (
     "fitting",
     "fitting.sweep",
     "fitting.sensitivity",
-    "fitting.tracking",
+    "fitting.films",
     "fitting.cases",
     "fitting.season",
     "fitting.site",

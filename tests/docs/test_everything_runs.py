@@ -122,9 +122,9 @@ def test_what_is_run_elsewhere_is_there():
 def workshop(tmp_path_factory):
     """A folder with the files that the pages name."""
     from fitting import Camera, Motion, View, film, observe, simulate_truth, write_trace, write_video
+    from fitting.films.render import chessboards
+    from fitting.films.video import opencv
     from fitting.site import site_text
-    from fitting.tracking.render import chessboards
-    from fitting.tracking.video import opencv
 
     folder = tmp_path_factory.mktemp("workshop")
     lab = dj.load_scene("dropper-release-a")

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.tracking.video import opencv, read_image
+from fitting.films.video import opencv, read_image
 
 
 @dataclass(frozen=True)

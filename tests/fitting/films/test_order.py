@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
-from fitting.tracking.detection import Circles
-from fitting.tracking.flattening import Flat
-from fitting.tracking.following import follow_film
-from fitting.tracking.marks import find_marks
-from fitting.tracking.ordering import AmbiguousOrderError, paths
+from fitting.films.detection import Circles
+from fitting.films.flattening import Flat
+from fitting.films.following import follow_film
+from fitting.films.marks import find_marks
+from fitting.films.ordering import AmbiguousOrderError, paths
 
 SIZE, RADIUS, FPS = (640, 480), 6.0, 60.0
 NOISE = 0.05

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.tracking.detection import Circles
-from fitting.tracking.ordering import Chain
+from fitting.films.detection import Circles
+from fitting.films.ordering import Chain
 
 
 class Follower:

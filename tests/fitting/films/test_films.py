@@ -9,8 +9,8 @@ import pytest
 
 from dropper_jax.cli import main
 from fitting import read_trace, write_video
-from fitting.tracking import track
-from fitting.tracking.video import opencv
+from fitting.films import track
+from fitting.films.video import opencv
 
 NAMES = (
     "loop, slanting camera",

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from fitting.tracking.detection import Circles, MarkerAppearance, detect, learn_appearance
-from fitting.tracking.flattening import Flat, angle_errors, four_quadrant
-from fitting.tracking.following import follow_film
-from fitting.tracking.identity import Follower
-from fitting.tracking.ordering import Chain
-from fitting.tracking.video import Video
+from fitting.films.detection import Circles, MarkerAppearance, detect, learn_appearance
+from fitting.films.flattening import Flat, angle_errors, four_quadrant
+from fitting.films.following import follow_film
+from fitting.films.identity import Follower
+from fitting.films.ordering import Chain
+from fitting.films.video import Video
 
 
 def thesis_angle(x0, y0, x1, y1):

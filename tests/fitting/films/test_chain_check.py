@@ -7,9 +7,9 @@ import pytest
 
 from dropper_jax.cli import main
 from fitting import write_video
-from fitting.tracking.chain_check import why_no_chain
-from fitting.tracking.marks import find_marks
-from fitting.tracking.video import opencv
+from fitting.films.chain_check import why_no_chain
+from fitting.films.marks import find_marks
+from fitting.films.video import opencv
 
 LENGTH = 100.0
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
-from fitting.tracking.video import Video, opencv
+from fitting.films.video import Video, opencv
 
 RAYS = 48
 #: Distance of samples along a ray [pixel].

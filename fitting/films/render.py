@@ -14,10 +14,10 @@ from itertools import product
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from fitting.films.calibration import Lens
+from fitting.films.flattening import central_differences, rotation
+from fitting.films.video import opencv
 from fitting.traces.synthetic import Motion
-from fitting.tracking.calibration import Lens
-from fitting.tracking.flattening import central_differences, rotation
-from fitting.tracking.video import opencv
 
 #: Grey levels of the plate and of a post before it.
 PLATE, POST = 105.0, 60.0

@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from fitting.films.calibration import Lens, Plane
 from fitting.traces.trace import Convention, Trace
-from fitting.tracking.calibration import Lens, Plane
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from fitting import Convention, Trace, View, read_trace, write_trace
-from fitting.tracking.flattening import Flat, flatten, four_quadrant, scatter
-from fitting.tracking.hindsight import exposure_share, second_differences
-from fitting.tracking.marks import find_marks
+from fitting.films.flattening import Flat, flatten, four_quadrant, scatter
+from fitting.films.hindsight import exposure_share, second_differences
+from fitting.films.marks import find_marks
 
 
 @pytest.mark.parametrize("name", ["loop, slanting camera", "chain, slanting camera"])

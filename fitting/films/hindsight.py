@@ -13,10 +13,10 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import distance_transform_edt
 
-from fitting.tracking.detection import Circles
-from fitting.tracking.flattening import Flat, link_lengths
-from fitting.tracking.identity import bridge, length_errors
-from fitting.tracking.ordering import Chain
+from fitting.films.detection import Circles
+from fitting.films.flattening import Flat, link_lengths
+from fitting.films.identity import bridge, length_errors
+from fitting.films.ordering import Chain
 
 
 @dataclass

@@ -4,6 +4,6 @@ The steps are the lens (`calibration`), circles (`detection`), identity of the n
 (`angles`), and pictures for a visual check (`overlay`). `render` makes videos of a simulated run with known truth.
 """
 
-from fitting.tracking.track import Tracked, track
+from fitting.films.track import Tracked, track
 
 __all__ = ["Tracked", "track"]

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
-from fitting.tracking.ordering import AmbiguousOrderError
-from fitting.tracking.render import BRIDGED, LINK, TEXT, _sixteenths
-from fitting.tracking.track import Tracked
-from fitting.tracking.video import Video, opencv, write_video
+from fitting.films.ordering import AmbiguousOrderError
+from fitting.films.render import BRIDGED, LINK, TEXT, _sixteenths
+from fitting.films.track import Tracked
+from fitting.films.video import Video, opencv, write_video
 
 SUFFIXES = (".png", ".avi", ".mp4")
 

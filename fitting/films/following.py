@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.tracking.detection import Circles, map_circles
-from fitting.tracking.flattening import Flat, flatten, robust_lengths
-from fitting.tracking.hindsight import TrackedChain, fill_missed, reverse_chain
-from fitting.tracking.identity import Follower, length_errors
-from fitting.tracking.marks import find_marks
-from fitting.tracking.ordering import (
+from fitting.films.detection import Circles, map_circles
+from fitting.films.flattening import Flat, flatten, robust_lengths
+from fitting.films.hindsight import TrackedChain, fill_missed, reverse_chain
+from fitting.films.identity import Follower, length_errors
+from fitting.films.marks import find_marks
+from fitting.films.ordering import (
     AmbiguousOrderError,
     Chain,
     changes,

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
-from fitting.tracking.detection import Circles
-from fitting.tracking.flattening import robust_lengths
-from fitting.tracking.identity import Follower
-from fitting.tracking.ordering import Chain, rates
+from fitting.films.detection import Circles
+from fitting.films.flattening import robust_lengths
+from fitting.films.identity import Follower
+from fitting.films.ordering import Chain, rates
 
 
 @dataclass(frozen=True)

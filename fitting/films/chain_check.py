@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fitting.films.flattening import robust_lengths
+from fitting.films.marks import Marks, off_cubic
 from fitting.traces.trace import FEWEST
-from fitting.tracking.flattening import robust_lengths
-from fitting.tracking.marks import Marks, off_cubic
 
 #: Maximum change of a link, robust standard deviation over its length. Right films show 0.001, motion out of the plane
 #: and uncalibrated lenses up to 0.03.

@@ -14,11 +14,11 @@ import numpy as np
 from closed_chain import in_space, rigid_line, still
 
 from fitting import Motion
-from fitting.tracking import track
-from fitting.tracking.marks import find_marks
-from fitting.tracking.ordering import AmbiguousOrderError
-from fitting.tracking.render import Cover, View, chessboards, film
-from fitting.tracking.video import opencv, write_video
+from fitting.films import track
+from fitting.films.marks import find_marks
+from fitting.films.ordering import AmbiguousOrderError
+from fitting.films.render import Cover, View, chessboards, film
+from fitting.films.video import opencv, write_video
 
 FPS = 60.0
 #: Samples per frame of the motion that the renderer interpolates.

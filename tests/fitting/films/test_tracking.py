@@ -8,10 +8,10 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.cli import main
 from fitting import Motion, View, film, fit, read_trace, write_video
-from fitting.tracking import track
-from fitting.tracking.calibration import calibrate
-from fitting.tracking.render import chessboards
-from fitting.tracking.video import opencv
+from fitting.films import track
+from fitting.films.calibration import calibrate
+from fitting.films.render import chessboards
+from fitting.films.video import opencv
 
 FPS, FRAMES = 60.0, 130
 #: Node 3 is covered for 10 frames; nodes 5 and 6 swing behind a post, in part and as a whole.

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from fitting.traces.trace import FEWEST, Trace
-from fitting.tracking.calibration import Lens, calibrate, plane_from_board
-from fitting.tracking.chain_check import LARGEST_ERROR, why_no_chain
-from fitting.tracking.detection import Circles, MarkerAppearance, detect_at, scan
-from fitting.tracking.flattening import (
+from fitting.films.calibration import Lens, calibrate, plane_from_board
+from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
+from fitting.films.detection import Circles, MarkerAppearance, detect_at, scan
+from fitting.films.flattening import (
     Flat,
     central_differences,
     changing_lengths,
@@ -24,11 +23,12 @@ from fitting.tracking.flattening import (
     scatter,
     to_trace,
 )
-from fitting.tracking.following import follow_film
-from fitting.tracking.hindsight import TrackedChain, detect_again, remove_blur
-from fitting.tracking.marks import Marks, find_marks
-from fitting.tracking.ordering import AmbiguousOrderError
-from fitting.tracking.video import Video
+from fitting.films.following import follow_film
+from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
+from fitting.films.marks import Marks, find_marks
+from fitting.films.ordering import AmbiguousOrderError
+from fitting.films.video import Video
+from fitting.traces.trace import FEWEST, Trace
 
 #: A marker not detected for longer [s] at the end is lost; one that reappears may have turned round unseen.
 LONGEST_GAP = 0.5

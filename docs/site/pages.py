@@ -46,9 +46,9 @@ ROOMS = (
     "fitting.sweep",
     "fitting.sensitivity",
     "fitting.films",
-    "fitting.cases",
-    "fitting.season",
-    "fitting.site",
+    "fitting.farm.cases",
+    "fitting.farm.season",
+    "fitting.farm.site",
 )
 #: A place for source code on a page: its module and the names of its functions.
 SOURCE = re.compile(r"(<!-- source: ([\w.]+): ([\w, ]+) -->\n).*?(<!-- end source -->)", re.DOTALL)

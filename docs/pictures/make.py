@@ -17,7 +17,7 @@ import dropper_jax as dj
 from dropper_jax import plots, statics
 from dropper_jax.cli import main
 from dropper_jax.plots import style
-from dropper_jax.view import view_page
+from dropper_jax.report.page import view_page
 from fitting.films import track
 from fitting.films.overlay import write_overlay
 from fitting.films.render import View, chessboards, film

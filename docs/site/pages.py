@@ -40,7 +40,7 @@ ROOMS = (
     "dropper_jax",
     "dropper_jax.plots",
     "dropper_jax.statics",
-    "dropper_jax.view",
+    "dropper_jax.report.page",
     "dropper_jax.analysis",
     "fitting",
     "fitting.sweep",

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.report.tension import YEAR, damage
+from dropper_jax.evaluation.tension import YEAR, damage
 from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.farm.cases.one import Found
 from fitting.farm.cases.stored import Runs

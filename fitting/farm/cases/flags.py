@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.report.extremes import storm_extreme
+from dropper_jax.evaluation.extremes import storm_extreme
 from dropper_jax.study.load_errors import UNRESOLVED
 from fitting.farm.site import Site
 from fitting.farm.site.sections import RunValues
@@ -19,7 +19,7 @@ def characteristic(maxima: np.ndarray, run: RunValues) -> dict[str, Any]:
     """Characteristic load of a case: mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
 
     The standard error of the mean is `s/sqrt(n)`. The interval of either is that of a Gumbel distribution (see
-    `report.extremes.storm_extreme`). The standard error of the most probable value is half of a 68 % interval.
+    `evaluation.extremes.storm_extreme`). The standard error of the most probable value is half of a 68 % interval.
 
     Returns:
         {value, error, interval, seeds, kind}: error: None with one seed; interval: None with fewer than three seeds

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.evaluation.tension import RANGE_ROUNDING, cycles
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
-from dropper_jax.report.tension import RANGE_ROUNDING, cycles
 from dropper_jax.run.arrays import breaks
 from dropper_jax.run.build import build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.markdown import table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
-from dropper_jax.report.sections import table
 
 COLUMNS = (
     *("kind", "part", "case", "sea_state", "direction_deg", "current", "level_m", "month", "crop", "state"),

@@ -17,8 +17,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
+from dropper_jax.evaluation.extremes import EULER, LEAST_RUNS
 from dropper_jax.model import Model
-from dropper_jax.report.extremes import EULER, LEAST_RUNS
 from dropper_jax.run import quantities as named
 from dropper_jax.run.end_links import load_on_fixed_point
 from fitting.farm.site import Anchor, Part
@@ -185,7 +185,7 @@ def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[Anc
 #     sum_i w_i x_(i),    x_(1) <= ... <= x_(n)
 #
 # The mean has w = 1/n. The most probable maximum of a storm of duration D is the mode of a Gumbel distribution by
-# probability-weighted moments (see `dropper_jax.report.extremes`), shifted by scale log(D/T), with T the counted time
+# probability-weighted moments (see `evaluation.extremes`), shifted by scale log(D/T), with T the counted time
 # of a run: mode = b0 - gamma s, s = (2 b1 - b0)/ln 2, b1 = sum (i - 1)/(n - 1) x_(i)/n, all linear in the ordered
 # maxima:
 #

@@ -14,10 +14,10 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.markdown import table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.library import FAMILIES, PREFIX
 from dropper_jax.plots import style
-from dropper_jax.report.sections import table
 from fitting.farm.season.poses import Water, floating, needs, waters
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, short

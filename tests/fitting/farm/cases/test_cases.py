@@ -19,8 +19,8 @@ import dropper_jax as dj
 from dropper_jax import SceneError, cli
 from dropper_jax.cli import OK, main
 from dropper_jax.cli.options import INVALID_INPUT
-from dropper_jax.report.record import record
-from dropper_jax.report.tension import anchors
+from dropper_jax.evaluation.record import record
+from dropper_jax.evaluation.tension import anchors
 from dropper_jax.scene import line_slices
 from fitting.farm.cases import assess, run_cases, write_page
 from fitting.farm.cases.flags import characteristic

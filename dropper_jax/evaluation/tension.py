@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.report.record import Record, arc, spread
-from dropper_jax.report.settings import Settings
+from dropper_jax.evaluation.record import Record, arc, spread
+from dropper_jax.evaluation.settings import Settings
 from dropper_jax.run.bends import held_points, positions_at
 from dropper_jax.run.bends import point_load as line_load
 from dropper_jax.run.growth import end_angles, end_forces

@@ -11,7 +11,7 @@ import pytest
 
 from dropper_jax import build_model
 from dropper_jax.plots.run import readable
-from dropper_jax.view import IN_A_WAVE, choose_samples, pair_page, view_page, wave_period
+from dropper_jax.report.page import IN_A_WAVE, choose_samples, pair_page, view_page, wave_period
 
 #: With WebGL in software, and without any.
 WITH = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")

@@ -144,7 +144,7 @@ def _script() -> str:
 
 
 def _part(name: str) -> str:
-    return (resources.files("dropper_jax.view") / "page" / name).read_text(encoding="utf-8")
+    return (resources.files("dropper_jax.report") / "assets" / name).read_text(encoding="utf-8")
 
 
 def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dropper_jax.report.record import Record, arc
-from dropper_jax.report.settings import Settings
+from dropper_jax.evaluation.record import Record, arc
+from dropper_jax.evaluation.settings import Settings
 
 #: Euler's constant: the mean of the standard Gumbel distribution.
 EULER = 0.5772156649015329

@@ -9,14 +9,16 @@ from collections.abc import Callable, Iterator
 
 import jax.numpy as jnp
 import numpy as np
-from moordyn_point import SCHEMES, run_point
+from moordyn_runs import looks_at
 from study import Found, Rows, collect, columns, command, table_of
 
 from dropper_jax import Scene, build_model
-from dropper_jax.study.stability import Case, all_cases, evaluate
-from dropper_jax.study.stability.case import scene_of
-from dropper_jax.study.stability.measures import OF_PATHS
+from dropper_jax.stability import Case, all_cases, evaluate
+from dropper_jax.stability.case import scene_of
+from dropper_jax.stability.measures import OF_PATHS
 
+#: MoorDyn's time integrators by label; None leaves scheme and step to MoorDyn.
+SCHEMES = {"moordyn rk2": "rk2", "moordyn default": None}
 #: What decks do not have: stream function, coefficients that follow the flow, a tide that turns, links without nodes.
 NOT_IN_DECKS = ("steep-wave-float", "flow-coefficients", "turning-tide", "pendulum-in-waves")
 
@@ -33,17 +35,31 @@ def compare(names: list[str]) -> Iterator[Found]:
 def measured(case: Case, scheme: str | None) -> Found:
     """MoorDyn on a case: {status, measured, holds}, with `failed_at_s` if the run did not complete."""
     scene = scene_of(case.scene)
-    run = run_point(scene, case.point, case.dt, case.duration, scheme, displacement(scene))
-    if not run.ok:
-        return {"status": "unstable", "failed_at_s": float(case.dt * len(run.t)), "holds": False}
-    value = float(OF_PATHS[case.measure](case, run.t, run.positions))
+    drive = moved_points(scene)
+    speed = None if drive is None else (drive(1e-6) - drive(0.0)) / 1e-6
+    end = end_of_line(scene, case.point)
+    run = looks_at(scene, case.dt, case.duration, case.dt, (), [end], drive, speed=speed, tScheme=scheme)
+    if run.status != "ok":
+        return {"status": "unstable", "failed_at_s": case.dt * (1 + len(run.t)), "holds": False}
+    t = np.append(0.0, run.t)
+    value = float(OF_PATHS[case.measure](case, t, np.concatenate([run.start[None], run.position])[:, 0]))
     return {"status": "ok", "measured": value, "holds": value <= case.limit}
 
 
-def displacement(scene: Scene) -> Callable[[float], np.ndarray] | None:
-    """Displacement (3,) [m] over time of the points that `end_motion` moves."""
+def end_of_line(scene: Scene, point: str) -> tuple[int, bool]:
+    """Number from 1 of a line that ends at a point, at the base of its buoy if it has one; whether by its last end."""
+    i, line = next((i, line) for i, line in enumerate(scene.lines, 1) if point in (line.start, line.end))
+    return i, line.start != point
+
+
+def moved_points(scene: Scene) -> Callable[[float], np.ndarray] | None:
+    """Positions (3 m,) [m] over time of the points that `end_motion` moves."""
     moving = [effect for effect in build_model(scene).effects if effect.name == "end_motion"]
-    return (lambda t: np.asarray(moving[0].displace(jnp.asarray(t)))) if moving else None
+    if not moving:
+        return None
+    motion = scene.effects["end_motion"]
+    positions = np.array([scene.point(name).position for name in (motion["point"], *motion["also"])])
+    return lambda t: (positions + np.asarray(moving[0].displace(jnp.asarray(t)))).ravel()
 
 
 @table_of("moordyn_hard_cases")

@@ -1,6 +1,8 @@
 """The same scene in MoorDyn v2 and here: runs that give end tensions and the place of the far end at equal times."""
 
 import contextlib
+import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,7 +13,6 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from moordyn_point import quiet
 from study import Found, timed
 
 from dropper_jax import Model, Scene, State, load_scene, write_moordyn
@@ -27,6 +28,8 @@ from dropper_jax.stepping.integrate import begin
 SAMPLE = 0.1
 #: Time between the tables of a wave grid [s], and its least and largest y [m] around a single line.
 GRID_STEP, GRID = 0.1, (-60, 60)
+#: Positions beyond this distance [m] are not possible in the compared scenes: such a run is unstable.
+FARTHEST = 1e4
 #: MoorDyn's step [s] for each internal damping ratio: stronger dampers need smaller ones.
 STEPS = {1.0: 0.0001, 0.1: 0.0005, 0.0: 0.0005}
 
@@ -215,6 +218,22 @@ def _write_grid(scene: Scene, folder: Path, duration: float, across: tuple[int, 
 
 
 @contextmanager
+def quiet() -> Iterator[None]:
+    """Suppress the output of a library on the standard streams."""
+    sys.stdout.flush()
+    kept = [os.dup(stream) for stream in (1, 2)]
+    with open(os.devnull, "w") as nothing:
+        for stream in (1, 2):
+            os.dup2(nothing.fileno(), stream)
+        try:
+            yield
+        finally:
+            for stream, saved in zip((1, 2), kept, strict=True):
+                os.dup2(saved, stream)
+                os.close(saved)
+
+
+@contextmanager
 def moordyn_system(
     scene: Scene, dt: float, duration: float, across: tuple[int, int] | None = None, **more
 ) -> Iterator[tuple]:
@@ -222,7 +241,8 @@ def moordyn_system(
 
     Args:
         across: least and largest y [m] of the grid of waves (WaveKin 3); None: its exact kinematics (WaveKin 7).
-        more: options of MoorDyn.
+        more: options of MoorDyn. With `tScheme` None the file names neither scheme nor step: MoorDyn's step then
+            follows from the natural frequencies of the lines.
     """
     import moordyn
 
@@ -231,7 +251,12 @@ def moordyn_system(
         if across is not None:
             options |= {"WaveKin": 3, "dtWave": GRID_STEP}
             _write_grid(scene, Path(folder), duration, across)
-        write_moordyn(scene, Path(folder) / "mooring.txt", dt=dt, options=options)
+        file = Path(folder) / "mooring.txt"
+        chosen = options["tScheme"] is not None
+        write_moordyn(scene, file, dt=dt, options={key: x for key, x in options.items() if x is not None})
+        if not chosen:
+            lines = file.read_text().splitlines()
+            file.write_text("\n".join(line for line in lines if not line.endswith(" dtM")) + "\n")
         system = moordyn.Create("mooring.txt")
         try:
             yield moordyn, system
@@ -243,13 +268,18 @@ def moordyn_system(
 
 @dataclass
 class Looks:
-    """A run as it is seen at times (k,): tensions (k, ends) [N], positions (k, points, 3) [m], and the time it took."""
+    """A run as it is seen at times (k,): tensions (k, ends) [N], positions (k, points, 3) [m], and the time it took.
+
+    Attributes:
+        start: the positions (points, 3) [m] before the first step; None where MoorDyn finds none.
+    """
 
     t: np.ndarray
     tension: np.ndarray
     position: np.ndarray
     cpu_s: float
     status: str
+    start: np.ndarray | None = None
 
 
 def looks_at(
@@ -261,30 +291,38 @@ def looks_at(
     points: Sequence[tuple[int, bool]],
     drive: Callable[[float], np.ndarray] | None = None,
     call: float | None = None,
+    speed: np.ndarray | None = None,
     **options,
 ) -> Looks:
-    """MoorDyn at several ends of lines; it stops where a tension is not finite.
+    """MoorDyn at several ends of lines; it stops where a tension is not finite or a position is beyond `FARTHEST`.
 
     Args:
         dt: its time step [s].
         look: time between looks [s]: extremes between them are not seen.
         ends, points: number of a line from 1, and whether its last end is meant: where the tension of the end segment
             is read (negative where the damper of a slack one pushes), and the position.
-        drive: position (3,) [m] over time of its coupled point. Between calls the point moves at constant velocity: its
+        drive: positions (3 m,) [m] over time of its coupled points. Between calls they move at constant velocity: its
             jumps let the line ring, so that errors are measured with a call at every step (0.01 s: 4e-2 in the
             deviation of a gently driven chain, 1 ms: 1e-4).
         call: time between calls [s], at most `look`; None: `look`.
+        speed: velocities (3 m,) [m/s] of the coupled points at the start; None: at rest.
         options: of `moordyn_system`.
     """
     calls = max(1, round(look / (call or look)))
-    tension, position, cpu = [], [], 0.0
+    tension, position, start, cpu = [], [], None, 0.0
     span, count = look / calls, round(duration / look)
+    good = False
     with moordyn_system(scene, dt, duration, **options) as (moordyn, system):
         x = [] if drive is None else list(drive(0.0))
-        v = [0.0] * len(x)
+        v = [0.0] * len(x) if speed is None else list(speed)
         moordyn.Init(system, x, v)
         lines = {i: moordyn.GetLine(system, i) for i, _ in (*ends, *points)}
         last_node = {i: moordyn.GetLineN(line) for i, line in lines.items()}
+
+        def positions() -> list:
+            return [moordyn.GetLineNodePos(lines[i], last_node[i] * last) for i, last in points]
+
+        start = np.array(positions(), float)
         for now in range(count * calls):
             if drive is not None:
                 x = list(drive(now * span))
@@ -292,16 +330,17 @@ def looks_at(
             cpu += timed(partial(moordyn.Step, system, x, v, now * span, span))[1]["processor_s"]
             if (now + 1) % calls == 0:
                 tension.append([_signed(moordyn, lines[i], last_node[i], last) for i, last in ends])
-                position.append([moordyn.GetLineNodePos(lines[i], last_node[i] * last) for i, last in points])
-                if not np.all(np.isfinite(tension[-1])):
+                position.append(positions())
+                good = np.all(np.isfinite(tension[-1])) and np.all(np.abs(position[-1]) < FARTHEST)
+                if not good:
                     break
-    good = len(tension) == count and np.all(np.isfinite(tension[-1]))
     return Looks(
         t=np.round(look * np.arange(1, len(tension) + 1), 9),
-        tension=np.array(tension, float).reshape(-1, len(ends)),
-        position=np.array(position, float).reshape(-1, len(points), 3),
+        tension=np.array(tension, float).reshape(len(tension), len(ends)),
+        position=np.array(position, float).reshape(len(position), len(points), 3),
         cpu_s=cpu,
-        status="ok" if good else f"unstable at {len(tension) * look:.4g} s",
+        status="ok" if good and len(tension) == count else f"unstable at {len(tension) * look:.4g} s",
+        start=start,
     )
 
 

@@ -51,7 +51,7 @@ PUBLIC = {
     "component": "base.fields",
     "coupled_lines": "run.coupled_lines",
     "equilibrium": "run.build",
-    "frequency_response": "run.frequency",
+    "frequency_response": "frequency.response",
     "from_angles": "run.build",
     "initial_state": "run.build",
     "integrate": "stepping.integrate",
@@ -66,7 +66,7 @@ PUBLIC = {
     "option": "base.fields",
     "packaged_scene": "load.packaged",
     "parameter": "base.fields",
-    "read_moordyn": "moordyn.reading.reader",
+    "read_moordyn": "decks.reading.reader",
     "recover": "run.recovery",
     "register": "effects",
     "report_run": "report.build",
@@ -80,8 +80,8 @@ PUBLIC = {
     "step": "residual.step",
     "step_lengths": "stepping.integrate",
     "store_programs": "backend.programs",
-    "tension_deviation": "statics.linear_waves",
-    "write_moordyn": "moordyn.writing.writer",
+    "tension_deviation": "frequency.linear_waves",
+    "write_moordyn": "decks.writing.writer",
     "write_vtk": "report.vtk",
 }
 

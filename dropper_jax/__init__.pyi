@@ -11,8 +11,12 @@ from dropper_jax.base.fields import parameter as parameter
 from dropper_jax.base.numerics import safe_norm as safe_norm
 from dropper_jax.base.numerics import scatter_add as scatter_add
 from dropper_jax.base.toml_text import as_toml as as_toml
+from dropper_jax.decks.reading.reader import read_moordyn as read_moordyn
+from dropper_jax.decks.writing.writer import write_moordyn as write_moordyn
 from dropper_jax.effects import Effect as Effect
 from dropper_jax.effects import register as register
+from dropper_jax.frequency.linear_waves import tension_deviation as tension_deviation
+from dropper_jax.frequency.response import frequency_response as frequency_response
 from dropper_jax.integrators import INTEGRATORS as INTEGRATORS
 from dropper_jax.load.packaged import packaged_scene as packaged_scene
 from dropper_jax.load.packaged import scene_names as scene_names
@@ -24,8 +28,6 @@ from dropper_jax.model.line import Point as Point
 from dropper_jax.model.model import Model as Model
 from dropper_jax.model.state import State as State
 from dropper_jax.model.state import state as state
-from dropper_jax.moordyn.reading.reader import read_moordyn as read_moordyn
-from dropper_jax.moordyn.writing.writer import write_moordyn as write_moordyn
 from dropper_jax.report.build import report_run as report_run
 from dropper_jax.report.build import report_runs as report_runs
 from dropper_jax.report.vtk import write_vtk as write_vtk
@@ -39,12 +41,10 @@ from dropper_jax.run.build import initial_state as initial_state
 from dropper_jax.run.build import linearised as linearised
 from dropper_jax.run.coupled import Coupled as Coupled
 from dropper_jax.run.coupled_lines import coupled_lines as coupled_lines
-from dropper_jax.run.frequency import frequency_response as frequency_response
 from dropper_jax.run.recovery import recover as recover
 from dropper_jax.run.simulate import Solution as Solution
 from dropper_jax.run.simulate import simulate as simulate
 from dropper_jax.scene.data import SceneData as SceneData
-from dropper_jax.statics.linear_waves import tension_deviation as tension_deviation
 from dropper_jax.statics.modes import natural_modes as natural_modes
 from dropper_jax.statics.modes import natural_periods as natural_periods
 from dropper_jax.statics.static_pose import settle as settle

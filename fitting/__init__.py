@@ -1,8 +1,8 @@
 """Fitting simulated droppers to measured traces; it builds on `dropper_jax`, never the other way round.
 
-Rooms, each importing only those before it: `traces`, `tracking` (needs traces alone), `parameters`, `sweep`,
-`sensitivity` and `site` (need parameters alone), `estimate`; `calibration` and `channels`, `cases`, `season` and
-`optimise` of sites (none needs another); `report`, `cli`.
+Rooms, each importing only those before it: `traces`, `parameters`, `sweep` and `sensitivity` (need parameters
+alone), `estimate`, `calibration` and `channels`, `report`, `cli`. Only the command line imports `films` (which needs
+traces alone) and `farm`, with `site`, and `cases`, `season` and `optimise` of sites (none needs another).
 """
 
 from importlib import import_module
@@ -25,12 +25,12 @@ PUBLIC = {
     "StudentT": "estimate.loss",
     "Trace": "traces.trace",
     "TraceLoss": "calibration.trace_loss",
-    "View": "tracking.render",
+    "View": "films.render",
     "advise": "calibration.advice",
     "bootstrap": "estimate.scene_fit",
     "close_chain": "traces.planar",
     "compare": "calibration.comparison",
-    "film": "tracking.render",
+    "film": "films.render",
     "fit": "calibration.fit",
     "fit_and_free": "calibration.fit",
     "fit_channels": "channels.fit",
@@ -46,7 +46,7 @@ PUBLIC = {
     "to_state": "traces.planar",
     "wrap": "traces.planar",
     "write_trace": "traces.trace",
-    "write_video": "tracking.video",
+    "write_video": "films.video",
 }
 
 __all__ = list(PUBLIC)

@@ -27,12 +27,12 @@ from IPython.display import Image, display
 import dropper_jax as dj
 from dropper_jax.cli.options import table
 from dropper_jax.plots import style
-from fitting.cases import assess, run_cases
 from fitting.cli.optimise import text
-from fitting.optimise.models import read_variables
-from fitting.optimise.run import design_picture, optimise
-from fitting.season import season, write_season
-from fitting.site import read_site
+from fitting.farm.cases import assess, run_cases
+from fitting.farm.optimise.run import design_picture, optimise
+from fitting.farm.optimise.variables import read_variables
+from fitting.farm.season import season, write_season
+from fitting.farm.site import read_site
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 

@@ -29,7 +29,7 @@ from IPython.display import Image
 import dropper_jax as dj
 from dropper_jax import plots
 from dropper_jax.plots import style
-from dropper_jax.study.sea_facts import regime
+from dropper_jax.study.flow_regime import regime
 
 plt.rcParams.update(style.RC | {"figure.dpi": 90})
 SECONDS = 120.0

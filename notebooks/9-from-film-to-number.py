@@ -28,7 +28,7 @@ import numpy as np
 import dropper_jax as dj
 from dropper_jax.plots import style
 from fitting import View, advise, compare, film, fit, fit_and_free, fitted_scene, predict, simulate_truth, write_video
-from fitting.tracking import track
+from fitting.films import track
 
 LINKS, DURATION = 3, 12.0
 plt.rcParams.update(style.RC | {"figure.dpi": 90})

@@ -89,12 +89,13 @@ PARTS = (
     marked("docs", "tests/docs", f"--ignore={PAGES}"),
     as_users("stepping", "tests/stepping"),
     as_users("derivatives", "tests/stepping/test_step_derivatives.py", without="check"),
-    Part("browser", (*TESTS, "-k", "browser", "tests/docs/test_site.py", "tests/view")),  # says where there is none
+    # says where there is none
+    Part("browser", (*TESTS, "-k", "browser", "tests/docs/test_site.py", "tests/report/page")),
     Part("figures of the sources", ("benchmarks/source_figures.py", "all", "--plot", "build/check/figures")),
     Part("many scenes", ("tests/many_scenes.py",)),
     Part("random calls", ("tests/faults/sequences.py",), {"XLA_FLAGS": "--xla_backend_optimization_level=0"}),
     Part("random scenes", (*TESTS, "tests/load/test_fuzz.py"), {"FUZZ_EXAMPLES": "2000"}),
-    as_users("schemes", "tests/integrators", "tests/solvers", "tests/view"),
+    as_users("schemes", "tests/integrators", "tests/solvers", "tests/report/page"),
     marked("steps", "tests/stepping", "tests/integrators"),
     plain("steps", "tests/stepping", "tests/integrators", "tests/solvers", "tests/effects"),
     plain("fits", "tests/fitting/estimate", "tests/fitting/calibration", "tests/fitting/sensitivity"),

@@ -22,9 +22,9 @@ from jax.flatten_util import ravel_pytree
 import dropper_jax as dj
 from dropper_jax import build, build_model
 from dropper_jax.effects import EFFECTS
+from dropper_jax.stability import all_cases
+from dropper_jax.stability.case import scene_of as hard_scene
 from dropper_jax.study.cost import model_variants
-from dropper_jax.study.stability import all_cases
-from dropper_jax.study.stability.case import scene_of as hard_scene
 
 ROOT = Path(__file__).parents[1]
 PACKAGED = [name for name, cls in EFFECTS.items() if cls.__module__.startswith("dropper_jax.")]

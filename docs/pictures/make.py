@@ -17,13 +17,14 @@ import dropper_jax as dj
 from dropper_jax import plots, statics
 from dropper_jax.cli import main
 from dropper_jax.plots import style
-from dropper_jax.view import view_page
+from dropper_jax.report.page import view_page
+from fitting.films import track
+from fitting.films.overlay import write_overlay
+from fitting.films.render import View, chessboards, film
+from fitting.films.video import opencv, write_video
 from fitting.sweep import open_sweep, sweep
 from fitting.traces.synthetic import Motion
 from fitting.traces.trace import write_trace
-from fitting.tracking import track
-from fitting.tracking.render import View, chessboards, film, write_overlay
-from fitting.tracking.video import opencv, write_video
 
 HERE = Path(__file__).parent
 FIGURES = HERE.parents[1] / "benchmarks" / "source_figures.py"

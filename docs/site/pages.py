@@ -40,15 +40,15 @@ ROOMS = (
     "dropper_jax",
     "dropper_jax.plots",
     "dropper_jax.statics",
-    "dropper_jax.view",
+    "dropper_jax.report.page",
     "dropper_jax.analysis",
     "fitting",
     "fitting.sweep",
     "fitting.sensitivity",
-    "fitting.tracking",
-    "fitting.cases",
-    "fitting.season",
-    "fitting.site",
+    "fitting.films",
+    "fitting.farm.cases",
+    "fitting.farm.season",
+    "fitting.farm.site",
 )
 #: A place for source code on a page: its module and the names of its functions.
 SOURCE = re.compile(r"(<!-- source: ([\w.]+): ([\w, ]+) -->\n).*?(<!-- end source -->)", re.DOTALL)

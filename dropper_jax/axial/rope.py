@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from dropper_jax.axial.elastic import Elastic, _Step
 from dropper_jax.axial.law import LinkStart
 from dropper_jax.base.fields import component
-from dropper_jax.base.numerics import dot, mean_positive_part, never_more, positive_part, safe_norm
+from dropper_jax.base.numerics import dot, positive_part, safe_norm
+from dropper_jax.base.springs import mean_positive_part, never_more
 
 #: Bound of the tension over a step that goes slack, over the tension of the spring at its end. Larger ones take effect
 #: closer to the slack length, but have a steeper slope there.

@@ -1,20 +1,4 @@
-"""Small linear algebra, smooth springs and trigonometry, written out so that they fuse.
-
-The spring of the seabed over a step: resolved motion conserves its energy, unresolved motion is damped.
-
-A spring with the mean force over the step, `(psi1 - psi0)/(s1 - s0)`, conserves all energy, including that of
-vibrations that the step does not resolve. A spring with its force at the end of the step takes (h omega)^2/4 of all of
-them at every step. `lag` lies between the two. It is zero while the spring moves as expected from the velocities at the
-start of the step, or more slowly. It is half of the amount by which the spring runs ahead of them. It is at most the
-change itself, with which the force is that at the end. It never adds energy, since it has the sign of the change. A
-vibration loses (h omega)^2/4 of its energy per period and none before its peak. Unresolved vibrations shrink to a third
-per step.
-
-Sine and cosine together, as elementwise work.
-
-XLA calls the C library for each sine and each cosine of a double, 12 to 15 ns each on the CPU. In a sea of many
-components this took most of the time of a step. Written out, the pair takes 2.4 ns.
-"""
+"""Small linear algebra, written out so that it fuses."""
 
 from __future__ import annotations
 
@@ -25,8 +9,6 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-
-# --- vectors as three separate arrays: their sums fuse with neighbouring operations, sums over an axis do not ---
 
 Components = tuple[jax.Array, jax.Array, jax.Array]
 #: A pytree of arrays.
@@ -114,83 +96,6 @@ def positive_part(x: jax.Array) -> jax.Array:
     """`max(x, 0)`; its slope at 0 is 1. A link at exactly its natural length has the derivatives of a taut one, not the
     mean of two."""
     return jnp.where(x < 0.0, 0.0, x)
-
-
-@trace_once
-def mean_positive_part(e0: jax.Array, e1: jax.Array) -> jax.Array:
-    """Mean of max(e, 0) between e0 and e1: `(s1^2 - s0^2)/(2 (e1 - e0))`, s = max(e, 0), without cancellation."""
-    pulled, way = positive_part(e0) + positive_part(e1), jnp.abs(e0) + jnp.abs(e1)
-    return 0.5 * pulled * (pulled / jnp.where(way > 0.0, way, 1.0))
-
-
-#: Stretch and depth [m per m] below which a spring counts as at rest.
-REST = 1e-10
-
-
-@trace_once
-def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Array | float = 0.0) -> jax.Array:
-    """Spring force beyond its mean over the step, from the force before, the force after and the expected force.
-
-    From a spring at rest any motion is ahead of what was expected. The derivative there is that of `after - expected`,
-    not that of a sign determined by rounding. Changes up to `rest` count as zero, those above 4 times as motion. The
-    force is blended between them: a step cannot solve a jump that is larger than its tolerance.
-    """
-    change, ahead = after - before, 0.5 * (after - expected)
-    smaller = jnp.where(jnp.abs(ahead) <= jnp.abs(change), ahead, change)
-    moving = jnp.where(change * ahead > 0.0, smaller, 0.0)
-    size, width = jnp.maximum(jnp.abs(change), jnp.abs(ahead)), 3.0 * rest
-    still = jnp.clip((rest + width - size) / jnp.where(width > 0.0, width, 1.0), 0.0, 1.0)
-    still = jnp.where(width > 0.0, still, size <= 0.0)
-    return 0.5 * (still * ahead + (1.0 - still) * moving)
-
-
-def never_more(damper: jax.Array, spring: jax.Array) -> jax.Array:
-    """Force that a damper adds to a spring force `spring` >= 0: at most as much again, and at most all of it
-    removed. Without a spring force the damper has no force, and no derivative either."""
-    return jnp.where(spring > 0.0, jnp.clip(damper, -spring, spring), 0.0)
-
-
-#: pi/2 in three parts by the number of bytes of the type. The first two are so short that products with whole numbers
-#: below 2^20 (float32: 2^13) are exact (Cody and Waite 1980).
-HALF_PI = {
-    8: (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21),
-    4: (1.5703125, 4.837512969970703125e-4, 7.54978995489188216e-8),
-}
-#: Taylor coefficients of `(sin r - r)/r^3` and `(cos r - 1 + r^2/2)/r^4` in powers of r^2, |r| <= pi/4: the first
-#: omitted term is below 1e-17 of the sum.
-SIN = (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800, 1 / 6227020800, -1 / 1307674368000)
-COS = (1 / 24, -1 / 720, 1 / 40320, -1 / 3628800, 1 / 479001600, -1 / 87178291200, 1 / 20922789888000)
-
-
-@jax.custom_jvp
-def sincos(x: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """`(sin x, cos x)` to 2 roundings of 1 for |x| below 1e6 [rad]; float32: 1e4."""
-    return _sincos(x)
-
-
-@trace_once
-def _sincos(x: jax.Array) -> tuple[jax.Array, jax.Array]:
-    turns = jnp.round(x * (2.0 / jnp.pi))
-    r = x
-    for part in HALF_PI[x.dtype.itemsize]:
-        r = r - turns * part
-    square = r * r
-    sin, cos = jnp.full_like(r, SIN[-1]), jnp.full_like(r, COS[-1])
-    for a, b in zip(SIN[-2::-1], COS[-2::-1], strict=True):
-        sin, cos = sin * square + a, cos * square + b
-    sin = r + r * square * sin
-    cos = 1.0 - 0.5 * square + square * square * cos
-    quarter = turns - 4.0 * jnp.floor(0.25 * turns)
-    odd = (quarter == 1.0) | (quarter == 3.0)
-    first, second = jnp.where(odd, cos, sin), jnp.where(odd, sin, cos)
-    return jnp.where(quarter >= 2.0, -first, first), jnp.where((quarter == 1.0) | (quarter == 2.0), -second, second)
-
-
-@sincos.defjvp
-def _sincos_jvp(primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[tuple[jax.Array, ...], ...]:
-    sin, cos = sincos(*primals)
-    (dx,) = tangents
-    return (sin, cos), (cos * dx, -sin * dx)
 
 
 # Sums at indices known when a program is traced, as gathers: a scatter prevents a run from becoming one kernel

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     ranges = [read_named_range(text, "--vary", reason) for text in args.vary]
     scene = read_scene(args)
 
-    from dropper_jax.study.offsets import solve_design
+    from dropper_jax.study.design import solve_design
 
     paths, low, high = zip(*ranges, strict=True)
     found = solve_design(scene, paths, low, high, args.target, args.value, progress(args.quiet) or silent)

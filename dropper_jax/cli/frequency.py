@@ -28,8 +28,8 @@ from dropper_jax.cli.options import (
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 if TYPE_CHECKING:
+    from dropper_jax.frequency.response import FrequencyResponse
     from dropper_jax.load.scene import Scene
-    from dropper_jax.run.frequency import FrequencyResponse
 
 help = "tensions and motions in irregular waves in the frequency domain, with linearised drag, for many sea states"
 
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError("--runs: needs sea states. Use --sea-states or --table")
     scene = read_scene(args)
 
-    from dropper_jax.run.frequency import frequency_response
+    from dropper_jax.frequency.response import frequency_response
 
     direction = None if args.direction is None else np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
@@ -127,7 +127,7 @@ def _runs(
     scene: Scene, found: FrequencyResponse, count: int, direction: float | None, frequencies: int
 ) -> list[dict[str, Any]]:
     """Runs in time of states at even distances in the order of the maximum tension, and the differences from them."""
-    from dropper_jax.run.frequency import run_in_time
+    from dropper_jax.frequency.response import run_in_time
 
     order = np.argsort(-np.max(found.maximum_tension, axis=1))
     rows = []

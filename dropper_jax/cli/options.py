@@ -229,6 +229,14 @@ def read_numbers(
     return found
 
 
+def read_spaced(text: str, option: str, reason: str, given: str | None = None) -> tuple[float, float, int]:
+    """Ends and whole number, at least 1, of values of `LO:HI:N`."""
+    low, high, count = read_numbers(text, option, reason, ":", 3, given)
+    if not count.is_integer() or count < 1:
+        raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
+    return low, high, int(count)
+
+
 def read_named_range(text: str, option: str, reason: str) -> tuple[str, float, float]:
     """Name and ends of `NAME=LO:HI`."""
     name, _, limits = text.partition("=")

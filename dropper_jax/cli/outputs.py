@@ -146,7 +146,7 @@ def write_run_report(solution: Solution, folder: Path) -> None:
 
 def write_channels(source: str, solution: Solution, path: Path) -> None:
     """MoorDyn's table: the channels of a MoorDyn input, else tensions at all ends."""
-    from dropper_jax.moordyn.writing.outputs import channels_of, numbers_of, write_out
+    from dropper_jax.decks.writing.outputs import channels_of, numbers_of, write_out
 
     for channel in write_out(solution, path, channels_of(source) or None, skip=True, numbers=numbers_of(source)):
         print_line(f"warning: output {channel!r} is not available from a run; it is left out")

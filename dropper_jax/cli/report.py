@@ -20,7 +20,7 @@ from dropper_jax.cli.options import (
     read_run,
 )
 from dropper_jax.cli.outputs import Output
-from dropper_jax.report.settings import Settings
+from dropper_jax.evaluation.settings import Settings
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution

@@ -14,8 +14,8 @@ from dropper_jax.cli.options import (
     add_scene,
     done_object,
     progress,
-    read_numbers,
     read_scene,
+    read_spaced,
     table,
 )
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
@@ -59,11 +59,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _periods(text: str) -> np.ndarray:
-    low, high, count = read_numbers(text, "--periods", "is not LO:HI:N. Use for example 2.0:4.0:9", ":", 3)
-    in_range = np.isfinite([low, high]).all() and min(low, high) > 0.0
-    if not in_range or not count.is_integer() or count < 1:
-        raise SceneError(f"--periods: {text!r} is out of range; allowed: periods above 0 s, at least one")
-    return np.linspace(low, high, int(count))
+    low, high, count = read_spaced(text, "--periods", "is not LO:HI:N, N >= 1. Use for example 2.0:4.0:9")
+    if not np.isfinite([low, high]).all() or min(low, high) <= 0.0:
+        raise SceneError(f"--periods: {text!r} is out of range; allowed: periods above 0 s")
+    return np.linspace(low, high, count)
 
 
 def _text(rows: list[dict[str, Any]]) -> str:

@@ -226,7 +226,7 @@ def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = N
 
 def _flow(solution: Solution) -> dict[str, Any]:
     """Keulegan-Carpenter and Reynolds number and diameter over wavelength, if the scene has water on a line."""
-    from dropper_jax.study.sea_facts import regime
+    from dropper_jax.study.flow_regime import regime
 
     if solution.scene.sea is None or solution.scene.lines[0].diameter is None:
         return {}

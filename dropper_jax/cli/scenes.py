@@ -154,7 +154,7 @@ def _show(table: dict[str, Any], as_json: bool) -> int:
 
 def _moordyn(scene: Scene, file: Path, args: argparse.Namespace) -> int:
     """The scene as a MoorDyn input; unsupported parts are listed."""
-    from dropper_jax.moordyn.writing.writer import write_moordyn
+    from dropper_jax.decks.writing.writer import write_moordyn
 
     lost = write_moordyn(scene, file, dt=args.dt, force=args.force)
     print_warnings(lost)

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
 
-    from dropper_jax.study.stability import all_cases, evaluate
+    from dropper_jax.stability import all_cases, evaluate
 
     known = {case.name: case for case in all_cases()}
     for wanted in args.cases or ():

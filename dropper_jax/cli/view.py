@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     solution = read_run(args.run_file, args)
     other = None if args.other is None else read_run(args.other, args)
 
-    from dropper_jax.view import write_view
+    from dropper_jax.report.page import write_view
 
     write_view(solution, out, other)
     size = out.stat().st_size

@@ -13,38 +13,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import upright
 from dropper_jax.base.read import Plain
-from dropper_jax.model import Effect, Kinematics, ModelView, Part
+from dropper_jax.effects.submerged import wet_share
+from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.scene import LineSpec, SceneData
-
-#: A NumPy or JAX array.
-Array = Any
-
-# --- submerged fraction of a part ---
-
-
-def wet_share(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
-    """Submerged fraction of each row (rows,), 0 to 1."""
-    line = k.line
-    height = part.take(line.diameter * jnp.ones_like(line.length) + line.length * jnp.abs(tangents[:, 2]))
-    # a free end has no next link: its near part has no height and its share is zero
-    height = jnp.where(height > 0.0, height, 1.0)
-    return submerged_fraction(part.at(elevation - k.r[:, 2]), height)
-
-
-def submerged_fraction(below: Array, height: Array) -> Array:
-    """`s^2 (3 - 2 s)`, `s = 1/2 + below/height`, of parts of links whose nodes are `below` the surface [m].
-
-    Args:
-        below, height: arrays of NumPy or JAX; the height [m] is that of the link, `D + L |q_z|`.
-    """
-    s = (0.5 + below / height).clip(0.0, 1.0)
-    return s * s * (3.0 - 2.0 * s)
-
-
-def split(u: jax.Array, tangent: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Components of u (nodes, 3) across and along the tangents."""
-    along = jnp.sum(u * tangent, axis=-1, keepdims=True) * tangent
-    return u - along, along
 
 
 @component

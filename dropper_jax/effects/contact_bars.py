@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import jax
 import jax.numpy as jnp
@@ -11,65 +11,6 @@ import numpy as np
 
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import Graph, ModelView
-
-# --- the nearest points of two straight axes, and the force that pushes them apart ---
-#
-# Bars are pieces p of four positions (..., 4, 3): the ends of the first axis and of the second.
-
-
-class Nearest(NamedTuple):
-    """Nearest points of two axes.
-
-    Attributes:
-        distance: (...,) [m].
-        separation: gradient of the distance with respect to the point on the first axis (..., 3): a unit vector away
-            from the second.
-        shares: weights of the ends of the axes in the difference of the two nearest points (..., 4).
-    """
-
-    distance: jax.Array
-    separation: jax.Array
-    shares: jax.Array
-
-
-def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest:
-    """The minimum of `|p0 + s u - q0 - t w|^2 + spread ((s - 1/2)^2 + (t - 1/2)^2)` over s and t from 0 to 1.
-
-    The function is strictly convex in s and t, so the points move continuously, and the root of the minimum has the
-    gradient of the distance at fixed s and t. It is found in three steps: s without the limits on t, t at that s, s at
-    that t, each clipped to 0 to 1 (Ericson 2005, 5.1.9, which is exact for any such function).
-
-    Args:
-        p: ends of the axes (..., 4, 3) [m]; reach: sum of the radii (...,) [m]; spread: (...,) [m^2].
-    """
-    u, w, off = p[..., 1, :] - p[..., 0, :], p[..., 3, :] - p[..., 2, :], p[..., 0, :] - p[..., 2, :]
-    a, b, c = dot(u, u) + spread, dot(u, w), dot(w, w) + spread
-    e, f = 0.5 * spread - dot(u, off), 0.5 * spread + dot(w, off)
-    s = jnp.clip((e * c + b * f) / (a * c - b * b), 0.0, 1.0)
-    t = jnp.clip((b * s + f) / c, 0.0, 1.0)
-    s = jnp.clip((b * t + e) / a, 0.0, 1.0)
-    apart = off + s[..., None] * u - t[..., None] * w
-    least = dot(apart, apart) + spread * ((s - 0.5) ** 2 + (t - 0.5) ** 2)
-    # distance relative to the reach below which axes count as this far apart, so that the force direction stays defined
-    distance = jnp.sqrt(least + (1e-2 * reach) ** 2)
-    return Nearest(distance, apart / distance[..., None], jnp.stack([1.0 - s, s, t - 1.0, -t], axis=-1))
-
-
-def contact_force(distance: jax.Array, reach: jax.Array, stiffness: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Energy [J] and force [N] of compressed bars: `V = k/2 p^2 R/d`, `N = k p (R/d) (1 + p/(2 d))`, p = R - d.
-
-    A spring k at first touch; with d of at least R/100 the axes meet at 49 k R^2.
-    """
-    deep, ratio = jnp.maximum(reach - distance, 0.0), reach / distance
-    return 0.5 * stiffness * deep**2 * ratio, stiffness * deep * ratio * (1.0 + 0.5 * deep / distance)
-
-
-def relative_motion(before: jax.Array, after: jax.Array) -> jax.Array:
-    """Maximum motion (...,) [m] of any point of one axis relative to any point of the other."""
-    moved = after - before
-    each = moved[..., :2, None, :] - moved[..., None, 2:, :]
-    return jnp.sqrt(jnp.max(dot(each, each), axis=(-2, -1)))
-
 
 #: A group of lines by their numbers.
 Group = tuple[int, ...]

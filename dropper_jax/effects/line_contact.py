@@ -13,7 +13,8 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
 from dropper_jax.base.read import Pairs
-from dropper_jax.effects.contact_bars import Bars, Group, contact_force, nearest_points, nodes_of_bars, relative_motion
+from dropper_jax.effects.contact_bars import Bars, Group, nodes_of_bars
+from dropper_jax.effects.nearest_points import contact_force, nearest_points, relative_motion
 from dropper_jax.effects.rigid_bodies import tetrahedron
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData

@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.effects.morison_drag import still_drag_velocity
+from dropper_jax.effects.drag_velocity import still_drag_velocity
 from dropper_jax.model import Effect, Kinematics, per_node
 
 

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.effects.buoyancy import split, wet_share
 from dropper_jax.effects.cylinder import SOURCES, check_source
+from dropper_jax.effects.submerged import split, wet_share
 from dropper_jax.model import Effect, Kinematics, Part
 from dropper_jax.scene import SceneData
 

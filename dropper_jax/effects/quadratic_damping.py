@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.effects.morison_drag import still_drag_velocity
+from dropper_jax.effects.drag_velocity import still_drag_velocity
 from dropper_jax.model import Effect, Kinematics, per_node
 
 

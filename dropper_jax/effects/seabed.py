@@ -11,7 +11,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.base.numerics import REST, cross, dot, lag, mean_positive_part, never_more, trace_once
+from dropper_jax.base.numerics import cross, dot, trace_once
+from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.effects.morison_drag import drag_velocity
+from dropper_jax.effects.drag_velocity import drag_velocity
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 from dropper_jax.sea import Motion

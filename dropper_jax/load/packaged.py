@@ -14,7 +14,7 @@ from typing import Any
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import refuse_pipe
 from dropper_jax.base.toml_text import parsed_toml
-from dropper_jax.moordyn.reading.sections import looks_like_moordyn
+from dropper_jax.decks.reading.sections import looks_like_moordyn
 
 #: Effects that an undamped scene lacks.
 DAMPING = ("linear_damping", "quadratic_damping")
@@ -236,8 +236,8 @@ def find_scene(source: str | Path, depth: float | None = None) -> tuple[dict[str
 
 
 def _read_mooring(path: Path, depth: float | None) -> dict[str, Any]:
-    from dropper_jax.moordyn.reading.reader import read_moordyn  # noqa: PLC0415 - 0.5 s that starting does not need
-    from dropper_jax.moordyn.reading.yaml_mooring import SUFFIXES, read_yaml_mooring  # noqa: PLC0415
+    from dropper_jax.decks.reading.reader import read_moordyn  # noqa: PLC0415 - 0.5 s that starting does not need
+    from dropper_jax.decks.reading.yaml_mooring import SUFFIXES, read_yaml_mooring  # noqa: PLC0415
 
     return (read_yaml_mooring if path.suffix.lower() in SUFFIXES else read_moordyn)(path, depth)
 

@@ -6,7 +6,8 @@ before the divergence.
 
 from dropper_jax.plots.animation import animate
 from dropper_jax.plots.motion import amplitude_spectrum, angle_traces, motion_history, phase_space
-from dropper_jax.plots.system import body_motion, snapshot
+from dropper_jax.plots.pose import snapshot
+from dropper_jax.plots.system import body_motion
 from dropper_jax.plots.tension import energy_balance, tension_history, tension_traces
 from dropper_jax.plots.water import elevation, response, tension_envelope, under_surface
 

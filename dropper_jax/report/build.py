@@ -9,13 +9,13 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain
+from dropper_jax.evaluation.extremes import line_snaps, storm_extreme
+from dropper_jax.evaluation.record import Record, record, spread
+from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.tension import anchors, line_fatigue, line_tensions
 from dropper_jax.load.checks_water import bed_height, surface_over
-from dropper_jax.report.extremes import line_snaps, storm_extreme
 from dropper_jax.report.motion import accelerations, line_distances, node_arc, watch_circles
 from dropper_jax.report.parts import body_motions, crops, parts
-from dropper_jax.report.record import Record, record, spread
-from dropper_jax.report.settings import Settings
-from dropper_jax.report.tension import anchors, line_fatigue, line_tensions
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
 from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import line_weights, overgrown

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.report.record import Record, arc
+from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.scene import WholeLine
 
 

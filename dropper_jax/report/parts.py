@@ -8,16 +8,9 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.constants import DEGREE
-from dropper_jax.report.record import Record, spread
-from dropper_jax.report.sections import (
-    Cells,
-    empty_unless_rows,
-    largest_table,
-    newton,
-    table,
-    table_of,
-    with_position,
-)
+from dropper_jax.base.markdown import table
+from dropper_jax.evaluation.record import Record, spread
+from dropper_jax.report.sections import Cells, empty_unless_rows, largest_table, newton, table_of, with_position
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import line_slices
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.constants import DEGREE
-from dropper_jax.base.toml_text import literal
+from dropper_jax.base.markdown import table
 
 #: Cells of a row by the headings of their columns.
 Cells = dict[str, str]
@@ -335,13 +335,3 @@ def newton(value: float) -> str:
 def table_of(rows: Sequence[Cells]) -> str:
     """Rows by column as a Markdown table."""
     return table(list(rows[0]), [list(row.values()) for row in rows])
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return markdown_table([head, *rows])
-
-
-def markdown_table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows as a Markdown table; the first one is the heading."""
-    cells = [[literal(cell) for cell in row] for row in rows]
-    return "\n".join("| " + " | ".join(row) + " |" for row in (cells[0], ["---"] * len(cells[0]), *cells[1:]))

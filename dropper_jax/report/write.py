@@ -14,14 +14,14 @@ from matplotlib.patches import Circle
 
 from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.toml_text import jsonable
+from dropper_jax.evaluation.extremes import Gumbel
+from dropper_jax.evaluation.record import Record, record
+from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.tension import load_extremes, point_load
 from dropper_jax.plots import style
 from dropper_jax.plots.panels import DASHES, Curve, hides
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.style import force_unit
-from dropper_jax.report.extremes import Gumbel
-from dropper_jax.report.record import Record, record
-from dropper_jax.report.settings import Settings
-from dropper_jax.report.tension import load_extremes, point_load
 from dropper_jax.report.text import markdown
 from dropper_jax.run.simulate import Solution
 

@@ -20,7 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.effects.buoyancy import displaced_diameter, submerged_fraction
+from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.effects.submerged import submerged_fraction
 from dropper_jax.load.checks_water import Surface, bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model

@@ -18,15 +18,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from dropper_jax.base.deferred import DeferredErrorFile
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.files import (
-    DeferredErrorFile,
-    atomic_write,
-    refuse_pipe,
-    remove_leftovers,
-    unfinished_folder,
-    unwritable,
-)
+from dropper_jax.base.files import atomic_write, refuse_pipe, remove_leftovers, unfinished_folder, unwritable
 from dropper_jax.base.read import Plain
 from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.run import labelled

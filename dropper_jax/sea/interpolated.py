@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.numerics import sincos
+from dropper_jax.sea.sincos import sincos
 from dropper_jax.sea.steady import SteadyWave
 from dropper_jax.sea.waves import Motion, Waves
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
+from dropper_jax.sea.current import Current, Level
 from dropper_jax.sea.interpolated import GridWaves, bound_waves, on_grid
 from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
 from dropper_jax.sea.spectrum import (
@@ -26,7 +27,7 @@ from dropper_jax.sea.spectrum import (
 )
 from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest, stokes5
 from dropper_jax.sea.stream_function import NotSolved, stream_function
-from dropper_jax.sea.water import Current, Level, Sea
+from dropper_jax.sea.water import Sea
 from dropper_jax.sea.waves import Waves
 
 

@@ -28,9 +28,9 @@ from dropper_jax.base.read import (
     short_text,
 )
 from dropper_jax.base.read import count as whole_number
+from dropper_jax.sea.current import Current, Level
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
-from dropper_jax.sea.water import Current, Level
 from dropper_jax.sea.waves import STRETCHING, read_components, read_elevation
 
 #: Alternative keys of waves, by their kind.
@@ -146,7 +146,7 @@ def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CurrentSpec(Current, DeclaredSection):
-    """`[sea.current]`: see `dropper_jax.sea.water.Current`."""
+    """`[sea.current]`: see `dropper_jax.sea.current.Current`."""
 
     @classmethod
     def read(cls, table: Plain, path: str) -> CurrentSpec:
@@ -175,7 +175,7 @@ class CurrentSpec(Current, DeclaredSection):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LevelSpec(Level, DeclaredSection):
-    """`[sea.level]`: see `dropper_jax.sea.water.Level`."""
+    """`[sea.level]`: see `dropper_jax.sea.current.Level`."""
 
     @classmethod
     def read(cls, table: Plain, path: str) -> LevelSpec:

@@ -21,7 +21,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.numerics import sincos
+from dropper_jax.sea.sincos import sincos
 
 #: Extrapolation of kinematics above the mean surface, where linear theory is not defined.
 STRETCHING = ("none", "constant", "wheeler")

@@ -1,2 +1,2 @@
-"""Accuracy and cost of runs: accuracy against run time, hard cases, cost of each effect. Built on the functional
+"""Accuracy and cost of runs: accuracy against run time, cost of each effect. Built on the functional
 core."""

@@ -10,9 +10,9 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.evaluation.record import Record, record
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
-from dropper_jax.report.record import Record, record
 from dropper_jax.run.build import build
 from dropper_jax.run.samples import is_finished
 from dropper_jax.run.simulate import simulate

@@ -10,10 +10,10 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import Plain
 from dropper_jax.effects import EFFECTS
+from dropper_jax.evaluation.extremes import line_snaps
+from dropper_jax.evaluation.record import Record, arc, record
+from dropper_jax.evaluation.settings import Settings
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.report.extremes import line_snaps
-from dropper_jax.report.record import Record, arc, record
-from dropper_jax.report.settings import Settings
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.sea.make import main_period
 

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if args.print:
-        from fitting.site import site_text
+        from fitting.farm.site import site_text
 
         toml = site_text(args.site).decode().rstrip()
         return print_result(args.json, done_object(toml=toml), toml)
@@ -57,16 +57,17 @@ def run(args: argparse.Namespace) -> int:
     if out is not None and out.is_dir() and any(out.glob("runs/*.npz")) and not (args.resume or args.list):
         raise SceneError(f"--out: {args.out!r} already contains runs. Use --resume, or another folder")
 
-    from fitting.site import read_site
+    from fitting.farm.site import read_site
 
     register_effects(args)
     site = read_site(args.site)
     if args.list:
         return _list(site, args.json)
 
-    from fitting.cases.assess import assess
-    from fitting.cases.page import write_page
-    from fitting.cases.run import CasesStopped, run_cases, step_errors
+    from fitting.farm.cases.assess import assess
+    from fitting.farm.cases.page import write_page
+    from fitting.farm.cases.run import CasesStopped, run_cases
+    from fitting.farm.cases.stored import step_errors
 
     dt = site.prepared().run.step
     how = {"workers": args.workers or available_cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}

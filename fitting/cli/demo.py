@@ -16,8 +16,8 @@ title = "calibrating synthetic traces of scenarios A, B and C"
 
 def run_part(folder: Path, progress: Progress | None) -> DemoPart:
     """The calibration part of `dropper demo`."""
+    from dropper_jax.base.markdown import markdown_table
     from dropper_jax.cli.demo import DemoPart
-    from dropper_jax.report.sections import markdown_table
     from fitting.report.report import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
     from fitting.report.tables import summary
 

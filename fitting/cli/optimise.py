@@ -24,7 +24,7 @@ from dropper_jax.cli.options import (
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
 
 if TYPE_CHECKING:
-    from fitting.optimise.run import Optimum
+    from fitting.farm.optimise.run import Optimum
 
 help = "design a farm: minimum material, load or motion within a site's limits"
 
@@ -49,8 +49,8 @@ def run(args: argparse.Namespace) -> int:
     plot, out = plot_folder(args.plot), out_file(args.out)
     state = output_file(args.state, "--state", (".json",))
 
-    from fitting.optimise.run import check_derivatives, optimise, read_problem
-    from fitting.site import read_site
+    from fitting.farm.optimise.run import check_derivatives, optimise, read_problem
+    from fitting.farm.site import read_site
 
     register_effects(args)
     site = read_site(args.site)
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
     if plot:
-        from fitting.optimise.run import design_picture
+        from fitting.farm.optimise.run import design_picture
 
         design_picture(site, found, picture(plot, "design"))
     status = "ok" if found.feasible else "not_converged"
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: Optimum) -> str:
     """The design as text: before, after, active constraints, sensitivity to assumptions."""
-    from fitting.optimise.run import ACTIVE, HELD
+    from fitting.farm.optimise.run import ACTIVE, HELD
 
     rows = [
         ("", "before", "after", "bounds"),

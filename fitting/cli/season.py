@@ -39,9 +39,9 @@ def run(args: argparse.Namespace) -> int:
     out = output_folder(args.report, "--report")
     plot = plot_folder(args.plot)
 
-    from fitting.season import season, write_season
-    from fitting.season.season import draw
-    from fitting.site import read_site
+    from fitting.farm.season import season, write_season
+    from fitting.farm.season.season import draw
+    from fitting.farm.site import read_site
 
     register_effects(args)
     found = season(read_site(args.site), progress(args.quiet))

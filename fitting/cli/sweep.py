@@ -26,6 +26,7 @@ from dropper_jax.cli.options import (
     progress,
     read_numbers,
     read_scene,
+    read_spaced,
     table,
 )
 from fitting.cli.fit import add_convention, column_names
@@ -236,12 +237,12 @@ def _spaced_values(option: str, path: str, text: str) -> np.ndarray:
     limits, _, spacing = text.rpartition(":")
     if spacing not in SPACINGS:
         limits, spacing = text, "linear"
-    low, high, count = read_numbers(limits, "--vary", NOT_VALUES, ":", 3, given=option)
+    low, high, count = read_spaced(limits, "--vary", NOT_VALUES, option)
     if count > MOST_VALUES:
-        raise SceneError(f"--vary: {path} has {count:.0f} values; allowed: at most {MOST_VALUES}")
-    if not count.is_integer() or count < 1 or (spacing == "log" and low * high <= 0.0):
+        raise SceneError(f"--vary: {path} has {count} values; allowed: at most {MOST_VALUES}")
+    if spacing == "log" and low * high <= 0.0:
         raise SceneError(f"--vary: {option!r} {NOT_VALUES}")
-    values = getattr(np, SPACINGS[spacing])(low, high, int(count))
+    values = getattr(np, SPACINGS[spacing])(low, high, count)
     # a parameter may be a count, which takes whole numbers only
     is_count = ScenePath(path).section == "parameters" and np.array_equal(values, np.round(values))
     return values.astype(int) if is_count else values

@@ -27,8 +27,8 @@ from dropper_jax.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from fitting.tracking.ordering import AmbiguousOrderError
-    from fitting.tracking.track import Tracked
+    from fitting.films.ordering import AmbiguousOrderError
+    from fitting.films.track import Tracked
 
 help = "angle traces from a video of a chain with a circle on every node"
 
@@ -87,10 +87,10 @@ def run(args: argparse.Namespace) -> int:
     allowed = "is not X,Y; allowed: pixels such as 120,85"
     start = None if args.start is None else [read_numbers(text, "--start", allowed, count=2) for text in args.start]
 
+    from fitting.films.ordering import AmbiguousOrderError
+    from fitting.films.overlay import write_overlay
+    from fitting.films.track import track
     from fitting.traces.trace import write_trace
-    from fitting.tracking.ordering import AmbiguousOrderError
-    from fitting.tracking.render import write_overlay
-    from fitting.tracking.track import track
 
     try:
         tracked = track(
@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
     """Draw the orders that are compatible with the film; no trace is written."""
-    from fitting.tracking.render import SHOWN, write_alternatives
+    from fitting.films.overlay import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
     shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"

@@ -11,9 +11,9 @@ import numpy as np
 from dropper_jax import load_scene
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.files import atomic_write, folder_without
+from dropper_jax.base.markdown import markdown_table
 from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
-from dropper_jax.report.sections import markdown_table
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax import make_stepper
 from dropper_jax.axial import Elastic, LinkStart, Rope
-from dropper_jax.base.numerics import lag, mean_positive_part, never_more
+from dropper_jax.base.springs import lag, mean_positive_part, never_more
 
 EA, BA = 2e4, 300.0
 LENGTH = jnp.ones(1)

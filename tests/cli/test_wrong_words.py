@@ -9,7 +9,7 @@ import pytest
 
 from dropper_jax.cli import main
 from dropper_jax.cli.new import template
-from fitting.site import site_text
+from fitting.farm.site import site_text
 
 
 @pytest.fixture(scope="module")

@@ -41,13 +41,13 @@ SHORTER = {
 }
 #: Commands that are run by tests of their own, on smaller input: what they begin with, and the file of those tests.
 ELSEWHERE = {
-    "cases SITE.toml --out": "tests/fitting/cases/test_cases.py",
+    "cases SITE.toml --out": "tests/fitting/farm/cases/test_cases.py",
     "fit mooring.toml": "tests/fitting/channels/test_fit_channels.py",
     "fit releases.toml": "tests/fitting/channels/test_between.py",
     "fit RUN.csv --scene measured-single-pendulum": "tests/fitting/calibration/test_measured.py",
-    "optimise": "tests/fitting/optimise/test_optimise.py",
+    "optimise": "tests/fitting/farm/optimise/test_optimise.py",
     "frequency": "tests/study/test_frequency.py",
-    "season": "tests/fitting/season/test_season.py",
+    "season": "tests/fitting/farm/season/test_season.py",
     "sweep dropper-release-a --paired --trace": "tests/fitting/sweep/test_against_trace.py",
 }
 #: Pages, or sections of pages, whose Python runs in tests of their own, or asks for data that only a user has.
@@ -122,9 +122,9 @@ def test_what_is_run_elsewhere_is_there():
 def workshop(tmp_path_factory):
     """A folder with the files that the pages name."""
     from fitting import Camera, Motion, View, film, observe, simulate_truth, write_trace, write_video
-    from fitting.site import site_text
-    from fitting.tracking.render import chessboards
-    from fitting.tracking.video import opencv
+    from fitting.farm.site import site_text
+    from fitting.films.render import chessboards
+    from fitting.films.video import opencv
 
     folder = tmp_path_factory.mktemp("workshop")
     lab = dj.load_scene("dropper-release-a")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.effects.morison_drag import SMALL, excess
+from dropper_jax.effects.drag_velocity import SMALL, excess
 
 
 def loose(effects, dt, speed, steps, mass=0.05):

@@ -160,7 +160,7 @@ def test_a_file_that_is_not_python_is_refused(tmp_path, capsys, name):
 
 def test_every_command_that_reads_scenes_or_runs_takes_effects_of_a_file():
     """Others read no scene of the user, or are those of the sources."""
-    without = {"demo", "doctor", "figure", "growth-table", "library", "new", "stability", "track"}
+    without = {"demo", "doctor", "library", "new", "stability", "track"}
     for entry in find_commands():
         parser = argparse.ArgumentParser()
         entry.load().add_arguments(parser)

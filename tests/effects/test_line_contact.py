@@ -9,7 +9,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import Scene, SceneError
-from dropper_jax.effects.contact_bars import contact_force, nearest_points
+from dropper_jax.effects.nearest_points import contact_force, nearest_points
 from dropper_jax.report.motion import segment_distance
 
 LINKS, SPAN, THICK, STIFF, STEPS = 4, 1.0, 0.06, 2e4, 60

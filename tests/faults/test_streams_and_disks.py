@@ -271,7 +271,7 @@ def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
 
 
 def test_a_page_holds_a_description_with_its_own_markers(tmp_path):
-    from dropper_jax.view import view_page
+    from dropper_jax.report.page import view_page
 
     run = dj.simulate("conical-pendulum", dt=0.01, duration=0.1)
     text = "/*SCRIPT*/ /*DATA*/ </script>"

@@ -23,7 +23,7 @@ def row(
 ) -> dict[str, Any]:
     """A row; `scene` is one, or the name of a packaged one, and `short` [s] the shortened run, otherwise as long.
 
-    Further values are fields of `dropper_jax.study.stability.case.Case`.
+    Further values are fields of `dropper_jax.stability.case.Case`.
     """
     head = {"name": name, "claim": claim, "limit": limit, "unit": unit, "measure": measure, "scene": scene}
     return {**head, "dt": dt, "duration": duration, "short": duration if short is None else short, **more}

@@ -9,7 +9,7 @@ import pytest
 from catalogue import FILE, catalogue
 
 from dropper_jax.cli import main
-from dropper_jax.study.stability import all_cases, evaluate
+from dropper_jax.stability import all_cases, evaluate
 
 CASES = {case.name: case for case in all_cases()}
 #: One of each kind of compiled program is enough in every run.

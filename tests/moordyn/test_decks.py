@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError, equilibrium, load_scene, read_moordyn, simulate, write_moordyn
-from dropper_jax.moordyn.writing.outputs import Numbers, channel_values, numbers_of
+from dropper_jax.decks.writing.outputs import Numbers, channel_values, numbers_of
 from dropper_jax.run.growth import end_forces
 from dropper_jax.scene import LineSlice
 

@@ -12,7 +12,7 @@ import pytest
 
 from dropper_jax import SceneError, Solution, equilibrium, load_scene, read_moordyn, write_moordyn
 from dropper_jax.cli import main
-from dropper_jax.moordyn.writing.outputs import channel_values, numbers_of, write_out
+from dropper_jax.decks.writing.outputs import channel_values, numbers_of, write_out
 
 #: Time [s] in which MoorDyn comes to rest.
 REST = 60.0

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from dropper_jax import Scene, SceneError, load_scene, write_moordyn
+from dropper_jax.decks.writing.differences import MOTIONS, WRITTEN_FIELDS
 from dropper_jax.load.line_types import LineType
 from dropper_jax.load.scene import SECTIONS
-from dropper_jax.moordyn.writing.differences import MOTIONS, WRITTEN_FIELDS
 from dropper_jax.run import growth
 from dropper_jax.scene import (
     AnchorSpec,

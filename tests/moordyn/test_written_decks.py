@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError, load_scene, write_moordyn
+from dropper_jax.decks.writing.differences import WRITTEN_FIELDS, differences
 from dropper_jax.effects import EFFECTS
-from dropper_jax.moordyn.writing.differences import WRITTEN_FIELDS, differences
 
 CHAIN, FLOAT = ((Path(__file__).parent / f"{name}.txt").read_text() for name in ("chain", "float"))
 

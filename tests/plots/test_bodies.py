@@ -12,8 +12,8 @@ from PIL import Image
 import dropper_jax as dj
 from dropper_jax import plots, report_run
 from dropper_jax.plots.run import readable
+from dropper_jax.report.page import view_page
 from dropper_jax.report.parts import bodies_text
-from dropper_jax.view import view_page
 
 CYLINDER = {"from": [0.0, 0.0, 0.0], "to": [0.0, 0.0, 4.0], "diameter": 0.8, "slices": 2}
 SCENE = {

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from dropper_jax import report_run
+from dropper_jax.evaluation.extremes import snap_events
+from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.tension import NO_CURVE, NO_LOAD, cycles, damage, turning_points
 from dropper_jax.report import sections
-from dropper_jax.report.extremes import snap_events
 from dropper_jax.report.motion import segment_distance
-from dropper_jax.report.settings import Settings
-from dropper_jax.report.tension import NO_CURVE, NO_LOAD, cycles, damage, turning_points
 
 rainflow = pytest.importorskip("rainflow")
 

@@ -12,7 +12,7 @@ import pytest
 
 from dropper_jax import SceneError, report_run, report_runs, write_vtk
 from dropper_jax.cli import main
-from dropper_jax.report.extremes import Gumbel, fit_gumbel, storm_extreme
+from dropper_jax.evaluation.extremes import Gumbel, fit_gumbel, storm_extreme
 
 pytest.importorskip("rainflow")
 

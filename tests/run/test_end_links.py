@@ -12,11 +12,12 @@ from scipy.optimize import fsolve
 import dropper_jax as dj
 from dropper_jax import as_toml, report_run
 from dropper_jax.cli import main
-from dropper_jax.moordyn.writing.outputs import write_out
+from dropper_jax.decks.writing.outputs import write_out
 from dropper_jax.run.growth import end_force_vectors, end_forces
 from dropper_jax.run.quantities import static_quantity
 from dropper_jax.scene import line_slices
-from dropper_jax.study.offsets import offset_curves, solve_design
+from dropper_jax.study.design import solve_design
+from dropper_jax.study.offsets import offset_curves
 
 G, RHO, EA = 9.81, 1025.0, 2e6
 

@@ -15,7 +15,7 @@ from dropper_jax.run.growth import fixed_point_loads
 from dropper_jax.run.quantities import quantity, quantity_signals, static_quantity
 from dropper_jax.scene import line_slices
 from dropper_jax.stepping.extremes import Extremes
-from dropper_jax.study.offsets import solve_design
+from dropper_jax.study.design import solve_design
 
 SCENE = {
     "name": "mooring",

@@ -10,7 +10,7 @@ import dropper_jax as dj
 from dropper_jax import plots
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import grown
-from dropper_jax.study.sea_facts import regime
+from dropper_jax.study.flow_regime import regime
 
 SCENE = {
     "run": {"dt": 0.05, "duration": 4.0},

@@ -9,7 +9,7 @@ from scipy.optimize import brentq, fsolve
 from scipy.special import jn_zeros
 
 from dropper_jax import SceneError, build, build_model, equilibrium, load_scene, natural_modes
-from dropper_jax.study.offsets import solve_design
+from dropper_jax.study.design import solve_design
 
 G = 9.81
 

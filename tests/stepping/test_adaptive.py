@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
+from dropper_jax.evaluation.record import record
+from dropper_jax.evaluation.settings import Settings
+from dropper_jax.evaluation.tension import line_tensions
 from dropper_jax.plots.run import readable
-from dropper_jax.report.record import record
-from dropper_jax.report.settings import Settings
-from dropper_jax.report.tension import line_tensions
 
 #: The rope is taut for some 4 ms, within an interval of 20 ms.
 CASE = {"period": 0.008, "dt": 0.02, "duration": 0.5}

@@ -1,0 +1,83 @@
+"""A file for libraries that do not survive a disk that is full."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Callable
+from typing import BinaryIO
+
+#: Number of bytes between two calls of the callback.
+RELEASE_BYTES = 16_000_000
+
+
+class DeferredErrorFile(io.RawIOBase):
+    """An open file that accepts all writes; after a disk error small writes are stored in memory.
+
+    Args:
+        told: called after every `RELEASE_BYTES` bytes.
+
+    Attributes:
+        refused: the error of the disk; None if there was none.
+    """
+
+    def __init__(self, file: BinaryIO, on_error: Callable[[], None] = lambda: None) -> None:
+        file.flush()
+        self._file = file.fileno()
+        self._at, self._size = 0, 0
+        self._on_error, self._since = on_error, 0
+        self._pending: list[tuple[int, bytes]] = []
+        self.refused: OSError | None = None
+
+    def write(self, data: bytes) -> int:
+        left, at = memoryview(data).cast("B"), self._at
+        size = len(left)
+        try:
+            while left and self.refused is None:
+                wrote = os.pwrite(self._file, left, at)
+                left, at = left[wrote:], at + wrote
+        except OSError as error:
+            self.refused = error
+        # larger writes are data, which are not read back after a disk error; smaller ones are stored in memory
+        if left and len(left) <= 65_536:
+            self._pending.append((at, bytes(left)))
+        self._at += size
+        self._size = max(self._size, self._at)
+        self._since += size
+        if self._since > RELEASE_BYTES:
+            self._on_error()
+            self._since = 0
+        return size
+
+    def readinto(self, buffer: bytearray) -> int:
+        view = memoryview(buffer).cast("B")
+        count = max(min(len(view), self._size - self._at), 0)
+        view[:count] = os.pread(self._file, count, self._at).ljust(count, b"\0")
+        for at, data in self._pending:
+            first, last = max(at, self._at), min(at + len(data), self._at + count)
+            if first < last:
+                view[first - self._at : last - self._at] = data[first - at : last - at]
+        self._at += count
+        return count
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        return self._at
+
+    def truncate(self, size: int | None = None) -> int:
+        self._size = self._at if size is None else size
+        if self.refused is None:
+            try:
+                os.ftruncate(self._file, self._size)
+            except OSError as error:
+                self.refused = error
+        return self._size
+
+    def seekable(self) -> bool:
+        return True
+
+    def readable(self) -> bool:
+        return True
+
+    def writable(self) -> bool:
+        return True

@@ -1,0 +1,17 @@
+"""Tables in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dropper_jax.base.toml_text import literal
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return markdown_table([head, *rows])
+
+
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
+    """Rows as a Markdown table; the first one is the heading."""
+    cells = [[literal(cell) for cell in row] for row in rows]
+    return "\n".join("| " + " | ".join(row) + " |" for row in (cells[0], ["---"] * len(cells[0]), *cells[1:]))

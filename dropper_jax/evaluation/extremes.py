@@ -1,0 +1,213 @@
+"""Maximum in a storm from the maxima of several runs: Gumbel distribution, with a confidence interval."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dropper_jax.evaluation.record import Record, arc
+from dropper_jax.evaluation.settings import Settings
+
+#: Euler's constant: the mean of the standard Gumbel distribution.
+EULER = 0.5772156649015329
+#: Minimum number of runs for a spread.
+LEAST_RUNS = 3
+
+
+class Gumbel(NamedTuple):
+    """`P(x) = exp(-exp(-(x - mode)/scale))`."""
+
+    mode: float
+    scale: float
+
+    def quantile(self, p: float) -> float:
+        """Value that is not exceeded with probability p."""
+        return self.mode - self.scale * float(np.log(-np.log(p)))
+
+    @property
+    def mean(self) -> float:
+        return self.mode + EULER * self.scale
+
+    def over(self, times: float) -> Gumbel:
+        """Distribution of the maximum of `times` such maxima: the same scale, the mode higher by scale * log(times)."""
+        return Gumbel(self.mode + self.scale * float(np.log(times)), self.scale)
+
+
+def fit_gumbel(maxima: np.ndarray) -> Gumbel:
+    """Gumbel distribution of maxima (runs,) by probability-weighted moments: `scale = (2 b1 - b0)/ln 2`.
+
+    b0 is the mean, `b1 = sum_i (i - 1)/(n - 1) x_i/n` over the sorted maxima; `mode = b0 - 0.5772 scale`
+    (Landwehr, Matalas and Wallis 1979, Water Resources Research 15: 1055; unbiased, and steady with few runs).
+    """
+    mode, scale = _fit(np.sort(np.asarray(maxima, float)))
+    return Gumbel(float(mode), float(scale))
+
+
+def _fit(ordered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mode and scale of sorted samples (..., n)."""
+    n = ordered.shape[-1]
+    b0, b1 = ordered.mean(axis=-1), ordered @ (np.arange(n) / (n - 1)) / n
+    scale = (2 * b1 - b0) / np.log(2.0)
+    return b0 - EULER * scale, scale
+
+
+def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence: float) -> dict[str, Any]:
+    """Most probable and mean maximum in a storm, and its 90th percentile, with their intervals.
+
+    Args:
+        maxima: maximum of each run (runs,).
+        duration: of a run [s]; the storm is storm/duration such runs, their maxima taken as independent.
+        confidence: level of the interval: that of the pivot `(estimate - truth)/scale` of fits to drawn samples, which
+            has the correct coverage also with few runs (3 to 20 runs, 1000 draws each: 0.88 to 0.92 for 0.9).
+
+    Returns:
+        values by name, or `skipped` and why.
+    """
+    maxima = np.asarray(maxima, float)
+    if len(maxima) < LEAST_RUNS:
+        return {"skipped": f"{len(maxima)} run(s); needed: at least {LEAST_RUNS}, of different seeds"}
+    one = fit_gumbel(maxima)
+    if one.scale <= 1e-9 * np.abs(maxima).max():
+        return {"skipped": "all runs have the same maximum: runs of different seeds are needed"}
+    idle = int(np.count_nonzero(np.abs(maxima) <= 1e-9 * np.abs(maxima).max()))
+    if idle:  # a load that is zero in some runs has no single distribution of maxima
+        return {"skipped": f"no load at all in {idle} of {len(maxima)} runs"}
+    times = storm / duration
+    whole = one.over(times)
+    # the seed makes the report reproducible
+    drawn = -np.log(-np.log(np.random.default_rng(20240901).random((4000, len(maxima)))))
+    mode, scale = _fit(np.sort(drawn, axis=1))
+    tails = [0.5 * (1 + confidence), 0.5 * (1 - confidence)]
+
+    def interval(reduced: float) -> list[float]:
+        # (estimate - truth)/estimated scale has the same distribution for every Gumbel distribution
+        pivot = np.quantile((mode + reduced * scale - reduced) / scale, tails)
+        return (one.mode + one.scale * (reduced - pivot)).tolist()
+
+    wait = float(np.log(times))
+    return {
+        "runs": len(maxima),
+        "maxima": maxima,
+        "run_duration_s": duration,
+        "storm_s": storm,
+        "gumbel_mode": one.mode,
+        "gumbel_scale": one.scale,
+        "most_probable": whole.mode,
+        "most_probable_interval": interval(wait),
+        "mean": whole.mean,
+        "mean_interval": interval(wait + EULER),
+        "percentile_90": whole.quantile(0.9),
+        "percentile_90_interval": interval(wait - float(np.log(-np.log(0.9)))),
+        "confidence": confidence,
+        "extrapolated": times,
+    }
+
+
+class Snap(NamedTuple):
+    """One event: start and end of slack [s], time of the threshold [s], the following peak [N] and its time [s]."""
+
+    slack_from: float
+    slack_to: float
+    passed: float
+    peak: float
+    peak_at: float
+
+
+def snap_events(
+    t: np.ndarray,
+    tension: np.ndarray,
+    slack: float,
+    least: float,
+    snap: float,
+    peaks: tuple[np.ndarray, np.ndarray] | None = None,
+) -> list[Snap]:
+    """Events in the tension of one link: below `slack` [N] for at least `least` [s], then above `snap` [N].
+
+    The time below is that between the crossings of `slack`, linear between samples. The rise counts until the tension
+    falls below `slack` again; the peak is the maximum tension until then.
+
+    Args:
+        peaks: maximum tension over the steps since the previous sample (k,) [N] and its time (k,) [s]; default: the
+            samples.
+    """
+    largest, largest_at = (tension, t) if peaks is None else peaks
+    low = tension < slack
+    edges = np.flatnonzero(np.diff(low.astype(int)))
+    found = []
+    begins = [*([0] if low[0] else []), *(i + 1 for i in edges if not low[i])]
+    for begin in begins:
+        after = np.flatnonzero(~low[begin:])
+        if not after.size:
+            break  # slack to the end of the record
+        end = begin + int(after[0])
+        start = t[begin] if begin == 0 else _crossing(t, tension, begin - 1, slack)
+        stop = _crossing(t, tension, end - 1, slack)
+        again = np.flatnonzero(low[end:])
+        until = end + int(again[0]) if again.size else len(t)
+        over = np.flatnonzero(largest[end:until] > snap)
+        if stop - start < least or not over.size:
+            continue
+        first = end + int(over[0])
+        peak = end + int(np.argmax(largest[end:until]))
+        # a peak between two samples below the threshold passes it at an unknown time before
+        over_at = _crossing(t, tension, first - 1, snap) if tension[first] > snap else largest_at[first]
+        found.append(Snap(*map(float, (start, stop, over_at, largest[peak], largest_at[peak]))))
+    return found
+
+
+def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float:
+    """Time at which the tension passes `level` between samples i and i + 1."""
+    rise = tension[i + 1] - tension[i]
+    return t[i] if rise == 0 else t[i] + (level - tension[i]) / rise * (t[i + 1] - t[i])
+
+
+def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
+    """Per line: number of events, per link and in its worst link, fraction of time slack, and the largest events.
+
+    A rigid link is never slack: for it the fraction is that of compression.
+    """
+    listed = 10  # events listed per line, the largest first
+    found = []
+    for where in record.written_lines:
+        s, counts, share, events = arc(where.spec.length), [], [], []
+        for j in range(where.spec.links):
+            tension = record.tension[:, where.links.start + j]
+            mean = max(float(tension.mean()), 0.0)
+            # slack below this part of the link's mean tension, a snap above this multiple of it
+            usual = 0.0 if where.spec.rigid else 0.1 * mean
+            slack = usual if settings.slack is None else settings.slack
+            snap = max(2.0 * mean if settings.snap is None else settings.snap, slack)
+            largest, largest_at = (record.extremes["tension"][i][:, where.links.start + j] for i in (1, 3))
+            peaks = largest, largest_at
+            own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
+            counts.append(len(own))
+            share.append(float(np.mean(tension < slack)))
+            events += [
+                {
+                    "at_m": float(s[j]),
+                    "slack_from_s": event.slack_from,
+                    "slack_to_s": event.slack_to,
+                    "threshold_passed_s": event.passed,
+                    "peak_n": event.peak,
+                    "peak_s": event.peak_at,
+                    "slack_n": slack,
+                    "snap_n": snap,
+                }
+                for event in own
+            ]
+        events.sort(key=lambda event: -event["peak_n"])
+        found.append(
+            {
+                "line": where.name,
+                "rigid": where.spec.rigid,
+                "arc_length_m": s,
+                "events": counts,
+                "most_events": max(counts),
+                "slack_share": share,
+                "largest_share_slack": max(share),
+                "shown": events[:listed],
+                "not_shown": max(len(events) - listed, 0),
+            }
+        )
+    return found

@@ -1,0 +1,283 @@
+"""Tensions along each line: statistics, percentiles, utilisation, and the loads of the supports."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.evaluation.record import Record, arc, spread
+from dropper_jax.evaluation.settings import Settings
+from dropper_jax.run.bends import held_points, positions_at
+from dropper_jax.run.bends import point_load as line_load
+from dropper_jax.run.growth import end_angles, end_forces
+from dropper_jax.run.storage import extra
+from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
+from dropper_jax.stepping.extremes import Extremes
+
+
+def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
+    """Per line: min, mean, standard deviation, max and percentiles of each link [N] against arc length [m].
+
+    The maximum and minimum of the line have their arc length and time. Utilisation is the maximum over the links of the
+    ratio of maximum tension to breaking load, without and with the safety factor.
+    """
+    at_tension = positions_at(record.t, record.positions, record.t_tension)
+    forces = end_forces(record.scene, at_tension, record.tension, t=record.t_tension)
+    angles = end_angles(at_tension, record.written_lines)
+    found = []
+    for i, where in enumerate(record.written_lines):
+        extremes = Extremes(*(a[:, i] for a in record.extremes["end_force"]))
+        ends = _ends("force_n", forces[where.name]) | _force_peaks(extremes)
+        found.append(_line(record, where, settings) | ends | _ends("angle_deg", angles[where.name]))
+    return found
+
+
+def _ends(key: str, values: np.ndarray) -> dict[str, float]:
+    """Mean and maximum of values (k, 2) at both ends."""
+    return {
+        f"{what}_{end}_{key}": float(function(values[:, i]))
+        for i, end in enumerate(("first", "last"))
+        for what, function in (("mean", np.mean), ("max", np.max))
+    }
+
+
+def _force_peaks(extremes: Extremes) -> dict[str, float]:
+    """Maximum force on both end points over all steps [N], and its time [s]."""
+    found = {}
+    for i, end in enumerate(("first", "last")):
+        when = int(np.argmax(extremes.largest[:, i]))
+        found[f"max_{end}_force_n"] = float(extremes.largest[when, i])
+        found[f"max_{end}_force_s"] = float(extremes.largest_at[when, i])
+    return found
+
+
+def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any]:
+    percentiles = (1, 5, 25, 50, 75, 95, 99)
+    spec = where.spec
+    tension, s = record.tension[:, where.links], arc(spec.length)
+    square = record.square[:, where.links]
+    least, largest, least_at, largest_at = (a[:, where.links] for a in record.extremes["tension"])
+    high, low = (np.unravel_index(i, tension.shape) for i in (np.argmax(largest), np.argmin(least)))
+    found: dict[str, Any] = {
+        "line": where.name,
+        "arc_length_m": s,
+        "min_n": least.min(axis=0),
+        "mean_n": tension.mean(axis=0),
+        "std_n": np.sqrt(tension.var(axis=0) + np.mean(square - tension**2, axis=0)),
+        "max_n": largest.max(axis=0),
+        "percentiles_n": dict(zip(map(str, percentiles), np.percentile(tension, percentiles, axis=0), strict=True)),
+        "largest": {"n": float(largest[high]), "at_m": float(s[high[1]]), "t_s": float(largest_at[high])},
+        "least": {"n": float(least[low]), "at_m": float(s[low[1]]), "t_s": float(least_at[low])},
+        "mean_first_link_n": float(tension[:, 0].mean()),
+        "mean_last_link_n": float(tension[:, -1].mean()),
+        "utilisation": None,
+    }
+    load = breaking_load(spec, settings)
+    if load is not None:
+        share = largest.max(axis=0) / load
+        worst = int(np.argmax(share))
+        found["utilisation"] = {
+            "largest": float(share[worst]),
+            "with_factor": settings.safety_factor * float(share[worst]),
+            "at_m": float(s[worst]),
+            "breaking_load_n": float(load[worst]),
+            "from": "the line" if spec.breaking_load is not None else "--breaking-load",
+            "along": share,
+        }
+    return found
+
+
+def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
+    """Breaking load (n,) [N] of the links of a line: that of the line, else the setting, else None."""
+    if spec.breaking_load is not None:
+        return np.asarray(spec.breaking_load, float)
+    return None if settings.breaking_load is None else np.full(spec.links, settings.breaking_load)
+
+
+def anchors(record: Record) -> list[dict[str, Any]]:
+    """Force of the lines on each fixed point: horizontal and vertical (upwards positive) load [N], uplift angle [rad].
+
+    It is the sum of the forces of the lines that end there (see `run.end_links`), at the times of the tensions. The
+    uplift angle, `atan2(vertical, horizontal)`, is evaluated if the load is at least 1 % of its mean: a zero load has
+    no direction. Minima and maxima of the loads are those of all steps, the total one at the time `max_s` [s].
+    """
+    found = []
+    held = {anchor.point: anchor for anchor in record.scene.anchors}
+    peaks = load_extremes(record)
+    for name, extremes in peaks.items():
+        load = point_load(record, name)
+        across, up, size = np.hypot(load[:, 0], load[:, 1]), load[:, 2], np.linalg.norm(load, axis=1)
+        top = int(np.argmax(extremes.largest[:, 2]))
+        most = {"max_s": float(extremes.largest_at[top, 2])}
+        loaded = size >= max(0.01 * size.mean(), 1e-12)
+        found.append(
+            {
+                "point": name,
+                "horizontal_n": spread(across) | _extremes_of(extremes, 0),
+                "vertical_n": spread(up) | _extremes_of(extremes, 1),
+                "total_n": spread(size) | _extremes_of(extremes, 2) | most,
+                "uplift_rad": spread(np.arctan2(up[loaded], across[loaded])) if loaded.any() else None,
+                "share_without_angle": float(1.0 - loaded.mean()),
+                "uplift_at_largest_load_rad": _uplift(extremes, top) if loaded.any() else None,
+                "holding": None if name not in held else _holding(held[name], record.scene.anchors, peaks),
+            }
+        )
+    return found
+
+
+def load_extremes(record: Record) -> dict[str, Extremes]:
+    """Extremes (q, 3) [N] of the horizontal, vertical and total load of each fixed point; zero where no line ends."""
+    found, loaded = record.extremes["point_load"], held_points(record.scene)
+    zero, times = np.zeros((len(record.t_tension), 3)), np.tile(record.t_tension[:, None], 3)
+    none = Extremes(zero, zero, times, times)
+    return {
+        point.name: Extremes(*(a[:, loaded.index(point.name)] for a in found)) if point.name in loaded else none
+        for point in record.scene.points
+        if not point.is_free
+    }
+
+
+def _extremes_of(extremes: Extremes, part: int) -> dict[str, float]:
+    """Minimum and maximum of a part of a load over all steps [N]."""
+    return {"min": float(extremes.least[:, part].min()), "max": float(extremes.largest[:, part].max())}
+
+
+def _uplift(extremes: Extremes, row: int) -> float:
+    """Angle [rad] above the horizontal of the maximum load since the previous sample.
+
+    An extreme of the vertical or the horizontal part at the time of the maximum load gives it; if neither is at this
+    time, it is that of both maxima.
+    """
+    size, when = extremes.largest[row, 2], extremes.largest_at[row, 2]
+    ups = (extremes.largest[row, 1], extremes.largest_at[row, 1]), (extremes.least[row, 1], extremes.least_at[row, 1])
+    for up, at in ups:
+        if at == when and size > 0.0:
+            return float(np.arcsin(np.clip(up / size, -1.0, 1.0)))
+    steepest = max((up for up, _ in ups), key=abs)
+    across = extremes.largest[row, 0]
+    if extremes.largest_at[row, 0] == when:
+        steepest = np.copysign(np.sqrt(max(size**2 - across**2, 0.0)), steepest)
+    return float(np.arctan2(steepest, across))
+
+
+def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], peaks: dict[str, Extremes]) -> dict[str, Any]:
+    """Utilisation of an anchor over the run, and the ratio of its capacity to its maximum load.
+
+    The loads of a sample are the maxima of the horizontal and of the vertical part over its steps, which is on the safe
+    side where these are at different times.
+
+    It holds with the required factor if it holds the loads multiplied by this factor, or if the anchor behind it does.
+    """
+    loads = {name: extremes.largest[:, :2].T for name, extremes in peaks.items()}
+    used = utilisations(anchors, loads)
+    factored = utilisations(anchors, {name: anchor.safety_factor * load for name, load in loads.items()})
+    largest = float(used[anchor.point].max())
+    return {
+        "kind": anchor.kind,
+        "behind": anchor.behind,
+        "utilisation": spread(used[anchor.point]),
+        "factor": 1.0 / largest if largest > 0.0 else None,
+        "required_factor": anchor.safety_factor,
+        "holds": bool(factored[anchor.behind or anchor.point].max() <= 1.0),
+        **({"capacity_n": anchor.screw_capacity} if anchor.kind == "screw" else {}),
+    }
+
+
+def point_load(record: Record, name: str) -> np.ndarray:
+    """Force (q, 3) [N] of all lines on a point."""
+    return line_load(record.scene, name, record.t, record.positions, record.t_tension, record.tension)
+
+
+#: A year of 365.25 days [s].
+YEAR = 365.25 * 86400.0
+#: Ranges below this fraction of the maximum tension of the record are rounding and are not counted.
+RANGE_ROUNDING = 1e-9
+
+
+#: Curves of parts, K and m over the breaking load: a curve for chain does not apply to rope.
+CURVES = (
+    "316 and 3 for studless chain, 1000 and 3 for stud chain (API RP 2SK), 25000 and 5.2 for polyester (API RP 2SM)"
+)
+NO_LOAD = "no breaking load: give `breaking_load` in the scene, or --breaking-load"
+NO_CURVE = f"no curve of the part: give --curve-k and --curve-m, as {CURVES}"
+
+
+def turning_points(x: np.ndarray) -> np.ndarray:
+    """First and last value of x (k,) and every peak and valley between; one of equal neighbours."""
+    x = x[np.concatenate([[True], np.diff(x) != 0])]
+    if len(x) < 3:
+        return x
+    up = np.diff(x) > 0
+    return x[np.concatenate([[True], up[1:] != up[:-1], [True]])]
+
+
+def cycles(tension: np.ndarray) -> np.ndarray:
+    """Rainflow cycles (c, 3) of a tension (k,): range [N], mean [N], count 0.5 or 1 (ASTM E1049-85, 5.4.4).
+
+    Raises:
+        SceneError: the package `rainflow` is not installed.
+    """
+    rainflow = extra("rainflow", "fatigue")
+    found = [(size, mean, count) for size, mean, count, *_ in rainflow.extract_cycles(turning_points(tension).tolist())]
+    return np.array(found, float).reshape(-1, 3)
+
+
+def damage(counted: np.ndarray, load: float, k: float, m: float) -> float:
+    """Palmgren-Miner damage of cycles (c, 3) `sum count/N`, `N = k (range/load)^-m`, load the breaking load [N]."""
+    return float(np.sum(counted[:, 2] * (counted[:, 0] / load) ** m) / k)
+
+
+def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
+    """Per line: equivalent range, counted cycles and, with a breaking load, the damage of the record and of a year.
+
+    The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load.
+    """
+    # maximum number of counted links of a line for runs of very many links: the counting is plain Python
+    found, every = [], record.tension.shape[1] <= 200
+    least = RANGE_ROUNDING * float(np.abs(record.tension).max())
+    for where in record.written_lines:
+        spec = where.spec
+        s, load = arc(spec.length), breaking_load(spec, settings)
+        deviation = record.tension[:, where.links].std(axis=0)
+        picked = range(spec.links) if every else sorted({0, int(np.argmax(deviation)), spec.links - 1})
+        counted = [cycles(record.tension[:, where.links.start + j]) for j in picked]
+        counted = [c[c[:, 0] > least] for c in counted]
+        found.append(
+            {
+                "line": where.name,
+                "arc_length_m": s[list(picked)],
+                "cycles": [float(c[:, 2].sum()) for c in counted],
+                "equivalent_range_n": [_equivalent(c, settings.curve_m) for c in counted],
+                "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
+                **_damages(
+                    record,
+                    [
+                        damage(c, load[j], settings.curve_k, settings.curve_m)
+                        for c, j in zip(counted, picked, strict=True)
+                    ]
+                    if load is not None and settings.curve_k is not None
+                    else None,
+                    NO_LOAD if load is None else NO_CURVE,
+                ),
+            }
+        )
+    return found
+
+
+def _equivalent(counted: np.ndarray, m: float) -> float:
+    total = counted[:, 2].sum()
+    return float((np.sum(counted[:, 2] * counted[:, 0] ** m) / total) ** (1 / m)) if total > 0 else 0.0
+
+
+def _damages(record: Record, values: list[float] | None, why_not: str) -> dict[str, Any]:
+    if values is None:
+        return {"damage": None, "why_no_damage": why_not}
+    worst = max(values)
+    yearly = worst * YEAR / record.duration
+    return {
+        "damage": values,
+        "largest_damage": worst,
+        "damage_per_year": yearly,
+        "life_years": 1.0 / yearly if yearly > 0 else None,
+    }

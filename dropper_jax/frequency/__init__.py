@@ -1,0 +1,1 @@
+"""`dropper frequency`: motions and tensions in irregular waves in the frequency domain, with linearised drag."""

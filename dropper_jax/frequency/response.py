@@ -1,0 +1,269 @@
+"""Motions and tensions of a scene in irregular waves, in the frequency domain (see `states`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.frequency.linear_waves import check_no_bodies
+from dropper_jax.frequency.states import TOLERANCE, solve_states
+from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.model import Model
+from dropper_jax.model.slots import Displacement
+from dropper_jax.run.arrays import static_pose
+from dropper_jax.run.build import SceneLike, build_model
+from dropper_jax.run.simulate import simulate
+from dropper_jax.scene import whole_lines
+from dropper_jax.sea.make import make_current, wave_components, waves_on
+from dropper_jax.sea.spec import SeaSpec, WaveSpec
+from dropper_jax.sea.waves import Waves
+from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
+from dropper_jax.statics.search import Equilibrium, outward
+from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+from dropper_jax.statics.system import with_axial
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Response of a scene in sea states, at the ends of its lines and its free points.
+
+    Attributes:
+        status: per state `ok`, `not_linear` if a line goes slack (its numbers are kept), or `not_converged` if the
+            linearised drag was still changing.
+        sea_states: significant height [m] and peak period [s] (states, 2).
+        omega: frequencies of the waves (states, c) [rad/s].
+        ends: line and point of each end of a line.
+        points: names of the free points.
+        lines: names of the lines.
+        static_tension: (ends,) [N], in the pose without waves.
+        mean_tension: with the mean drag of the waves (states, ends) [N].
+        tension_deviation: standard deviation (states, ends) [N].
+        tension_period: zero-upcrossing period (states, ends) [s], `2 pi sqrt(m_0/m_2)`.
+        maximum_tension: most probable maximum (states, ends) [N] in `duration`, see `frequency_response`.
+        motion_deviation: standard deviations of the free points (states, points, 3) [m].
+        tension: complex amplitudes (states, c, ends) [N]; the tension is the sum of Re(amplitude exp(i w t)).
+        motion: complex amplitudes of the free points (states, c, points, 3) [m].
+        slack: whether a link of the line has a mean tension below three standard deviations (states, lines): its
+            response is not linear.
+        basis_error: maximum difference of a tension's standard deviation from that of the full equations, relative to
+            the largest one, in the states that made the basis.
+        duration: of the most probable maximum [s].
+    """
+
+    status: tuple[str, ...]
+    sea_states: np.ndarray
+    omega: np.ndarray
+    ends: tuple[tuple[str, str], ...]
+    points: tuple[str, ...]
+    lines: tuple[str, ...]
+    static_tension: np.ndarray
+    mean_tension: np.ndarray
+    tension_deviation: np.ndarray
+    tension_period: np.ndarray
+    maximum_tension: np.ndarray
+    motion_deviation: np.ndarray
+    tension: np.ndarray
+    motion: np.ndarray
+    slack: np.ndarray
+    basis_error: float
+    duration: float
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Lines that do not stay taut in some state, and an inaccurate basis."""
+        loose = [name for name, low in zip(self.lines, np.any(self.slack, axis=0), strict=True) if low]
+        more = f" and {len(loose) - 5} more" if len(loose) > 5 else ""
+        found = [f"lines that go slack: {', '.join(loose[:5])}{more}: not linear here, run in time"] if loose else []
+        # largest error of the basis that stays below that of the linearisation
+        if self.basis_error > 0.02:
+            found.append(
+                f"the shared basis has an error of {100 * self.basis_error:.2g} %: use fewer sea states at once"
+            )
+        return tuple(found)
+
+    def spectra(self, state: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Frequencies (k,) [rad/s], spectra of end tensions (k, ends) [N^2 s/rad] and of motions (k, points, 3) [m^2
+        s/rad] of a sea state; components of equal frequency are added."""
+        omega, of = np.unique(self.omega[state], return_inverse=True)
+        width = np.gradient(omega) if omega.size > 1 else np.full(1, np.inf)
+        found = []
+        for amplitude in (self.tension[state], self.motion[state]):
+            energy = np.zeros((omega.size, *amplitude.shape[1:]))
+            np.add.at(energy, of, 0.5 * np.abs(amplitude) ** 2)
+            found.append((energy.T / width).T)
+        return omega, *found
+
+
+def frequency_response(
+    scene: SceneLike,
+    sea_states: ArrayLike | None = None,
+    *,
+    direction: float | None = None,
+    frequencies: int = 40,
+    duration: float = 10800.0,
+) -> FrequencyResponse:
+    """Tensions and motions in irregular waves about the static pose, with linearised drag, for many sea states at once.
+
+    The most probable maximum of a tension in N = duration/T_z upcrossings is `T_mean + sigma sqrt(2 ln N)`: maxima of a
+    narrow-banded normal process (Rayleigh).
+
+    Args:
+        scene: packaged name, TOML file, plain values or a `Scene`.
+        sea_states: significant heights [m] and peak periods [s] (states, 2); None: the waves of the scene, unchanged.
+        direction: of these states' waves [rad], from x towards y; None: that of the scene, or 0.
+        frequencies: number of frequencies of these states, evenly spaced from 0.5 to 4 peak frequencies.
+        duration: of the most probable maximum [s], three hours.
+
+    Raises:
+        SceneError: no sea or waves, regular waves, no equilibrium, rigid bodies, an end that moves by itself, a wave
+            that a current stops.
+    """
+    scene = load_scene(scene)
+    if scene.sea is None:
+        raise SceneError("sea: missing; needed: the depth of the water, and waves")
+    model = build_model(scene, "float64")
+    check_no_bodies(model)
+    for effect in model.having(Displacement):
+        if not effect.needs_sea:
+            raise SceneError(f"effects.{effect.name}: its motion does not come from the sea. Use a run in time")
+    if sea_states is not None and model.effect("vessel_motion") is not None:
+        raise SceneError(
+            "vessel: has factors at the frequencies of the scene's own waves only. Use it without sea states"
+        )
+    states, waves = _waves(scene.sea, sea_states, direction, frequencies)
+    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    model, still, pose = _tangent_model(model, static_pose(scene, model), loads)
+    if pose.status != "ok":
+        raise SceneError(f"start: {pose.message}")
+    lines, links = whole_lines(scene), _end_links(scene)
+    ends = [(line.name, list(line.stops.values())[at]) for line in lines for at in (0, -1)]
+    points = [i for i, point in enumerate(scene.points) if point.is_free]
+    nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
+    solved, error = solve_states(still, pose.state, waves, links, nodes)
+    static, tension, motion = np.asarray(pose.tension), np.asarray(solved.tension), np.asarray(solved.motion)
+    mean, deviation, omega = static + np.asarray(solved.shift), np.asarray(solved.deviation), np.asarray(waves.omega)
+    rate = np.sqrt(0.5 * np.sum(np.abs(omega[:, :, None] * tension) ** 2, axis=1))
+    period = 2.0 * np.pi * deviation[:, links] / np.maximum(rate, 1e-300)
+    peak = np.sqrt(2.0 * np.log(np.maximum(duration / np.maximum(period, 1e-300), 1.0)))
+    # standard deviations below which a mean tension is taken as one that does not stay positive
+    low = mean < 3.0 * deviation
+    slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
+    words = np.where(np.any(slack, axis=1), "not_linear", "ok")
+    return FrequencyResponse(
+        status=tuple(np.where(np.asarray(solved.change) <= TOLERANCE, words, "not_converged").tolist()),
+        sea_states=states,
+        omega=omega,
+        ends=tuple(ends),
+        points=tuple(scene.points[i].name for i in points),
+        lines=tuple(line.name for line in lines),
+        static_tension=static[links],
+        mean_tension=mean[:, links],
+        tension_deviation=deviation[:, links],
+        tension_period=period,
+        maximum_tension=mean[:, links] + peak * deviation[:, links],
+        motion_deviation=np.sqrt(0.5 * np.sum(np.abs(motion) ** 2, axis=1)),
+        tension=tension,
+        motion=motion,
+        slack=slack,
+        basis_error=error,
+        duration=duration,
+    )
+
+
+def run_in_time(
+    scene: SceneLike,
+    sea_state: tuple[float, float],
+    *,
+    direction: float | None = None,
+    frequencies: int = 40,
+    start: float | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means and standard deviations (ends,) [N] of the tensions of `frequency_response` in a run with the same waves.
+
+    One period of the differences of the evenly spaced components is evaluated: its variance has no sampling error. A
+    trend is removed.
+
+    Args:
+        sea_state: significant height [m] and peak period [s].
+        direction, frequencies: see `frequency_response`.
+        start: time before the evaluated part [s]; None: 100 s, or ten peak periods if that is more.
+
+    Raises:
+        SceneError: see `frequency_response`.
+        SimulationError: the run does not reach its end.
+    """
+    scene = load_scene(scene)
+    if scene.sea is None:
+        raise SceneError("sea: missing; needed: the depth of the water, and waves")
+    hs, tp = sea_state
+    start = max(100.0, 10.0 * tp) if start is None else start
+    ramp = 15.0 if scene.sea.ramp is None else scene.sea.ramp
+    waves = replace(_spectrum(scene.sea, direction, frequencies), hs=hs, tp=tp)
+    scene = replace(scene, sea=replace(scene.sea, waves=waves, ramp=ramp))
+    duration = start + frequencies / 3.5 * tp  # the components are between 0.5 and 4 peak frequencies
+    solution = simulate(scene.with_equal_steps(), duration=duration, save_every=4, throw=True)
+    inside = solution.t_tension > start
+    t, tension = solution.t_tension[inside], solution.tension[inside][:, _end_links(scene)]
+    trend = np.stack([np.ones_like(t), t - np.mean(t)], axis=1)
+    left = tension - trend @ np.linalg.lstsq(trend, tension, rcond=None)[0]
+    return np.mean(tension, axis=0), np.std(left, axis=0)
+
+
+def _end_links(scene: Scene) -> np.ndarray:
+    """The first and last link of each line."""
+    return np.array([link for line in whole_lines(scene) for link in (line.links.start, line.links.stop - 1)])
+
+
+def _tangent_model(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[Model, Model, Equilibrium]:
+    """The model with springs for rigid links, the one without waves whose tangent is used, and the equilibrium."""
+    if not model.line.axial.elastic and pose.status == "ok":
+        # stretch of these springs under the largest static tension: 0.01 %
+        stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / 1e-4)
+        model = with_axial(model, model.line.axial.springs(stiffness))
+        pose = equilibrium(model, loads, near=pose.state)
+    still, friction = rest(model), outward(model)
+    if friction is not None and pose.status == "ok":
+        still = with_static_seabed_friction(still, pose.state, friction.kinetic)[0]
+    return model, still, pose
+
+
+def _waves(
+    spec: SeaSpec, sea_states: ArrayLike | None, direction: float | None, frequencies: int
+) -> tuple[np.ndarray, Waves]:
+    """Height and period of each state, and its waves, with a leading axis of the states."""
+    current = None if spec.current is None or spec.wave_current == "none" else make_current(spec.current)
+
+    def waves_of(given: WaveSpec) -> Waves:
+        drawn = wave_components(given, spec.depth, spec.gravity)
+        action, approximate = spec.wave_current == "action", spec.dispersion == "fenton"
+        return waves_on(
+            drawn, spec.depth, spec.gravity, current=current, conserve_action=action, approximate=approximate
+        )
+
+    if sea_states is None:
+        own = None if spec.waves is None else waves_of(spec.waves)
+        if own is None or own.size < 2:
+            raise SceneError("sea.waves: is not an irregular linear sea. Use sea states, or kind 'spectrum'")
+        peak = own.omega[jnp.argmax(own.amplitude)]
+        return np.array([[own.significant_height, 2 * np.pi / peak]]), jax.tree.map(lambda x: x[None], own)
+    states = np.atleast_2d(np.asarray(sea_states, float))
+    if states.shape[1] != 2 or not np.all(np.isfinite(states) & (states > 0.0)):
+        raise SceneError("sea_states: need rows of a significant height [m] and a peak period [s]; allowed: above 0")
+    base = _spectrum(spec, direction, frequencies)
+    waves = jax.jit(jax.vmap(lambda x: waves_of(replace(base, hs=x[0], tp=x[1]))))(jnp.asarray(states))
+    if not np.all(np.isfinite(waves.wave_number)):
+        raise SceneError("sea.wave_current: the current stops waves of these states. Use longer waves")
+    return states, waves
+
+
+def _spectrum(spec: SeaSpec, direction: float | None, frequencies: int) -> WaveSpec:
+    """The waves of sea states, without their height and period."""
+    if direction is None:
+        direction = 0.0 if spec.waves is None else float(np.mean(spec.waves.direction))
+    base = WaveSpec(kind="spectrum") if spec.waves is None else replace(spec.waves, kind="spectrum")
+    return replace(base, frequencies="even", count=frequencies, direction=direction)

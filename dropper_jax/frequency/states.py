@@ -1,0 +1,204 @@
+"""Many sea states in the frequency domain, in one basis of motions: responses that are solved in full at a few of them.
+
+The equations are those of `dropper_jax.frequency.linear_waves`.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.backend.programs import cached_jit
+from dropper_jax.frequency.linear_waves import (
+    LinearMotion,
+    WaveLoads,
+    dragging_effects,
+    iterate_drag,
+    linear_drag,
+    linearise,
+    no_drag,
+    respond,
+    static_matrix,
+    static_shift,
+    tension_changes,
+    wave_loads,
+)
+from dropper_jax.model import Model, State
+from dropper_jax.sea.waves import Waves
+from dropper_jax.statics.tangent import Tangent
+
+
+class _Basis(NamedTuple):
+    """Motions (m, free, 3), the matrices (m, m) along them, and tensions (m, n) by displacement and speed."""
+
+    motions: jax.Array
+    soft: jax.Array
+    stiffness: jax.Array
+    damping: jax.Array
+    mass: jax.Array
+    tension: jax.Array
+    tension_rate: jax.Array
+
+
+class _Solved(NamedTuple):
+    """A state: amplitudes at the picked links (c, picked) [N] and nodes (c, picked, 3) [m], standard deviation and mean
+    shift of all tensions (n,) [N], D (2, free, 3, 3) [N s/m] of water and other effects, its last relative change."""
+
+    tension: jax.Array
+    motion: jax.Array
+    deviation: jax.Array
+    shift: jax.Array
+    drag: jax.Array
+    change: jax.Array
+
+
+#: Change of the linearised drag in an iteration, over its size, at which it has converged.
+TOLERANCE = 1e-3
+
+
+@cached_jit()
+def _jit_loads(still: Model, pose: State, waves: Waves) -> WaveLoads:
+    """The loads of several states."""
+    return jax.vmap(partial(wave_loads, still, pose))(waves)
+
+
+@cached_jit()
+def _fixed_drag(dragging: tuple[Model, Model], pose: State, flow: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """D and the mean force of nodes that do not move."""
+    return linear_drag(dragging, pose, jnp.zeros_like(flow), flow)
+
+
+@cached_jit()
+def _amplitudes(
+    still: Model, linear: LinearMotion, drag: jax.Array, constant: jax.Array, loads: WaveLoads, omega: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """By the full equations: displacements per component and under a constant force (c + 1, free, 3), tensions (c,
+    n)."""
+    x = respond(still, linear, drag, loads, omega)
+    tension = tension_changes(still, linear, x, 1j * omega[:, None, None] * x) + loads.tension
+    return jnp.concatenate([x, static_shift(still, linear, omega, constant)[None]]), tension
+
+
+@cached_jit()
+def _project_basis(still: Model, linear: LinearMotion, motions: jax.Array, omega: jax.Array) -> _Basis:
+    """The basis of these motions (m, free, 3); `omega`: of all states."""
+    flat = motions.reshape(motions.shape[0], -1)
+
+    def project(matrix: jax.Array) -> jax.Array:
+        return flat @ jax.vmap(partial(Tangent.of(still).multiply, matrix))(motions).reshape(flat.shape).T
+
+    none = jnp.zeros_like(motions)
+    tensions = [tension_changes(still, linear, *both) for both in ((motions, none), (none, motions))]
+    matrices = (static_matrix(linear, omega), linear.stiffness, linear.damping, linear.mass)
+    return _Basis(motions, *(project(matrix) for matrix in matrices), *tensions)
+
+
+@cached_jit()
+def _batch(
+    dragging: tuple[Model, Model],
+    pose: State,
+    basis: _Basis,
+    picked: tuple[jax.Array, jax.Array],
+    loads: WaveLoads,
+    omega: jax.Array,
+) -> _Solved:
+    """Several states in the basis, one after another; `picked` are links and nodes."""
+    (links, nodes), parts = picked, basis.motions
+    along = lambda d: jnp.einsum("ani,nij,bnj->ab", parts, d, parts)  # noqa: E731
+
+    def solve(state: tuple[WaveLoads, jax.Array]) -> _Solved:
+        loads, omega = state
+        rate, w = 1j * omega[:, None], omega[:, None, None]
+        push = jnp.einsum("ani,cni->ca", parts, loads.force)
+
+        def motions(drag: jax.Array) -> jax.Array:
+            right = push + jnp.einsum("ani,nij,cnj->ca", parts, drag[0], loads.flow)
+            matrix = basis.stiffness + 1j * w * (basis.damping + along(drag[0] + drag[1])) - w**2 * basis.mass
+            return jnp.linalg.solve(matrix, right[..., None])[..., 0]
+
+        def drag_of(drag: jax.Array, number: jax.Array) -> tuple[jax.Array, jax.Array]:
+            q = jnp.where(number > 0, motions(drag), 0.0)  # at first the drag of nodes that do not move
+            return linear_drag(dragging, pose, jnp.tensordot(rate * q, parts, 1), loads.flow)
+
+        drag, shift, change = iterate_drag(drag_of, no_drag(pose), TOLERANCE)
+        q = motions(drag)
+        tension = q @ basis.tension + (rate * q) @ basis.tension_rate + loads.tension
+        mean = jnp.linalg.solve(basis.soft, jnp.einsum("ani,ni->a", parts, shift)) @ basis.tension
+        deviation = jnp.sqrt(0.5 * jnp.sum(jnp.abs(tension) ** 2, axis=0))
+        return _Solved(tension[:, links], jnp.tensordot(q, parts[:, nodes], 1), deviation, mean, drag, change)
+
+    return jax.lax.map(solve, (loads, omega))
+
+
+def solve_states(
+    still: Model, pose: State, waves: Waves, links: np.ndarray, nodes: np.ndarray
+) -> tuple[_Solved, float]:
+    """All states in one basis, and the error of the basis.
+
+    Args:
+        still: the model without waves, about whose equilibrium `pose` it moves.
+        waves: with a leading axis of the states.
+        links, nodes: whose amplitudes are returned.
+    """
+    linear, dragging, every = linearise(still, pose), dragging_effects(still), np.asarray(waves.omega)
+    # states per call of the compiled program, so that any number of states uses the same one
+    size = 8
+
+    def chunk(states: np.ndarray) -> Waves:
+        """The waves of these states, repeated up to a full chunk."""
+        return jax.tree.map(lambda x: x[np.resize(states, size)], waves)
+
+    # the basis: responses of the lowest, highest, shortest and longest seas, with the drag of fixed nodes and a tenth
+    height, length = np.linalg.norm(waves.amplitude, axis=1), -np.mean(every, axis=1)
+    chosen = np.unique([pick(x) for x in (height, length) for pick in (np.argmin, np.argmax)])
+    loads = jax.tree.map(np.asarray, _jit_loads(still, pose, chunk(chosen)))
+    loads = [jax.tree.map(lambda x, i=i: x[i], loads) for i in range(len(chosen))]
+    found = []
+    for own, omega in zip(loads, every[chosen], strict=True):
+        for share in (1.0, 0.1):
+            drag, constant = _fixed_drag(dragging, pose, share * own.flow)
+            x = np.asarray(_amplitudes(still, linear, drag, constant, own, omega)[0])
+            found += [x.real, x.imag]
+    motions = jnp.asarray(_basis_motions(still, linear, np.concatenate(found), every))
+    basis = _project_basis(still, linear, motions, every)
+
+    def solve(states: np.ndarray) -> _Solved:
+        own = chunk(states)
+        solved = _batch(dragging, pose, basis, (links, nodes), _jit_loads(still, pose, own), own.omega)
+        return jax.tree.map(lambda x: np.asarray(x)[: len(states)], solved)
+
+    chunks = np.split(np.arange(len(every)), range(size, len(every), size))
+    solved = jax.tree.map(lambda *x: np.concatenate(x), *(solve(chunk) for chunk in chunks))
+    errors = []
+    for state, own in zip(chosen, loads, strict=True):
+        drag = jnp.asarray(solved.drag[state])
+        tension = _amplitudes(still, linear, drag, jnp.zeros_like(constant), own, every[state])[1]
+        exact = np.sqrt(0.5 * np.sum(np.abs(tension) ** 2, axis=0))
+        errors.append(np.max(np.abs(solved.deviation[state] - exact)) / np.max(exact))
+    return solved, float(max(errors))
+
+
+def _basis_motions(still: Model, linear: LinearMotion, shapes: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """Motions (m, free, 3) that span displacements (k, free, 3): orthonormal in the sum of kinetic energies and squared
+    changes of tension over their stiffness."""
+    moved, tension = _sizes(still, linear, shapes)
+    size = np.concatenate([np.mean(omega) * np.asarray(moved), np.asarray(tension)], axis=1).T
+    scale = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
+    _, values, right = np.linalg.svd(size / scale, full_matrices=False)
+    # singular values of the responses that span the basis, relative to the largest one
+    taken = values > 1e-4 * values[0]
+    return np.tensordot(right[taken] / values[taken, None], shapes / scale[:, None, None], 1)
+
+
+@cached_jit()
+def _sizes(still: Model, linear: LinearMotion, shapes: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Displacements of the nodes times the roots of their masses (k, 3 free), and tensions over their roots of
+    stiffness (k, n)."""
+    moved = shapes * jnp.sqrt(still.node_mass)[:, None]
+    stiffness = jnp.sqrt(2.0) * jnp.linalg.norm(linear.stretch, axis=1)
+    tension = tension_changes(still, linear, shapes, jnp.zeros_like(shapes))
+    return moved.reshape(len(shapes), -1), tension / jnp.sqrt(jnp.maximum(stiffness, 1e-300))

@@ -1,0 +1,134 @@
+"""Snapshot: one configuration, the previous ones, and its tensions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+from dropper_jax.plots import style, view
+from dropper_jax.plots.run import Run
+from dropper_jax.plots.system import (
+    BUOY,
+    SURFACE,
+    WATER,
+    bare_joints,
+    draw_bed,
+    draw_bodies,
+    held_positions,
+    limits,
+    outlines,
+    right_of,
+    surface_lines,
+)
+
+#: Number of past configurations in a snapshot.
+PAST = 8
+
+
+@style.with_style
+def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
+    """The configuration at a time [s] (None: that of the maximum tension), links coloured by tension [N], previous
+    configurations, and the first.
+
+    In the x-z plane when the motion is planar, else in space. Tensions are the maxima of their steps if not every step
+    is saved.
+
+    Returns:
+        path of the picture; its suffix chooses the format.
+    """
+    t, positions = run.t, run.positions
+    now = run.peak if time is None else int(np.argmin(np.abs(t - time)))
+    flat = view.planar(positions)
+    # with more lines than this, only one configuration is drawn, since more could not be distinguished
+    crowded = len(run.lines) > 12
+    past = [] if crowded else _past(positions, now)
+    drawn = limits(run, positions[[0, *past, now]])
+    figure = style.new_figure(*view.figure_size(drawn), layout="constrained" if flat else None)
+    axes = view.flat_axes(figure, 111, drawn) if flat else view.space_axes(figure, drawn)
+
+    def draw(nodes: np.ndarray, *args: Any, **kwargs: Any) -> None:
+        axes.plot(*(nodes[:, [0, 2]] if flat else nodes).T, *args, **kwargs)
+
+    def draw_lines(nodes: np.ndarray, label: str | None = None, **kwargs: Any) -> None:
+        for line in run.lines:
+            draw(nodes[line.nodes], label=label, **kwargs)
+            label = None
+
+    _surroundings(axes, run, drawn, t[now], flat)
+    for age, index in enumerate(reversed(past), start=1):
+        draw_lines(positions[index], color=style.FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST + 1)))
+    if now > 0 and not crowded:
+        draw_lines(positions[0], f"start, t = {t[0]:g} s", color=style.CYCLE[0], lw=1.2, ls=(0, (4, 3)))
+    links = _bold_links(axes, run, now, flat)
+    look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
+    if style.dot(run) > 0:
+        draw(positions[now], **look, label="node")
+    held = held_positions(run, positions, positions[now])
+    what = "fixed end" if run.scene is None else "fixed point"
+    draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label=what)
+    joints = bare_joints(run, positions[now])
+    if len(joints) and not crowded:
+        draw(joints, ls="", marker="D", ms=5, mfc=style.CYCLE[4], mec=style.DARK, label="free point")
+    where = {"ax": axes, "shrink": 0.75, "pad": 0.03} if flat else {"cax": view.bar_axes(figure)}
+    style.tension_bar(figure, links, links.get_array(), **where)
+    figure.legend(loc="outside lower left" if flat else "lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
+    return style.finish(figure, run, "position and tension" + (f" at t = {t[now]:.4g} s" if len(t) > 1 else ""), path)
+
+
+def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float, flat: bool) -> None:
+    """Seabed and water of a"""
+    draw_bed(axes, run, drawn, flat)
+    surface = surface_lines(run, drawn, flat, np.array([time]))
+    if surface is None:
+        return
+    if flat:
+        x, z = surface[0, 0, :, 0], surface[0, 0, :, 2]
+        axes.fill_between(x, drawn[2, 0], z, color=WATER, lw=0, zorder=0.3)
+        axes.plot(x, z, color=SURFACE, lw=1.2, zorder=0.6)
+        return
+    axes.add_collection(Line3DCollection(surface[0], colors=SURFACE, linewidths=0.6, alpha=0.6))
+
+
+def _bold_links(axes: Axes, run: Run, index: int, flat: bool) -> ScalarMappable:
+    """Links of a sample coloured by their tension, the maximum of its steps."""
+    nodes, tension = run.positions[index], run.max_tension[index]
+    segments = run.segments(nodes)
+    look = {
+        "array": tension,
+        "cmap": style.tension_map(),
+        "norm": style.tension_norm(tension),
+        "linewidths": 4.0 * style.bold(run),
+        "capstyle": "round",
+    }
+    links = LineCollection(segments[..., [0, 2]], **look) if flat else Line3DCollection(segments, **look)
+    axes.add_collection(links, **({"autolim": False} if flat else {}))
+    _buoys(axes, run, nodes, flat)
+    draw_bodies(axes, run.bodies, index, flat)
+    return links
+
+
+def _buoys(axes: Axes, run: Run, nodes: np.ndarray, flat: bool) -> None:
+    if not run.buoys:
+        return
+    corners = outlines(run, nodes, right_of(axes, flat))
+    look = {"facecolors": BUOY, "edgecolors": style.DARK, "linewidths": 0.8}
+    shapes = PolyCollection(corners[..., [0, 2]], zorder=2.5, **look) if flat else Poly3DCollection(corners, **look)
+    axes.add_collection(shapes, **({"autolim": False} if flat else {}))
+
+
+def _past(positions: np.ndarray, now: int) -> list[int]:
+    """Samples before `now` at a given distance, so that a picture does not depend on the output interval."""
+    if now == 0:
+        return []
+    way = np.abs(np.diff(positions[: now + 1], axis=0)).max(axis=(1, 2))
+    back = np.cumsum(way[::-1])
+    # displacement between two past configurations as a fraction of the picture's size
+    marks = 0.07 * view.size(positions) * np.arange(1, PAST + 1)
+    steps = np.searchsorted(back, marks[marks <= back[-1]]) + 1
+    return [now - int(step) for step in steps[::-1]]

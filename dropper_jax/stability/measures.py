@@ -1,0 +1,297 @@
+"""How the hard cases are measured: each function gives the number that the claim limits, and the status of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.run.build import build
+from dropper_jax.run.simulate import Solution, simulate
+from dropper_jax.run.wakes import scene_wakes
+from dropper_jax.stability import derivatives
+from dropper_jax.stability.case import Case, Outcome, scene_of
+from dropper_jax.stability.march import CaseRun, run_named
+from dropper_jax.stepping.integrate import integrate
+from dropper_jax.stepping.stepper import make_stepper
+
+Measure = Callable[[Case, bool], Outcome]
+
+
+def _marched(value: Callable[[Case, CaseRun], float]) -> Measure:
+    """A measure of a run without the checks of `simulate`."""
+
+    def measure(case: Case, short: bool) -> Outcome:
+        run = run_named(case.scene, case.dt, case.span(short), **case.settings)
+        return Outcome(value(case, run), run.status)
+
+    return measure
+
+
+def _distance_of_node(case: Case, run: CaseRun) -> float:
+    expected = _at(run.t, case.exact.times, case.exact.values)
+    return float(np.max(np.linalg.norm(run.run.r[:, 0] - expected, axis=-1)))
+
+
+def _error_of_speed(case: Case, run: CaseRun) -> float:
+    speed = np.linalg.norm(run.run.v[:, 0], axis=-1)
+    return float(np.max(np.abs(speed / np.interp(run.t, case.exact.times, case.exact.values) - 1)))
+
+
+def _rise_of_energy(case: Case, run: CaseRun) -> float:
+    """Largest rise of the energy of 1 kg from one saved time to the next [J], with the gravity of the scene."""
+    gravity = float(run.model.effects[0].gravity)
+    kinetic = 0.5 * np.sum(run.velocities[:, 0] ** 2, axis=-1)
+    return float(np.max(np.diff(gravity * run.positions[:, 0, 2] + kinetic), initial=-np.inf))
+
+
+#: A link with a dry joint has come to rest after this time [s].
+STILL = 20.0
+
+
+def _stays(case: Case, short: bool) -> Outcome:
+    """Movement of the nodes after `STILL` [m]."""
+    rest = run_named(case.scene, case.dt, STILL)
+    run = run_named(case.scene, case.dt, case.span(short))
+    moved = np.linalg.norm(run.run.r[run.t >= STILL - 1e-9] - rest.run.r[-1], axis=-1)
+    return Outcome(float(np.max(moved)), run.status if rest.status == "ok" else rest.status)
+
+
+#: Step that is far too long, over that of the scene.
+TOO_LONG = 20.0
+
+
+def _too_large_step(case: Case, short: bool) -> Outcome:
+    """0 if the status reports that the step is too long."""
+    scene = scene_of(case.scene).with_values({"run.duration": case.duration})
+    found = simulate(scene, dt=TOO_LONG * scene.run.step, companion="coarser")
+    return Outcome(float(found.status == "ok"), found.status)
+
+
+#: Members of a batch, and the one that is not a number.
+BATCH = 64
+BAD = 17
+
+
+def _bad_member(case: Case, short: bool) -> Outcome:
+    """Members, of the 63 good ones, whose positions differ in any bit from those in a batch without the bad one."""
+    model, s = build(scene_of(case.scene))
+    rng = np.random.default_rng(0)
+    v = jnp.asarray(0.01 * rng.standard_normal((BATCH, *s.v.shape)))
+    steps = round(case.span(short) / case.dt)
+    run = partial(integrate, make_stepper(model), model, dt=case.dt, steps=steps, save_every=steps)
+
+    @jax.jit
+    def last(v: jax.Array) -> jax.Array:
+        return jax.vmap(lambda x: run(replace(s, v=x))[0].r)(v)
+
+    others = np.delete(np.arange(BATCH), BAD)
+    good = np.asarray(last(v))[others]
+    beside = np.asarray(last(v.at[BAD].set(jnp.nan)))[others]
+    differ = np.sum(np.any(good != beside, axis=(1, 2)))
+    return Outcome(float(differ), "ok" if np.all(np.isfinite(beside)) else "non_finite")
+
+
+@lru_cache(maxsize=1)
+def _simulated(scene: str, dt: float, duration: float, settings: tuple[tuple[str, Any], ...]) -> Solution:
+    """A run, the same for cases that are measured on one run."""
+    return simulate(scene_of(scene), dt=dt, duration=duration, **dict(settings))
+
+
+def _run(case: Case, short: bool) -> Solution:
+    scene = case.short_scene if short and case.short_scene else case.scene
+    return _simulated(scene, case.dt, case.span(short), tuple(case.settings.items()))
+
+
+def _of_run(value: Callable[[Case, Solution], float]) -> Measure:
+    def measure(case: Case, short: bool) -> Outcome:
+        run = _run(case, short)
+        return Outcome(value(case, run), run.status)
+
+    return measure
+
+
+def _of_path(value: Callable[[Case, np.ndarray, np.ndarray], float]) -> Measure:
+    """A measure of the path of the case's point, infinite if the run did not complete."""
+
+    def measure(case: Case, short: bool) -> Outcome:
+        run = _run(case, short)
+        if run.status != "ok":
+            return Outcome(float("inf"), run.status)
+        return Outcome(value(case, run.t, run.point_path(case.point)), run.status)
+
+    return measure
+
+
+def _at(times: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (k,) or (k, m) at times among the known ones."""
+    columns = [np.interp(times, known, column) for column in np.atleast_2d(values.T)]
+    return np.stack(columns, axis=-1)
+
+
+def _distance(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Maximum distance from the exact path, of heights or in the plane y = 0."""
+    exact = case.exact.upto(t[-1])
+    plane = exact.values.ndim == 2
+    found = positions[:, [0, 2]] if plane else positions[:, 2:]
+    if case.from_start:
+        found = found - found[0]
+    apart = _at(exact.times, t, found) - exact.values.reshape(len(exact.times), -1)
+    return float(np.max(np.linalg.norm(apart, axis=1))) / case.size
+
+
+def _rise(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Maximum height above the start [m]."""
+    return float(np.max(positions[:, 2]) - positions[0, 2])
+
+
+def _lowest(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Error of the greatest depth below `level`, over the exact one `size`."""
+    return abs(float(case.level - np.min(positions[:, 2])) / case.size - 1.0)
+
+
+def _return(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """What is missing of the start's height, or beyond it, when the point comes up the first time."""
+    z = positions[:, 2]
+    return abs(float(z[0] - np.max(z[np.argmin(z) :]))) / case.size
+
+
+def _way(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Relative error of the displacement along `weights` at the end."""
+    exact = float(np.interp(t[-1], case.exact.times, case.exact.values))
+    return abs(float((positions[-1] - positions[0]) @ np.array(case.weights)) / exact - 1.0)
+
+
+def _late_motion(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Motion [m] after the first second, in which the weight sinks into the seabed."""
+    late = positions[t >= 1.0]
+    return float(np.max(np.linalg.norm(late - late[0], axis=1)))
+
+
+def _angle(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+    """Maximum error of the angle from the vertical [rad], seen from (0, 0, `level`)."""
+    exact = case.exact.upto(t[-1])
+    angle = np.arctan2(positions[:, 0], case.level - positions[:, 2])
+    return float(np.max(np.abs(np.interp(exact.times, t, angle) - exact.values)))
+
+
+def _balance(case: Case, run: Solution) -> float:
+    return run.energy_drift / run.energy_scale
+
+
+def _gain(case: Case, run: Solution) -> float:
+    """Energy gained in any step."""
+    return max(float(np.max(np.diff(run.balance))), 0.0) / run.energy_scale
+
+
+def _peak(case: Case, run: Solution) -> float:
+    """Error of the largest tension within the saved intervals."""
+    return abs(float(np.max(run.tension_max)) / case.size - 1.0)
+
+
+def _tension(case: Case, run: Solution) -> float:
+    exact = case.exact
+    found = np.interp(exact.times, run.t_tension, run.tension[:, 0])
+    return float(np.max(np.abs(found - exact.values))) / case.size
+
+
+def _shape(case: Case, run: Solution, nodes: np.ndarray) -> float:
+    """Error of a weighted sum over the nodes (k, nodes)."""
+    exact = case.exact.upto(run.t[-1])
+    found = np.interp(exact.times, run.t, nodes @ np.array(case.weights))
+    return float(np.max(np.abs(found - exact.values))) / case.size
+
+
+def _body_way(case: Case, run: Solution) -> float:
+    return abs(float(run.body_position[-1, 0, 0]) / case.size - 1.0)
+
+
+def _passes(case: Case, run: Solution) -> float:
+    """1 where ropes are above each other in two rows of the run and have changed sides in between.
+
+    The weight bounces off sideways, round the end of the lower rope: if it is below this rope later, it has not passed
+    through it.
+    """
+    low, left, right = (run.positions[:, line.nodes] for line in run.lines)
+    before = None
+    for first, second, below in zip(left, right, low, strict=True):
+        heights = _heights_above(np.concatenate([first, second[1:]]), below)
+        if heights.size and before is not None and before.size:
+            fell = np.min(before) > 0.0 > np.max(heights)
+            rose = np.min(heights) > 0.0 > np.max(before)
+            if fell or rose:
+                return 1.0
+        before = heights
+    return 0.0
+
+
+def _heights_above(high: np.ndarray, low: np.ndarray) -> np.ndarray:
+    """How far a rope (nodes, 3) is above another where they cross as seen from above [m]."""
+    a = high[:-1, None]
+    d = np.diff(high, axis=0)[:, None]
+    c = low[None, :-1]
+    e = np.diff(low, axis=0)[None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = _turn(c - a, e) / _turn(d, e)
+        t = _turn(c - a, d) / _turn(d, e)
+    height = (a[..., 2] + s * d[..., 2]) - (c[..., 2] + t * e[..., 2])
+    return height[(s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)]
+
+
+def _turn(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Vertical component of a cross product."""
+    return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]
+
+
+def _wake(case: Case, short: bool) -> Outcome:
+    """Momentum that the water has lost behind a row, by quadrature over a plane across it, against the row's drag."""
+    run = _run(case, short)
+    wakes = scene_wakes(run.scene).wakes
+    y = np.linspace(-40.0, 40.0, 8001)
+    nodes, weight = np.polynomial.legendre.leggauss(40)
+    plane = wakes.plane(float(wakes.elements.x.max()) + 5.0)
+    deficit = plane.deficit(y, 0.5 * wakes.depth * (nodes - 1.0))
+    lost = float(np.sum((wakes.speed - deficit) * deficit @ (0.5 * wakes.depth * weight)) * (y[1] - y[0]))
+    slowed = np.all(wakes.met > 0.0) and np.all(wakes.met <= wakes.speed)
+    return Outcome(abs(lost / float(np.sum(wakes.drag)) - 1.0) if slowed else np.inf, run.status)
+
+
+#: Measures of the path of a point, which other simulators can be measured by as well.
+OF_PATHS = {
+    "distance": _distance,
+    "rise": _rise,
+    "lowest": _lowest,
+    "return": _return,
+    "way": _way,
+    "late motion": _late_motion,
+    "angle": _angle,
+}
+MEASURES: dict[str, Measure] = {
+    **{name: _of_path(value) for name, value in OF_PATHS.items()},
+    "relative drift": _marched(lambda case, run: run.relative_drift),
+    "energy drift": _marched(lambda case, run: run.energy_drift),
+    "closure": _marched(lambda case, run: run.closure),
+    "distance of node": _marched(_distance_of_node),
+    "error of speed": _marched(_error_of_speed),
+    "rise of energy": _marched(_rise_of_energy),
+    "stays": _stays,
+    "too large a step": _too_large_step,
+    "bad member": _bad_member,
+    "balance": _of_run(_balance),
+    "gain": _of_run(_gain),
+    "peak": _of_run(_peak),
+    "tension": _of_run(_tension),
+    "twist": _of_run(lambda case, run: _shape(case, run, run.twist)),
+    "heights": _of_run(lambda case, run: _shape(case, run, run.positions[:, :, 2])),
+    "way of body": _of_run(_body_way),
+    "passes": _of_run(_passes),
+    "wake": _wake,
+    "derivative": derivatives.against_differences,
+    "derivative at rest": derivatives.at_rest,
+    "derivative is finite": derivatives.finite,
+}

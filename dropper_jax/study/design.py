@@ -1,0 +1,237 @@
+"""Values of a scene that give static quantities their required values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import brentq, least_squares
+
+from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.model import Model, State
+from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.run.build import SceneLike, build_model, equilibrium, model_slopes, shift_model
+from dropper_jax.run.growth import end_angles, end_forces, overgrown
+from dropper_jax.run.quantities import Quantity, static_quantity
+from dropper_jax.scene import line_slices, whole_lines
+from dropper_jax.statics.static_pose import nodal_loads, settle
+
+
+@dataclass(frozen=True)
+class Design:
+    """A solved design.
+
+    Attributes:
+        values: the solved values of the scene by path, each in its own unit.
+        targets: required and reached value of each target quantity.
+        status: `ok`, or `not_reached` with its `message`.
+        solves: number of equilibria solved.
+        scene: the scene with the values set.
+        end_forces, end_angles: of the line of the first target, a tension: the forces [N] on its first and last point,
+            which a link's tension is not, and the angles of the line there above the horizontal [deg].
+    """
+
+    values: dict[str, float]
+    targets: dict[str, tuple[float, float]]
+    status: str
+    message: str
+    solves: int
+    scene: Scene
+    end_forces: tuple[float, ...] | None = None
+    end_angles: tuple[float, ...] | None = None
+
+    @property
+    def value(self) -> float:
+        """The first solved value."""
+        return next(iter(self.values.values()))
+
+
+def solve_design(
+    scene: SceneLike,
+    path: str | Sequence[str],
+    low: float | Sequence[float],
+    high: float | Sequence[float],
+    target: str | Sequence[str],
+    goal: float | Sequence[float],
+    progress: Progress = silent,
+) -> Design:
+    """Values of the scene between `low` and `high` that give static quantities their required values.
+
+    Args:
+        scene: anything that `load_scene` takes.
+        path: of one number of the scene, such as `line.0.length` or `point.float.volume`, or paths (p,).
+        low, high: their ranges (p,).
+        target: a quantity without its statistic (see `run.quantities`): `tension.LINE.first`, `.last`, `.fairlead` or
+            `.max` [N], `anchor.POINT.horizontal` [N], `line.LINE.fairlead.angle` [rad], `depth.POINT` [m] below z = 0,
+            `offset.POINT` [m], `period.1` [s]; or as many as there are paths.
+        goal: the values of the targets.
+        progress: gets a fraction, which approaches 1, and the number of poses after each static pose.
+
+    One value is found by root finding on the statics (Brent's method: secant steps within the interval), several by
+    Gauss-Newton steps in a trust region within their ranges, from the middle of these (Branch, Coleman and Li 1999,
+    `scipy.optimize.least_squares`), with derivatives by the implicit function theorem. Every evaluation solves the full
+    equilibrium, so slack lines and contact may change during the search.
+
+    Raises:
+        SceneError: unknown or repeated paths and targets, numbers of both that differ, no equilibrium, a single target
+            that does not reach its required value, or targets that do not determine the values.
+    """
+    paths, names = ([x] if isinstance(x, str) else list(x) for x in (path, target))
+    lows, highs, goals = (np.atleast_1d(np.asarray(x, float)) for x in (low, high, goal))
+    if not len(paths) == len(lows) == len(highs) == len(names) == len(goals):
+        raise SceneError(
+            f"design: {len(paths)} values for {len(names)} targets with {len(goals)} goals; allowed: as many"
+        )
+    for what, given in (("vary", paths), ("target", names)):
+        if len(set(given)) < len(given):
+            raise SceneError(f"{what}: {', '.join(given)}: the same twice; allowed: each once")
+    for name, start, end in zip(paths, lows, highs, strict=True):
+        if not start < end:
+            raise SceneError(f"vary: {name}: {start:g} to {end:g} is an empty range; allowed: LOW < HIGH")
+    design = _DesignSearch(load_scene(scene), paths, names, goals, progress)
+    x = design.find_root(*lows, *highs) if len(paths) == 1 else design.solve_together(lows, highs)
+    reached, changed = design.evaluate(x), design.at(x)
+    miss = np.abs(reached - goals) / design.scale(reached)
+    worst, status, message = int(np.argmax(miss)), "ok", ""
+    # relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow
+    if len(paths) > 1 and miss[worst] > 1e-6:
+        bound = [p for p, v, a, b in zip(paths, x, lows, highs, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
+        where = f"; at a bound: {', '.join(bound)}" if bound else ""
+        status, message = "not_reached", f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}{where}"
+    return Design(
+        dict(zip(paths, x.tolist(), strict=True)),
+        {name: (want, got) for name, want, got in zip(names, goals.tolist(), reached.tolist(), strict=True)},
+        status,
+        message,
+        len(design.poses),
+        changed,
+        *_ends_of(changed, names[0]),
+    )
+
+
+class _DesignSearch:
+    """Static quantities of a scene as functions of some of its numbers, each equilibrium solved once."""
+
+    def __init__(self, scene: Scene, paths: list[str], names: list[str], goals: np.ndarray, progress: Progress) -> None:
+        self.scene, self.paths, self.names, self.goals, self.progress = scene, paths, names, goals, progress
+        model = bare_model(overgrown(scene))
+        self.quantities = [static_quantity(name, model, "target") for name in names]
+        self.poses: dict[tuple[float, ...], tuple[Model, Any, np.ndarray]] = {}
+
+    def at(self, x: np.ndarray | list[float]) -> Scene:
+        return self.scene.with_values(dict(zip(self.paths, map(float, x), strict=True)))
+
+    def pose(self, x: np.ndarray | list[float]) -> tuple[Model, State, np.ndarray]:
+        """Model, static pose and quantities (p,)."""
+        key = tuple(map(float, x))
+        if key not in self.poses:
+            changed = self.at(x)
+            model = build_model(changed)
+            pose = static_pose(changed, model)
+            if pose.status != "ok":
+                values = ", ".join(f"{path} = {value:g}" for path, value in zip(self.paths, key, strict=True))
+                raise SceneError(f"{values} has no equilibrium: {pose.message}")
+            reached = np.array([float(q.of_pose(model, pose.state)) for q in self.quantities])
+            self.poses[key] = model, pose.state, reached
+            solved = len(self.poses)
+            # a search takes about ten poses, but no fixed number
+            self.progress(1.0 - 0.9**solved, f"{solved} static poses")
+        return self.poses[key]
+
+    def evaluate(self, x: np.ndarray | list[float]) -> np.ndarray:
+        return self.pose(x)[2]
+
+    def slopes(self, x: np.ndarray) -> np.ndarray:
+        """Derivatives (p, p) of the quantities by the numbers: dq/dx + dq/dr dr/dx, K dr/dx = -dF/dx."""
+        model, pose, _ = self.pose(x)
+        scene = self.at(x)
+        loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+        slopes = [model_slopes(scene, model, path) for path in self.paths]
+        moving = tuple(sorted({leaf for own in slopes for leaf in own}))
+        leaves = jax.tree.leaves(model)
+        rows = [np.stack([own.get(i, np.zeros(jnp.shape(leaves[i]))) for own in slopes]) for i in moving]
+        return np.asarray(_slopes(moving, tuple(self.quantities), model, rows, pose, loads))
+
+    def scale(self, reached: np.ndarray) -> np.ndarray:
+        """Sizes (p,) of the targets: the required value, or what is reached where it is zero."""
+        return np.where(self.goals != 0.0, np.abs(self.goals), np.maximum(np.abs(reached), 1.0))
+
+    def find_root(self, low: float, high: float) -> np.ndarray:
+        """The value in an interval whose ends are on either side of the goal."""
+        ends = [float(self.evaluate([x])[0]) for x in (low, high)]
+        goal = self.goals[0]
+        if (ends[0] - goal) * (ends[1] - goal) > 0:
+            raise SceneError(
+                f"{self.paths[0]}: {low:g} to {high:g} gives {self.names[0]} from {ends[0]:.6g} to "
+                f"{ends[1]:.6g}, which does not include {goal:g}. Use a range whose ends are on either side"
+            )
+        # relative change of the value at which the search stops
+        tolerance = {"xtol": 1e-9 * max(abs(low), abs(high)), "rtol": 4 * np.finfo(float).eps}
+        return np.array([brentq(lambda x: self.evaluate([x])[0] - goal, low, high, **tolerance)])
+
+    def solve_together(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Several values by least squares within their ranges.
+
+        Raises:
+            SceneError: a singular system at the end, or no equilibrium.
+        """
+        middle = 0.5 * (low + high)
+        scale = self.scale(self.evaluate(middle))
+        found = least_squares(
+            lambda x: (self.evaluate(x) - self.goals) / scale,
+            middle,
+            lambda x: self.slopes(x) / scale[:, None],
+            (low, high),
+            x_scale=high - low,
+            xtol=1e-12,
+            ftol=1e-15,
+            gtol=1e-15,
+        )
+        rows, sizes, columns = np.linalg.svd(found.jac * (high - low))
+        # ratio of singular values below which derivatives with errors of 1e-10 determine no combination
+        if sizes[-1] <= 1e-8 * sizes[0]:
+            targets = [name for name, part in zip(self.names, rows[:, -1], strict=True) if abs(part) > 0.1]
+            values = [path for path, part in zip(self.paths, columns[-1], strict=True) if abs(part) > 0.1]
+            raise SceneError(
+                f"design: {', '.join(targets)} do not determine {', '.join(values)}: the system is singular. Use other "
+                "targets or values"
+            )
+        return found.x
+
+
+@cached_jit(static=("moving", "quantities"))
+def _slopes(
+    moving: tuple[int, ...],
+    quantities: tuple[Quantity, ...],
+    model: Model,
+    rows: Sequence[jax.Array | np.ndarray],
+    pose: State,
+    loads: jax.Array,
+) -> jax.Array:
+    """Derivatives (q, p) of quantities of a static pose, along changes (p, ...) of some leaves of the model."""
+
+    def values(shift: jax.Array) -> jax.Array:
+        changed = shift_model(model, moving, rows, shift)
+        there = settle(changed, pose, loads, there=True)
+        return jnp.stack([q.of_pose(changed, there) for q in quantities])
+
+    return jax.jacfwd(values)(jnp.zeros(len(rows[0]), model.dtype))
+
+
+def _ends_of(scene: Scene, target: str) -> tuple[tuple[float, ...] | None, ...]:
+    """Forces on the end points of the line of a tension, and its angles there; None for other targets."""
+    kind, name, *_ = *target.split("."), ""
+    if kind not in ("tension", "line"):
+        return None, None
+    pose = equilibrium(scene)
+    positions, tension = np.asarray(pose.positions)[None], np.asarray(pose.tension)[None]
+    pieces, lines = line_slices(scene), whole_lines(scene)
+    forces = {**end_forces(scene, positions, tension, pieces), **end_forces(scene, positions, tension)}
+    angles = {**end_angles(positions, pieces), **end_angles(positions, lines)}
+    return tuple(tuple(found[name][0].tolist()) if name in found else None for found in (forces, angles))

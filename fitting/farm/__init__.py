@@ -1,0 +1,1 @@
+"""Farms: sites with load cases and standards, the season of the mussels, and designs by gradients."""

@@ -1,0 +1,286 @@
+"""Utilisation of parts and anchors over all load cases, from the stored runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.evaluation.tension import YEAR, damage
+from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, flags_of
+from fitting.farm.cases.one import Found
+from fitting.farm.cases.stored import Runs
+from fitting.farm.site import Anchor, Part, Site, Storm
+from fitting.farm.site.case_lists import CASE_KINDS
+
+
+def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | None = None) -> dict[str, Any]:
+    """All content of the report, as plain values.
+
+    The utilisation of a part in a case is that of its worst line, `factor * characteristic load / capacity`. Its error
+    is the sampling error of the load; `step` is the step error of the worst case (see `fitting.farm.cases.run`).
+
+    Args:
+        step: errors by part, from `step_errors`.
+    """
+    runs = Runs(site, folder, dt)
+    rows: dict[str, list[dict[str, Any]]] = {part.name: [] for part in site.parts}
+    held: dict[str, list[dict[str, Any]]] = {name: [] for name in runs.held}
+    cases, failed = [], []
+    for storm in site.storms:
+        good, bad = runs.of(storm)
+        failed += bad
+        cases.append({**_labels(site, storm), "runs": len(good), "failed": len(bad)})
+        if not good:
+            continue
+        cases[-1] |= _position_results(site, storm, runs, good)
+        for part in site.parts:
+            rows[part.name].append(_part_row(site, part, storm, runs, good))
+        for number, name in enumerate(runs.held):
+            loads = [run["held_loads"][:, number].astype(float) for run in good]
+            held[name].append(anchor_row(site, name, storm, loads))
+    parts = [_part(part, rows[part.name], site, None if step is None else step.get(part.name)) for part in site.parts]
+    found = {
+        "schema": 1,
+        "site": site.name,
+        "scene": site.scene.name,
+        "dt_s": dt,
+        "duration_s": site.run.duration,
+        "skip_s": site.run.skip,
+        "seeds": len(site.seeds),
+        "final_check": len(site.seeds) >= FINAL_SEEDS and not failed,
+        "characteristic": site.run.characteristic,
+        "factors": asdict(site.factors),
+        "standard": site.lists.standard,
+        "cases": cases,
+        "parts": parts,
+        "anchors": [anchor_found(site, name, held[name]) for name in runs.held],
+        "exclusion": _exclusion(site, cases),
+        "backbone": _backbone(site, cases),
+        "failed": failed,
+    }
+    found["flags"] = flags_of(found, site)
+    found["passes"] = _passes(found)
+    return {"status": "failed" if failed else "ok", **found}
+
+
+def _labels(site: Site, storm: Storm) -> dict[str, Any]:
+    return {
+        "case": storm.number,
+        "name": storm.name,
+        "sea_state": storm.sea_state.name,
+        "direction_deg": float(np.degrees(storm.direction)),
+        "current": storm.current_name,
+        **{kind.column: value for kind, value in zip(CASE_KINDS.values(), storm.kinds, strict=True)},
+        "month": storm.month,
+        "crop": storm.crop,
+        "return_periods": storm.periods,
+        "state": storm.state,
+        "break_s": None if storm.broken is None else site.break_time,
+    }
+
+
+def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
+    """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
+    found: dict[str, Any] = {"broken": sum(len(run["broken"]) for run in good)}
+    for name in site.quantities:  # a characteristic maximum, or the mean of another statistic
+        own = site.run_of(storm)
+        if not name.endswith(".max"):
+            own = replace(own, characteristic="mean")
+        values = [run[f"quantity:{name}"] for run in good]
+        found.setdefault("quantities", {})[name] = characteristic(np.array(values), own)
+    index = {name: i for i, name in enumerate(runs.links)}
+    if site.exclusion is not None:
+        rows = [index[name] for name in site.matching(site.exclusion.lines)]
+        way = [run["excursion"][rows].max() for run in good]
+        found["excursion_m"] = characteristic(np.array(way), site.run_of(storm))
+    if site.backbone is not None:
+        rows = [index[name] for name in site.matching(site.backbone.lines)]
+        depth = good[0]["depth"][rows]
+        found["depth_m"] = [float(depth[:, 0].min()), float(depth[:, 1].max())]
+    return found
+
+
+def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
+    """A part in one case, represented by its worst line."""
+    factor, run = part.factor[storm.kind], site.run_of(storm)
+    found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
+    share = np.array([load["value"] for load in found]) * factor / part.capacity
+    worst = int(np.argmax(share))
+    load, scale = found[worst], factor / float(part.capacity[worst])
+    links = runs.links[part.lines[worst]]
+    first = good[0]
+    at = links.start + int(np.argmax(first["largest"][links]))
+    return {
+        "case": storm.number,
+        "line": part.lines[worst],
+        "load_n": load["value"],
+        "load_error_n": load["error"],
+        "interval_n": load["interval"],
+        "kind": load["kind"],
+        "at_rest_n": float(first["rest"][links].max()),
+        "mean_n": float(np.mean([run["mean"][links].max() for run in good])),
+        "capacity_n": float(part.capacity[worst]),
+        "factor": factor,
+        "utilisation": float(share[worst]),
+        "utilisation_error": None if load["error"] is None else load["error"] * scale,
+        "after_break_s": float(first["when"][at]) - site.break_time if storm.broken is not None else None,
+        "damage_per_hour": _damage(part, good, run.duration - run.skip),
+    }
+
+
+def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
+    """Damage per hour of the part's worst line, mean over the seeds; None without a curve or without cycles."""
+    if part.curve is None:
+        return None
+    most = None
+    for name, capacity in zip(part.lines, part.capacity, strict=True):
+        keys = [[key for key in run if key.startswith(f"cycles:{name}:")] for run in good]
+        if not all(keys):
+            return None
+        own = [
+            max(
+                damage(np.insert(run[key], 1, 0.0, axis=1).astype(float), capacity, part.curve.k, part.curve.m)
+                for key in of
+            )
+            for run, of in zip(good, keys, strict=True)
+        ]
+        most = max(most or 0.0, float(np.mean(own)) * 3600.0 / counted)
+    return most
+
+
+def _part(part: Part, rows: list[dict[str, Any]], site: Site, step: dict[str, Any] | None) -> dict[str, Any]:
+    return {
+        "part": part.name,
+        "lines": len(part.lines),
+        "factors": asdict(part.factors),
+        "cases": rows,
+        "worst": max(rows, key=lambda row: row["utilisation"], default=None),
+        "step": step,
+        "fatigue": _fatigue(part, rows, site),
+    }
+
+
+def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, Any]:
+    """Damage of a year over the intact cases: the hours of a sea state, distributed evenly over its cases."""
+    if part.curve is None:
+        return {"skipped": "no curve given"}
+    if any(row["damage_per_hour"] is None for row in rows):
+        return {"skipped": "cycles were not counted: the package rainflow is missing (extra `fatigue`)"}
+    storms = {storm.number: storm for storm in site.storms}
+    intact = [row for row in rows if storms[row["case"]].broken is None]
+    hourly = max((row["damage_per_hour"] for row in rows), default=None)
+    found = {
+        "curve": asdict(part.curve),
+        "largest_damage_per_hour": hourly,
+        "damage_per_year": None,
+        "life_years": None,
+    }
+    given = [state for state in site.sea_states if state.hours is not None]
+    if not given:
+        return {**found, "why": "no sea state has `hours`"}
+    yearly = 0.0
+    for state in given:
+        own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state is state]
+        yearly += state.hours * float(np.mean(own)) if own else 0.0
+    return {
+        **found,
+        "damage_per_year": yearly,
+        "life_years": 1.0 / yearly if yearly > 0.0 else None,
+        "share_of_year": sum(state.hours for state in given) * 3600.0 / YEAR,
+    }
+
+
+def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """The case with the largest excursion of nodes."""
+    rows = [case for case in cases if "excursion_m" in case]
+    if site.exclusion is None or not rows:
+        return None
+    worst = max(rows, key=lambda case: case["excursion_m"]["value"])
+    value, limit = worst["excursion_m"], site.exclusion.excursion
+    return {"case": worst["case"], **value, "allowed_m": limit, "utilisation": value["value"] / limit}
+
+
+def _backbone(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """Depths of the backbone at rest over all cases."""
+    rows = [case for case in cases if "depth_m" in case]
+    if site.backbone is None or not rows:
+        return None
+    high = min(rows, key=lambda case: case["depth_m"][0])
+    low = max(rows, key=lambda case: case["depth_m"][1])
+    own = site.backbone
+    return {
+        "shallowest_m": high["depth_m"][0],
+        "shallowest_case": high["case"],
+        "deepest_m": low["depth_m"][1],
+        "deepest_case": low["case"],
+        "allowed_m": [own.shallowest, own.deepest],
+        "holds": (own.shallowest is None or high["depth_m"][0] >= own.shallowest)
+        and (own.deepest is None or low["depth_m"][1] <= own.deepest),
+    }
+
+
+def _passes(found: dict[str, Any]) -> bool:
+    """Whether every limit holds in every case, no run failed, and seeds and step size suffice for the conclusion."""
+    parts = [part["worst"] for part in found["parts"] if part["worst"] is not None]
+    anchors = [anchor["worst"] for anchor in found["anchors"]]
+    limits = all((row["utilisation"] or 0.0) <= 1.0 for row in (*parts, *anchors, found["exclusion"]) if row)
+    backbone = found["backbone"] is None or found["backbone"]["holds"]
+    uplift = all(
+        a["allowed_uplift_deg"] is None or a["uplift_deg"] is None or a["uplift_deg"] <= a["allowed_uplift_deg"]
+        for a in found["anchors"]
+    )
+    return limits and backbone and uplift and not found["failed"] and bool(parts)
+
+
+def anchor_of(site: Site, name: str) -> Anchor | None:
+    """The anchor of a point, None if the site does not define one."""
+    return next((anchor for anchor in site.anchors if name in anchor.points), None)
+
+
+def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray]) -> dict[str, Any]:
+    """A fixed point in one case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima.
+
+    Args:
+        loads: horizontal and upward loads (k, 2) [N] of each seed.
+    """
+    run, anchor = site.run_of(storm), anchor_of(site, name)
+    row: dict[str, Any] = {
+        "case": storm.number,
+        "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run),
+        "upward_n": characteristic(np.array([load[:, 1].max() for load in loads]), run),
+        "uplift_deg": max(_uplift(load) for load in loads),
+        "utilisation": None,
+        "utilisation_error": None,
+    }
+    if anchor is not None:
+        factor = anchor.factor[storm.kind]
+        used = characteristic(np.array([anchor.utilisation(*load.T).max() for load in loads]), run)
+        error = None if used["error"] is None else factor * used["error"]
+        row |= {"factor": factor, "utilisation": factor * used["value"], "utilisation_error": error}
+    return row
+
+
+def _uplift(load: np.ndarray) -> float:
+    """Maximum angle [deg] above the horizontal of loads (k, 2), among those that have a direction."""
+    size = np.hypot(*load.T)
+    # below 1 % of its mean a load has no defined direction
+    loaded = size >= max(0.01 * size.mean(), 1e-12)
+    return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max())) if loaded.any() else 0.0
+
+
+def anchor_found(site: Site, name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """A fixed point over all cases: its rows, the worst of them, and the uplift with its limit [deg]."""
+    anchor = anchor_of(site, name)
+    by = (lambda row: row["total_n"]["value"]) if anchor is None else (lambda row: row["utilisation"])
+    return {
+        "point": name,
+        "anchor": None if anchor is None else anchor.name,
+        "cases": rows,
+        "worst": max(rows, key=by, default=None),
+        "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
+        "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
+    }

@@ -1,0 +1,211 @@
+"""One run of a load case, from its scene to the stored arrays, with the statistics of its loads."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.evaluation.tension import RANGE_ROUNDING, cycles
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model, State
+from dropper_jax.run.arrays import breaks
+from dropper_jax.run.build import build_model, initial_state, stepper_of
+from dropper_jax.run.chunks import compile_run, first_carry
+from dropper_jax.run.end_links import EndLinks, line_ends
+from dropper_jax.run.growth import overgrown
+from dropper_jax.run.quantities import OVER_STEPS, STATISTICS, Quantity, quantity, quantity_signals
+from dropper_jax.scene import whole_lines
+from dropper_jax.statics.static_pose import equilibrium
+from fitting.farm.site import Case, Site, Storm
+
+#: Stored arrays of a run by name.
+Found = dict[str, np.ndarray]
+
+
+class Tally:
+    """Loads of a run, chunk by chunk: extremes of links, series of fixed points, cycles of chosen links.
+
+    Args:
+        scene: with its lines.
+        skip: time at the start that is not counted [s].
+        positions: (nodes, 3) [m], the origin of excursions.
+        curved: lines whose cycles are counted, those with a fatigue curve.
+    """
+
+    def __init__(self, scene: Scene, skip: float, positions: np.ndarray, curved: Sequence[str]) -> None:
+        self.skip, self.positions = skip, positions
+        self.lines = whole_lines(scene)
+        self.held = [point.name for point in scene.points if not point.is_free]
+        self.links = EndLinks(overgrown(scene))
+        self.ends = [end for end in line_ends(scene) if end.point in self.held]
+        links = sum(line.links for line in scene.lines)
+        self.largest, self.when = np.full(links, -np.inf), np.full(links, np.nan)
+        self.total, self.samples = np.zeros(links), 0
+        self.excursion = np.zeros(len(self.lines))
+        self.loads = [np.zeros((0, len(self.held), 2), np.float32)]
+        self.curved = {line.name: line.links for line in self.lines if line.name in curved}
+        self.series = {
+            name: [np.zeros((0, links.stop - links.start), np.float32)] for name, links in self.curved.items()
+        }
+
+    def add(self, t: np.ndarray, positions: np.ndarray, tension: np.ndarray, largest: np.ndarray) -> None:
+        """Samples at times t (k,) [s]: nodes (k, nodes, 3) [m], tension and its maximum since the last (k, n) [N]."""
+        counts = t > self.skip
+        if not counts.any():
+            return
+        t, positions, tension, largest = t[counts], positions[counts], tension[counts], largest[counts]
+        top = largest.argmax(axis=0)
+        value = np.take_along_axis(largest, top[None], axis=0)[0]
+        higher = value > self.largest
+        self.largest, self.when = np.where(higher, value, self.largest), np.where(higher, t[top], self.when)
+        self.total += tension.sum(axis=0)
+        self.samples += len(t)
+        way = np.linalg.norm(positions[..., :2] - self.positions[:, :2], axis=-1).max(axis=0)
+        self.excursion = np.maximum(self.excursion, [way[line.nodes].max() for line in self.lines])
+        self.loads.append(self._held_loads(t, positions, largest).astype(np.float32))
+        for name, links in self.curved.items():
+            self.series[name].append(tension[:, links].astype(np.float32))
+
+    def _held_loads(self, t: np.ndarray, positions: np.ndarray, tension: np.ndarray) -> np.ndarray:
+        """Horizontal and upward force (k, held, 2) [N] of lines on fixed points."""
+        total = np.zeros((len(tension), len(self.held), 3))
+        for end in self.ends:
+            nodes = positions[:, [end.node, end.inner]]
+            force = self.links.force(nodes, tension[:, end.link], end.link, end.last, t)
+            total[:, self.held.index(end.point)] += force
+        return np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)
+
+    def collect(self) -> Found:
+        """Arrays of the whole run; cycles are omitted if the package that counts them is not installed."""
+        counted = {}
+        for name, parts in self.series.items():
+            try:
+                counted |= _cycles(name, np.concatenate(parts))
+            except SceneError:
+                break
+        return {
+            "largest": self.largest,
+            "when": self.when,
+            "mean": self.total / max(self.samples, 1),
+            "excursion": self.excursion,
+            "held_loads": np.concatenate(self.loads),
+            **counted,
+        }
+
+
+def _cycles(name: str, tension: np.ndarray) -> Found:
+    """Rainflow cycles of the links with the most varying and the highest tension: rows of range and count."""
+    found = {}
+    picked = {int(np.argmax(tension.std(axis=0))), int(np.argmax(tension.max(axis=0)))} if len(tension) else set()
+    for i, link in enumerate(sorted(picked)):
+        own = cycles(tension[:, link].astype(float))
+        own = own[own[:, 0] > RANGE_ROUNDING * float(np.abs(tension).max())]
+        found[f"cycles:{name}:{i}"] = own[:, [0, 2]].astype(np.float32)
+    return found
+
+
+STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
+
+
+class Runner:
+    """Runs of one site with one step; shared results of cases are computed once.
+
+    Cases share one compiled program, and each run is separate. Side by side, a step of such a system costs more
+    (dropper-farm-2 in a storm: 2.7 ms instead of 1.2 to 2.2): all runs wait for the one that needs most corrections.
+    """
+
+    def __init__(self, site: Site, dt: float | None = None) -> None:
+        self.site, self.base = site, site.prepared(dt=dt)
+        self._scenes: dict[Any, Scene] = {}
+        self._starts: dict[Any, tuple[State, np.ndarray, np.ndarray]] = {}
+
+    def __call__(self, case: Case) -> Found:
+        """Arrays of a run: those of `Tally`, `quantity:NAME` of the site's quantities, `status`, `failed_at` [s],
+        `message`, `broken` (time [s] of the break), `rest` (n,) [N] and `depth` (lines, 2) [m], the minimum and maximum
+        depth below the level, both at rest."""
+        try:
+            return self._run(case)
+        except SceneError as error:
+            return {"status": np.array(STATUS.index("invalid_input")), "message": np.array(str(error))}
+
+    def scene(self, case: Case) -> Scene:
+        """The scene of a case, with the mussels in masses and diameters."""
+        key = case.storm.still
+        if key not in self._scenes:
+            self._scenes[key] = overgrown(self.base.with_values(self.site.still_changes(case.storm)))
+        return self._scenes[key].with_values(self.site.moving_changes(case))
+
+    def _run(self, case: Case) -> Found:
+        scene = self.scene(case)
+        model = build_model(scene)
+        stepper = stepper_of(model, scene.run, track_work=False)
+        start, positions, rest = self._start(scene, model, case.storm)
+        skip = self.site.run_of(case.storm).skip
+        tally = Tally(scene, skip, positions, self.site.curve_lines)
+        signals: dict[Quantity, list[np.ndarray]] = {
+            quantity(name, model, "quantities"): [] for name in self.site.quantities
+        }
+        watch = None if scene.run.accuracy is None else quantity_signals(list(signals), start.r)
+        run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
+        carry, done, info = run.carry, 0, {"status": np.array(0)}
+        retried = 0
+        while done < scene.run.saves:
+            carry, (rows, _) = run.go_on(carry, scene.run.saves - done)
+            t = (done + 1 + np.arange(len(rows.r))) * scene.run.step
+            good = int(np.argmax(rows.first_bad >= 0)) if np.any(rows.first_bad >= 0) else len(t)
+            largest, extremes = rows.tension, {}
+            if watch is not None:
+                largest, extremes = rows.extremes.largest[:, : rows.tension.shape[1]], watch.over_steps(rows.extremes)
+            nodes = np.asarray(_nodes(model, rows.r, t))
+            tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
+            for one, parts in signals.items():
+                now = rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted
+                values = extremes[one] if one in extremes else one.in_time(model, start.r, *now)
+                parts.append(np.asarray(values)[:good][t[:good] > skip])
+            done, retried = done + len(t), retried + int(np.sum(rows.retried[:good]))
+            if good < len(t):
+                code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
+                info = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
+                break
+        broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]
+        depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
+        more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
+        for one, parts in signals.items():
+            statistics = STATISTICS if watch is None else STATISTICS | OVER_STEPS
+            more[f"quantity:{one.name}"] = np.asarray(statistics[one.statistic](jnp.concatenate(parts)))
+        return {**tally.collect(), **info, **more}
+
+    def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:
+        """The state at the start, positions of all nodes in still water, and tensions at rest (n,) [N]."""
+        key = storm.still
+        if key not in self._starts:
+            start = initial_state(model, scene.start)
+            positions = _rest_nodes(model, start)
+            if self.site.exclusion is not None and model.sea.current is not None:
+                still = equilibrium(dataclasses.replace(model, sea=dataclasses.replace(model.sea, current=None)))
+                if still.status != "ok":
+                    raise SceneError(f"exclusion: no equilibrium in still water: {still.message}")
+                positions = still.positions
+            self._starts[key] = start, np.asarray(positions), np.asarray(start.tension)
+        return self._starts[key]
+
+
+@jax.jit
+def _nodes(model: Model, r: np.ndarray, t: np.ndarray) -> jax.Array:
+    """All nodes (k, nodes, 3) [m], line by line, from saved free nodes."""
+    return jax.vmap(lambda free, time: model.nodes(free, model.ends(time)))(r, jnp.asarray(t, model.dtype))
+
+
+def _rest_nodes(model: Model, start: State) -> np.ndarray:
+    return np.asarray(model.nodes(start.r, model.ends(start.t)))
+
+
+def _depth(start: State, model: Model, nodes: np.ndarray, level: float) -> np.ndarray:
+    below = level - _rest_nodes(model, start)[nodes, 2]
+    return np.array([below.min(), below.max()])

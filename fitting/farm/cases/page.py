@@ -1,0 +1,271 @@
+"""The report of load cases: one Markdown page with a picture, and a CSV file of every part in every case."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.markdown import table
+from dropper_jax.base.toml_text import jsonable
+from dropper_jax.plots import style
+
+COLUMNS = (
+    *("kind", "part", "case", "sea_state", "direction_deg", "current", "level_m", "month", "crop", "state"),
+    *("line", "load_n", "load_error_n", "load_low_n", "load_high_n"),
+    *(
+        "at_rest_n",
+        "mean_n",
+        "capacity_n",
+        "factor",
+        "utilisation",
+        "utilisation_error",
+        "step_error",
+        "damage_per_hour",
+    ),
+)
+#: Bars of parts within and beyond their limits, and dots of cases with intact and with broken lines.
+HOLDS, WEAK = "#C9DAEA", "#F0C9B0"
+
+
+def write_page(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
+    """Write cases.md, cases.csv, cases.json and utilisation.png into a folder; returns their paths by name."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return {
+        "picture": draw_utilisation(found, folder / "utilisation.png"),
+        "csv": atomic_write(folder / "cases.csv", _csv(found)),
+        "json": atomic_write(folder / "cases.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"),
+        "page": atomic_write(folder / "cases.md", page(found)),
+    }
+
+
+def page(found: dict[str, Any]) -> str:
+    """The page's text."""
+    storms = {case["case"]: case for case in found["cases"]}
+    verdict = "All limits hold." if found["passes"] else "Not all limits hold, or not all runs are there: see below."
+    what = "mean of the seeds' maxima" if found["characteristic"] == "mean" else "most probable maximum of the storm"
+    parts = [
+        f"# Load cases: {found['site']}",
+        f"{verdict} Load cases: {len(storms)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
+        f"first {found['skip_s']:g} s do not count, steps of {found['dt_s']:g} s. Characteristic load: {what}. "
+        f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']}).",
+        "\n".join(f"- {flag}" for flag in found["flags"]),
+        "## Parts, each in its worst case",
+        table(
+            ["part", "lines", "worst line", "load [N]", "+- seeds", "+- step", "at rest [N]", "utilisation", "case"],
+            [_part_cells(part, storms) for part in found["parts"]],
+        ),
+        _standard(found),
+        "## Factors",
+        table(
+            ["part", "factor x load / capacity, worst case", *found["factors"]],
+            [
+                [part["part"], _utilisation(part), *("-" if x is None else str(x) for x in part["factors"].values())]
+                for part in found["parts"]
+            ],
+        ),
+        f"![Utilisation]({'utilisation.png'})",
+        "## Anchors",
+        table(
+            ["point", "held by", "load [N]", "upward [N]", "uplift [deg]", "utilisation", "case"],
+            [_anchor_cells(anchor, storms) for anchor in found["anchors"]],
+        ),
+        _quantities(found, storms),
+        "## Excursion and depth",
+        "\n".join(_position_lines(found, storms)),
+        "## Fatigue",
+        table(
+            ["part", "curve", "damage per hour, worst case", "damage per year", "life [years]"],
+            [_fatigue_cells(part) for part in found["parts"]],
+        ),
+        "## Load cases",
+        _worst_cases(found, storms),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _standard(found: dict[str, Any]) -> str:
+    """Pairs of return periods with their sea states, currents and number of cases; empty without them."""
+    own = found["standard"]
+    if own is None:
+        return ""
+    rows = []
+    for pair in own["pairs"]:
+        cases = [case for case in found["cases"] if list(case["return_periods"]) == pair]
+        names = (", ".join(dict.fromkeys(str(case[key]) for case in cases)) for key in ("sea_state", "current"))
+        rows.append([*pair, *names, *(str(sum((c["state"] == "intact") == x for c in cases)) for x in (True, False))])
+    head = ["waves [years]", "current [years]", "sea states", "currents", "intact cases", "with a broken line"]
+    last = f"{own['source']}. Edition: {own['edition']}. Clause: {own['clause']}. Compared with: {own['checked']}."
+    return f"## Return periods\n\n{last}\n\n{table(head, rows)}"
+
+
+def _utilisation(part: dict[str, Any]) -> str:
+    """The calculation of a part's utilisation."""
+    row = part["worst"]
+    if row is None:
+        return "-"
+    return f"{row['factor']:g} x {row['load_n']:.0f} / {row['capacity_n']:.0f} = {row['utilisation']:.3f}"
+
+
+def _quantities(found: dict[str, Any], storms: dict[int, Any]) -> str:
+    """The site's quantities, each in the case with its largest value; empty without any."""
+    rows = []
+    cases = [case for case in found["cases"] if "quantities" in case]
+    for name in dict.fromkeys(name for case in cases for name in case["quantities"]):
+        worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
+        value = worst["quantities"][name]
+        rows.append([name, f"{value['value']:.4g}", _number(value["error"], ".2g"), _label(storms[worst["case"]])])
+    return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows) if rows else ""
+
+
+def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+    row = part["worst"]
+    if row is None:
+        return [part["part"], str(part["lines"]), *["-"] * 7]
+    return [
+        part["part"],
+        str(part["lines"]),
+        row["line"],
+        f"{row['load_n']:.0f}",
+        _number(row["load_error_n"], ".0f"),
+        _step(part["step"]),
+        f"{row['at_rest_n']:.0f}",
+        f"{row['utilisation']:.2f}" + _plus(row["utilisation_error"]),
+        _label(storms[row["case"]]),
+    ]
+
+
+def _label(case: dict[str, Any]) -> str:
+    """The label of a case; its end names the line that breaks and the time of the break."""
+    return case["name"] if case["break_s"] is None else f"{case['name']} at {case['break_s']:g} s"
+
+
+def _step(step: dict[str, Any] | None) -> str:
+    if step is None or "skipped" in step:
+        return "not known"
+    return f"{step['error_n']:.0f} ({step['relative']:.0%})"
+
+
+def _plus(error: float | None) -> str:
+    return "" if error is None else f" +- {error:.2f}"
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+    row = anchor["worst"]
+    if row is None:
+        return [anchor["point"], *["-"] * 6]
+    used = "not given" if row["utilisation"] is None else f"{row['utilisation']:.2f}"
+    allowed = anchor["allowed_uplift_deg"]
+    return [
+        anchor["point"],
+        anchor["anchor"] or "not given",
+        f"{row['total_n']['value']:.0f}",
+        f"{row['upward_n']['value']:.0f}",
+        f"{anchor['uplift_deg']:.1f}" + ("" if allowed is None else f" of {allowed:g}"),
+        used + _plus(row["utilisation_error"]),
+        _label(storms[row["case"]]),
+    ]
+
+
+def _position_lines(found: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+    lines = []
+    zone, backbone = found["exclusion"], found["backbone"]
+    if zone is None:
+        lines.append("- No exclusion zone is given.")
+    else:
+        lines.append(
+            f"- Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {_label(storms[zone['case']])}."
+        )
+    if backbone is not None:
+        low, high = ("any" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"])
+        lines.append(
+            f"- Depth of the backbone at rest: {backbone['shallowest_m']:.2f} to {backbone['deepest_m']:.2f} m below "
+            f"the water's level; allowed: {low} to {high} m."
+        )
+    return lines
+
+
+def _fatigue_cells(part: dict[str, Any]) -> list[str]:
+    own = part["fatigue"]
+    if "skipped" in own:
+        return [part["part"], own["skipped"], "-", "-", "-"]
+    curve = own["curve"]
+    yearly = own.get("why") if own["damage_per_year"] is None else f"{own['damage_per_year']:.2g}"
+    return [
+        part["part"],
+        f"K = {curve['k']:g}, m = {curve['m']:g} ({curve['source']})",
+        _number(own["largest_damage_per_hour"], ".2g"),
+        yearly or "-",
+        _number(own["life_years"], ".3g"),
+    ]
+
+
+def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
+    """The cases with the highest utilisation."""
+    # number of load cases in the page's table; the CSV has all
+    most_cases = 12
+    by_case: dict[int, tuple[float, str]] = {}
+    for part in found["parts"]:
+        for row in part["cases"]:
+            by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
+    ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
+    rows = [[str(n), _label(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:most_cases]]
+    more = f"\n\n{len(ordered) - most_cases} more in cases.csv." if len(ordered) > most_cases else ""
+    return table(["case", "", "part used most", "utilisation"], rows) + more
+
+
+def _csv(found: dict[str, Any]) -> str:
+    storms = {case["case"]: case for case in found["cases"]}
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
+    writer.writeheader()
+    for part in found["parts"]:
+        own = {"kind": "part", "part": part["part"], "step_error": (part["step"] or {}).get("relative")}
+        for row in part["cases"]:
+            low, high = row["interval_n"] or (None, None)
+            writer.writerow({**storms[row["case"]], **row, **own, "load_low_n": low, "load_high_n": high})
+    for anchor in found["anchors"]:
+        own = {"kind": "anchor", "part": anchor["point"]}
+        for row in anchor["cases"]:
+            load = row["total_n"]
+            low, high = load["interval"] or (None, None)
+            loads = {"load_n": load["value"], "load_error_n": load["error"], "load_low_n": low, "load_high_n": high}
+            writer.writerow({**storms[row["case"]], **row, **own, **loads})
+    return text.getvalue()
+
+
+@style.plot_style()
+def draw_utilisation(found: dict[str, Any], path: Path) -> Path:
+    """A row for each part and each fixed point with an anchor: dots are cases, bars extend to the worst one."""
+    rows = [(part["part"], part["cases"], part["worst"], part["step"]) for part in found["parts"]]
+    rows += [(f"anchor {a['point']}", a["cases"], a["worst"], None) for a in found["anchors"] if a["anchor"]]
+    rows = [row for row in rows if row[2] is not None]
+    figure = style.new_figure(7.5, 1.5 + 0.34 * max(len(rows), 1))
+    axes = figure.subplots()
+    states = {case["case"]: case["state"] for case in found["cases"]}
+    for i, (_, cases, worst, step) in enumerate(rows):
+        y = len(rows) - 1 - i
+        axes.barh(y, worst["utilisation"], height=0.55, color=WEAK if worst["utilisation"] > 1.0 else HOLDS, zorder=1)
+        share = 0.0 if step is None else step.get("relative", 0.0)
+        error = np.hypot(worst["utilisation_error"] or 0.0, share * worst["utilisation"])
+        axes.errorbar(worst["utilisation"], y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
+        for broken in sorted({state != "intact" for state in states.values()}):
+            used = [c["utilisation"] for c in cases if (states[c["case"]] != "intact") == broken]
+            label = ("a line breaks" if broken else "intact") if i == 0 else None
+            axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=style.CYCLE[broken], zorder=3, label=label)
+    axes.axvline(1.0, color=style.ALERT, lw=1, ls="--")
+    axes.set_yticks(range(len(rows)), [row[0] for row in reversed(rows)])
+    axes.grid(False, axis="y")
+    axes.set(xlim=(0.0, None), xlabel="utilisation: factor times load over capacity; error by chance and by the step")
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    return style.save(figure, path)

@@ -1,0 +1,229 @@
+"""Objective and constraints of a site's design.
+
+[objective]
+of = "material"                 kilograms times price; or "load": the maximum utilisation of `part`; or "motion":
+                                the maximum displacement [m] of nodes of `lines` from their mean position
+price = { backbone = 3.0, "loop-*" = 0.0 }   per kg of lines, by pattern; default 1
+float_price = 8.0               per kg of floats (points with a volume); default 1
+
+[[constraint]]                  in addition to those of the site's parts, anchors and [backbone], which always apply
+kind = "depth"                  of `points` (patterns) or `lines` at rest: `shallowest`, `deepest` [m]
+kind = "clearance"              of each of `lines` from the next one in storms: `minimum` [m]
+kind = "motion"                 of `lines` in storms: `maximum` [m]
+kind = "quantity"               `of` = "tension.west-leg.fairlead.max", "anchor.west.horizontal.max" or
+                                "offset.buoy.max" in storms: `maximum` [N] or [m]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import check_keys, read_list, read_number, read_table, read_text
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model
+from dropper_jax.run.arrays import bare_model
+from dropper_jax.run.growth import overgrown
+from fitting.farm.optimise.quantities import (
+    Clearance,
+    Motion,
+    Quantity,
+    anchor_loads,
+    line_nodes,
+    named_quantity,
+    part_load,
+)
+from fitting.farm.site import Site
+from fitting.farm.site.case import match_names
+
+OBJECTIVES = ("material", "load", "motion")
+KINDS = {
+    "depth": ("kind", "points", "lines", "shallowest", "deepest"),
+    "clearance": ("kind", "lines", "minimum"),
+    "motion": ("kind", "lines", "maximum"),
+    "quantity": ("kind", "of", "maximum"),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Objective:
+    """`[objective]`: the quantity to minimise."""
+
+    of: str
+    price: tuple[tuple[str, float], ...] = ()
+    float_price: float = 1.0
+    part: str | None = None
+    lines: tuple[str, ...] = ()
+
+    def material(self, scene: Scene) -> float:
+        """Kilograms times price of lines and floats."""
+        total = 0.0
+        for line in scene.lines:
+            name = line.piece_of or line.name
+            price = next((p for pattern, p in self.price if fnmatchcase(name, pattern)), 1.0)
+            total += price * float(np.sum(line.mass))
+        floats = (p for p in scene.points if p.is_free and p.volume)
+        return total + self.float_price * sum(float(p.mass or 0.0) for p in floats)
+
+
+@dataclasses.dataclass(frozen=True)
+class Depth:
+    """Range of depths for nodes at rest [m] below the water's level."""
+
+    name: str
+    points: tuple[str, ...]
+    lines: tuple[str, ...]
+    shallowest: float | None
+    deepest: float | None
+
+    def nodes(self, model: Model) -> np.ndarray:
+        """Numbers of the free nodes that it applies to."""
+        index = {point.name: i for i, point in enumerate(model.points)}
+        free = [int(model.geometry.point_node[index[name]]) for name in self.points]
+        of_lines = line_nodes(model, self.lines)
+        return np.array([*free, *(int(i) for name in self.lines for i in of_lines[name])], int)
+
+    def over(self, model: Model, r: np.ndarray, dr: np.ndarray, level: float) -> list[tuple[str, float, np.ndarray]]:
+        """Each bound's utilisation (1 at the bound) and its derivative by the variables (p,), at the worst node."""
+        own = self.nodes(model)
+        depth, found = level - r[own, 2], []
+        unit = self.deepest or self.shallowest or 1.0
+        for key, bound, sign in (("shallowest", self.shallowest, 1.0), ("deepest", self.deepest, -1.0)):
+            if bound is not None:
+                i = int(np.argmin(sign * depth))
+                slope = sign * dr[:, own[i], 2] / unit
+                found.append((f"{self.name} {key}", 1.0 + sign * (bound - depth[i]) / unit, slope))
+        return found
+
+
+def check_depths(depths: Sequence[Depth], model: Model) -> None:
+    """Reject bounds that no pose meets: one requires a node to be deeper than another one allows.
+
+    Raises:
+        SceneError: with both of them.
+    """
+    own = [(depth, set(depth.nodes(model).tolist())) for depth in depths]
+    for one, nodes in own:
+        for other, others in own:
+            both = None not in (one.shallowest, other.deepest) and bool(nodes & others)
+            if both and one.shallowest > other.deepest:
+                raise SceneError(
+                    f"constraint: {one.name} shallowest of {one.shallowest:g} m contradicts {other.name} deepest of "
+                    f"{other.deepest:g} m on the same nodes; allowed: at most {other.deepest:g} m"
+                )
+
+
+@dataclasses.dataclass(frozen=True)
+class Goals:
+    """Objective and constraints, read."""
+
+    objective: Objective
+    depths: tuple[Depth, ...]
+    clearances: tuple[tuple[tuple[str, ...], float], ...]
+    motions: tuple[tuple[tuple[str, ...], float], ...]
+    named: tuple[tuple[str, str, float], ...] = ()
+
+    def quantities(self, site: Site, model: Model, kind: str = "intact") -> tuple[Quantity, ...]:
+        """The quantities of storms: all with a limit of 1, and the objective last if it depends on storms.
+
+        If a line breaks (`kind` "broken") these are the loads of parts and anchors, with their own factors.
+        """
+        found: list[Quantity] = [part_load(model, part, kind) for part in site.parts]
+        found += [quantity for anchor in site.anchors for quantity in anchor_loads(model, anchor, kind)]
+        if kind != "intact":
+            return tuple(found)
+        for i, (lines, least) in enumerate(self.clearances, 1):
+            found.append(Clearance(f"clearance {i}", _pairs(model, lines), least))
+        for i, (lines, most) in enumerate(self.motions, 1):
+            found.append(Motion(f"motion {i}", _nodes(model, lines), 1.0 / most))
+        found += [named_quantity(of, model, path, most) for path, of, most in self.named]
+        if self.objective.of == "motion":
+            found.append(Motion("largest motion", _nodes(model, self.objective.lines)))
+        return tuple(found)
+
+
+def _nodes(model: Model, lines: Sequence[str]) -> tuple[int, ...]:
+    return tuple(dict.fromkeys(int(i) for own in line_nodes(model, lines).values() for i in own))
+
+
+def _pairs(model: Model, lines: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Nodes of each line with those of the next one, without ends and shared nodes."""
+    inner = int(model.geometry.inner)
+    nodes = [[int(i) for i in own if i < inner] for own in line_nodes(model, lines).values()]
+    return tuple((a, b) for one, other in zip(nodes[:-1], nodes[1:], strict=True) for a in one for b in other)
+
+
+def read_goals(site: Site) -> Goals:
+    """The goals of a site.
+
+    Raises:
+        SceneError: an unknown objective, line, point or part, or contradicting bounds.
+    """
+    names, free = site.lines, [p.name for p in site.scene.points if p.is_free]
+    objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
+    depths, clearances, motions, named = [], [], [], []
+    if site.backbone is not None:
+        own = site.backbone
+        lines = match_names(own.lines, names, "backbone.lines")
+        depths.append(Depth("backbone", (), lines, own.shallowest, own.deepest))
+    items = read_list(site.raw.get("constraint", []), "constraint", None, "one or more [[constraint]] tables")
+    for i, item in enumerate(items):
+        path, table = f"constraint.{i}", read_table(item, f"constraint.{i}")
+        kind = read_text(table.get("kind"), f"{path}.kind", KINDS)
+        check_keys(table, KINDS[kind], path)
+        if kind == "depth":
+            depths.append(_depth(table, path, names, free))
+            continue
+        key = "minimum" if kind == "clearance" else "maximum"
+        unit = "N or m" if kind == "quantity" else "m"
+        limit = read_number(table.get(key), f"{path}.{key}", {"low": 0.0, "open_low": True, "unit": unit})
+        if kind == "quantity":
+            of = read_text(table.get("of"), f"{path}.of")
+            named_quantity(of, bare_model(overgrown(site.scene)), f"{path}.of", limit)
+            named.append((f"{path}.of", of, limit))
+            continue
+        lines = match_names(_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
+        if kind == "clearance" and len(lines) < 2:
+            raise SceneError(f"{path}.lines: matches only {lines[0]!r}. Use patterns of two lines or more")
+        (clearances if kind == "clearance" else motions).append((lines, limit))
+    return Goals(objective, tuple(depths), tuple(clearances), tuple(motions), tuple(named))
+
+
+def _objective(table: Mapping[str, Any], site: Site) -> Objective:
+    check_keys(table, ("of", "price", "float_price", "part", "lines"), "objective")
+    of = read_text(table.get("of", "material"), "objective.of", OBJECTIVES)
+    price = read_table(table.get("price", {}), "objective.price")
+    for pattern in price:
+        match_names([pattern], site.lines, "objective.price")
+    prices = tuple((k, read_number(v, f"objective.price.{k}", {"low": 0.0})) for k, v in price.items())
+    part = table.get("part")
+    if of == "load":
+        part = read_text(part, "objective.part", [p.name for p in site.parts])
+    lines = match_names(_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
+    per_float = read_number(table.get("float_price", 1.0), "objective.float_price", {"low": 0.0})
+    return Objective(of, prices, per_float, part, lines)
+
+
+def _patterns(given: Any, path: str) -> list[str]:
+    return [given] if isinstance(given, str) else [read_text(x, path) for x in read_list(given, path, None, "patterns")]
+
+
+def _depth(table: Mapping[str, Any], path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:
+    keys = ("shallowest", "deepest")
+    low, high = (read_number(table[key], f"{path}.{key}", {"unit": "m"}) if key in table else None for key in keys)
+    if low is None and high is None:
+        raise SceneError(f"{path}: no bound is given; needed: `shallowest`, `deepest` or both [m]")
+    if None not in (low, high) and not low < high:
+        raise SceneError(f"{path}.deepest: {high:g} m contradicts shallowest; allowed: > {low:g} m")
+    points, own = (
+        match_names(_patterns(table[key], path), names, f"{path}.{key}", what) if key in table else ()
+        for key, names, what in (("points", free, "free point"), ("lines", lines, "line"))
+    )
+    if not (points or own):
+        raise SceneError(f"{path}: has neither points nor lines; needed: patterns of one or both")
+    return Depth(f"depth {path.split('.')[1]}", points, own, low, high)

@@ -1,0 +1,193 @@
+"""Models of a design in calm water with the derivatives of their numbers by the variables.
+
+The effect of a variable on the model is computed on the host, by central differences of the scene's own arithmetic:
+leaves of a model are smooth in lengths, diameters and volumes, so that steps of 1e-4 have errors of 1e-8. The compiled
+programs then only need the derivative of a run with respect to the leaves (the chain rule).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model
+from dropper_jax.run.build import build_model
+from dropper_jax.sea import Sea
+from dropper_jax.sea.make import make_sea
+from fitting.farm.optimise.variables import Variable, with_design
+from fitting.farm.site import Case, Site, Storm
+from fitting.farm.site.case import Break
+
+#: Step of the differences relative to the range of a variable.
+DIFFERENCE_STEP = 1e-4
+#: Relative changes of the site's assumptions: heights of all waves, speed of the current. They follow the variables in
+#: every derivative, so that the end of a design reports the cost of an error in them.
+ASSUMPTIONS = ("wave height", "current")
+
+
+@dataclasses.dataclass(frozen=True)
+class Still:
+    """The model of a design in calm water under one current, level and month.
+
+    Attributes:
+        model: without waves.
+        slopes: by number of the model's leaf, its derivative by the variables (p, ...).
+        assumed: whether `ASSUMPTIONS` follow the variables.
+    """
+
+    model: Model
+    slopes: dict[int, np.ndarray]
+    assumed: bool = False
+
+
+def calm_slack_ropes(scene: Scene) -> Scene:
+    """The scene with ropes whose damper also acts in slack links (`damped_rope`), at least critically damped.
+
+    Slack ropes with the plain law chatter: a difference of 1e-9 m grows to 1e-2 m within ten seconds and remains. It
+    changes peaks by less than 1 %, but derivatives through it are noise. With this damper it does not grow at all. The
+    effect of the damper on the peaks is compensated by the factor between soft and hard ones (see `storm`).
+    """
+    if scene.written is None:
+        return scene
+    table = scene.as_written()
+    for kind in table.get("line_type", []):
+        if kind.get("law", "rope") == "rope":
+            kind["law"] = "damped_rope"
+            if kind.get("damping") is None:
+                # ratio of the ropes' damping to the critical one of a link in windows
+                kind["damping_ratio"] = max(float(kind.get("damping_ratio") or 0.0), 1.0)
+    return Scene.from_dict(table, scene.name)
+
+
+def still_scene(site: Site, scene: Scene, storm: Storm, calm: bool) -> Scene:
+    """The scene of a load case without its waves; with `calm` as used in windows."""
+    base = site.prepared(scene).with_values({**site.still_changes(storm), **site.break_changes(storm)})
+    table = base.as_written()
+    table["sea"] = {k: v for k, v in table["sea"].items() if k not in ("waves", "ramp", "interpolation")}
+    base = Scene.from_dict(table, base.name)
+    return calm_slack_ropes(base) if calm else base
+
+
+def still_model(
+    site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm, calm: bool = True
+) -> Model:
+    """The model of a design in calm water."""
+    return build_model(still_scene(site, with_design(site.scene, variables, values), storm, calm))
+
+
+def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Still:
+    """The model with the derivatives of its leaves with respect to the variables.
+
+    Raises:
+        SceneError: a variable that changes the model's shape.
+    """
+    model = still_model(site, variables, values, storm)
+    shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]
+    slopes: dict[int, np.ndarray] = {}
+    for k, (distance, *designs) in enumerate(designs_beside(variables, values)):
+        ends = [jax.tree.leaves(still_model(site, variables, moved, storm)) for moved in designs]
+        if any([jnp.shape(leaf) for leaf in leaves] != shapes for leaves in ends):
+            name = variables[k].name
+            raise SceneError(f"variable.{k}.name: {name!r} changes the number of parts. Use another one")
+        for i, (high, low) in enumerate(zip(*ends, strict=True)):
+            slope = (np.asarray(high, float) - np.asarray(low, float)) / distance
+            if np.any(slope):
+                slopes.setdefault(i, np.zeros((len(variables), *slope.shape)))[k] = slope
+    return Still(model, slopes)
+
+
+def designs_beside(variables: Sequence[Variable], values: np.ndarray) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """For each variable two designs (p,), in which it alone is higher and lower, and their distance."""
+    for axis, variable in zip(np.eye(len(variables)), variables, strict=True):
+        step = DIFFERENCE_STEP * variable.span
+        yield 2 * step, values + step * axis, values - step * axis
+
+
+def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
+    """Names of variables without effect on the model."""
+    return [v.name for k, v in enumerate(variables) if not any(np.any(slope[k]) for slope in found.slopes.values())]
+
+
+def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:
+    """The sea of a case; its waves rise from t = 0 over the ramp [s], with the phase of time `begin` [s]."""
+    spec = site.prepared(scene).with_values(site.changes(case)).sea
+    sea = make_sea(dataclasses.replace(spec, interpolation="none", ramp=ramp))
+    waves = sea.waves
+    return dataclasses.replace(sea, waves=dataclasses.replace(waves, phase=waves.phase - waves.omega * begin))
+
+
+def in_waves(model: Model, sea: Sea) -> Model:
+    """The calm model in the waves of a sea."""
+    waves = jax.tree.map(lambda x: jnp.asarray(x, model.dtype), sea.waves)
+    return dataclasses.replace(model, sea=dataclasses.replace(model.sea, waves=waves))
+
+
+def leaf_names(model: Model) -> list[str]:
+    """Names of the leaves of a model."""
+    return [jax.tree_util.keystr(key) for key, _ in jax.tree_util.tree_flatten_with_path(model)[0]]
+
+
+def slopes_of(model: Model, found: Still) -> dict[int, np.ndarray]:
+    """Slopes by number of the leaf of a model that has all leaves of the calm one, and others."""
+    number = {name: i for i, name in enumerate(leaf_names(model))}
+    names = leaf_names(found.model)
+    return {number[names[i]]: slope for i, slope in found.slopes.items()}
+
+
+def leaf_numbers(model: Model, still_: Still) -> dict[int, np.ndarray]:
+    """Slopes by number of the leaf of a model in waves, from those of the calm one."""
+    found = slopes_of(model, still_)
+    if still_.assumed:
+        size = np.asarray(model.sea.waves.amplitude)
+        count = next(iter(found.values())).shape[0]
+        own = found.setdefault(leaf_names(model).index(".sea.waves.amplitude"), np.zeros((count, *size.shape)))
+        own[count - len(ASSUMPTIONS)] = size
+    return found
+
+
+def in_assumed(found: Still) -> Still:
+    """The slopes with the current's relative change as a further variable, and space for the waves (`leaf_numbers`)."""
+    more = len(ASSUMPTIONS)
+    slopes = {i: np.concatenate([slope, np.zeros((more, *slope.shape[1:]))]) for i, slope in found.slopes.items()}
+    count = next(iter(slopes.values())).shape[0]
+    for i, (name, leaf) in enumerate(zip(leaf_names(found.model), jax.tree.leaves(found.model), strict=True)):
+        if name in (".sea.current.speed", ".sea.current.velocities"):
+            slopes.setdefault(i, np.zeros((count, *np.shape(leaf))))[count - 1] = np.asarray(leaf)
+    return Still(found.model, slopes, assumed=True)
+
+
+# Windows of storms in which a line breaks: the first third intact while the waves rise, then without its link.
+#
+#     s_1 = run(intact, s_0),    s_2 = run(parted, s_1)
+#
+# The backward pass includes both runs, so the impact of the break is in the derivatives. The peak load of a whole run
+# may occur long after the break, when the farm has drifted to another position. The window then starts from the
+# equilibrium without that link (`settled`), which is solved again and follows the variables by its own stiffness.
+
+
+def link_of(model: Model, broken: Break) -> int:
+    """Number of the link that breaks."""
+    spans = zip(model.geometry.members, model.geometry.spans, strict=True)
+    own = next(span for member, span in spans if member.name == broken.line)
+    return int(np.arange(model.line.links)[own][broken.link - 1])
+
+
+def with_link_mask(model: Model, broken_link: int | None) -> Model:
+    """The model with a mask of intact links, without `broken_link`; with None all are intact."""
+    intact = jnp.ones(model.line.links, model.dtype)
+    intact = intact if broken_link is None else intact.at[broken_link].set(0.0)
+    return dataclasses.replace(
+        model, lines=(dataclasses.replace(model.line, axial=model.line.axial.with_broken_links(intact)),)
+    )
+
+
+def masked_still(found: Still, broken_link: int | None) -> Still:
+    """The same for a model, including the derivatives of its leaves with respect to the variables."""
+    model = with_link_mask(found.model, broken_link)
+    return Still(model, slopes_of(model, found), found.assumed)

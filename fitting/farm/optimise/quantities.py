@@ -1,0 +1,225 @@
+"""Quantities of a storm: peaks of signals, each relative to its limit, as hard and as soft maxima.
+
+    soft = s log sum exp(x/s),    s = SHARPNESS times a fixed height
+
+A signal is positive and reaches 1 at its limit: load times factor over capacity, the minimum distance over a distance.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.numerics import horizontal_norm, safe_norm
+from dropper_jax.evaluation.extremes import EULER, LEAST_RUNS
+from dropper_jax.model import Model
+from dropper_jax.run import quantities as named
+from dropper_jax.run.end_links import load_on_fixed_point
+from fitting.farm.site import Anchor, Part
+from fitting.farm.site.sections import RunValues
+
+
+class Quantity:
+    """A signal over time with a peak; `name` in tables, static."""
+
+    name: str
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        """Values (k, m) at k times, from free nodes (k, nodes, 3) and tensions (k, n)."""
+        raise NotImplementedError
+
+    def hard(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        """The largest value."""
+        return jnp.max(self.signal(model, r, tension))
+
+    def soft(self, model: Model, r: jax.Array, tension: jax.Array, height: jax.Array) -> jax.Array:
+        """The soft peak for hard ones of about `height`, which is fixed; differentiable."""
+        # soft peaks exceed the hard ones by 2 to 6 %, which a factor compensates
+        width = 0.01 * height
+        return width * jax.scipy.special.logsumexp(self.signal(model, r, tension) / width)
+
+
+@dataclasses.dataclass(frozen=True)
+class Load(Quantity):
+    """Tension times `scale` of some links; with factor over capacity as scale their utilisation."""
+
+    name: str
+    links: tuple[int, ...]
+    scale: tuple[float, ...]
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        return jnp.maximum(tension[:, np.array(self.links)], 0.0) * np.array(self.scale)
+
+
+@dataclasses.dataclass(frozen=True)
+class AnchorLoad(Quantity):
+    """Utilisation of an anchor, as in `dropper_jax.scene.point`, times the factor.
+
+    Attributes:
+        links: those that end at its point; signs: 1 for links that start there, -1 for links that end there.
+        across, up: factor over the horizontal and the upward capacity [1/N].
+        any_direction: whether they are one capacity for a load in any direction.
+        uplift: tangent of the maximum angle of the load; None for the load itself.
+    """
+
+    name: str
+    links: tuple[int, ...]
+    signs: tuple[float, ...]
+    across: float
+    up: float
+    any_direction: bool
+    uplift: float | None = None
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        force = jax.vmap(lambda r, t: self._line_force(model, r, t))(r, tension)
+        horizontal, up = horizontal_norm(force), jnp.maximum(force[:, 2], 0.0)
+        if self.uplift is not None:
+            # V <= H tan(a), as a number that is positive and reaches 1 there
+            return (1.0 + (force[:, 2] - self.uplift * horizontal) / (1.0 / self.up))[:, None]
+        across, rising = self.across * horizontal, self.up * up
+        both = jnp.stack([across, jnp.zeros_like(across), rising], axis=-1)
+        return (safe_norm(both) if self.any_direction else across + rising)[:, None]
+
+    def _line_force(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        start = jnp.zeros((), r.dtype)
+        return load_on_fixed_point(model, self.links, self.signs, r, jnp.maximum(tension, 0.0), start)
+
+
+@dataclasses.dataclass(frozen=True)
+class Clearance(Quantity):
+    """Ratio of the required distance [m] to that of pairs of free nodes."""
+
+    name: str
+    pairs: tuple[tuple[int, int], ...]
+    least: float
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        one, other = np.array(self.pairs).T
+        return self.least / jnp.maximum(safe_norm(r[:, one] - r[:, other]), 1e-3 * self.least)
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion(Quantity):
+    """Displacement of nodes from their mean position [m], times `scale`."""
+
+    name: str
+    nodes: tuple[int, ...]
+    scale: float = 1.0
+    unit: ClassVar[str] = "m"
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        own = r[:, np.array(self.nodes)]
+        return self.scale * safe_norm(own - jnp.mean(own, axis=0))
+
+
+@dataclasses.dataclass(frozen=True)
+class Named(Quantity):
+    """The maximum of a quantity by name, times `scale`."""
+
+    name: str
+    of: named.Quantity
+    scale: float
+
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+        now = jnp.zeros((), r.dtype)
+        return self.scale * jax.vmap(lambda r, tension: self.of.instant(model, r, r, r, tension, now))(r, tension)
+
+
+#: Signals of `Named`: positive ones that positions and tensions determine.
+LIMITED = ("tension", "anchor", "offset")
+
+
+def named_quantity(name: str, model: Model, option: str, limit: float = 1.0) -> Named:
+    """The quantity of a name such as `tension.west-leg.fairlead.max`, relative to its limit.
+
+    Raises:
+        SceneError: an unknown name, or one without a limit in storms.
+    """
+    found = named.quantity(name, model, option)
+    if found.signal not in LIMITED or found.statistic != "max":
+        raise SceneError(f"{option}: {name!r} cannot be limited; allowed: maxima of {', '.join(LIMITED)}")
+    return Named(name, found, 1.0 / limit)
+
+
+def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Numbers of the free nodes of each line, including free ends."""
+    links, graph = model.geometry.line_links(names), model.geometry
+    return {
+        name: np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
+        for name, own in links.items()
+    }
+
+
+def part_load(model: Model, part: Part, kind: str = "intact") -> Load:
+    """Utilisation of a part: load times factor over capacity, the worst of its links."""
+    links = model.geometry.line_links(part.lines)
+    scale = [part.factor[kind] / c for name, c in zip(part.lines, part.capacity, strict=True) for _ in links[name]]
+    return Load(part.name, tuple(int(i) for name in part.lines for i in links[name]), tuple(map(float, scale)))
+
+
+def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[AnchorLoad]:
+    """Utilisation of each of its points and, with a limit of the angle, that of the angle."""
+    found, graph = [], model.geometry
+    factor, (horizontal, upward, any_direction) = anchor.factor[kind], anchor.table.capacities
+    names = [point.name for point in model.points]
+    for name in anchor.points:
+        node = graph.point_node[names.index(name)]
+        first, last = (tuple(map(int, np.flatnonzero(side == node))) for side in (graph.first, graph.last))
+        signs = (1.0,) * len(first) + (-1.0,) * len(last)
+        load = AnchorLoad(name, first + last, signs, factor / horizontal, factor / upward, any_direction)
+        found.append(load)
+        if anchor.table.uplift is not None:
+            tangent = float(np.tan(np.radians(anchor.table.uplift)))
+            found.append(dataclasses.replace(load, name=f"{name} uplift", uplift=tangent))
+    return found
+
+
+# The characteristic value of seeds' maxima as a weighted sum of them, so that it has a derivative.
+#
+#     sum_i w_i x_(i),    x_(1) <= ... <= x_(n)
+#
+# The mean has w = 1/n. The most probable maximum of a storm of duration D is the mode of a Gumbel distribution by
+# probability-weighted moments (see `evaluation.extremes`), shifted by scale log(D/T), with T the counted time
+# of a run: mode = b0 - gamma s, s = (2 b1 - b0)/ln 2, b1 = sum (i - 1)/(n - 1) x_(i)/n, all linear in the ordered
+# maxima:
+#
+#     w_i = 1/n + (log(D/T) - gamma) (2 (i - 1)/(n - 1) - 1)/(n ln 2)
+
+
+def weights(maxima: np.ndarray, run: RunValues) -> np.ndarray:
+    """Weights (n, q) of maxima (n, q), in the order of the seeds; for a signal without spread, those of the mean.
+
+    A load that is absent for some seeds has no single distribution of maxima, and also uses the mean, as in
+    `fitting.farm.cases.flags`.
+    """
+    maxima = np.asarray(maxima, float)
+    n = len(maxima)
+    mean = np.full_like(maxima, 1.0 / n)
+    if run.characteristic == "mean":
+        return mean
+    slope = (2.0 * np.arange(n) / (n - 1) - 1.0) / (n * np.log(2.0))
+    ordered = 1.0 / n + (np.log(run.storm / (run.duration - run.skip)) - EULER) * slope
+    rank = np.argsort(np.argsort(maxima, axis=0, kind="stable"), axis=0)
+    largest = np.abs(maxima).max(axis=0)
+    spread = np.abs(slope @ np.sort(maxima, axis=0)) > 1e-9 * largest
+    known = np.min(np.abs(maxima), axis=0) > 1e-9 * largest
+    return np.where(spread & known, ordered[rank], mean)
+
+
+def check_seeds(run: RunValues) -> None:
+    """Reject a most probable value with too few seeds.
+
+    Raises:
+        SceneError: with the given and the required number.
+    """
+    if run.characteristic == "most_probable" and run.seeds < LEAST_RUNS:
+        raise SceneError(
+            f"run.seeds: {run.seeds} for the most probable largest value of a storm. Use {LEAST_RUNS} or more, or "
+            'run.characteristic = "mean"'
+        )

@@ -1,0 +1,344 @@
+"""`optimise`: from a site to a design, with a check of its derivatives, in a search that can be resumed."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, silent
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.toml_text import jsonable
+from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
+from dropper_jax.plots.style import save as save_figure
+from fitting.farm.optimise.design import Design, Say
+from fitting.farm.optimise.goals import read_goals
+from fitting.farm.optimise.models import ASSUMPTIONS, still_model
+from fitting.farm.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
+from fitting.farm.optimise.storm import Peaks, Settings
+from fitting.farm.optimise.values import Dominated, Values, Window, dominated_slopes, near_rest, prices
+from fitting.farm.optimise.variables import Variable, bounds, read_variables
+from fitting.farm.site import Site
+
+#: Value above which a constraint is called active.
+ACTIVE = 0.97
+#: Meaning of `run.characteristic`, in words.
+CHARACTERISTIC = {
+    "mean": "mean of the seeds' maxima",
+    "most_probable": "most probable largest value of a storm by the seeds' maxima",
+}
+#: Minimum fraction of the objective's slope that the constraints of an optimum balance.
+HELD = 0.9
+
+
+@dataclasses.dataclass(frozen=True)
+class Optimum:
+    """Result of the search.
+
+    Attributes:
+        variables, before, after: and their values (p,); `after` is the best design whose whole runs meet all
+            constraints, or the end of the search if none does (`feasible` False).
+        objective: before and after.
+        constraints: by name, before and after (whole runs).
+        prices: by name of an active constraint, change of the objective for 1 % more of its limit.
+        assumptions: by name, change of the objective for 1 % more, with the design adapted.
+        characteristic: statistic of the seeds' maxima that the constraints apply to.
+        residual: maximum difference, in limits, of constraints by windows (soft peaks times factors) from those of
+            whole runs at `after`, before windows and factors were updated there; NaN if the start was the best.
+        held: fraction of the objective's slope at `after` that active constraints and bounds balance: 1 at an optimum.
+        check: error of the derivatives before the search, relative to the largest one.
+        warnings: reasons to doubt the result.
+        dominated: derivatives of active constraints by variable that one seed dominates, with their mean and median.
+    """
+
+    variables: tuple[Variable, ...]
+    before: np.ndarray
+    after: np.ndarray
+    of: str
+    objective: tuple[float, float]
+    constraints: dict[str, tuple[float, float]]
+    prices: dict[str, float]
+    assumptions: dict[str, float]
+    feasible: bool
+    residual: float
+    held: float
+    check: float
+    rounds: int
+    runs: int
+    history: list[dict[str, Any]]
+    warnings: tuple[str, ...] = ()
+    characteristic: str = "mean of the seeds' maxima"
+    dominated: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def gain(self) -> float:
+        """Relative decrease of the objective."""
+        return 1.0 - self.objective[1] / self.objective[0]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return jsonable({**dataclasses.asdict(self), "gain": self.gain})
+
+
+def read_problem(site: Site) -> Design:
+    """The design problem of a site, checked.
+
+    Raises:
+        SceneError: for any invalid input, before anything runs.
+    """
+    variables = read_variables(site.raw.get("variable", []), site.scene)
+    if all(state is not None for state in site.states):
+        raise SceneError("cases.states: must include 'intact', because the intact farm is optimised")
+    design = Design(site, variables, read_goals(site), Settings.read(site.raw.get("optimise", {}), "optimise"))
+    design.check()
+    return design
+
+
+def check_slopes(design: Design, windows: Sequence[Window]) -> float:
+    """Maximum difference of a window's derivatives from central differences, along random directions.
+
+    Raises:
+        SceneError: it exceeds 1 %.
+    """
+    # permitted maximum difference of derivatives in their check, relative to the largest derivative, at the better step
+    check = 1e-2
+    rng, x = np.random.default_rng(0), design.start
+    span, worst = np.array([v.span for v in design.variables]), 0.0
+
+    def window(x: np.ndarray, window: Window, slopes: bool) -> Peaks:
+        return design.window(x, window, design.run_start(x, window.case, {}, window.polished), slopes)
+
+    for own in windows:
+        slope = window(x, own, True).slope[:, : len(x)]
+        size = np.maximum(np.max(np.abs(slope * span), axis=1), 1e-6)
+        for _ in range(2):
+            way = rng.choice([-1.0, 1.0], len(x)) * span
+            off = []
+            # relative to a variable's range: with larger steps links go slack and nodes touch the seabed
+            for step in (1e-6, 1e-7):
+                ends = [window(x + sign * step * way, own, False).soft for sign in (1.0, -1.0)]
+                off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
+            if np.isnan(off).all(axis=0).any():
+                raise SceneError(
+                    f"optimise: a window of {own.case.storm.name} has steps that do not converge next to the start, so "
+                    "its derivatives cannot be checked. Use a smaller run.dt"
+                )
+            worst = max(worst, float(np.max(np.nanmin(off, axis=0))))
+    if not worst <= check:
+        raise SceneError(
+            f"optimise: derivatives of a window differ from differences by {worst:.2g} of the largest one; allowed: up "
+            f"to {check:g}. Use a smaller run.dt or a shorter optimise.window"
+        )
+    return worst
+
+
+def optimise(site: Site, state: str | Path | None = None, say: Say = silent, check: bool = True) -> Optimum:
+    """The best design of a site.
+
+    Args:
+        state: file that stores the search after every step; an existing one is resumed.
+
+    Raises:
+        SceneError: a site that cannot be used, constraints that no design within the bounds meets to first order, or
+            runs that fail.
+    """
+    design = read_problem(site)
+    file = None if state is None else Path(state)
+    mark = _mark(design)
+    search, off = _resume_search(file, mark, design)
+
+    def save() -> None:
+        if file is not None:
+            atomic_write(file, json.dumps(jsonable({"site": mark, "check": off, **dataclasses.asdict(search)})))
+
+    if search.before is None:
+        _possible(design)
+        if check:
+            off = check_derivatives(design, say)
+            save()
+    if not search.done:
+        run_search(search, design, save, say)
+    return _optimum(design, search, off, say)
+
+
+def _possible(design: Design) -> None:
+    """Reject depths at rest that no design within the bounds meets to first order, before any storm is run."""
+    for case in {c.storm.still: c for c in design.cases}.values():
+        found, own, _ = design.still(design.start, case)
+        rows = [
+            row
+            for depth in design.goals.depths
+            for row in depth.over(found.model, np.asarray(own.state.r), own.dr, float(case.storm.level))
+        ]
+        if not rows:
+            continue
+        names, value, slopes = zip(*rows, strict=True)
+        low, high = bounds(design.variables)
+        values = Values(0.0, np.zeros(len(low)), names, np.array(value), np.array(slopes))
+        step = programme(values, low - design.start, high - design.start, 1.0, 1.0)
+        if step.violation > 1e-3:
+            left = values.value + values.slopes[:, : len(low)] @ step.step
+            raise SceneError(
+                f"constraint: {names[int(np.argmax(left))]} cannot be met together with the others within the "
+                "variables' bounds; use wider bounds, or limits that do not contradict"
+            )
+
+
+def _mark(design: Design) -> str:
+    """Digest of the inputs that a state belongs to."""
+    site = design.site
+    table = {
+        "scene": site.scene.to_dict(),
+        "raw": site.raw,
+        "run": str(site.run),
+        "cases": [c.storm.name for c in site.cases],
+    }
+    return hashlib.sha256(json.dumps(jsonable(table), sort_keys=True, default=str).encode()).hexdigest()
+
+
+def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, float]:
+    fresh = Search(design.start, design.settings.reach)
+    if file is None or not file.exists():
+        return fresh, float("nan")
+    try:
+        table = json.loads(file.read_text(encoding="utf-8"))
+        if table.pop("site") != mark:
+            raise SceneError(
+                f"--state: {str(file)!r} belongs to another site or version of it. Use its own, or a new file"
+            )
+        off = table.pop("check")
+        arrays = {key: None if table[key] is None else np.array(table[key]) for key in ("x", "best", "fixed")}
+        best = table["best_objective"]
+        found = Search(**{**table, **arrays, "best_objective": np.inf if best is None else best})
+        return found, float("nan") if off is None else off
+    except (ValueError, KeyError, TypeError):
+        raise SceneError(
+            f"--state: {str(file)!r} is not a state of a search. Use one that it wrote, or a new file"
+        ) from None
+
+
+def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
+    """The end of a search: constraints of whole runs, prices, assumptions."""
+    feasible = search.best is not None
+    if feasible:
+        search.x = search.best
+    say(0.95, "final whole runs and prices")
+    windows, found, _ = measure(dataclasses.replace(search, history=[]), design, say)
+    here = design.values(search.x, windows, say)
+    p = len(design.variables)
+    limit = 1.0 - design.settings.margin
+    low, high = bounds(design.variables)
+    fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
+    price = prices(here, search.x, low, high, fixed, limit)
+    costs = here.slope[p:] + price.of @ here.slopes[:, p:]
+    before = search.before
+    dominated = dominated_slopes(here, high - low, limit)
+    residual = float("nan") if search.best_residual is None else float(search.best_residual)
+    return Optimum(
+        variables=design.variables,
+        before=np.array(before["x"]),
+        after=search.x,
+        of=design.goals.objective.of,
+        objective=(before["objective"], found.objective),
+        constraints={n: (before["constraints"][n], after) for n, after in constraints_by_name(found).items()},
+        prices={n: -0.01 * float(by) for n, by in zip(here.names, price.of, strict=True) if by > 0},
+        assumptions={n: 0.01 * float(c) for n, c in zip(ASSUMPTIONS, costs, strict=True)},
+        feasible=feasible,
+        residual=residual,
+        held=1.0 - price.left,
+        check=off,
+        rounds=search.round,
+        runs=len(search.history),
+        history=search.history,
+        characteristic=CHARACTERISTIC[design.site.run.characteristic],
+        warnings=tuple(design_warnings(residual, 1.0 - price.left, search.reach, dominated)),
+        dominated=tuple(
+            {
+                **one._asdict(),
+                "variable": design.variables[one.variable].name,
+                "seed": design.site.run.first_seed + one.seed,
+            }
+            for one in dominated
+        ),
+    )
+
+
+def design_warnings(residual: float, held: float, reach: float, dominated: Sequence[Dominated] = ()) -> list[str]:
+    """Reasons to doubt a design's numbers, one line each; `reach` is that of the last steps."""
+    reasons = (
+        (
+            residual > RESIDUAL,
+            f"windows and whole runs differed by {residual:.1%} of a limit where the design was found (limit "
+            f"{RESIDUAL:.0%}); its constraints are those of whole runs, but the search used others. Use a longer "
+            "optimise.window, a smaller optimise.renew or more seeds to reduce the difference",
+        ),
+        (
+            held < HELD,
+            f"active constraints and bounds balance {max(held, 0.0):.0%} of the objective's slope (an optimum: at "
+            f"least {HELD:.0%}): effects of 1 % changes are unreliable. Use more optimise.rounds",
+        ),
+        (
+            reach < 0.01,  # such as after the snap of a slack rope
+            f"derivatives predict changes of up to {reach:.2%} of the variables' ranges only: effects of 1 % changes "
+            "are unreliable. Compare designs by their whole runs",
+        ),
+        (
+            bool(dominated),  # such as by a rope that becomes taut at the peak
+            f"one seed dominates {len(dominated)} derivative(s) of active constraints: their mean and median differ in "
+            "what they predict. Use more run.seeds, and compare designs by their whole runs",
+        ),
+    )
+    return [reason for applies, reason in reasons if applies]
+
+
+def check_derivatives(design: Design, say: Say = silent) -> float:
+    """The check of a design's derivatives at its start: see `check_slopes`."""
+    say(0.0, "checking derivatives")
+    windows, known = [], {}
+    for kind in design.site.kinds:
+        case = next(case for case in design.cases if case.storm.kind == kind)
+        start = design.run_start(design.start, case, known)
+        count = len(design.quantities(case, start.still))
+        begin = Window(case, 0.0, np.ones(count), None)
+        heights = design.window(design.start, begin, start, slopes=False).hard
+        windows.append(dataclasses.replace(begin, height=heights))
+    return check_slopes(design, windows)
+
+
+# A picture of a design: the layout from the side, and the utilisation of constraints, before and after
+
+
+@plot_style()
+def design_picture(site: Site, found: Optimum, file: Path) -> Path:
+    """Write the picture."""
+    figure = new_figure(10.0, 7.4)
+    above, below = figure.subplots(2, 1, height_ratios=(1.2, 1.0))
+    storm = site.cases[0].storm
+    for values, colour, label in ((found.before, FAINT, "before"), (found.after, FIRST, "after")):
+        model = still_model(site, found.variables, np.asarray(values), storm)
+        s = near_rest(model, None)
+        nodes = np.asarray(model.nodes(s.r, model.ends(s.t)))
+        begin = 0
+        for member in model.geometry.members:
+            own = nodes[begin : begin + member.links + 1]
+            above.plot(own[:, 0], own[:, 2], color=colour, linewidth=1.0, label=label if begin == 0 else None)
+            begin += member.links + 1
+    above.axhline(storm.level, color=SECOND, linewidth=0.8)
+    above.axhline(-site.scene.sea.depth, color=DARK, linewidth=0.8)
+    above.set(xlabel="x [m], not to the scale of z", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
+    above.margins(y=0.08)
+    above.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:14][::-1]
+    row = np.arange(len(rows))
+    below.barh(row + 0.2, [row[1][0] for row in rows], 0.38, color=FAINT, label="before")
+    below.barh(row - 0.2, [row[1][1] for row in rows], 0.38, color=FIRST, label="after")
+    below.axvline(1.0, color=SECOND, linewidth=1.0)
+    below.set_yticks(row, [row[0] for row in rows], fontsize=7)
+    below.set(xlabel="utilisation (limit 1)")
+    below.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    return save_figure(figure, file)

@@ -1,0 +1,284 @@
+"""The search for a design: linear programmes within a reach that grows where they are accurate.
+
+    min  c.d + P sum s    over  |d| <= reach, g + J d <= 1 - margin + s, s >= 0
+
+If the constraints are nonlinear within the reach, a step d that fails is corrected by a second one: the same programme
+with `g(x + d) - J d` for g (Fletcher 1982), so that steps along a limit stay long. A step that lowers the merit
+`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989); each step needs one run
+of a storm with derivatives. After some steps the windows are chosen again from whole runs. A design is accepted if its
+whole runs meet all constraints, and the search ends with the best of these.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from fitting.farm.optimise.design import Design, Say
+from fitting.farm.optimise.storm import Storms
+from fitting.farm.optimise.values import Values, Window
+from fitting.farm.optimise.variables import bounds
+
+#: Penalty of a violation, in objectives at the start.
+PRICE = 10.0
+#: Minimum reach of a step.
+SMALLEST_REACH = 2e-3
+#: Permitted excess of constraints of the best design over 1: rounding.
+PERMITTED_EXCESS = 1e-9
+#: Difference of windows from whole runs, in limits, above which windows are updated after every step.
+RESIDUAL = 0.02
+
+
+@dataclasses.dataclass
+class Search:
+    """State of the search; everything that a restart needs.
+
+    Attributes:
+        x: the design (p,); `reach`: fraction of the ranges; `round`: rounds done.
+        scale: objective at the start.
+        best: the best design whose whole runs meet all constraints, and its objective; None before the first one.
+        fixed: variables that have been set to a size of their catalogue (p,); `sized`: rounds done by then.
+        history: one row per evaluation.
+        residual: maximum difference of the last windows' constraints from those of whole runs, in limits, before
+            windows and factors were updated; None before the first time. `best_residual`: of the best design.
+    """
+
+    x: np.ndarray
+    reach: float
+    scale: float = 0.0
+    round: int = 0
+    best: np.ndarray | None = None
+    best_objective: float = np.inf
+    before: dict[str, Any] | None = None
+    fixed: np.ndarray | None = None
+    sized: int = 0
+    history: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    done: bool = False
+    residual: float | None = None
+    best_residual: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Programme:
+    """Solution of a linear programme: step (p,), predicted objective and violation, prices of constraints (m,)."""
+
+    step: np.ndarray
+    objective: float
+    violation: float
+    prices: np.ndarray
+
+
+def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, limit: float) -> Programme:
+    """The linear programme for steps between low and high (p,).
+
+    Raises:
+        RuntimeError: it has no solution, which the slack variables rule out.
+    """
+    from scipy.optimize import linprog  # noqa: PLC0415
+
+    p, m = len(low), len(values.value)
+    cost = np.concatenate([values.slope[:p] / scale, np.full(m, PRICE)])
+    rows = np.hstack([values.slopes[:, :p], -np.eye(m)])
+    bounds = [*zip(low, high, strict=True), *[(0.0, None)] * m]
+    found = linprog(cost, A_ub=rows, b_ub=limit - values.value, bounds=bounds, method="highs")
+    if found.status != 0:
+        raise RuntimeError(found.message)
+    step = found.x[:p]
+    left = np.maximum(values.value + values.slopes[:, :p] @ step - limit, 0.0)
+    return Programme(
+        step, values.objective + values.slope[:p] @ step, float(left.sum()), -scale * found.ineqlin.marginals
+    )
+
+
+def violation(values: Values, limit: float) -> float:
+    """Total violation of the constraints."""
+    return float(np.sum(np.maximum(values.value - limit, 0.0)))
+
+
+def run_round(
+    search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Say
+) -> Values:
+    """Steps of one round; the values at its end."""
+    settings = design.settings
+    say(0.0, f"round {search.round + 1}: derivatives")
+    one = _Round(search, design, windows, save, say, design.values(search.x, windows, say))
+    renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
+    # every round starts with at least a quarter of the first reach
+    search.reach = max(search.reach, 0.25 * settings.reach)
+    while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
+        first = last = one.attempt(one.here)
+        if first is None:
+            break
+        if not first.good and first.values is not None and violation(first.values, one.limit) > 0.0:
+            seen = first.values.value - one.here.slopes[:, : len(first.step)] @ first.step
+            last = one.attempt(dataclasses.replace(one.here, value=seen)) or first
+        if last.good and last.values is not None:
+            search.x, one.here, one.taken = last.x, last.values, one.taken + 1
+        if last.won < 0.25 * last.gain:  # a step that did not use its full reach would be tried again
+            search.reach = 0.4 * min(search.reach, first.size)
+        elif last.won > 0.6 * last.gain:
+            search.reach = min(search.reach * 1.6, 0.5)
+        save()
+    return one.here
+
+
+@dataclasses.dataclass(frozen=True)
+class _Attempt:
+    """A design that was tried: its step (p,), maximum fraction of the ranges, predicted and true gain of merit."""
+
+    x: np.ndarray
+    step: np.ndarray
+    size: float
+    values: Values | None
+    gain: float
+    won: float
+
+    @property
+    def good(self) -> bool:
+        return self.won >= 0.05 * self.gain
+
+
+class _Round:
+    """A round in progress: current values, steps tried and taken."""
+
+    def __init__(
+        self,
+        search: Search,
+        design: Design,
+        windows: tuple[Window, ...],
+        save: Callable[[], None],
+        say: Say,
+        here: Values,
+    ) -> None:
+        self.search, self.design, self.windows, self.save, self.say = search, design, windows, save, say
+        self.here, self.taken, self.tried = here, 0, 0
+        self.limit = 1.0 - design.settings.margin
+        self.low, self.high = bounds(design.variables)
+        self.span = np.array([v.span for v in design.variables])
+
+    def merit(self, values: Values) -> float:
+        return values.objective / self.search.scale + PRICE * violation(values, self.limit)
+
+    def attempt(self, model: Values) -> _Attempt | None:
+        """The step of a model's linear programme within the reach, run; None if it predicts no gain."""
+        search, settings = self.search, self.design.settings
+        fixed = False if search.fixed is None else search.fixed
+        step_range = np.where(fixed, 0.0, search.reach * self.span)
+        bounds = np.maximum(self.low - search.x, -step_range), np.minimum(self.high - search.x, step_range)
+        step = programme(model, *bounds, search.scale, self.limit)
+        gain = self.merit(self.here) - (step.objective / search.scale + PRICE * step.violation)
+        if gain < 1e-4 * settings.enough + 1e-9:
+            return None
+        self.tried += 1
+        x = np.clip(search.x + step.step, self.low, self.high)
+        found, failure = _try_design(self.design, x, self.windows, self.say)
+        won = -np.inf if found is None else self.merit(self.here) - self.merit(found)
+        attempt = _Attempt(x, step.step, float(np.max(np.abs(step.step) / self.span)), found, gain, won)
+        row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach, "values": x.tolist()}
+        if found is None:
+            search.history.append({**row, "failure": failure})
+        else:
+            search.history.append({**row, "objective": found.objective, "worst": found.worst})
+            failure = f"objective {found.objective:.5g}, worst {found.worst:.3f}"
+        self.say(min(self.tried / (3 * settings.renew), 1.0), failure)
+        self.save()
+        return attempt
+
+
+def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Say) -> tuple[Values | None, str]:
+    """Values of a design; None with the reason if it has no equilibrium or its windows cannot be run."""
+    try:
+        found = design.values(x, windows, say)
+    except SceneError as error:
+        return None, str(error)
+    return (found, "") if found.solved else (None, "steps of a window fail")
+
+
+def measure(
+    search: Search, design: Design, say: Say, predicted: Values | None = None
+) -> tuple[tuple[Window, ...], Values, list[Storms]]:
+    """Update the windows and compute the constraints by whole runs; the best design so far is stored.
+
+    Args:
+        predicted: values of this design with the previous windows and factors, for the residual.
+    """
+    windows, full = design.renew_windows(search.x, say)
+    found = design.measure_full_runs(search.x, full)
+    search.residual = None if predicted is None else float(np.max(np.abs(predicted.value - found.value), initial=0.0))
+    whole = {"whole": True, "residual": search.residual, "values": search.x.tolist()}
+    search.history.append({"round": search.round, "objective": found.objective, "worst": found.worst, **whole})
+    if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < search.best_objective:
+        search.best, search.best_objective = search.x.copy(), found.objective
+        search.best_residual = search.residual
+    return windows, found, full
+
+
+def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndarray | None:
+    """The design with variables on sizes of their catalogues, each the neighbour with the lowest cost to first order.
+
+    Returns:
+        None if no variable has a catalogue.
+    """
+    if not any(v.catalogue for v in design.variables):
+        return None
+    x, limit = search.x.copy(), 1.0 - design.settings.margin
+    for k, variable in enumerate(design.variables):
+
+        def merit(size: float, k: int = k) -> float:
+            d = size - search.x[k]
+            over = np.maximum(values.value + values.slopes[:, k] * d - limit, 0.0)
+            return (values.objective + values.slope[k] * d) / search.scale + PRICE * float(over.sum())
+
+        if variable.catalogue:
+            x[k] = min(variable.sizes(float(search.x[k])), key=merit)
+    return x
+
+
+def run_search(search: Search, design: Design, save: Callable[[], None], say: Say) -> None:
+    """The whole search, from its current state."""
+    settings = design.settings
+    windows, found, _ = measure(search, design, say)
+    if search.before is None:
+        search.scale = abs(found.objective) or 1.0
+        search.before = {
+            "x": search.x.tolist(),
+            "objective": found.objective,
+            "constraints": constraints_by_name(found),
+        }
+        save()
+    last, still_better = search.best_objective, True
+    while search.round < search.sized + settings.rounds and still_better:
+        here = run_round(search, design, windows, save, say)
+        search.round += 1
+        windows, found, _ = measure(search, design, say, here)
+        save()
+        gained = last - search.best_objective if np.isfinite(last) else np.inf
+        # windows that were off by more than the margin are other ones now, in which steps may be longer again
+        movable = search.reach > SMALLEST_REACH or (search.residual or 0.0) > settings.margin
+        still_better = gained > settings.enough * search.scale or (found.worst > 1.0 and movable)
+        last = search.best_objective
+        if search.fixed is None and (not still_better or search.round >= settings.rounds):
+            if search.best is not None:
+                search.x = search.best.copy()
+            x = snap_to_catalogue(search, design, here)
+            if x is None:
+                continue
+            # sizes are fixed, and the other variables are optimised again
+            search.fixed = np.array([bool(v.catalogue) for v in design.variables])
+            search.x, search.reach, search.sized, still_better = x, settings.reach, search.round, True
+            search.best, search.best_objective, last = None, np.inf, np.inf
+            there, _ = _try_design(design, search.x, windows, say)
+            windows, found, _ = measure(search, design, say, there)
+            last = search.best_objective
+            save()
+    search.done = True
+    save()
+
+
+def constraints_by_name(values: Values) -> dict[str, float]:
+    """Constraints by name."""
+    return dict(zip(values.names, values.value.tolist(), strict=True))

@@ -1,0 +1,263 @@
+"""Windows of storms: peaks and their derivatives by the variables, statics included.
+
+A window is a separate run. It starts from equilibrium, and its waves rise over `WINDOW_RAMP` seconds with the phase of
+the storm from `begin` on. When it meets the storm's largest waves, its motion no longer depends on the start.
+
+    dJ/dp = J_p + sum over leaves m of J_m dm/dp + J_r dr_0/dp + J_T dT_0/dp
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.errors import Check, raises_first, silent
+from dropper_jax.base.fields import parameter
+from dropper_jax.base.read import DeclaredSection
+from dropper_jax.base.read import count as whole_number
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model, State, state
+from dropper_jax.residual import Stepper
+from dropper_jax.run.build import build_model, shift_model, stepper_of
+from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
+from dropper_jax.sea import Sea
+from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record
+from dropper_jax.stepping.stepper import make_stepper
+from fitting.farm.optimise.models import Still, in_waves, leaf_numbers, sea_of, still_scene
+from fitting.farm.optimise.quantities import Quantity
+from fitting.farm.optimise.values import Rest, near_rest
+from fitting.farm.site import Case, Site
+
+#: Time [s] in which the waves of a window rise; it is not counted.
+WINDOW_RAMP = 10.0
+#: Maximum number of corrections of a step: windows take no shorter steps, and a step in which ropes go slack may need
+#: three times as many as in a run.
+WINDOW_ITERATIONS = 72
+
+_record = cached_jit(static=("stepper", "steps"), kernel=True)(record)
+_backward_pass = cached_jit(static=("stepper", "moving"), kernel=True)(backward_pass)
+
+
+@dataclasses.dataclass(frozen=True)
+class Peaks:
+    """Peaks of a window.
+
+    Attributes:
+        hard, soft: (q,); NaN if the run failed.
+        slope: derivative of the soft ones by the variables (q, p).
+        when: time of each hard peak after the window's start (q,) [s].
+        solved: whether every step was.
+    """
+
+    hard: np.ndarray
+    soft: np.ndarray
+    slope: np.ndarray | None
+    when: np.ndarray
+    solved: bool
+
+
+def storm_stepper(model: Model) -> Stepper:
+    """The stepper of windows: energy-momentum, without halved steps.
+
+    Raises:
+        SceneError: a scene without a backward pass.
+    """
+    stepper = make_stepper(model, halvings=0, iterations=WINDOW_ITERATIONS, track_work=False)
+    check_recordable(stepper, model)
+    return stepper
+
+
+def peaks(
+    still: Still,
+    rest: Rest,
+    sea: Sea,
+    quantities: Sequence[Quantity],
+    dt: float,
+    duration: float,
+    slopes: bool = True,
+    heights: np.ndarray | None = None,
+    after: Still | None = None,
+) -> Peaks:
+    """Peaks of a window of `duration` [s] in a sea whose waves rise at its start.
+
+    Args:
+        after: the model of the second and last third of the window, without one link, to which the peaks then apply
+            (see `broken`); default: `still`.
+        heights: approximate peaks (q,), which define the width of soft ones; default: the hard peaks. They are fixed:
+            two calls that are compared must use the same.
+    """
+    stills = [still] if after is None else [still, after, after]
+    models = [in_waves(one.model, sea) for one in stills]
+    stepper = storm_stepper(models[0])
+    for halving in (0, 1):  # an unsolved window is repeated once, with half the step
+        h = dt / 2**halving
+        steps = int(round(duration / h / len(stills)))
+        # windows do not record work: every phase has the same kind of state, and so one program
+        runs, s = [], dataclasses.replace(rest.state, work=jnp.zeros(0, models[0].dtype))
+        for model in models:
+            runs.append(_record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps))
+            s = runs[-1].last
+        if all(float(run.residual) <= stepper.limit(model) for run, model in zip(runs, models, strict=True)):
+            numbers = leaf_numbers(models[-1], stills[-1]) if slopes else None
+            return _peaks(stepper, models, runs, numbers, rest, tuple(quantities), h, heights)
+    none = np.full(len(quantities), np.nan)
+    return Peaks(none, none, np.full((len(quantities), rest.dr.shape[0]), np.nan) if slopes else None, none, False)
+
+
+def _peaks(
+    stepper: Stepper,
+    models: list[Model],
+    runs: list[Record],
+    numbers: dict[int, np.ndarray] | None,
+    rest: Rest,
+    quantities: tuple[Quantity, ...],
+    h: float,
+    heights: np.ndarray | None,
+) -> Peaks:
+    """Peaks of the runs of a window's phases, with slopes if those of the leaves (`numbers`) are given."""
+    model = models[-1]
+    steps = len(runs[0].tension)
+    # steps that are not counted: the first third of a window in which a line breaks, or those of the ramp
+    first = steps if len(runs) > 1 else max(0, min(round(WINDOW_RAMP / h), steps - 1))
+    r, tension = (jnp.concatenate([getattr(run, key) for run in runs])[first:] for key in ("r", "tension"))
+    hard, when = (np.asarray(a) for a in _hard(quantities, model, r, tension))
+    when = (when + first + 1) * h
+    heights = jnp.asarray(hard if heights is None else heights, model.dtype)
+    if numbers is None:
+        return Peaks(hard, np.asarray(_soft(quantities, model, heights, r, tension)), None, when, True)
+    table = tuple(numbers)
+    leaves = [jnp.asarray(numbers[i]) for i in table]
+    soft, by_shift, by_r, by_t = _by_signals(quantities, table, model, leaves, heights, r, tension)
+    ahead = ((first, 0), (0, 0), (0, 0))
+    by_r, by_t = jnp.pad(by_r, (*ahead, (0, 0))), jnp.pad(by_t, ahead)
+    slope = np.array(by_shift)
+    end = jax.tree.map(lambda a: jnp.zeros((len(hard), *a.shape), a.dtype), runs[-1].last)
+    chain = []
+    for model, run in zip(reversed(models), reversed(runs), strict=True):
+        begin = len(by_t) - len(run.tension)
+        by_leaf, end = _backward_pass(
+            stepper, model, table, run, jnp.asarray(h, model.dtype), by_r[begin:], by_t[begin:], end
+        )
+        by_r, by_t = by_r[:begin], by_t[:begin]
+        chain += zip(by_leaf, numbers.values(), strict=True)
+    for ct, d in (*chain, (end.r, rest.dr), (end.tension, rest.dtension)):
+        slope += np.asarray(ct).reshape(len(hard), -1) @ d.reshape(len(d), -1).T
+    return Peaks(hard, np.asarray(soft), slope, when, True)
+
+
+@cached_jit(static=("quantities",))
+def _hard(
+    quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Hard peaks (q,), and the indices of their times (q,)."""
+    highest = _signals(quantities, model, r, tension)
+    return jnp.stack([jnp.max(x) for x in highest]), jnp.stack([jnp.argmax(x) for x in highest])
+
+
+@cached_jit(static=("quantities",))
+def _soft(
+    quantities: tuple[Quantity, ...], model: Model, heights: jax.Array, r: jax.Array, tension: jax.Array
+) -> jax.Array:
+    return jnp.stack([q.soft(model, r, tension, heights[i]) for i, q in enumerate(quantities)])
+
+
+@cached_jit(static=("quantities", "moving"))
+def _by_signals(
+    quantities: tuple[Quantity, ...],
+    moving: tuple[int, ...],
+    model: Model,
+    slopes: list[jax.Array],
+    heights: jax.Array,
+    r: jax.Array,
+    tension: jax.Array,
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """Soft peaks (q,), and their derivatives by the variables at fixed motion (q, p), by positions (k, q, nodes, 3) and
+    by tensions (k, q, n)."""
+
+    def value(i: int, shift: jax.Array, r: jax.Array, tension: jax.Array) -> jax.Array:
+        return quantities[i].soft(shift_model(model, moving, slopes, shift), r, tension, heights[i])
+
+    zero = jnp.zeros(len(slopes[0]), r.dtype)
+    found = [jax.value_and_grad(value, argnums=(1, 2, 3))(i, zero, r, tension) for i in range(len(quantities))]
+    soft, gradients = zip(*found, strict=True)
+    by_shift, by_r, by_t = zip(*gradients, strict=True)
+    return jnp.stack(soft), jnp.stack(by_shift), jnp.stack(by_r, axis=1), jnp.stack(by_t, axis=1)
+
+
+# Full storms of a design: hard peaks over the whole run with the scene's own law, and their times
+
+
+@dataclasses.dataclass(frozen=True)
+class Storms:
+    """Hard peaks of one case (q,) and their times (q,) [s]; NaN if the run failed, with `message`."""
+
+    hard: np.ndarray
+    when: np.ndarray
+    message: str = ""
+
+
+def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None) -> Storms:
+    """The whole run of a case of a design; steps that do not converge are halved.
+
+    The time before `skip`, or before a line breaks, is not counted.
+    """
+    none = np.full(len(quantities), np.nan)
+    own = still_scene(site, scene, case.storm, calm=False)
+    model = build_model(own)
+    if near is not None:
+        near = state(model, near.r, tension=near.tension)
+    start = near_rest(model, near)
+    model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
+    run = dataclasses.replace(own.run, save_every=1)
+    stepper = stepper_of(model, run, track_work=False)
+    pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run)
+    outcome = run_chunks(pieces, run.saves, silent)
+    found = outcome.trajectory
+    if int(found.first_bad[-1]) >= 0:
+        return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
+    first = int(np.floor(site.run_of(case.storm).skip / run.step))
+    hard, when = [], []
+    for part in np.array_split(np.arange(first, len(found.r)), max(1, (len(found.r) - first) // 1000)):
+        peaks = _signals(tuple(quantities), model, jnp.asarray(found.r[part]), jnp.asarray(found.tension[part]))
+        hard.append([float(jnp.max(x)) for x in peaks])
+        when.append([(part[0] + int(jnp.argmax(x)) + 1) * run.step for x in peaks])
+    best = np.argmax(hard, axis=0)
+    return Storms(np.max(hard, axis=0), np.array(when)[best, np.arange(len(best))])
+
+
+def _signals(quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array) -> list[jax.Array]:
+    """The largest value of each quantity at every time (q lists of k)."""
+    return [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings(DeclaredSection):
+    """Values of `[optimise]`, settings of the search for a design.
+
+    window = 60.0           [s] of each storm with derivatives; `before` = 45.0 of it before the peak load
+    renew = 3               steps after which windows and factors are updated from whole runs
+    rounds = 8              maximum number of such rounds; the search ends if a round gains less than `enough` = 0.003
+    reach = 0.15            fraction of its range that a variable may move in the first step
+    margin = 0.01           distance of constraints from their limits
+    """
+
+    window: float = parameter("length of a window", unit="s", low=0.0, open_low=True, default=60.0)
+    before: float = parameter("part of it before the peak load", unit="s", low=0.0, default=45.0)
+    renew: int = whole_number("steps until windows are updated", default=3)
+    rounds: int = whole_number("most rounds", default=8)
+    enough: float = parameter("minimum relative gain of a round", unit="-", low=0.0, default=0.003)
+    reach: float = parameter("first reach of a step", unit="-", low=0.0, open_low=True, high=1.0, default=0.15)
+    margin: float = parameter("below the limits", unit="-", low=0.0, high=0.5, default=0.01)
+
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        yield (
+            not WINDOW_RAMP < self.before <= self.window,
+            f"{path}.before: {self.before:g} s; allowed: more than the {WINDOW_RAMP:g} s in which waves rise, up to "
+            f"the window of {self.window:g} s",
+        )

@@ -1,0 +1,233 @@
+"""Values of a design: equilibria and their derivatives, windows of storms, starts of runs, shadow prices."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.errors import SceneError
+from dropper_jax.model import Model, State, state
+from dropper_jax.run.build import shift_model
+from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
+from dropper_jax.statics.static_pose import equilibrium
+from dropper_jax.statics.system import find_rest
+from dropper_jax.statics.tangent import stiffness
+from fitting.farm.optimise.models import Still
+from fitting.farm.site import Case
+
+
+@dataclasses.dataclass(frozen=True)
+class Rest:
+    """An equilibrium.
+
+    Attributes:
+        state: positions and tensions.
+        dr: derivative of the positions by the variables (p, free, 3) [m per unit].
+        dtension: that of the tensions (p, n) [N per unit].
+    """
+
+    state: State
+    dr: np.ndarray
+    dtension: np.ndarray
+
+
+def near_rest(model: Model, near: State | None) -> State:
+    """The equilibrium of a model in calm water, solved from a nearby one if given.
+
+    Raises:
+        SceneError: no equilibrium was found.
+    """
+    loads = jnp.zeros((model.free_nodes, 3), model.dtype)
+    if near is not None:
+        tolerance = system_tolerance(model)
+        found, residual = find_rest(model, near, loads, tolerance)
+        if residual <= tolerance:
+            return state(model, found.r, tension=found.tension)
+    found = equilibrium(model)
+    if found.status != "ok":
+        raise SceneError(f"design: {found.message}")
+    return found.state
+
+
+def rest(still: Still, near: State | None = None) -> Rest:
+    """The equilibrium and its derivatives by the variables.
+
+    F(r, p) = 0  ->  dr/dp = -K^-1 dF/dp,    K = dF/dr (sparse, all forces)
+    """
+    from scipy.sparse.linalg import splu  # noqa: PLC0415
+
+    s = near_rest(still.model, near)
+    loads = jnp.zeros_like(s.r)
+    slopes = [jnp.asarray(slope) for slope in still.slopes.values()]
+    rows, force = (np.asarray(a) for a in _by_variables(tuple(still.slopes), still.model, slopes, s, loads))
+    try:
+        matrix = splu(stiffness(still.model, s, loads).tocsc())
+    except RuntimeError:
+        raise SceneError(
+            "design: it has unsupported parts, so its equilibrium is not unique. Use another design"
+        ) from None
+    dr = -matrix.solve(rows.reshape(len(rows), -1).T).T.reshape(rows.shape)
+    along = _along(still.model, s, loads, jnp.asarray(dr))
+    return Rest(s, dr, force + np.asarray(along))
+
+
+@cached_jit(static=("moving",))
+def _by_variables(
+    moving: tuple[int, ...], model: Model, slopes: list[jax.Array], s: State, loads: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """Derivative of minus the forces (p, free, 3), and of the tensions (p, n), at fixed positions."""
+
+    def rows(shift: jax.Array) -> tuple[jax.Array, jax.Array]:
+        own = shift_model(model, moving, slopes, shift)
+        return unbalanced(own, state(own, s.r, t=s.t), loads)
+
+    zero = jnp.zeros(len(slopes[0]), s.r.dtype)
+    return jax.vmap(lambda direction: jax.jvp(rows, (zero,), (direction,))[1])(jnp.eye(len(zero), dtype=s.r.dtype))
+
+
+@cached_jit()
+def _along(model: Model, s: State, loads: jax.Array, ways: jax.Array) -> jax.Array:
+    """Derivatives of the tensions (p, n) along directions of the positions (p, free, 3)."""
+    tension = lambda r: unbalanced(model, state(model, r, t=s.t), loads)[1]  # noqa: E731
+    return jax.vmap(lambda direction: jax.jvp(tension, (s.r,), (direction,))[1])(ways)
+
+
+@dataclasses.dataclass(frozen=True)
+class Window:
+    """Window of a case used by the optimiser.
+
+    Attributes:
+        begin: [s].
+        factor: ratio of the whole run's hard peaks to its soft ones (q,); height: that sizes the soft peaks (q,).
+        polished: whether a line that breaks is missing from the start on.
+    """
+
+    case: Case
+    begin: float
+    factor: np.ndarray
+    height: np.ndarray
+    polished: bool = False
+
+
+class RunStart(NamedTuple):
+    """Start of a run: calm model with its slopes, equilibrium, and the later model of a window with a broken line."""
+
+    still: Still
+    rest: Rest
+    after: Still | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Values:
+    """Objective and constraints of a design; a constraint is met if it is at most 1.
+
+    Attributes:
+        objective, slope: and its derivative by variables and assumptions (p + a,).
+        names: of the constraints; `value` (m,), `slopes` (m, p + a).
+        solved: whether all runs were.
+        by_seed: by constraint on a storm, derivatives of the seeds (n, p + a); their mean is that of the constraint.
+    """
+
+    objective: float
+    slope: np.ndarray
+    names: tuple[str, ...]
+    value: np.ndarray
+    slopes: np.ndarray
+    solved: bool = True
+    by_seed: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    @property
+    def worst(self) -> float:
+        return float(np.max(self.value, initial=-np.inf))
+
+
+def active_constraints(values: Values, limit: float) -> np.ndarray:
+    """Numbers of the constraints that count as active: within 0.03 of their limit, or beyond."""
+    return np.flatnonzero(values.value >= limit - 0.03)
+
+
+class Dominated(NamedTuple):
+    """Derivative of a constraint that one seed dominates [1 per unit of the variable]; `seed` counts from 0."""
+
+    constraint: str
+    variable: int
+    seed: int
+    mean: float
+    median: float
+
+
+def dominated_slopes(values: Values, span: np.ndarray, limit: float) -> list[Dominated]:
+    """Derivatives of constraints near their limit that one seed moves by more than a quarter of their size.
+
+        max_i |d_i - median(d)| / n > 0.25 max(|mean(d)|, |median(d)|)
+
+    A seed whose peak occurs as a rope becomes taut has such a derivative. Fewer than three seeds have no median.
+
+    Args:
+        span: range of each variable (p,); those with less than 5 % of a constraint's largest derivative are left out.
+    """
+    found = []
+    for name in (values.names[i] for i in active_constraints(values, limit)):
+        rows = values.by_seed.get(name, np.zeros((0, len(span))))[:, : len(span)]
+        if len(rows) < 3:
+            continue
+        mean, median = rows.mean(axis=0), np.median(rows, axis=0)
+        size, off = np.maximum(np.abs(mean), np.abs(median)), np.abs(rows - median)
+        seed = off.argmax(axis=0)
+        dominated = (off.max(axis=0) / len(rows) > 0.25 * size) & (size * span > 0.05 * np.max(size * span))
+        found += [
+            Dominated(name, int(k), int(seed[k]), float(mean[k]), float(median[k])) for k in np.flatnonzero(dominated)
+        ]
+    return found
+
+
+# Shadow prices of an optimum: the cost of its active constraints, and the distance of the design from an optimum.
+#
+# At an optimum the slope of the objective is balanced by active constraints and by bounds:
+#
+#     c + sum_j lambda_j J_j - mu_low + mu_high = 0,    all >= 0
+#
+# found by non-negative least squares over the variables that may still move, in units of their ranges. A linear
+# programme within a reach also has prices, but those of its corner. With fewer active constraints than variables the
+# reach itself balances the rest, and the prices are arbitrary.
+
+
+class Prices(NamedTuple):
+    """Decrease of the objective for a limit that is higher by 1, by constraint (m,), and the unbalanced fraction of the
+    objective's slope: 0 at an optimum."""
+
+    of: np.ndarray
+    left: float
+
+
+def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fixed: np.ndarray, limit: float) -> Prices:
+    """Prices at a design.
+
+    Args:
+        low, high: bounds (p,); fixed: variables on a size of their catalogue (p,), which stay there.
+        limit: upper limit of the constraints.
+    """
+    # fraction of a variable's range from a bound within which the bound counts as active
+    at_bound = 1e-3
+    from scipy.optimize import nnls  # noqa: PLC0415
+
+    p, span, free = len(x), high - low, ~fixed
+    cost, rows = values.slope[:p] * span, values.slopes[:, :p] * span
+    active = active_constraints(values, limit)
+    axes = np.eye(p)
+    walls = np.hstack([-axes[:, x - low <= at_bound * span], axes[:, high - x <= at_bound * span]])
+    of = np.zeros(len(values.value))
+    size = float(np.linalg.norm(cost[free]))
+    if size == 0.0:
+        return Prices(of, 0.0)
+    matrix = np.hstack([rows[active].T, walls])[free]
+    if not matrix.shape[1]:
+        return Prices(of, 1.0)
+    found, left = nnls(matrix, -cost[free])
+    of[active] = found[: len(active)]
+    return Prices(of, float(left) / size)

@@ -1,0 +1,112 @@
+"""Variables of a design: numbers of the scene with bounds and, where parts come in sizes, a catalogue.
+
+[[variable]]
+name = "leg"                    of [parameters] of the scene, or any path of it: "line_type.rope.diameter"
+low = 40.0
+high = 80.0
+catalogue = [50.0, 55.0, 60.0]  available sizes; the final design uses one of them
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from dropper_jax.base.errors import Check, SceneError, raises_first
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import DeclaredSection, Plain, ScenePath, plain, read_items, refuse
+from dropper_jax.load.scene import Scene
+
+
+@dataclasses.dataclass(frozen=True)
+class Variable(DeclaredSection):
+    """`[[variable]]`: one number of the scene that the optimiser may choose.
+
+    Attributes:
+        catalogue: in increasing order; empty if any value is allowed.
+        path: of the number in the scene; `value`: its start value.
+    """
+
+    name: str = option("name of the number: one of [parameters], or a path", type=str)
+    low: float = parameter("lower bound", unit="-")
+    high: float = parameter("upper bound", unit="-")
+    catalogue: tuple[float, ...] = parameter("available sizes", unit="-", shape="table", optional=True)
+    path: str = ""
+    value: float = np.nan
+
+    @classmethod
+    def of(cls, table: Plain, path: str, scene: Scene) -> Variable:
+        """A variable of a scene, checked."""
+        found = cls.read(table, path)
+        where = found.name if "." in found.name or scene.template is None else f"parameters.{found.name}"
+        try:
+            value = scene.value(where)
+        except SceneError as error:
+            raise SceneError(f"{path}.name: {error}") from None
+        found._check_value(path, value, scene, ScenePath(where))
+        sizes = () if found.catalogue is None else tuple(np.unique(found.catalogue).tolist())
+        return dataclasses.replace(found, path=where, value=float(value), catalogue=sizes)
+
+    @raises_first
+    def check(self, path: str) -> Iterator[Check]:
+        yield not self.low < self.high, f"{path}.high: {self.high} leaves an empty interval; allowed: > {self.low:g}"
+        if self.catalogue is not None:
+            nothing = "is empty; allowed: at least one size; or leave the key out"
+            yield len(self.catalogue) == 0, f"{path}.catalogue: [] {nothing}"
+            for i, size in enumerate(self.catalogue):
+                outside = f"is out of bounds; allowed: {self.low:g} to {self.high:g}"
+                yield not self.low <= size <= self.high, f"{path}.catalogue.{i}: {size} {outside}"
+
+    @raises_first
+    def _check_value(self, path: str, value: Plain, scene: Scene, where: ScenePath) -> Iterator[Check]:
+        """Check that the scene has such a number within the bounds."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        other = f"is {plain(value)!r}, no single number; allowed: paths of such numbers"
+        yield not number, f"{path}.name: {self.name!r} {other}"
+        if where.section == "parameters":
+            given = scene.template.table["parameters"][where.key]
+            follows = f"follows from others ({given}); allowed: parameters that are numbers"
+            yield isinstance(given, str), f"{path}.name: {self.name!r} {follows}"
+        outside = f"and high leave out the scene's {value:g}; allowed: bounds around it"
+        yield not self.low <= value <= self.high, f"{path}.low: {self.low} {outside}"
+
+    @property
+    def span(self) -> float:
+        return self.high - self.low
+
+    def sizes(self, value: float) -> tuple[float, ...]:
+        """Sizes next to a value, below and above it; the value itself without a catalogue."""
+        if not self.catalogue:
+            return (value,)
+        below = [x for x in self.catalogue if x <= value + 1e-9 * self.span]
+        above = [x for x in self.catalogue if x > value + 1e-9 * self.span]
+        return (*below[-1:], *above[:1])
+
+
+def read_variables(raw: Plain, scene: Scene) -> tuple[Variable, ...]:
+    """The `[[variable]]` tables of a site.
+
+    Raises:
+        SceneError: no table, an unknown number, an empty interval or one that excludes the start, sizes outside it, a
+            duplicate variable.
+    """
+    found = read_items(Variable.of, raw, "variable", scene)
+    if not found:
+        raise SceneError("variable: none is given; needed: one or more [[variable]] tables")
+    paths = [v.path for v in found]
+    for i, variable in enumerate(found):
+        if variable.path in paths[:i]:
+            raise refuse(f"variable.{i}.name", variable.name, "is a duplicate", "every variable once")
+    return found
+
+
+def bounds(variables: Sequence[Variable]) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper bounds (p,)."""
+    return np.array([v.low for v in variables]), np.array([v.high for v in variables])
+
+
+def with_design(scene: Scene, variables: Sequence[Variable], values: np.ndarray) -> Scene:
+    """The scene with the variables at these values (p,)."""
+    return scene.with_values({v.path: float(x) for v, x in zip(variables, values, strict=True)})

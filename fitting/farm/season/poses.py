@@ -1,0 +1,126 @@
+"""Equilibria of a month: with the floats' points fixed, for the required lift, and free on their floats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from dropper_jax.run.growth import fixed_point_loads, overgrown, wet_weights
+from dropper_jax.scene import whole_lines
+from dropper_jax.statics.static_pose import equilibrium
+from fitting.farm.site import Site
+
+#: Fields of a point that come from its floats, and that are removed without any.
+BODY = ("mass", "volume", "drag_area", "added_mass")
+
+
+class Water(NamedTuple):
+    """A state of the tide: level [m], speed of the current [m/s], None for that of the scene."""
+
+    level: float
+    speed: float | None
+
+
+def waters(site: Site) -> tuple[Water, ...]:
+    """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
+    own = site.season
+    levels = site.lists.kinds["levels"] if own.levels is None else own.levels
+    speeds = own.currents
+    if speeds is None:
+        speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
+    return tuple(Water(float(level), speed) for level in levels for speed in speeds)
+
+
+def scene_of(site: Site, month: str, water: Water, points: dict[str, dict[str, Any]]) -> Scene:
+    """The farm of a month at rest in the water: with mussels on its lines, and some points replaced."""
+    table = site.scene.as_written()
+    for line in table["line"]:
+        growth = site.growth[month].get(line.get("name"))
+        if growth is not None:
+            line["growth"] = dict(growth)
+    table["point"] = [points.get(point["name"], point) for point in table["point"]]
+    sea = {key: value for key, value in table["sea"].items() if key not in ("waves", "wave_current", "ramp")}
+    sea["level"] = {"offset": water.level}
+    if water.speed is not None:
+        own = {key: value for key, value in sea.get("current", {}).items() if key not in CHANGING}
+        heading = site.lists.current_direction
+        more = {} if heading is None else {"direction": float(np.radians(heading))}
+        sea["current"] = {**own, "speed": water.speed, **more}
+    table["sea"] = sea
+    return overgrown(Scene.from_dict(table, site.scene.name))
+
+
+#: Fields that make a current change in time: a state of the tide has one speed.
+CHANGING = ("time", "factor", "amplitude", "period", "phase")
+
+
+def bare_points(site: Site, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The points as specified, without the fields that floats give them."""
+    points = {point["name"]: point for point in site.scene.as_written()["point"]}
+    return {name: {k: v for k, v in points[name].items() if k not in BODY} for name in names}
+
+
+def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:
+    """Downward force of the lines on each float point (points,) [N] at its position in the scene, and the weight in
+    water [N] of each line.
+
+    Raises:
+        SceneError: no equilibrium found.
+    """
+    held = {name: {**point, "kind": "fixed"} for name, point in bare_points(site, names).items()}
+    scene = scene_of(site, month, water, held)
+    pose = equilibrium(build_model(scene))
+    if pose.status != "ok":
+        raise SceneError(f"season: {month}, level {water.level:+g} m: no equilibrium: {pose.message}")
+    loads = fixed_point_loads(scene, pose.positions, pose.tension)
+    wet = wet_weights(scene)
+    by_line = {line.name: float(wet[line.links].sum()) for line in whole_lines(scene)}
+    return np.array([-loads[name][2] for name in names]), by_line
+
+
+def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> dict[str, Any]:
+    """The equilibrium on its floats: depths [m] of the backbone below the level, status.
+
+    Returns:
+        {level_m, speed_m_per_s, status, shallowest_m, deepest_m}: of the lines of `[backbone]`, otherwise the points.
+    """
+    points = bare_points(site, list(floats))
+    for name, count in floats.items():
+        points[name] |= _body(site, count)
+    scene = scene_of(site, month, water, points)
+    pose = equilibrium(build_model(scene))
+    z = pose.positions[:, 2]
+    lines = whole_lines(scene)
+    if site.backbone is not None:
+        own = set(site.matching(site.backbone.lines))
+        height = np.concatenate([z[line.nodes] for line in lines if line.name in own])
+    else:
+        height = np.array([z[line.nodes[stop]] for line in lines for stop, at in line.stops.items() if at in floats])
+    below = water.level - height
+    return {
+        "level_m": water.level,
+        "speed_m_per_s": water.speed,
+        "status": pose.status,
+        "shallowest_m": float(below.min()),
+        "deepest_m": float(below.max()),
+    }
+
+
+def _body(site: Site, count: int) -> dict[str, Any]:
+    """Mass, volume, drag and added mass of the floats at a point."""
+    if not count:
+        return {}
+    own = site.season
+    frontal = 0.25 * np.pi * (6.0 * own.volume / np.pi) ** (2.0 / 3.0)
+    # coefficients of a sphere, as for floats of scenes
+    return {
+        "mass": count * own.density * own.volume,
+        "volume": count * own.volume,
+        "drag_area": count * 0.5 * float(frontal),
+        "added_mass": 0.5,
+    }

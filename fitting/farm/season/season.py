@@ -1,0 +1,310 @@
+"""The season month by month: required lift, schedule of floats, resulting geometry of the farm, and its report."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.markdown import table
+from dropper_jax.base.toml_text import jsonable
+from dropper_jax.load.library import FAMILIES, PREFIX
+from dropper_jax.plots import style
+from fitting.farm.season.poses import Water, floating, needs, waters
+from fitting.farm.site import Site
+from fitting.farm.site.case import match_names, short
+
+
+def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
+    """Number of installed floats in every month.
+
+    Of all plans within the bounds, those with the fewest months of change are selected, then those that move the fewest
+    floats, and finally the one with the fewest floats. The search goes month by month over numbers that are a bound of
+    some month: a change to any other number can be shifted to one of these without another visit or float.
+
+    Args:
+        low, high: minimum and maximum floats of each month; where low is above high, low is used.
+        start: floats before the first month; their first change is a visit too. None: they are newly installed.
+    """
+    spans = [(lo, max(lo, hi)) for lo, hi in zip(low, high, strict=True)]
+    numbers = sorted({n for span in spans for n in span} | ({start} if start is not None else set()))
+    best: dict[int | None, tuple[int, int, list[int]]] = {start: (0, 0, [])}
+    for lo, hi in spans:
+        best = {
+            n: min(
+                (visits + (before not in (None, n)), moved + (abs(n - before) if before is not None else 0), [*plan, n])
+                for before, (visits, moved, plan) in best.items()
+            )
+            for n in numbers
+            if lo <= n <= hi
+        }
+    return min(best.values(), key=lambda found: (*found[:2], found[2][-1:]))[2]
+
+
+def spread(count: int, need: Sequence[float]) -> list[int]:
+    """Floats distributed over points in proportion to their needs, as whole numbers by largest remainders."""
+    total = sum(max(x, 0.0) for x in need)
+    share = [count * max(x, 0.0) / total if total > 0.0 else count / len(need) for x in need]
+    found = [int(x) for x in share]
+    order = sorted(range(len(need)), key=lambda i: found[i] - share[i])
+    for i in order[: count - sum(found)]:
+        found[i] += 1
+    return found
+
+
+def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
+    """The season of a site with `[season]` and `[[growth]]`.
+
+    Bounds come from the force on the fixed points. The schedule is then checked by free equilibria at every state of
+    the tide. If the backbone leaves its depths, the bounds are tightened by a float for each row and tried again.
+
+    Returns:
+        {points, lift_n, months: [{month, wet_weight_n, need_n, least, most, floats, change, by_point, poses, sinking_m,
+        lifting_m, holds}], visits, handled, holds, flags}.
+
+    Raises:
+        SceneError: no `[season]`, no months, a float without lift, or no equilibrium.
+    """
+    if site.season is None:
+        raise SceneError("season: missing; needed: [season] with `points` and `volume`")
+    if not site.growth:
+        raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
+    names = list(match_names(site.season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
+    lift = _lift(site)
+    say, all_waters = progress or silent, waters(site)
+    months, rows = list(site.growth), []
+    # at the scene's water level, for which its points are placed: floats at the surface follow the tide, others stay
+    held = [Water(0.0, speed) for speed in dict.fromkeys(water.speed for water in all_waters)]
+    for i, month in enumerate(months):
+        pulls = []
+        for j, water in enumerate(held):
+            say(0.5 * (i + j / len(held)) / len(months), f"{month}: lift required of the floats")
+            force, weights = needs(site, month, water, names)
+            pulls.append(force)
+        rows.append(_month(site, month, weights, np.array(pulls), lift))
+    low, high = [row["least"] for row in rows], [row["most"] for row in rows]
+    known: dict[tuple[str, int], list[dict[str, Any]]] = {}
+    # bounds are tightened at most four times
+    for _ in range(4):
+        plan = schedule(low, high, site.season.start)
+        again = False
+        for i, (row, count) in enumerate(zip(rows, plan, strict=True)):
+            say(0.5 + 0.5 * i / len(rows), f"{row['month']}: equilibria, floats: {count}")
+            row |= _lying(site, row, names, count, all_waters, known)
+            if row["sinking_m"] is not None and row["sinking_m"] < 0.0 and low[i] <= high[i]:
+                low[i], again = max(low[i], count + 1), True
+            elif row["lifting_m"] is not None and row["lifting_m"] < 0.0 and low[i] < high[i]:
+                high[i], again = min(high[i], count - 1), True
+        if not again:
+            break
+    return _season_table(site, names, lift, rows)
+
+
+def _lift(site: Site) -> float:
+    sea, own = site.scene.sea, site.season
+    lift = sea.gravity * own.volume * (sea.density - own.density)
+    if lift <= 0.0:
+        raise SceneError(
+            f"season.density: {own.density:g} kg/m^3 does not lift; allowed: below the water's {sea.density:g} kg/m^3"
+        )
+    return lift
+
+
+def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> dict[str, Any]:
+    """Weights and bounds of a month; forces on the points (waters, points) [N]."""
+    total = pulls.sum(axis=1)
+    own = site.season
+    most = math.floor(max(total.min(), 0.0) / (own.least_share * lift) + 1e-9) if own.least_share > 0.0 else 10**6
+    return {
+        "month": month,
+        "wet_weight_n": sum(weights.values()),
+        "mussels_wet_n": sum(weights[name] for name in site.growth[month]),
+        "need_n": float(total.max()),
+        "least_need_n": float(total.min()),
+        "need_by_point_n": pulls.max(axis=0),
+        "least": math.ceil(own.reserve * max(total.max(), 0.0) / lift - 1e-9),
+        "most": most,
+    }
+
+
+def _lying(
+    site: Site, row: dict[str, Any], names: list[str], count: int, all_waters: tuple[Water, ...], cache: dict[Any, Any]
+) -> dict[str, Any]:
+    """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
+    floats = dict(zip(names, spread(count, row["need_by_point_n"]), strict=True))
+    key = (row["month"], count)
+    if key not in cache:
+        cache[key] = [floating(site, row["month"], water, floats) for water in all_waters]
+    poses = cache[key]
+    deepest, shallowest = max(p["deepest_m"] for p in poses), min(p["shallowest_m"] for p in poses)
+    own = site.backbone
+    sinking = None if own is None or own.deepest is None else own.deepest - deepest
+    lifting = None if own is None or own.shallowest is None else shallowest - own.shallowest
+    inside = all(margin is None or margin >= 0.0 for margin in (sinking, lifting))
+    return {
+        "floats": count,
+        "by_point": floats,
+        "poses": poses,
+        "deepest_m": deepest,
+        "shallowest_m": shallowest,
+        "sinking_m": sinking,
+        "lifting_m": lifting,
+        "holds": inside and all(p["status"] == "ok" for p in poses) and row["least"] <= count <= row["most"],
+    }
+
+
+def _season_table(site: Site, names: list[str], lift: float, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    before = site.season.start
+    for row in rows:
+        row["change"] = 0 if before is None else row["floats"] - before
+        row["reserve"] = row["floats"] * lift / row["need_n"] if row["need_n"] > 0.0 else None
+        before = row["floats"]
+    return {
+        "schema": 1,
+        "status": "ok",
+        "site": site.name,
+        "scene": site.scene.name,
+        "points": names,
+        "lift_n": lift,
+        "wanted_reserve": site.season.reserve,
+        "least_share": site.season.least_share,
+        "months": rows,
+        "visits": sum(row["change"] != 0 for row in rows),
+        "handled": sum(abs(row["change"]) for row in rows),
+        "holds": all(row["holds"] for row in rows),
+        "flags": [*double_crops(site), *(flag for row in rows for flag in _flags(row))],
+    }
+
+
+def double_crops(site: Site) -> list[str]:
+    """A line about lines with mussels of `[[growth]]` whose type is a crop of the library already; none without any."""
+    crops = tuple(f"{PREFIX}{name}-" for name, kind in FAMILIES.items() if kind.spread)
+    types = {
+        line["name"]: [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
+        for line in site.scene.as_written()["line"]
+    }
+    grown = dict.fromkeys(name for lines in site.growth.values() for name in lines)
+    both = [name for name in grown if any(kind.startswith(crops) for kind in types.get(name, ()))]
+    if not both:
+        return []
+    return [
+        f"{short(both)}: mussels of [[growth]] are added to a crop of the library, so floats carry both. Use a bare "
+        "rope as type of these lines"
+    ]
+
+
+def _flags(row: dict[str, Any]) -> list[str]:
+    month, flags = row["month"], []
+    if row["least"] > row["most"]:
+        flags.append(
+            f"{month}: the reserve needs floats: {row['least']}, and `least_share` allows {row['most']} at most. Use "
+            "smaller floats (volume), a smaller reserve or a smaller least_share"
+        )
+    bad = [pose for pose in row["poses"] if pose["status"] != "ok"]
+    if bad:
+        flags.append(f"{month}: no equilibrium at level {bad[0]['level_m']:+g} m: its depths are unknown")
+    for key, what in (("sinking_m", "too deep"), ("lifting_m", "too high")):
+        if row[key] is not None and row[key] < 0.0:
+            flags.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} (floats: {row['floats']})")
+    return flags
+
+
+# The report of a season: a Markdown page with a picture, a CSV file of the months, and plain values
+
+COLUMNS = (
+    *("month", "wet_weight_n", "mussels_wet_n", "need_n", "least_need_n", "least", "most", "floats", "change"),
+    *("reserve", "deepest_m", "shallowest_m", "sinking_m", "lifting_m", "holds"),
+)
+
+
+def write_season(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
+    """Write season.md, season.csv, season.json and season.png into a folder; returns their paths by name."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return {
+        "picture": draw(found, folder / "season.png"),
+        "csv": atomic_write(folder / "season.csv", _csv(found)),
+        "json": atomic_write(folder / "season.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"),
+        "page": atomic_write(folder / "season.md", page(found)),
+    }
+
+
+def page(found: dict[str, Any]) -> str:
+    """The page's text."""
+    verdict = "The schedule holds in every month." if found["holds"] else "The schedule does not hold: see below."
+    rows = [
+        [
+            row["month"],
+            f"{row['wet_weight_n']:.0f}",
+            f"{row['need_n']:.0f}",
+            f"{row['least']} to {row['most']}",
+            str(row["floats"]),
+            f"{row['change']:+d}" if row["change"] else "-",
+            "-" if row["reserve"] is None else f"{row['reserve']:.2f}",
+            f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
+            _margin(row["sinking_m"]),
+            _margin(row["lifting_m"]),
+        ]
+        for row in found["months"]
+    ]
+    head = ["month", "wet weight [N]", "to carry [N]", "allowed", "floats", "change", "reserve", "backbone [m]"]
+    parts = [
+        f"# Season: {found['site']}",
+        f"{verdict} Visits: {found['visits']}, floats moved: {found['handled']}. A float lifts "
+        f"{found['lift_n']:.0f} N. The required reserve is {found['wanted_reserve']:g}, and floats carry at least "
+        f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
+        "and currents.",
+        "\n".join(f"- {flag}" for flag in found["flags"]),
+        table([*head, "to sinking [m]", "to lifting [m]"], rows),
+        "![Floats and their bounds](season.png)",
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _margin(value: float | None) -> str:
+    return "no limit" if value is None else f"{value:+.2f}"
+
+
+def _csv(found: dict[str, Any]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows(found["months"])
+    return text.getvalue()
+
+
+@style.plot_style()
+def draw(found: dict[str, Any], path: Path) -> Path:
+    """Floats of each month between their bounds, and the depths of the backbone."""
+    months = found["months"]
+    at = range(len(months))
+    figure = style.new_figure(7.5, 4.6)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    most = max(max(row["floats"], row["least"]) for row in months)
+    top = [max(row["least"], min(row["most"], int(1.5 * most) + 1)) for row in months]
+    upper.fill_between(at, [row["least"] for row in months], top, step="mid", color="#E3E5E8", label="allowed")
+    upper.step(at, [row["floats"] for row in months], where="mid", color=style.FIRST, lw=2, label="floats")
+    upper.set(ylabel="floats", ylim=(0.0, None))
+    upper.locator_params(axis="y", integer=True)
+    upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    for key, margin, sign, colour in (
+        ("shallowest_m", "lifting_m", -1, style.CYCLE[5]),
+        ("deepest_m", "sinking_m", 1, style.DARK),
+    ):
+        lower.plot(at, [row[key] for row in months], "o-", ms=3.5, color=colour, label=key.removesuffix("_m"))
+        if months[0][margin] is not None:
+            lower.axhline(months[0][key] + sign * months[0][margin], color=colour, lw=1, ls="--", label="its limit")
+    lower.invert_yaxis()
+    # half a name of a month on either side
+    lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
+    lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+    lower.set_xticks(list(at), [row["month"] for row in months], rotation=30 if len(months) > 6 else 0)
+    return style.save(figure, path)

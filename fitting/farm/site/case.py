@@ -1,0 +1,265 @@
+"""Parts, anchors and load cases of a site: the combinations, and the change of the scene by each."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterable, Sequence
+from fnmatch import fnmatchcase
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import refuse
+from dropper_jax.load.scene import Scene
+from dropper_jax.scene import LineSpec, whole_lines
+from fitting.farm.site.case_lists import CASE_KINDS
+from fitting.farm.site.sections import AnchorTable, Curve, Factors, SeaState
+
+
+@dataclasses.dataclass(frozen=True)
+class Part:
+    """Lines of one kind.
+
+    Attributes:
+        name: in reports.
+        lines: names of its lines, as specified in the scene.
+        capacity: (lines,) [N] breaking load; the minimum if the links of a line differ.
+        factor: on its loads by kind of state, `intact` and `broken`; None for a state without cases.
+        curve: its fatigue curve, or None.
+        of_scene: whether the capacity is the breaking load of the scene's lines, and so follows its parameters.
+        factors: the factors with source, edition and clause.
+    """
+
+    name: str
+    lines: tuple[str, ...]
+    capacity: np.ndarray
+    factor: dict[str, float | None]
+    curve: Curve | None
+    of_scene: bool = False
+    factors: Factors = dataclasses.field(default_factory=Factors)
+
+
+@dataclasses.dataclass(frozen=True)
+class Anchor:
+    """Fixed points of one kind, with their anchors and the factors on their loads."""
+
+    name: str
+    points: tuple[str, ...]
+    table: AnchorTable
+    factor: dict[str, float | None]
+
+    def utilisation(self, horizontal: np.ndarray, upward: np.ndarray) -> np.ndarray:
+        """Ratio of load to capacity (...), without a factor, for horizontal and upward loads (...) [N]."""
+        return self.table.utilisation(horizontal, upward)
+
+
+def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: str = "line") -> tuple[str, ...]:
+    """Names that match any of the patterns, in order.
+
+    Raises:
+        SceneError: a pattern without a match (with the nearest name).
+    """
+    found = set()
+    for pattern in patterns:
+        own = [name for name in names if fnmatchcase(name, pattern)]
+        if not own:
+            hint = nearest(pattern, names)
+            known = f"known: {short(names)}" if hint.startswith("known:") else hint
+            raise SceneError(f"{path}: {pattern!r} matches no {what}; {known}")
+        found.update(own)
+    return tuple(name for name in names if name in found)
+
+
+def short(names: Sequence[str]) -> str:
+    """The first names of a long list."""
+    # maximum number of names in an error message
+    most_names = 6
+    names = list(names)
+    more = f", ... ({len(names)} in total)" if len(names) > most_names else ""
+    return (", ".join(names[:most_names]) or "none") + more
+
+
+def refuse_overlap(groups: Sequence[tuple[str, Sequence[str]]], what: str) -> None:
+    """Reject a name that belongs to two groups; groups are (path, names)."""
+    owner: dict[str, str] = {}
+    for path, names in groups:
+        for name in names:
+            if name in owner:
+                raise SceneError(f"{path}: {what} {name!r} already belongs to {owner[name]}; allowed: one of the two")
+            owner[name] = path
+
+
+INTACT, BROKEN = "intact", "broken"
+#: Time [s] of breaks that belong to other cases: their entries stay in the one compiled program.
+NEVER = 1e9
+#: Fields of a current that cases keep: its profile over depth, but not its change in time.
+PROFILE = ("kind", "exponent", "reference", "veer")
+
+
+@dataclasses.dataclass(frozen=True)
+class Break:
+    """A state with a broken line: its label, the line (or piece of one) and link that breaks, and its `[[failure]]`."""
+
+    name: str
+    line: str
+    link: int
+    entry: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Storm:
+    """A load case without its seed.
+
+    Attributes:
+        number: from 0.
+        direction: of the waves [rad]; `kinds`: a value for each of `CASE_KINDS`.
+        current: table of `[sea.current]`, None for that of the scene.
+        current_name, month, state: names; month None for the bare scene, state `intact` or the broken line.
+        crop: which values of `[crop]`; None for those of the scene.
+        periods: return periods of waves and current, as texts; None where they are not given.
+    """
+
+    number: int
+    sea_state: SeaState
+    direction: float
+    current: dict[str, Any] | None
+    current_name: str | None
+    kinds: tuple[float, ...]
+    month: str | None
+    broken: Break | None
+    crop: str | None = None
+    periods: tuple[str | None, str | None] = (None, None)
+
+    @property
+    def level(self) -> float:
+        """Of the tide [m]."""
+        return self.kinds[list(CASE_KINDS).index("levels")]
+
+    @property
+    def state(self) -> str:
+        return INTACT if self.broken is None else self.broken.name
+
+    @property
+    def kind(self) -> str:
+        """`intact` or `broken`: selects the factor."""
+        return INTACT if self.broken is None else BROKEN
+
+    @property
+    def still(self) -> tuple[Any, ...]:
+        """The values that the equilibrium depends on."""
+        heading = None if self.current is None else self.current["direction"]
+        return self.current_name, heading, *self.kinds, self.month, self.crop
+
+    @property
+    def name(self) -> str:
+        """A short label."""
+        parts = [self.sea_state.name, f"{np.degrees(self.direction):g} deg", self.current_name]
+        parts += [kind.label(value) for kind, value in zip(CASE_KINDS.values(), self.kinds, strict=True)]
+        parts += [self.month, self.crop and f"crop {self.crop}"]
+        return ", ".join(p for p in [*parts, None if self.broken is None else f"{self.state} broken"] if p)
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A run: a load case with a seed."""
+
+    storm: Storm
+    seed: int
+
+
+def storms(site: Any) -> tuple[Storm, ...]:
+    """All load cases of a site, with a standard those of its return periods; states vary fastest, sea states slowest.
+
+    Raises:
+        SceneError: a pair of return periods without a sea state or a current.
+    """
+    lists, standard = site.lists, site.lists.standard
+    combined = [
+        Storm(
+            0,
+            sea,
+            way,
+            *_current(site, current, way),
+            kinds,
+            month,
+            state,
+            crop,
+            (sea.return_period, (current or {}).get("return_period")),
+        )
+        for sea, way, current, kinds, month, crop, state in itertools.product(
+            site.sea_states,
+            np.radians(lists.directions).tolist(),
+            lists.currents or (None,),
+            itertools.product(*lists.kinds.values()),
+            lists.months or (None,),
+            lists.crops or tuple(site.crop) or (None,),
+            site.states,
+        )
+    ]
+    if standard is not None:
+        for waves, current in standard["pairs"]:
+            if (waves, current) not in {storm.periods for storm in combined}:
+                raise SceneError(
+                    f"cases.pairs: waves of {waves}, current of {current} years: missing; needed: a [[sea_state]] and "
+                    "a current with these, each as `return_period`"
+                )
+        combined = [storm for storm in combined if list(storm.periods) in standard["pairs"]]
+    return tuple(dataclasses.replace(storm, number=i) for i, storm in enumerate(combined))
+
+
+def _current(site: Any, given: dict[str, Any] | None, direction: float) -> tuple[dict[str, Any] | None, str | None]:
+    """Table of a case's current and its name."""
+    if given is None:
+        return None, None
+    heading = site.lists.current_direction
+    own = site.scene.sea.current
+    profile = {} if own is None else {k: v for k, v in own.table().items() if k in PROFILE}
+    table = {
+        **(profile if "kind" not in given else {}),
+        **{k: v for k, v in given.items() if k not in ("name", "return_period")},
+    }
+    table.setdefault("direction", direction if heading is None else float(np.radians(heading)))
+    return table, given["name"]
+
+
+def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | None, ...]:
+    """States of `[cases]`: None for intact, otherwise the broken line; patterns give one state for each of their lines.
+
+    Raises:
+        SceneError: an unknown line or link, or a duplicate state.
+    """
+    lines = {line.name: line for line in whole_lines(scene)}
+    found: list[Break | None] = []
+    for i, state in enumerate(states):
+        if state == INTACT:
+            found.append(None)
+            continue
+        pattern, colon, link = state.partition(":")
+        if colon and not link.isdecimal():
+            raise refuse(f"{path}.{i}", state, "has no link number after its colon", "LINE or LINE:LINK, links from 1")
+        for name in match_names([pattern], list(lines), f"{path}.{i}"):
+            entry = len(scene.failures) + sum(item is not None for item in found)
+            found.append(Break(name, *_locate_link(scene, name, int(link) if link else None, f"{path}.{i}"), entry))
+    names = [INTACT if item is None else item.name for item in found]
+    for name in names:
+        if names.count(name) > 1:
+            raise refuse(path, name, "is given twice", "every state once")
+    return tuple(found)
+
+
+def _locate_link(scene: Scene, name: str, link: int | None, path: str) -> tuple[str, int]:
+    """Line or piece and link (from 1) of a link of a whole line; the middle link if none is given."""
+    pieces: list[LineSpec] = [line for line in scene.lines if name in (line.name, line.piece_of)]
+    total = sum(line.links for line in pieces)
+    at = total // 2 + 1 if link is None else link
+    if not 1 <= at <= total:
+        raise refuse(path, f"{name}:{link}", "is not a link of it", f"{name}:1 to {name}:{total}")
+    for line in pieces:
+        if at <= line.links:
+            break
+        at -= line.links
+    if line.rigid:
+        raise SceneError(f"{path}: the links of {name!r} are rigid and do not break. Use a line that stretches")
+    return line.name, at

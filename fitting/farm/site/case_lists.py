@@ -1,0 +1,138 @@
+"""`[cases]` of a site: lists of values that load cases combine, and pairs of return periods of a standard."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar, Protocol, Self
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.read import Plain, plain, read_list, read_number, read_parameter, read_table, read_text, refuse
+from fitting.farm.site.sections import Section, read_years, standards
+
+
+class CaseKind(Protocol):
+    """A list of numbers in `[cases]`: every load case takes one of them, which changes the scene at rest."""
+
+    #: The declared numbers, and their column in a report.
+    values: ClassVar[Any]
+    column: ClassVar[str]
+
+    @staticmethod
+    def changes(value: float) -> dict[str, Any]:
+        """Values of the scene by path."""
+
+    @staticmethod
+    def label(value: float) -> str | None:
+        """Its part of the name of a load case; None to omit it."""
+
+
+class Levels(CaseKind):
+    """Levels of the tide."""
+
+    values = parameter("of the tide", unit="m", shape="table", default=(0.0,))
+    column = "level_m"
+
+    @staticmethod
+    def changes(value: float) -> dict[str, Any]:
+        return {"sea.level": {"offset": value}}
+
+    @staticmethod
+    def label(value: float) -> str | None:
+        return f"level {value:+g} m" if value else None
+
+
+#: Kinds of load cases by their key in `[cases]`.
+CASE_KINDS: dict[str, type[CaseKind]] = {"levels": Levels}
+
+
+@dataclasses.dataclass(frozen=True)
+class CaseLists(Section):
+    """`[cases]`: values to be combined."""
+
+    PATTERNS = ("states", "months", "crops")
+
+    directions: Any = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
+    currents: tuple[dict[str, Any], ...] = ()
+    current_direction: float | None = None
+    kinds: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    months: tuple[str, ...] = option("months of [[growth]]", type=list, default=())
+    states: tuple[str, ...] = option("intact, and lines that break", type=list, default=("intact",))
+    break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, optional=True)
+    crops: tuple[str, ...] = option("values of [crop]", type=list, default=())
+    standard: dict[str, Any] | None = None
+
+    @classmethod
+    def read(cls, table: Plain, path: str) -> Self:
+        """A checked section; currents become tables with `name`; those without `direction` use the common one."""
+        own = dict(read_table(table, path))
+        standard = _case_standard(own, path)
+        currents = own.pop("currents", [])
+        heading = own.pop("current_direction", "waves")
+        if heading == "waves":
+            heading = None
+        else:
+            heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, "'waves', or a number in deg")
+        kinds = {
+            key: read_parameter(own.pop(key, kind.values.default), f"{path}.{key}", kind.values.metadata, {}).tolist()
+            for key, kind in CASE_KINDS.items()
+        }
+        found = super().read(own, path)
+        numbers = {"directions": [float(x) for x in found.directions], **kinds}
+        for key, values in {**numbers, "states": found.states}.items():
+            if len(values) == 0:
+                raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
+        for key, values in numbers.items():
+            if len(set(values)) < len(values):
+                raise refuse(f"{path}.{key}", values, "has a duplicate value", "every value once")
+        allowed = "a list of speeds [m/s], or of tables as [sea.current]"
+        currents = read_list(currents, f"{path}.currents", None, allowed)
+        tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(currents)]
+        names = [item["name"] for item in tables]
+        if len(set(names)) < len(names):
+            raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
+        return dataclasses.replace(
+            found, currents=tuple(tables), current_direction=heading, kinds=kinds, standard=standard
+        )
+
+
+def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
+    """Pairs of return periods, taken out of `[cases]`: those of a standard, or the site's `pairs`; None without any."""
+    name, given = table.pop("standard", None), table.pop("pairs", None)
+    if name is None and given is None:
+        return None
+    known = standards("cases")
+    found: dict[str, Any] = {
+        "broken": False,
+        "source": "",
+        "edition": "-",
+        "clause": "-",
+        "checked": "to be checked by you",
+    }
+    if name is not None:
+        found |= known[read_text(name, f"{path}.standard", known)]
+    if given is not None:
+        given = read_list(given, f"{path}.pairs", None, "pairs of return periods of waves and current [years]")
+        rows = [read_list(row, f"{path}.pairs.{i}", 2, "[waves, current]") for i, row in enumerate(given)]
+        found["pairs"] = [[read_years(x, f"{path}.pairs.{i}") for x in row] for i, row in enumerate(rows)]
+        found["source"] = "; ".join(filter(None, (found["source"], "pairs: given for this site")))
+    if not found.get("pairs"):
+        raise SceneError(
+            f"{path}.standard: the return periods of {name!r} are not known here. Use `pairs` with those of waves and "
+            "current, such as [[50, 10], [10, 50]]"
+        )
+    return {"name": name, **found}
+
+
+def _current(item: Plain, path: str) -> dict[str, Any]:
+    """A current as a table with a name; a number is its speed."""
+    if not isinstance(item, Mapping):
+        speed = read_number(item, path, {"low": 0.0, "unit": "m/s"}, "a speed >= 0 m/s, or a table as [sea.current]")
+        return {"name": f"{speed:g} m/s", "speed": speed}
+    found: dict[str, Any] = dict(plain(item))
+    speed = found.get("speed")
+    own = f"{speed:g} m/s" if isinstance(speed, int | float) else "given"
+    if "return_period" in found:
+        found["return_period"] = read_years(found["return_period"], f"{path}.return_period")
+    return {**found, "name": read_text(found.get("name", own), f"{path}.name")}

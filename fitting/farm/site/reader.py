@@ -1,0 +1,344 @@
+"""SITE.toml: read and checked against its scene; invalid input is rejected in one line."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
+from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.arrays import bare_model
+from dropper_jax.run.growth import overgrown
+from dropper_jax.run.quantities import PERIOD, quantity
+from dropper_jax.scene import whole_lines
+from dropper_jax.sea.make import make_sea
+from dropper_jax.sea.spec import SeaSpec
+from fitting.farm.site.case import Anchor, Part, breaks, match_names, refuse_overlap, short
+from fitting.farm.site.case_lists import CaseLists
+from fitting.farm.site.sections import (
+    AnchorTable,
+    Backbone,
+    Curve,
+    Exclusion,
+    Factors,
+    GrowthTable,
+    PartTable,
+    RunValues,
+    SeasonValues,
+    SeaState,
+)
+from fitting.farm.site.site import Site
+
+#: Sections that are read here, and those that other modules read.
+SITE_KEYS = (
+    *("name", "description", "scene", "unchecked", "parameters", "set", "run", "sea_state", "cases"),
+    *("growth", "crop", "factors", "part", "anchor", "exclusion", "backbone", "season", "quantities"),
+)
+#: Values of a number of `[crop]`, in order.
+CROP_LEVELS = ("low", "expected", "high")
+PASSED = ("variable", "objective", "constraint", "optimise")
+
+
+def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None = None) -> Site:
+    """The site of a TOML file, of a packaged name, or of plain values.
+
+    Args:
+        folder: first folder to search for the scene's file; default: the site's own.
+
+    Raises:
+        SceneError: one line with the section, the value and the allowed range.
+    """
+    file = None if isinstance(source, Mapping) else Path(source)
+    table = read_table(source if file is None else parse_toml(site_text(file), str(file)), "site")
+    if "line" in table:
+        raise SceneError(
+            "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"
+        )
+    check_keys(table, (*SITE_KEYS, *PASSED), "")
+    scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
+    if scene.sea is None:
+        raise SceneError(f"scene: {scene.name!r} has no [sea]. Use a scene with water")
+    lines = tuple(line.name for line in whole_lines(scene))
+    run = RunValues.read(table.get("run", {}), "run")
+    lists = CaseLists.read(table.get("cases", {}), "cases")
+    states = tuple(SeaState.read(item, f"sea_state.{i}") for i, item in _items(table, "sea_state"))
+    if not states:
+        raise SceneError("sea_state: missing; needed: one or more [[sea_state]] tables")
+    _unique("sea_state", [state.name for state in states])
+    broken = breaks(scene, lists.states, "cases.states")
+    kinds = {"intact" if state is None else "broken" for state in broken}
+    _check_times(run, lists, "broken" in kinds)
+    factors = Factors.read(table.get("factors", {}), "factors")
+    growth = _growth(table, lines)
+    crop = _crop(table)
+    for path, names, known in (("cases.months", lists.months, growth), ("cases.crops", lists.crops, crop)):
+        for i, name in enumerate(names):
+            read_text(name, f"{path}.{i}", known)
+        _unique(path, names)
+    unchecked = table.get("unchecked", [])
+    unchecked = [unchecked] if isinstance(unchecked, str) else read_list(unchecked, "unchecked", None, "patterns")
+    kinds_of_section = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
+    sections: dict[str, Any] = {
+        name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table
+    }
+    for name in sorted(sections.keys() & {"exclusion", "backbone"}):
+        match_names(sections[name].lines, lines, f"{name}.lines")
+    if "season" in sections:
+        free = [point.name for point in scene.points if point.is_free]
+        match_names(sections["season"].points, free, "season.points", "free point")
+    site = Site(
+        name=read_text(table.get("name", scene.name if file is None else file.stem), "name"),
+        description=read_text(table.get("description", ""), "description"),
+        scene=scene,
+        run=run,
+        sea_states=states,
+        lists=lists,
+        growth=growth,
+        crop=crop,
+        states=broken,
+        factors=factors,
+        parts=_parts(table, scene, lines, factors, kinds, unchecked),
+        anchors=_anchors(table, scene, factors, kinds),
+        quantities=_quantities(table, scene),
+        raw={key: plain(table[key]) for key in PASSED if key in table},
+        table=plain(dict(table)),
+        file=file,
+        **sections,
+    )
+    _check_currents(site)
+    check_breaking(site)
+    site.prepared()
+    return site
+
+
+def _quantities(table: Plain, scene: Scene) -> tuple[str, ...]:
+    """Names of the quantities to report, checked with the model of the scene."""
+    names = [read_text(x, "quantities") for x in read_list(table.get("quantities", []), "quantities", None, "names")]
+    if names:
+        model = bare_model(overgrown(scene))
+        for name in names:
+            if quantity(name, model, "quantities").signal == PERIOD:
+                raise SceneError(f"quantities: {name!r} belongs to the static pose. Use `dropper modes`")
+    _unique("quantities", names)
+    return tuple(names)
+
+
+def packaged_sites() -> dict[str, Traversable]:
+    """Files of the packaged sites by name."""
+    items = (resources.files("dropper_jax") / "data" / "sites").iterdir()
+    return {item.name.removesuffix(".toml"): item for item in items if item.name.endswith(".toml")}
+
+
+def site_text(source: str | Path) -> bytes:
+    """The text of a site's file, or of a packaged site.
+
+    Raises:
+        SceneError: neither a file nor a packaged site has this name.
+    """
+    file, packaged = Path(source), packaged_sites()
+    if str(source) in packaged and not file.exists():
+        return packaged[str(source)].read_bytes()
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        hint = "see `dropper cases small-longline --print`" if file.suffix else nearest(str(source), packaged)
+        raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}; {hint}") from None
+
+
+def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
+    """The scene with the values of `[parameters]` and `[set]`."""
+    if "scene" not in table:
+        raise SceneError("scene: missing; needed: a scene's file in this folder, or the name of a packaged scene")
+    source: Any = table["scene"]
+    if isinstance(source, Mapping):
+        scene = Scene.from_dict(source)
+    else:
+        source = read_text(source, "scene")
+        if not is_packaged(source) and (folder / source).exists():
+            source = folder / source
+        scene = Scene.from_dict(*find_scene(source))
+    values = {f"parameters.{key}": value for key, value in _table(table, "parameters").items()}
+    values |= _flat(_table(table, "set"))
+    return scene.with_values(values) if values else scene
+
+
+def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    return read_table(table.get(key, {}), key)
+
+
+def _flat(table: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """Values by path, `sea.depth = 25` with or without quotes; waves and currents are set as whole tables."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        inner = f"{path}.{key}" if path else key
+        whole = inner in ("sea.waves", "sea.current", "sea.level")
+        found |= _flat(value, inner) if isinstance(value, Mapping) and not whole else {inner: value}
+    return found
+
+
+def _items(table: Mapping[str, Any], section: str) -> list[tuple[int, Any]]:
+    return list(enumerate(read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")))
+
+
+def _unique(path: str, names: Sequence[str]) -> None:
+    for name in names:
+        if list(names).count(name) > 1:
+            raise refuse(path, name, "is used twice", "a unique name")
+
+
+def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
+    if run.skip >= run.duration:
+        raise refuse("run.skip", run.skip, "covers the whole run", f"0 to less than {run.duration:g} s")
+    if broken and lists.break_time is not None and not run.skip <= lists.break_time < run.duration:
+        why = "is outside the counted part of the run"
+        raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
+
+
+def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Tables of `[line.growth]` by month and line."""
+    found: dict[str, dict[str, dict[str, Any]]] = {}
+    for i, item in _items(table, "growth"):
+        own = GrowthTable.read(item, f"growth.{i}")
+        month = found.setdefault(own.month, {})
+        path = f"growth.{own.month}.lines"
+        for name in match_names(own.lines, lines, path):
+            if name in month:
+                raise SceneError(f"{path}: {name!r} already has mussels in this month; allowed: once a month")
+            month[name] = own.growth.table()
+    return found
+
+
+def _crop(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Values of `[crop]` by level and path; empty without the section."""
+    rows = {
+        path: [
+            read_number(x, f"crop.{path}", {}, "a number") for x in read_list(row, f"crop.{path}", 3, "three numbers")
+        ]
+        for path, row in _flat(_table(table, "crop")).items()
+    }
+    return {level: {p: row[i] for p, row in rows.items()} for i, level in enumerate(CROP_LEVELS) if rows}
+
+
+def _parts(
+    table: Mapping[str, Any],
+    scene: Scene,
+    lines: tuple[str, ...],
+    factors: Factors,
+    kinds: set[str],
+    unchecked: Sequence[str],
+) -> tuple[Part, ...]:
+    specs = {line.name: line.spec for line in whole_lines(scene)}
+    found, groups = [], [("unchecked", match_names(unchecked, lines, "unchecked"))]
+    for i, item in _items(table, "part"):
+        path, own = f"part.{i}", dict(read_table(item, f"part.{i}"))
+        given, curve = own.pop("factor", None), own.pop("curve", None)
+        part = PartTable.read(own, path)
+        names = match_names(part.lines, lines, f"{path}.lines")
+        groups.append((f"{path} ({part.name!r})", names))
+        factor = _factor(given, factors, kinds, f"{path}.factor")
+        found.append(
+            Part(
+                part.name,
+                names,
+                np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names]),
+                factor.by_kind,
+                None if curve is None else Curve.read(curve, f"{path}.curve"),
+                part.capacity is None,
+                factor,
+            )
+        )
+    _unique("part.name", [part.name for part in found])
+    refuse_overlap(groups, "line")
+    left = [name for name in lines if not any(name in names for _, names in groups)]
+    if left:
+        raise SceneError(f"part: no part has the lines {short(left)}. Use a [[part]] with them, or `unchecked`")
+    return tuple(found)
+
+
+def _capacity(part: PartTable, capacity: Plain, line: str, path: str) -> float:
+    if part.capacity is not None:
+        return part.capacity
+    if capacity is None:
+        raise SceneError(
+            f"{path}.capacity: missing; needed: the breaking load [N] of {part.name!r}, because {line!r} has no "
+            "`breaking_load` in the scene"
+        )
+    return float(np.min(capacity))
+
+
+def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> Factors:
+    own = table if given is None else Factors.of(given, path)
+    common = {kind: x for kind, x in table.by_kind.items() if own.by_kind[kind] is None and x is not None}
+    sources = [own.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
+    found = dataclasses.replace(own, **common, source="; ".join(sources))
+    for kind in sorted(kinds):
+        if found.by_kind[kind] is None:
+            raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], because cases are {kind}")
+    return found
+
+
+def _anchors(table: Mapping[str, Any], scene: Scene, factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
+    held = [point.name for point in scene.points if not point.is_free]
+    found, groups = [], []
+    for i, item in _items(table, "anchor"):
+        path, own = f"anchor.{i}", dict(read_table(item, f"anchor.{i}"))
+        given = own.pop("factor", None)
+        anchor = AnchorTable.read(own, path)
+        points = match_names(anchor.points, held, f"{path}.points", "fixed point")
+        groups.append((path, points))
+        factor = _factor(given, factors, kinds, f"{path}.factor")
+        found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, factor.by_kind))
+    refuse_overlap(groups, "point")
+    _unique("anchor.name", [anchor.name for anchor in found])
+    return tuple(found)
+
+
+def _check_currents(site: Site) -> None:
+    """Check that currents are of one kind, because cases share a compiled program."""
+    kinds = {storm.current.get("kind", "uniform") for storm in site.storms if storm.current is not None}
+    if len(kinds) > 1:
+        raise refuse("cases.currents", sorted(kinds), "are of different kinds", "currents of one kind")
+    if "table" in kinds and any("velocities" not in (s.current or {}) for s in site.storms):
+        why = "the scene's current is a table of heights, which a speed cannot scale"
+        raise SceneError(f"cases.currents: {why}. Use tables as [sea.current] with heights and velocities")
+
+
+def check_breaking(site: Any) -> None:
+    """Reject a sea state beyond breaking at any level of the tide, by depth or by steepness.
+
+    `Hs <= 0.6 (depth + level)`, and Hs at most that of the steepest seas of the mean period Tz (DNV-RP-C205, as in
+    `dropper sea`).
+
+    Raises:
+        SceneError: with the sea state, its height, and the limit.
+    """
+    spec = site.scene.sea
+    levels = site.lists.kinds["levels"]
+    for level in levels:
+        if spec.depth + level <= 0.0:
+            raise SceneError(f"cases.levels: {level:g} m is below the seabed; allowed: above {-spec.depth:g} m")
+    lowest = min(levels)
+    for i, state in enumerate(site.sea_states):
+        if state.sea.hs == 0.0:
+            continue
+        sea = make_sea(SeaSpec(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=state.sea))
+        tz = mean_period(sea)
+        limits = {
+            f"0.6 of the depth of {spec.depth + lowest:g} m at the level of {lowest:+g} m": SHALLOW_HEIGHT
+            * (spec.depth + lowest),
+            f"the steepest seas of mean period {tz:.3g} s (DNV-RP-C205)": steepest_sea(tz, spec.gravity),
+        }
+        why, limit = min(limits.items(), key=lambda item: item[1])
+        if state.sea.hs > limit:
+            raise SceneError(
+                f"sea_state.{i}.hs: {state.name!r} of {state.sea.hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"
+            )

@@ -1,0 +1,168 @@
+"""A site in memory: the scene, its parts, and the scenes of its load cases."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from dropper_jax.load.scene import Scene
+from dropper_jax.scene import whole_lines
+from fitting.farm.site.case import BROKEN, INTACT, NEVER, Anchor, Break, Case, Part, Storm, match_names, storms
+from fitting.farm.site.case_lists import CASE_KINDS, CaseLists
+from fitting.farm.site.sections import Backbone, Exclusion, Factors, RunValues, SeasonValues, SeaState
+
+#: Growth of a line in a month without any.
+BARE = {"depth": [0.0], "thickness": [0.0], "density": 0.0}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Site:
+    """A site, read and checked.
+
+    Attributes:
+        scene: the farm with the values of `[parameters]` and `[set]`; its template is kept.
+        growth: mussels by month, and by line the table of `[line.growth]`.
+        crop: changes of the scene by `low`, `expected` and `high` of `[crop]`; `growth` is a factor of the thickness.
+        states: the broken line; None for the intact farm.
+        quantities: names of further quantities to report for each case (see `dropper_jax.run.quantities`).
+        raw: sections that are passed on (`variable`, `objective`, `constraint`, `optimise`), unchanged.
+        table: plain values of the site as specified.
+        file: source file; None for plain values.
+    """
+
+    name: str
+    description: str
+    scene: Scene
+    run: RunValues
+    sea_states: tuple[SeaState, ...]
+    lists: CaseLists
+    growth: dict[str, dict[str, dict[str, Any]]]
+    states: tuple[Break | None, ...]
+    factors: Factors
+    parts: tuple[Part, ...]
+    anchors: tuple[Anchor, ...]
+    crop: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
+    exclusion: Exclusion | None = None
+    backbone: Backbone | None = None
+    season: SeasonValues | None = None
+    quantities: tuple[str, ...] = ()
+    raw: dict[str, Any] = dataclasses.field(default_factory=dict)
+    table: dict[str, Any] = dataclasses.field(default_factory=dict)
+    file: Path | None = None
+
+    @cached_property
+    def lines(self) -> tuple[str, ...]:
+        """Names of the scene's lines as specified."""
+        return tuple(line.name for line in whole_lines(self.scene))
+
+    def matching(self, patterns: Iterable[str]) -> tuple[str, ...]:
+        """Lines that match the patterns."""
+        return match_names(patterns, self.lines, "lines")
+
+    @cached_property
+    def storms(self) -> tuple[Storm, ...]:
+        """All load cases."""
+        return storms(self)
+
+    def portable(self) -> dict[str, Any]:
+        """Plain values for `read_site`, independent of files: they contain the scene's values instead of its name."""
+        own = {key: value for key, value in self.table.items() if key not in ("parameters", "set")}
+        return {**own, "name": self.name, "scene": self.scene.as_written()}
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        return tuple(range(self.run.first_seed, self.run.first_seed + self.run.seeds))
+
+    @cached_property
+    def cases(self) -> tuple[Case, ...]:
+        """All runs: every load case with every seed, seeds fastest."""
+        return tuple(Case(storm, seed) for storm in self.storms for seed in self.seeds)
+
+    @property
+    def break_time(self) -> float:
+        """Time of breaks [s]."""
+        given = self.lists.break_time
+        return 0.5 * (self.run.skip + self.run.duration) if given is None else given
+
+    def run_of(self, storm: Storm) -> RunValues:
+        """Values of the run of a load case: if a line breaks, the time before the break is not counted."""
+        if storm.broken is None:
+            return self.run
+        return dataclasses.replace(self.run, skip=max(self.run.skip, self.break_time))
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of states that occur: `intact`, `broken`."""
+        found = {INTACT if state is None else BROKEN for state in self.states}
+        return tuple(kind for kind in (INTACT, BROKEN) if kind in found)
+
+    @property
+    def curve_lines(self) -> list[str]:
+        """Lines of the parts with a fatigue curve."""
+        return [name for part in self.parts if part.curve is not None for name in part.lines]
+
+    @property
+    def grown_lines(self) -> tuple[str, ...]:
+        """Lines that carry mussels in any month of the cases."""
+        found = {name for month in self.lists.months for name in self.growth[month]}
+        return tuple(name for name in self.lines if name in found)
+
+    def prepared(self, scene: Scene | None = None, dt: float | None = None) -> Scene:
+        """The common scene of all cases: with the run's values, and with every table that cases change.
+
+        Args:
+            scene: another version of the farm, with the same names; default: `site.scene`.
+            dt: time step [s], if it differs from the site's.
+
+        Raises:
+            SceneError: as for any scene.
+        """
+        scene = self.scene if scene is None else scene
+        table = scene.with_equal_steps().as_written()
+        own = {"duration": self.run.duration, **({} if self.run.dt is None else {"dt": self.run.dt})}
+        table["run"] = {**table["run"], **own, "save_every": 1, **({} if dt is None else {"dt": dt})}
+        for line in table["line"]:
+            if line.get("name") in self.grown_lines:
+                line["growth"] = dict(BARE)
+        broken = [{"line": s.line, "link": s.link, "time": NEVER} for s in self.states if s is not None]
+        if broken:
+            table["failure"] = [*table.get("failure", []), *broken]
+        ramp = self.run.ramp or table["sea"].get("ramp") or self.run.skip
+        if ramp:
+            table["sea"] = {**table["sea"], "ramp": ramp}
+        return Scene.from_dict(table, scene.name).with_values(self.changes(self.cases[0]))
+
+    def changes(self, case: Case) -> dict[str, Any]:
+        """Changes of `prepared` by a case: values by path."""
+        return {**self.still_changes(case.storm), **self.moving_changes(case)}
+
+    def moving_changes(self, case: Case) -> dict[str, Any]:
+        """Its values that do not affect the equilibrium: waves, breaks."""
+        storm = case.storm
+        return {"sea.waves": storm.sea_state.waves(storm.direction, case.seed), **self.break_changes(storm)}
+
+    def still_changes(self, storm: Storm) -> dict[str, Any]:
+        """Its values that affect the equilibrium: current, those of `CASE_KINDS`, mussels."""
+        found: dict[str, Any] = {}
+        for kind, value in zip(CASE_KINDS.values(), storm.kinds, strict=True):
+            found |= kind.changes(value)
+        if storm.current is not None:
+            found["sea.current"] = storm.current
+        crop = self.crop.get(storm.crop, {})
+        found |= {path: value for path, value in crop.items() if path != "growth"}
+        for name in self.grown_lines:
+            table = dict(self.growth[storm.month].get(name, BARE))
+            table["thickness"] = [crop.get("growth", 1.0) * t for t in table["thickness"]]
+            found |= {f"line.{name}.growth.{key}": value for key, value in table.items()}
+        return found
+
+    def break_changes(self, storm: Storm) -> dict[str, Any]:
+        """Time of a break in this case, for each line that breaks in any case."""
+        return {
+            f"failure.{state.entry}.time": self.break_time if state == storm.broken else NEVER
+            for state in self.states
+            if state is not None
+        }

@@ -1,0 +1,77 @@
+"""Whether the followed circles move as the nodes of a chain: links of constant length, nodes with mass.
+
+Circles are assigned to nodes by the lengths of the links, so that scratches and corners of the background may be taken
+for nodes, a different one in each frame. Three properties of a real chain reveal this:
+
+- A link keeps its length within a few per cent over the film, after the map to the plane of motion.
+- A node has mass: its position follows from those before and after. `off` is its deviation from the cubic through the
+  two samples before and the two after, `s` its standard deviation over the film. White noise has off/s = 1.2, a swing
+  sampled 6 times per period 0.17.
+- Swapped names, jumps and wrong lengths (`marks`) are exceptions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.films.flattening import robust_lengths
+from fitting.films.marks import Marks, off_cubic
+from fitting.traces.trace import FEWEST
+
+#: Maximum change of a link, robust standard deviation over its length. Right films show 0.001, motion out of the plane
+#: and uncalibrated lenses up to 0.03.
+LENGTH_CHANGE = 0.05
+#: Maximum share of marked frames. Right films show up to 0.01.
+MARKED_SHARE = 0.2
+#: Maximum ratio off/s of a node that moves by more than `MOVES` mean links; one node at least must be below it.
+JERK, MOVES = 0.25, 0.15
+#: Maximum standard error of an angle [rad]. Larger ones are left empty.
+LARGEST_ERROR = 0.2
+
+
+def why_no_chain(positions: np.ndarray, detected: np.ndarray, marks: Marks, error: np.ndarray) -> str:
+    """Why the circles do not move as a chain; empty if they do.
+
+    Args:
+        positions: (k, n, 2) in the plane of motion; detected: (k, n).
+        error: standard errors of the angles (k, n - 1) [rad], NaN for missing samples.
+    """
+    _, length, deviation = robust_lengths(positions, detected)
+    change = deviation / np.maximum(length, 1e-9)
+    worst = int(np.argmax(change))
+    if change[worst] > LENGTH_CHANGE:
+        return f"link {worst + 1} changes its length by {100 * change[worst]:.2g} %"
+    share = float(marks.frames.mean())
+    if share > MARKED_SHARE:
+        return f"nodes swap, jump or violate the lengths of their links in {100 * share:.0f} % of the frames"
+    if jerk := _why_jerky(positions, detected, float(np.mean(length))):
+        return jerk
+    known = np.isfinite(error)
+    for j in range(error.shape[1]):
+        if known[:, j].any() and (typical := float(np.median(error[known[:, j], j]))) > LARGEST_ERROR:
+            return f"the angle of link {j + 1} has a standard error of {typical:.2g} rad"
+        if (good := int((error[known[:, j], j] <= LARGEST_ERROR).sum())) < FEWEST:
+            return f"link {j + 1} is seen in {good} frames, fewer than {FEWEST}"
+    return ""
+
+
+def _why_jerky(positions: np.ndarray, detected: np.ndarray, length: float) -> str:
+    """Why the nodes do not move as masses do; empty if they do."""
+    smooth, tested = False, False
+    for k in range(detected.shape[1]):
+        frames = np.flatnonzero(detected[:, k])
+        if len(frames) < FEWEST:
+            continue
+        here = positions[frames, k]
+        off, apart = off_cubic(frames, here)
+        near = apart == 2
+        spread = float(np.sqrt(np.var(here, axis=0).sum()))
+        if near.sum() < FEWEST or not spread > 0:
+            continue
+        tested = True
+        ratio = float(np.median(off[near])) / spread
+        low, high = np.percentile(here, (2, 98), axis=0)
+        if ratio > JERK and np.linalg.norm(high - low) > MOVES * length:
+            return f"node {k} jumps from frame to frame"
+        smooth = smooth or ratio <= JERK
+    return "no node moves" if tested and not smooth else ""

@@ -1,0 +1,288 @@
+"""Circles in a frame, to a few hundredths of a pixel.
+
+Seeds are local extrema of a difference of two Gaussians, matched to the radius; on a reduced picture this costs a
+quarter. Around each seed the edge is found along rays where the brightness crosses half way from the inside to the
+outside. A circle is fitted robustly to the edge points: rays on which another marker touches, or a post hides the edge,
+are rejected, so that half a circle is enough. Motion blur lengthens a marker equally on both sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from dropper_jax.base.errors import Progress, SceneError
+from fitting.films.video import Video, opencv
+
+RAYS = 48
+#: Distance of samples along a ray [pixel].
+RAY_STEP = 0.5
+#: Radii [pixel] that are tried by default.
+RADII = tuple(float(r) for r in np.geomspace(2.5, 40.0, 14))
+
+
+@dataclass(frozen=True)
+class MarkerAppearance:
+    """Appearance of a marker: radius [pixel], brighter or darker than its rim, a seed's answer, contrast [grey]."""
+
+    radius: float
+    bright: bool
+    answer: float
+    contrast: float = 0.0
+
+
+@dataclass(frozen=True)
+class Circles:
+    """Circles of a frame: centre (m, 2), its standard error, radius [pixel], rays used, contrast [grey], each (m,)."""
+
+    centre: np.ndarray
+    error: np.ndarray
+    radius: np.ndarray
+    rays: np.ndarray
+    contrast: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.error)
+
+    def pick(self, which: np.ndarray) -> Circles:
+        return Circles(*(getattr(self, f.name)[which] for f in fields(self)))
+
+
+NONE = Circles(np.zeros((0, 2)), *[np.zeros(0)] * 4)
+
+
+def learn_appearance(
+    image: np.ndarray, nodes: int, radius: float | None = None, bright: bool | None = None
+) -> MarkerAppearance:
+    """The radius and shade at which the `nodes` strongest spots of a picture stand out most."""
+    # radius of the disc to which the difference of two Gaussians responds best [radius]
+    responding = 1.15
+    best = MarkerAppearance(radius or RADII[0], bool(bright), 0.0)
+    for shade in (True, False) if bright is None else (bright,):
+        for size in RADII if radius is None else (radius / responding,):
+            answers = _spots(image, size, shade)[1]
+            if len(answers) >= nodes and answers[nodes - 1] > best.answer:
+                best = MarkerAppearance(responding * size, shade, float(answers[nodes - 1]))
+    if best.answer < 2.0:  # grey levels above the noise
+        return replace(best, answer=0.0)
+    for _ in range(3):  # the search radius for the rim depends on the radius
+        fitted = detect(image, best)
+        if len(fitted) < nodes:
+            break
+        whole = np.lexsort([fitted.error, -fitted.rays])[:nodes]
+        answers = _spots(image, best.radius, best.bright)[1]
+        best = replace(
+            best,
+            radius=float(np.median(fitted.radius[whole])),
+            answer=float(answers[min(nodes, len(answers)) - 1]),
+            contrast=float(np.median(np.sort(fitted.contrast)[-nodes:])),
+        )
+    return best
+
+
+def stands_out(image: np.ndarray, appearance: MarkerAppearance, nodes: int) -> bool:
+    """Whether the `nodes` strongest spots are clearly stronger than the many similar ones of noise."""
+    answers = _spots(image, appearance.radius, appearance.bright)[1][2 * nodes :]
+    # noise reaches 1.3 times the other spots' answer, discs of 10 grey levels in noise of 5 give 13
+    return appearance.answer > 0 and (len(answers) < 2 * nodes or appearance.answer > 2.0 * float(np.median(answers)))
+
+
+def detect(image: np.ndarray, appearance: MarkerAppearance) -> Circles:
+    """Circles that look like markers."""
+    where, answers = _spots(image, appearance.radius, appearance.bright)
+    return _at(image, appearance, where[answers > 0.35 * appearance.answer])
+
+
+def detect_at(image: np.ndarray, appearance: MarkerAppearance, guesses: np.ndarray) -> Circles:
+    """Circles at the positions (m, 2) [pixel] where markers are expected, and within a radius around them."""
+    height, width = image.shape
+    step = 0.7 * appearance.radius * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+    seeds = (guesses[:, None] + step).reshape(-1, 2)
+    return _at(image, appearance, seeds[((seeds >= 0) & (seeds <= (width - 1, height - 1))).all(axis=1)])
+
+
+def _at(image: np.ndarray, appearance: MarkerAppearance, seeds: np.ndarray) -> Circles:
+    if not len(seeds):
+        return NONE
+    smooth = opencv().GaussianBlur(image, (0, 0), 0.8).astype(np.float32)
+    circles = _fit(smooth, seeds, appearance)
+    return _distinct(_fit(smooth, circles.centre, appearance), appearance) if len(circles) else NONE
+
+
+def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Local extrema (m, 2) [pixel] and their answers (m,) [grey], strongest first."""
+    cv2 = opencv()
+    # pictures are reduced to a radius of 4 pixels for the search of seeds
+    shrink = max(1.0, radius / 4.0)
+    small = image.astype(np.float32)
+    if shrink > 1:
+        small = cv2.resize(small, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    r = radius / shrink
+    # widths of the Gaussians [radius]; their difference responds best to discs 1.15 times as large
+    answer = cv2.GaussianBlur(small, (0, 0), 0.6 * r) - cv2.GaussianBlur(small, (0, 0), 1.2 * r)
+    answer = answer if bright else -answer
+    reach = 2 * int(np.ceil(0.7 * r)) + 1
+    row, column = np.nonzero((answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0))
+    strength = answer[row, column]
+    order = np.argsort(-strength)[:200]
+    factor = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
+    return (np.stack([column, row], axis=1)[order] + 0.5) * factor - 0.5, strength[order]
+
+
+def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> Circles:
+    """A circle around each seed (m, 2); those without enough of an edge are omitted."""
+    angle = 2 * np.pi * np.arange(RAYS) / RAYS
+    ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    along = np.arange(0.0, 1.8 * appearance.radius + RAY_STEP, RAY_STEP)
+    edge, contrast = _edges(_brightness(image, seeds, ray, along), along, appearance)
+    centre, radius, error, used = _circle(edge, ray, appearance.radius)
+    # fraction of rays that show an edge; radius and contrast as fractions of the usual ones
+    good = (used >= 0.55) & (radius > 0.85 * appearance.radius) & (radius < 1.35 * appearance.radius)
+    good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > 0.6 * appearance.contrast)
+    return Circles(seeds + centre, error, radius, used, contrast).pick(good)
+
+
+def _brightness(image: np.ndarray, seeds: np.ndarray, ray: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Samples (m, rays, k), bilinear; beyond the picture the nearest pixel."""
+    position = seeds[:, None, None] + along[:, None] * ray[:, None]
+    flat = position.reshape(-1, along.size, 2).astype(np.float32)
+    cv2 = opencv()
+    # in pieces: remap takes pictures of less than 32768 rows
+    parts = [
+        cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        for part in np.array_split(flat, max(1, len(flat) // 20000))
+    ]
+    return np.concatenate(parts).reshape(len(seeds), RAYS, along.size)
+
+
+def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -> tuple[np.ndarray, np.ndarray]:
+    """Distance (m, rays) at which each ray crosses half way from inside to outside, otherwise NaN; contrast (m,)."""
+    inside = np.median(light[..., along <= 0.5 * appearance.radius], axis=(1, 2))
+    rim = (along > 1.25 * appearance.radius) & (along < 1.6 * appearance.radius)
+    outside = np.median(light[..., rim], axis=(1, 2))
+    contrast = (inside - outside) if appearance.bright else (outside - inside)
+    half = 0.5 * (inside + outside)
+    above = light > half[:, None, None] if appearance.bright else light < half[:, None, None]
+    last = np.argmin(above, axis=2)  # the first sample beyond the edge
+    known = above[..., 0] & (last > 0) & (contrast > 0.3 * appearance.answer)[:, None]
+    last = np.maximum(last, 1)[..., None]
+    before, after = (np.take_along_axis(light, i, axis=2)[..., 0] for i in (last - 1, last))
+    step = np.where(after == before, 1.0, after - before)
+    return np.where(known, along[last[..., 0] - 1] + RAY_STEP * (half[:, None] - before) / step, np.nan), contrast
+
+
+def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray, ...]:
+    """Centres (m, 2) relative to the seeds, radii, standard errors [pixel], fractions of rays used.
+
+    To first order in the offset c, an edge point lies at `radius + c . ray` along its ray; the radius is known to a few
+    per cent from the other circles. The sum of absolute deviations is minimised (by reweighting), so that the edge of a
+    post that cuts off up to a third of the rays has no influence. Rays beyond three standard deviations are rejected.
+    """
+    # standard deviation of an edge point [pixel]
+    edge_noise = 0.1
+    design = np.concatenate([ray, np.ones((RAYS, 1))], axis=1)
+    known = np.isfinite(edge)
+    value = np.where(known, edge, usual) - usual
+    free, fixed = (np.diag([1e-9, 1e-9, 1 / (spread * usual) ** 2]) for spread in (0.04, 1e-4))  # spread of radii
+    near = known & (np.abs(value) < 0.6 * usual)
+    weight, found = near / edge_noise**2, np.zeros((len(edge), 3))
+    for _ in range(8):
+        off, found = _solve(design, weight, value, fixed)
+        weight = near / (edge_noise * np.maximum(np.abs(off), edge_noise))
+    spread = 1.4826 * np.nanmedian(np.where(near, np.abs(off), np.nan)[near.any(axis=1)], axis=1)
+    limit = np.zeros(len(edge))
+    limit[near.any(axis=1)] = np.maximum(3 * spread, 2 * edge_noise)
+    used = near & (np.abs(off) < limit[:, None])
+    off, found = _solve(design, used / edge_noise**2, value, free)
+    count = used.sum(axis=1)
+    variance = (used * off**2).sum(axis=1) / np.maximum(count - 2, 1)
+    inverse = np.linalg.inv(np.einsum("mr,ri,rj->mij", used, ray, ray) + 1e-9 * np.eye(2))
+    # neighbouring rays share pixels: at most one independent edge point per pixel of the rim
+    shared = max(1.0, RAYS / (2 * np.pi * usual))
+    error = np.sqrt(shared * variance * 0.5 * (inverse[:, 0, 0] + inverse[:, 1, 1]))
+    # an obstacle that hides part of the rim shifts the centre by as much as it reduces the radius (behind posts by 0.9
+    # to 2 times as much)
+    error = np.where(count < 0.95 * RAYS, np.hypot(error, 1.2 * found[:, 2]), error)
+    return found[:, :2], usual + found[:, 2], np.maximum(error, 1e-3), count / RAYS
+
+
+def _solve(
+    design: np.ndarray, weight: np.ndarray, value: np.ndarray, prior: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Deviations (m, rays) and coefficients (m, 3) of weighted least squares."""
+    normal = np.einsum("mr,ri,rj->mij", weight, design, design) + prior
+    found = np.linalg.solve(normal, np.einsum("mr,ri,mr->mi", weight, design, value)[..., None])[..., 0]
+    return value - found @ design.T, found
+
+
+def _distinct(circles: Circles, appearance: MarkerAppearance) -> Circles:
+    """One circle of each group whose centres nearly coincide: that with the most rays, then the smallest error."""
+    kept: list[int] = []
+    for i in np.lexsort([circles.error, -np.round(circles.rays, 1)]):
+        apart = np.hypot(*(circles.centre[kept] - circles.centre[i]).T)
+        if (apart > 0.5 * appearance.radius).all():
+            kept.append(i)
+    return circles.pick(np.array(kept, int))
+
+
+# Appearance of the markers, and the circles in all frames of a video
+
+
+def scan(
+    film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None, say: Progress
+) -> tuple[MarkerAppearance, list[Circles]]:
+    """The markers' appearance, and the circles of all frames of the span [pixel of the video].
+
+    Raises:
+        SceneError: no frame with as many circles as nodes.
+    """
+    appearance = _learn_appearance(film, span, nodes, radius, bright)
+    total = max(1, (span[1] or film.announced or 0) - span[0])
+    found = []
+    for i, image in enumerate(film.frames(*span)):
+        found.append(detect(image, appearance))
+        say(0.7 * min(1.0, (i + 1) / total), f"circles of frame {span[0] + i + 1}")
+    return appearance, found
+
+
+def _learn_appearance(
+    film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None
+) -> MarkerAppearance:
+    """The appearance in the frame that shows the markers best, of a few spread over the film."""
+    images, stride = [], 1
+    for i, image in enumerate(film.frames(*span)):
+        if i % stride == 0:
+            images.append(image)
+        if len(images) > 16:  # spread over the film
+            images, stride = images[::2], 2 * stride
+    best, most = None, 0
+    for image in images:
+        appearance = learn_appearance(image, nodes, radius, bright)
+        count = len(detect(image, appearance)) if stands_out(image, appearance, nodes) else 0
+        if count >= nodes and (best is None or appearance.answer > best.answer):
+            best = appearance
+        most = max(most, count)
+    if best is not None:
+        return best
+    for fewer in range(nodes - 1, most, -1):
+        for image in images[::5]:
+            appearance = learn_appearance(image, fewer, radius, bright)
+            most = max(most, len(detect(image, appearance)) if stands_out(image, appearance, fewer) else 0)
+    if most == 0:
+        raise SceneError(
+            f"{film.path.name}: no circles found in {len(images)} frames; needed: a circle on every node "
+            "(use --radius and --marker to describe them)"
+        )
+    raise SceneError(
+        f"{film.path.name}: at most {most} circles in a frame, but {nodes} nodes; "
+        "needed: as many circles as nodes (use --radius and --marker to describe them)"
+    )
+
+
+def map_circles(circles: list[Circles], to: Callable[[np.ndarray], np.ndarray]) -> list[Circles]:
+    """The circles with their centres mapped by `to`: points (m, 2) to points (m, 2)."""
+    ends = np.cumsum([len(each) for each in circles])
+    centres = np.split(to(np.concatenate([each.centre for each in circles])), ends[:-1])
+    return [replace(each, centre=centre) for each, centre in zip(circles, centres, strict=True)]

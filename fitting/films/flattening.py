@@ -1,0 +1,336 @@
+"""The plane of motion from the motion itself: links are rigid, so their lengths reveal slant and lens distortion.
+
+A camera without roll, panned by p and pitched by q, sees the point (x, y) of the plane at the ray R (x, y, 1); rays are
+bent to r (1 + k1 |r|^2). p, q, k1 and the focal length f minimise the variation in time of the logarithms of the links'
+measured lengths, with prior knowledge,
+
+    sum over links and frames of ((log l - mean of log l) / s)^2 + sum of (parameter / its spread)^2,
+
+with s from the residuals themselves. The spreads are those of ordinary cameras. With a calibrated lens or plane they
+are the uncertainty left by the boards. Its covariance (a sandwich over blocks of time) is the persistent part of the
+angles' errors, which no scatter shows. A roll rotates all angles equally and is not observable: rows are assumed to be
+level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from fitting.films.calibration import Lens, Plane
+from fitting.traces.trace import Convention, Trace
+
+
+@dataclass(frozen=True)
+class Flat:
+    """From pixels of the video to the plane of motion, in pixels of a camera square to it: right, down.
+
+    Attributes:
+        size: (width, height) [pixel].
+        lens: calibrated, or None.
+        plane: from a board, or None.
+        parameters: pan, pitch, k1 and log(focus / usual) (4,) applied after these, or None; covariance: theirs.
+    """
+
+    size: tuple[int, int]
+    lens: Lens | None = None
+    plane: Plane | None = None
+    parameters: np.ndarray | None = None
+    covariance: np.ndarray | None = None
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Intersection of the camera's axis with the picture (2,) [pixel]."""
+        return (np.array(self.size) - 1) / 2 if self.lens is None else self.lens.matrix[:2, 2]
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Flat pixels (..., 2) of pixels of the video (..., 2)."""
+        shape = np.shape(points)
+        points = np.reshape(points, (-1, 2)).astype(float)
+        if self.lens is not None:
+            points = self.lens.straighten(points)
+        if self.plane is not None:
+            there = self.plane.to_metres(np.concatenate([self.middle[None], points]))
+            points = (there[1:] - there[0]) * [1.0, -1.0] / self.metres_per_pixel() + self.middle
+        if self.parameters is not None:
+            points = self._tilt_points(points)
+        return points.reshape(shape)
+
+    def back(self, flat: np.ndarray) -> np.ndarray:
+        """The inverse (Newton iteration with differences; the map is nearly the identity up to a shift)."""
+        flat = np.asarray(flat, float)
+        guess = np.broadcast_to(self.middle, flat.shape).copy()
+        limit = 0.5 * np.array(self.size)
+        for _ in range(12):
+            slopes = central_differences(self, guess, 0.5)
+            move = np.linalg.solve(slopes, (flat - self(guess))[..., None])[..., 0]
+            guess = np.clip(guess + np.clip(move, -limit, limit), -limit, 3 * limit)
+        return guess
+
+    def metres_per_pixel(self) -> float:
+        """Scale of the board's plane at the middle of the picture [m]."""
+        there = self.plane.to_metres(self.middle + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
+        right, down = there[0] - there[1], there[2] - there[3]
+        return float(np.sqrt(abs(right[0] * down[1] - right[1] * down[0])))
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Prior spread of the parameters (4,)."""
+        plane, lens = self.plane is not None, self.lens is not None
+        # pan and pitch [rad], k1, log(focal length): known from the boards, or not
+        return np.where([plane, plane, lens, lens], 0.01, [0.15, 0.15, 0.15, 0.3])
+
+    def _tilt_points(self, points: np.ndarray) -> np.ndarray:
+        pan, pitch, bending, focus = self.parameters
+        # usual focal length: 1.25 image widths
+        usual = 1.25 * self.size[0] * np.ones(2) if self.lens is None else self.lens.matrix[[0, 1], [0, 1]]
+        size = usual * np.exp(focus)
+        ray = bent = (points - self.middle) / size
+        for _ in range(6):  # bent = ray (1 + k1 |ray|^2)
+            ray = bent / (1 + bending * np.sum(ray**2, axis=-1, keepdims=True))
+        turn = rotation(pan, pitch)
+        ahead = ray @ turn[:2] + turn[2]  # the inverse rotation of (ray, 1)
+        return self.middle + size * ahead[:, :2] / ahead[:, 2:]
+
+
+def rotation(pan: float, pitch: float) -> np.ndarray:
+    """(3, 3) from right, down, away of the plane to those of a camera without roll."""
+    (cp, ct), (sp, st) = np.cos([pan, pitch]), np.sin([pan, pitch])
+    around = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    return np.array([[1.0, 0.0, 0.0], [0.0, ct, st], [0.0, -st, ct]]) @ around
+
+
+def central_differences(f: Callable[[np.ndarray], np.ndarray], at: np.ndarray, step: float) -> np.ndarray:
+    """Derivatives (..., n) of f by the n entries of the last axis of its argument."""
+    return np.stack([f(at + d) - f(at - d) for d in step * np.eye(np.shape(at)[-1])], axis=-1) / (2 * step)
+
+
+def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) -> Flat:
+    """The map that minimises the variation of the links' lengths.
+
+    Args:
+        pixels: (k, n, 2) of the video; seen: (k, n).
+    """
+    # maximum values of pan, pitch, k1 and log(focus / usual)
+    parameter_limits = np.array([0.6, 0.6, 0.6, 0.9])
+    both = detected[:, 1:] & detected[:, :-1]
+    keep = np.flatnonzero(both.any(axis=1))
+    keep = keep[np.unique(np.linspace(0, len(keep) - 1, 300).astype(int))] if len(keep) else keep
+    spread = flat.spread
+    positions, both = pixels[keep], both[keep]
+    if both.sum() < 10 * len(spread):
+        return flat
+
+    def off(parameters: np.ndarray) -> np.ndarray:
+        log = np.log(np.maximum(link_lengths(replace(flat, parameters=parameters)(positions)), 1e-9))
+        mean = np.sum(np.where(both, log, 0.0), axis=0) / np.maximum(both.sum(axis=0), 1)
+        return np.where(both, log - mean, 0.0)
+
+    size = np.nanmedian(np.where(both, link_lengths(positions), np.nan), axis=0)
+    found = np.zeros(len(spread)) if flat.parameters is None else flat.parameters
+    noise = np.full(both.shape[1], 0.3) / size
+    for _ in range(3):
+        result = least_squares(
+            lambda p, noise=noise: np.concatenate([(off(p) / noise).ravel(), p / spread]),
+            np.clip(found, -0.9 * parameter_limits, 0.9 * parameter_limits),
+            bounds=(-parameter_limits, parameter_limits),
+            loss="soft_l1",
+        )
+        found = result.x
+        left = np.where(both, off(found), np.nan)
+        # noise of a centre: at least 0.03 pixels
+        noise = np.maximum(1.4826 * np.nanmedian(np.abs(left), axis=0), 0.03 / size)
+        noise = np.where(np.isfinite(noise), noise, np.nanmedian(noise))
+    return replace(flat, parameters=found, covariance=_covariance(off, found, noise, spread, keep, fps))
+
+
+def link_lengths(positions: np.ndarray) -> np.ndarray:
+    """Lengths (k, n - 1) of positions (k, n, 2)."""
+    return np.linalg.norm(np.diff(positions, axis=1), axis=-1)
+
+
+def robust_lengths(positions: np.ndarray, detected: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lengths (k, n - 1) of links, NaN unless both ends are detected, their medians and robust deviations (n - 1,).
+
+    Both are zero for a link that is never detected.
+    """
+    lengths = np.where(detected[:, 1:] & detected[:, :-1], link_lengths(positions), np.nan)
+    known = np.where(np.isfinite(lengths).any(axis=0), lengths, 0.0)
+    usual = np.nanmedian(known, axis=0)
+    return lengths, usual, 1.4826 * np.nanmedian(np.abs(known - usual), axis=0)
+
+
+def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np.ndarray) -> float:
+    """Standard error [rad] of a rotation of the whole picture, which lengths do not show, by the jackknife.
+
+    Args:
+        others: the same map with the lens and plane from all pictures of the board but one, for each.
+        pixels: (k, n, 2) of the video; seen: (k, n).
+    """
+    rows = np.unique(np.linspace(0, len(pixels) - 1, 20).astype(int))
+    if len(others) < 3 or not len(rows):
+        return 0.0
+    both = (detected[:, 1:] & detected[:, :-1])[rows]
+    turns = []
+    for each in others:
+        here, there = (np.diff(to(pixels[rows]), axis=1)[both] @ [1.0, 1.0j] for to in (flat, each))
+        turns.append(float(np.angle(np.sum(there * here.conj()))))
+    return float(np.sqrt((len(turns) - 1) * np.var(turns)))
+
+
+def _covariance(
+    off: Callable[[np.ndarray], np.ndarray],
+    found: np.ndarray,
+    noise: np.ndarray,
+    spread: np.ndarray,
+    keep: np.ndarray,
+    fps: float,
+) -> np.ndarray:
+    """Sandwich over blocks of time: persistent deviations count as often as they change, not once per frame."""
+    slopes = central_differences(off, found, 1e-4) / noise[:, None]
+    left = np.clip(off(found) / noise, -5.0, 5.0)
+    prior = np.diag(1 / spread**2)
+    bread = np.linalg.inv(np.einsum("kja,kjb->ab", slopes, slopes) + prior)
+    # blocks of 0.25 s
+    block = (keep / (0.25 * fps)).astype(int)
+    score = np.zeros((block.max() + 1, len(found)))
+    np.add.at(score, block, np.einsum("kja,kj->ka", slopes, left))
+    return bread @ (score.T @ score + prior) @ bread
+
+
+# Angles of links from the nodes' positions, in the thesis' four-quadrant convention, continuous in time.
+#
+# With x to the left and y upwards, as the thesis counts from the lower right corner of the picture, its (7.1)-(7.4)
+# are the four quadrants of one function,
+#
+#     theta_k = atan2(up, right),    (right, up) = node k + 1 minus node k,
+#
+# zero for a link that points right, positive counter-clockwise, in (-pi, pi]. The four cases omit links along an axis
+# and jump by a full turn. `atan2` covers the former; the latter are removed along time. In the convention of traces
+# this is zero=horizontal, sign=-1, unit=rad (the simulator counts positive downwards).
+
+
+def four_quadrant(positions: np.ndarray) -> np.ndarray:
+    """Angles (k, n - 1) [rad] of positions (k, n, 2) (right, up), without jumps of a full turn; first in (-pi, pi]."""
+    link = np.diff(positions, axis=1)
+    return np.unwrap(np.arctan2(link[..., 1], link[..., 0]), axis=0)
+
+
+def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Standard errors (k, n - 1) [rad] from those of the positions (k, n), in the same unit: across the link."""
+    return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(link_lengths(positions), 1e-12)
+
+
+def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Standard errors (k, n - 1) [rad] of the angles, estimated from the errors of the links' lengths.
+
+    An error that moves a node across its link also moves it along the link, where the truth is known: the length is
+    constant. One part of the variance is the scatter of each circle's edge, `fit_error` (k, n), squared: v. The other
+    part, a, is the same for all samples of a link. It follows from the deviations x of its length from its mean,
+
+        sum of (x^2 - v - a)/(v + a)^2 = 0.
+
+    It contains all errors that vary with position and direction: vibration, and residual errors of lens and slant.
+
+    Args:
+        positions: (k, n, 2), in one unit with `fit_error`; seen: (k, n).
+        used: (k, n - 1) valid samples.
+    """
+    link = link_lengths(positions)
+    both = detected[:, 1:] & detected[:, :-1]
+    expected = angle_errors(positions, np.where(detected, fit_error, 0.0))
+    found = np.full(link.shape, np.nan)
+    for j in range(link.shape[1]):
+        good = both[:, j] & used[:, j]
+        # at least ten samples for the scatter of a link
+        good = good if good.sum() >= 10 else both[:, j]
+        if good.sum() < 2:
+            found[:, j] = expected[:, j]
+            continue
+        variance, off = expected[good, j] ** 2, (link[good, j] / np.median(link[good, j]) - 1) ** 2
+        more = float(np.mean(off))
+        for _ in range(20):
+            weight = 1 / (variance + max(more, 0.0)) ** 2
+            more = float(np.sum(weight * (off - variance)) / np.sum(weight))
+        # edges that scatter more than the lengths share pixels: the lengths are right
+        scale = max(0.3, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0))))) if more < 0 else 1.0
+        found[:, j] = np.sqrt((scale * expected[:, j]) ** 2 + max(more, 0.0))
+    return np.where(both, found, np.nan)
+
+
+def to_trace(name: str, t: np.ndarray, positions: np.ndarray, error: np.ndarray, valid: np.ndarray) -> Trace:
+    """The trace of positions (k, n, 2); samples that are not `valid` (k, n - 1) are empty, and so is their `error`.
+
+    The bridged positions keep the angle continuous across a gap; they are not passed on as measurements.
+    """
+    theta = np.where(valid, four_quadrant(positions), np.nan)
+    return Trace(name, t, theta, se=np.where(valid, error, np.nan), convention=Convention("horizontal", -1, "rad"))
+
+
+# Motion out of the plane, detected from links that seem to shorten in a way that no fixed camera explains.
+#
+# A link that swings out of the plane by psi is seen with cos psi of its length. A slanting camera or a bending lens
+# also shortens links, but always by the same amount at the same position and direction:
+#
+#     log l = a + (1, x, z) (b cos 2 theta + c sin 2 theta) + (x, z, x^2, x z, z^2) d + rest,
+#
+# where theta is the link's angle and (x, z) its middle. The part of the rest that persists from frame to frame cannot
+# be noise of the marks: it is motion out of the plane.
+
+#: Relative standard deviation of a link's length that is reported as motion out of the plane: a swing of 0.1 rad.
+OUT_OF_PLANE = 0.003
+
+
+def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
+    """A line if links change their lengths, which rigid ones in the plane of motion do not.
+
+    Args:
+        flat: positions (k, n, 2) in the plane of motion, in any unit.
+        used: (k, n - 1), frames in which a link is detected.
+    """
+    away = out_of_plane(flat, used)
+    worst = int(np.argmax(away))
+    if away[worst] > OUT_OF_PLANE:
+        return (
+            f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, which "
+            "a fixed camera cannot show for a motion in the plane",
+        )
+    known = [column[good] for column, good in zip(link_lengths(flat).T, used.T, strict=True)]
+    change = np.array([np.std(column) / np.mean(column) if len(column) else 0.0 for column in known])
+    worst = int(np.argmax(change))
+    if change[worst] > 0.03:
+        return (
+            f"link {worst + 1} changes its length by {100 * change[worst]:.2g} %: motion out of the plane, a slanting "
+            "camera (--plane) or an uncalibrated lens (--calibration)",
+        )
+    return ()
+
+
+def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Relative standard deviation of the links' lengths (n - 1,) due to motion out of the plane."""
+    # minimum number of pairs of frames from which motion out of the plane is detected
+    fewest_pairs = 30
+    length, middle = link_lengths(flat), 0.5 * (flat[:, 1:] + flat[:, :-1])
+    along = np.diff(flat, axis=1)
+    twice = 2 * np.arctan2(along[..., 1], along[..., 0])
+    found = np.zeros(length.shape[1])
+    for j in range(len(found)):
+        keep = used[:, j] & (length[:, j] > 0)
+        if keep.sum() < fewest_pairs:
+            continue
+        position = middle[keep, j] - middle[keep, j].mean(axis=0)
+        x, z = (position / max(np.abs(position).max(), 1e-300)).T
+        c, s, one = np.cos(twice[keep, j]), np.sin(twice[keep, j]), np.ones_like(x)
+        products = [f * g for f in (one, x, z) for g in (c, s)]
+        columns = np.stack([one, x, z, x * x, x * z, z * z, *products], axis=1)
+        log_length = np.log(length[keep, j])
+        rest = np.full(len(keep), np.nan)
+        rest[keep] = log_length - columns @ np.linalg.lstsq(columns, log_length, rcond=None)[0]
+        pairs = rest[1:] * rest[:-1]
+        pairs = pairs[np.isfinite(pairs)]
+        if len(pairs) >= fewest_pairs:
+            found[j] = np.sqrt(max(float(pairs.mean()), 0.0))
+    return found

@@ -1,0 +1,195 @@
+"""Assignment of circles to nodes, frame by frame: by expected positions and by the chain's order and lengths.
+
+For the circles of a frame the assignment minimises the sum over nodes of `(deviation from the expected position / its
+error)^2` and over links of `(length - known length)^2 / its error^2`, with a penalty for each undetected node and no
+circle used twice. Along the chain this is a dynamic programme (Viterbi 1967), exact and cheap. Two markers that come
+close are distinguished by the lengths of the links on either side. An undetected node is bridged: it continues as
+expected, shifted to where the links to its neighbours put it. When it reappears, it is accepted as soon as a circle
+within its reach fits the lengths, because the expectation for a node that was hidden for long is uncertain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fitting.films.detection import Circles
+from fitting.films.ordering import Chain
+
+
+class Follower:
+    """The state of the chain from frame to frame, from its own frame forwards in time (direction 1) or backwards (-1).
+
+    Attributes:
+        chain: positions at the first frame, lengths.
+        past: the last positions (n, 2), newest first, at most three.
+        held: nodes that rest (n,).
+        lost: frames since the last detection of each node (n,).
+        last_positions: of the last detection of each node (n, 2).
+        fastest: recent fastest step of a node [pixel].
+    """
+
+    def __init__(self, chain: Chain, direction: int = 1) -> None:
+        self.chain = chain
+        self.past = [chain.positions]
+        if chain.rate is not None:
+            self.past.append(chain.positions - direction * chain.rate)
+        self.held = np.zeros(len(chain.positions), bool) if chain.held is None else chain.held
+        self.lost = np.zeros(len(chain.positions), int)
+        self.last_positions = chain.positions
+        # before any step was observed: 0.3 mean links
+        self.fastest = 0.3 * float(np.mean(chain.length))
+        self.length_error = length_errors(chain)
+
+    def expected_positions(self) -> np.ndarray:
+        """Positions (n, 2) expected in the next frame: by a parabola through the last three, or a line through two."""
+        if len(self.past) == 1:
+            return self.past[0]
+        guess = 2 * self.past[0] - self.past[1]
+        if len(self.past) > 2:
+            guess = 3 * self.past[0] - 3 * self.past[1] + self.past[2]
+        return self._at_rest(self._bridge(guess, self.lost > 0))
+
+    def _at_rest(self, positions: np.ndarray) -> np.ndarray:
+        """The positions (n, 2) with resting nodes at their own."""
+        return np.where(self.held[:, None], self.chain.positions, positions)
+
+    def _errors(self) -> np.ndarray:
+        # minimum error of an expected position [pixel]
+        floor = 1.5
+        step = np.zeros(len(self.lost))
+        # before any rate is known: a change of 0.12 mean links per step
+        change = np.full(len(self.lost), max(4.0, 0.12 * float(np.mean(self.chain.length))))
+        if len(self.past) > 1:
+            step = np.linalg.norm(self.past[0] - self.past[1], axis=1)
+        if len(self.past) > 2:
+            change = np.linalg.norm(self.past[0] - 2 * self.past[1] + self.past[2], axis=1)
+        # fractions of the last step, and of its last change
+        return np.where(self.held, floor, (floor + 0.05 * step + 0.7 * change) * (1.0 + self.lost))
+
+    def advance(self, circles: Circles) -> np.ndarray:
+        """Process the next frame; returns for each node the number of its circle, or -1 if undetected (n,)."""
+        guess = self.expected_positions()
+        found = self._assign(circles.centre, guess, self._errors())
+        detected = found >= 0
+        positions = self._at_rest(guess)
+        positions[detected] = circles.centre[found[detected]]
+        positions = self._bridge(positions, ~detected & ~self.held)
+        steady = np.linalg.norm(positions - self.past[0], axis=1)[detected & (self.lost == 0)]
+        self.fastest = max(0.95 * self.fastest, float(steady.max(initial=0.0)))
+        self.last_positions = np.where(detected[:, None], positions, self.last_positions)
+        self.lost = np.where(detected, 0, self.lost + 1)
+        self.past = [positions, *self.past[:2]]
+        return found
+
+    def _assign(self, centre: np.ndarray, guess: np.ndarray, error: np.ndarray) -> np.ndarray:
+        # penalty for an undetected node, in squared standard deviations: 4 sigma
+        lost_price = 16.0
+        # penalty for a node that reappears away from its expected position, in squared standard deviations
+        return_price = 12.0
+        if not len(centre):
+            return np.full(len(guess), -1)
+        unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
+        # a distance [pixel], and more for every frame that the node was lost [fastest step]
+        reach = np.where(self.held, 0.0, 12.0 + 1.5 * self.lost * self.fastest)
+        away = np.linalg.norm(centre[None] - self.last_positions[:, None], axis=-1) < reach[:, None]
+        back = (self.lost > 0)[:, None] & away
+        unary = np.where(back, np.minimum(unary, return_price), unary)
+        far = back & (unary >= return_price)
+        unary[unary > 2 * lost_price] = np.inf
+        unary = np.concatenate([unary, np.full((len(guess), 1), lost_price)], axis=1)
+        apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
+        pair = np.zeros((len(guess) - 1, len(centre) + 1, len(centre) + 1))
+        miss = (apart[None] - self.chain.length[:, None, None]) / self.length_error[:, None, None]
+        # a wrong neighbour must not reject a right node
+        pair[:, :-1, :-1] = np.minimum(miss**2, 30.0)
+        pair[:, np.arange(len(centre)), np.arange(len(centre))] = np.inf
+        best = _without_doubles(unary, pair)[1]
+        return self._confirm_returns(np.where(best == len(centre), -1, best), far, pair)
+
+    def _confirm_returns(self, found: np.ndarray, far: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """The assignment (n,) without reappearing nodes far off that no neighbouring link confirms."""
+        found = found.copy()
+        for k in np.flatnonzero(found >= 0):
+            if not far[k, found[k]]:
+                continue
+            links = [(j, a, b) for j, a, b in ((k - 1, k - 1, k), (k, k, k + 1)) if 0 <= j < len(pair)]
+            prices = [pair[j, found[a], found[b]] for j, a, b in links if found[a] >= 0 and found[b] >= 0]
+            if not prices or max(prices) > 3.0**2:  # standard deviations of a length
+                found[k] = -1
+        return found
+
+    def _bridge(self, positions: np.ndarray, unknown: np.ndarray) -> np.ndarray:
+        """Positions in which the `unknown` nodes (n,) continue at their rate, fitted to the links (Gauss-Newton).
+
+        If both neighbours are known and the links are not in line, they fix the position. If they are in line, the
+        lengths do not determine the direction across them, and the rate carries the node through.
+        """
+        if not unknown.any():
+            return positions
+        positions = positions.copy()
+        rate = self.past[0] - self.past[1] if len(self.past) > 1 else np.zeros_like(positions)
+        positions[unknown] = (self.past[0] + rate)[unknown]
+        return bridge(positions, unknown, self.chain.length, self.length_error)
+
+
+def length_errors(chain: Chain) -> np.ndarray:
+    """Permitted errors of the links' lengths (n - 1,) [pixel]."""
+    # error of a length: at least this [pixel] and this fraction; its maximum variation
+    return np.maximum(np.maximum(0.6, 0.008 * chain.length), np.minimum(chain.spread, 0.25 * chain.length))
+
+
+def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Positions (n, 2) of which the `unknown` (n,) are fitted to the links' lengths (n - 1,) (Gauss-Newton)."""
+    # error of a bridged position that continues at its rate [pixel]
+    bridge_error = 5.0
+    positions, move = positions.copy(), np.repeat(unknown, 2)
+    expected = positions.reshape(-1)[move].copy()
+    for _ in range(6):
+        rows, size = _length_rows(positions)
+        rows = rows[:, move] / error[:, None]
+        short = (length - size) / error
+        off = (positions.reshape(-1)[move] - expected) / bridge_error**2
+        normal = rows.T @ rows + np.eye(len(expected)) / bridge_error**2
+        positions.reshape(-1)[move] += np.linalg.solve(normal, rows.T @ short - off)
+    return positions
+
+
+def _length_rows(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives (n - 1, 2 n) of the links' lengths by the positions, and the lengths (n - 1,) [pixel]."""
+    link = np.diff(positions, axis=0)
+    size = np.maximum(np.linalg.norm(link, axis=1), 1e-6)
+    rows = np.zeros((len(size), len(positions), 2))
+    j = np.arange(len(size))
+    rows[j, j], rows[j, j + 1] = -link / size[:, None], link / size[:, None]
+    return rows.reshape(len(size), -1), size
+
+
+def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tuple[float, np.ndarray]:
+    """The cheapest assignment in which no circle serves two nodes: a shared circle is denied to either in turn."""
+    price, states = _viterbi(unary, pair)
+    taken = states[states < unary.shape[1] - 1]
+    double = [c for c in np.unique(taken) if (taken == c).sum() > 1]
+    if not double or depth >= 8:
+        return price, states
+    tries = []
+    owners = np.flatnonzero(states == double[0])
+    for keeper in owners:
+        denied = unary.copy()
+        denied[np.setdiff1d(owners, keeper), double[0]] = np.inf
+        tries.append(_without_doubles(denied, pair, depth + 1))
+    return min(tries, key=lambda found: found[0])
+
+
+def _viterbi(unary: np.ndarray, pair: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+    """Minimum sum of unary (n, m) and pair (n - 1, m, m) costs along a chain, and its states (n,)."""
+    price, back = unary[0], []
+    for step, own in zip(pair, unary[1:], strict=True):
+        total = price[:, None] + step
+        back.append(np.argmin(total, axis=0))
+        price = np.min(total, axis=0) + own
+    states = [int(np.argmin(price))]
+    for choice in reversed(back):
+        states.append(int(choice[states[-1]]))
+    return float(price.min()), np.array(states[::-1])

@@ -1,0 +1,218 @@
+"""Videos of simulated runs, as a laboratory camera would record them.
+
+A pinhole camera with a bending lens looks at the plane of motion, perpendicular or slanting. Bars are grey; each node
+carries a black sticker with a bright disc. The picture is averaged over the exposure, blurred, and noisy. A fixed post
+and a moving plate are between the camera and the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from fitting.films.calibration import Lens
+from fitting.films.flattening import central_differences, rotation
+from fitting.films.video import opencv
+from fitting.traces.synthetic import Motion
+
+#: Grey levels of the plate and of a post before it.
+PLATE, POST = 105.0, 60.0
+
+
+@dataclass(frozen=True)
+class Cover:
+    """An upright plate whose middle moves from `start` at time `begin` [s] to `stop` at `end`.
+
+    Before and after it is out of view. Positions are (x, z) [m] of the run, times count from its first frame; `size` is
+    (width, height) [m].
+    """
+
+    begin: float
+    end: float
+    start: tuple[float, float]
+    stop: tuple[float, float]
+    size: tuple[float, float]
+
+    def corners(self, t: float) -> np.ndarray | None:
+        """Its corners (4, 2) [m] in order, or None if it is out of view."""
+        share = (t - self.begin) / (self.end - self.begin)
+        if not 0 <= share <= 1:
+            return None
+        middle = np.asarray(self.start) + share * (np.asarray(self.stop) - np.asarray(self.start))
+        return middle + 0.5 * np.asarray(self.size) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+
+
+@dataclass(frozen=True)
+class View:
+    """Camera setup of a run.
+
+    Attributes:
+        size: (width, height) [pixel].
+        focus [pixel], bending (k1, k2), distance of the camera [m]: they determine the size of a pixel.
+        centre: (x, z) [m] of the run that the camera looks at.
+        radius: of the discs [m].
+        exposure: of a frame [s]; its middle is the frame's time.
+        blur [pixel], noise [grey]: standard deviations.
+        hidden: (node, first frame, last frame): a disc is covered in these frames.
+        post: (x, width) [m] of an upright post before the plate, or None.
+        slant: (pan, pitch) [rad] of the camera, which moves around `centre` at `distance`: positive from the right and
+            from above. It has no roll: its rows are level.
+        cover: a plate that moves before the motion, or None.
+    """
+
+    size: tuple[int, int] = (640, 480)
+    focus: float = 800.0
+    bending: tuple[float, float] = (0.0, 0.0)
+    distance: float = 1.0
+    centre: tuple[float, float] = (0.0, 0.0)
+    radius: float = 0.008
+    exposure: float = 1 / 640
+    blur: float = 0.7
+    noise: float = 4.0
+    hidden: tuple[tuple[int, int, int], ...] = ()
+    post: tuple[float, float] | None = None
+    slant: tuple[float, float] = (0.0, 0.0)
+    cover: Cover | None = None
+
+    @property
+    def lens(self) -> Lens:
+        """The camera as a perfect calibration would describe it."""
+        width, height = self.size
+        matrix = np.array([[self.focus, 0, (width - 1) / 2], [0, self.focus, (height - 1) / 2], [0, 0, 1.0]])
+        return Lens(matrix, np.array([*self.bending, 0.0, 0.0, 0.0]), 0.0, 0, self.size)
+
+    @property
+    def pixels_per_metre(self) -> float:
+        return self.focus / self.distance
+
+    @property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) from right, down, away of the plane of motion to right, down, ahead of the camera."""
+        return rotation(*self.slant)
+
+    def to_pixels(self, positions: np.ndarray) -> np.ndarray:
+        """Pixels (k, 2) of points (k, 2) (x, z) [m] in the plane."""
+        flat = (positions - np.asarray(self.centre)) * [1.0, -1.0]
+        ahead = flat @ self.rotation[:, :2].T + [0.0, 0.0, self.distance]
+        straight = self.focus * ahead[:, :2] / ahead[:, 2:] + self.lens.matrix[:2, 2]
+        return self.lens.bend(straight)
+
+    def stretch(self, positions: np.ndarray) -> np.ndarray:
+        """Derivatives (k, 2, 2) [pixel/m] of the pixels by the positions (k, 2) [m]."""
+        return central_differences(self.to_pixels, positions, 1e-4)
+
+
+def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.ndarray]:
+    """Grey frames (height, width) of a run, one per 1/fps of its time; the same seed gives the same noise."""
+    rng = np.random.default_rng(seed)
+    at = CubicSpline(motion.t, motion.nodes[..., [0, 2]])
+    for i in range(int((motion.t[-1] - motion.t[0]) * fps + 1e-6) + 1):
+        hidden = [node for node, first, last in view.hidden if first <= i <= last]
+        now = motion.t[0] + i / fps
+        way = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
+        # pictures averaged over an exposure, at most 1 pixel apart: a moving disc becomes a streak, not a row of discs
+        count = max(5, int(np.ceil(way / 1.0)))
+        parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
+        shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
+        yield _develop(np.mean(shots, axis=0), view, rng)
+
+
+def chessboards(
+    view: View, board: tuple[int, int] = (9, 6), square: float = 0.03, count: int = 10, seed: int = 0
+) -> Iterator[np.ndarray]:
+    """Pictures of a chessboard of `board` inner corners: the first in the plane of motion, the others slanting."""
+    rng = np.random.default_rng(seed)
+    for i in range(count):
+        turn = opencv().Rodrigues(view.rotation)[0].ravel() if i == 0 else rng.uniform(-0.5, 0.5, 3)
+        far = view.distance * (1.0 if i == 0 else rng.uniform(0.75, 1.1))
+        # alternately to the sides, where a lens bends most; only complete boards are found
+        side = 0.22 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]][i % 4]) if i else np.zeros(2)
+        shift = side * np.array(view.size) / view.focus * far
+        yield _develop(_board(view, board, square, turn, np.array([*shift, far])), view, rng)
+
+
+def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.ndarray:
+    """The picture of an instant: nodes at `positions` (n, 2) [m], `t` [s] after the first frame."""
+    width, height = view.size
+    image = np.full((height, width), PLATE, np.float32)
+    nodes, stretch = view.to_pixels(positions), view.stretch(positions)
+    cv2 = opencv()
+    thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
+    for a, b in zip(nodes[:-1], nodes[1:], strict=True):
+        cv2.line(image, *_sixteenths([a, b]), 150.0, thick, cv2.LINE_AA, 4)
+    for k, position in enumerate(nodes):
+        _disc(image, position, 1.7 * view.radius, stretch[k], 22.0)
+        if k not in hidden:
+            _disc(image, position, view.radius, stretch[k], 235.0)
+    if view.post is not None:
+        x, wide = view.post
+        edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]
+        image[:, max(0, round(edges[0])) : max(0, round(edges[1]))] = POST
+    if view.cover is not None and (corners := view.cover.corners(t)) is not None:
+        cv2.fillPoly(image, [np.array(_sixteenths(view.to_pixels(corners)))], POST, cv2.LINE_AA, 4)
+    return image
+
+
+def _sixteenths(points: np.ndarray | list[np.ndarray]) -> list[tuple[int, int]]:
+    """Coordinates with 4 binary digits behind the point, as OpenCV draws them."""
+    return [(round(16 * float(x)), round(16 * float(y))) for x, y in points]
+
+
+def _disc(image: np.ndarray, centre: np.ndarray, radius: float, stretch: np.ndarray, grey: float) -> None:
+    """Draw a disc of `radius` [m], an ellipse for a slanting camera, with a rim that is smooth over one pixel."""
+    scale = np.sqrt(abs(np.linalg.det(stretch)))
+    reach = 1.5 * radius * scale
+    low = np.maximum(np.floor(centre - reach - 2), 0).astype(int)
+    high = np.minimum(np.ceil(centre + reach + 3), image.shape[::-1]).astype(int)
+    if (low >= high).any():
+        return
+    y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
+    flat = np.stack([x - centre[0], y - centre[1]], axis=-1) @ np.linalg.inv(stretch).T
+    cover = np.clip(0.5 + scale * (radius - np.hypot(flat[..., 0], flat[..., 1])), 0.0, 1.0)
+    patch = image[low[1] : high[1], low[0] : high[0]]
+    patch += cover * (grey - patch)
+
+
+def _develop(image: np.ndarray, view: View, rng: np.random.Generator) -> np.ndarray:
+    if view.blur > 0:
+        image = opencv().GaussianBlur(image.astype(np.float32), (0, 0), view.blur)
+    noisy = image + view.noise * rng.standard_normal(image.shape, dtype=np.float32)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def _board(view: View, board: tuple[int, int], square: float, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """A board with a white margin, its middle at `shift` from the camera, computed along every pixel's ray."""
+    fine = 3  # samples per pixel and axis, averaged; the lens is uniform within a pixel
+    width, height = view.size
+    lens = view.lens
+    rotation = opencv().Rodrigues(turn)[0]
+    to_board = np.linalg.inv(lens.matrix @ np.stack([rotation[:, 0], rotation[:, 1], shift], axis=1))
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    straight = lens.straighten(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(height, width, 2)
+    total = np.zeros((height, width))
+    step = (np.arange(fine) + 0.5) / fine - 0.5
+    for du, dv in product(step, step):
+        total += _squares(to_board, straight + (du, dv), board, square)
+    return (total / fine**2).astype(np.float32)
+
+
+def _squares(to_board: np.ndarray, straight: np.ndarray, board: tuple[int, int], square: float) -> np.ndarray:
+    """Grey of the board at straight pixels (height, width, 2)."""
+    x, y, w = (straight[..., 0] * row[0] + straight[..., 1] * row[1] + row[2] for row in to_board)
+    column, row = (a / w / square + (b + 1) / 2 for a, b in zip((x, y), board, strict=True))
+    wide, high = board[0] + 1, board[1] + 1
+    inside = (column >= 0) & (column < wide) & (row >= 0) & (row < high)
+    margin = (column > -1) & (column < wide + 1) & (row > -1) & (row < high + 1)
+    black = inside & ((np.floor(column) + np.floor(row)) % 2 == 0)
+    return np.where(black, 25.0, np.where(margin, 225.0, PLATE))
+
+
+#: Blue, green, red: links, bridged nodes, text.
+LINK, BRIDGED, TEXT = (178, 114, 0), (0, 94, 213), (40, 40, 40)
+
+
+# A picture of the node orders that a film allows, from which the user selects the right one

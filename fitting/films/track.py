@@ -1,0 +1,326 @@
+"""From a video to angle traces: the complete pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import Progress, SceneError, silent
+from fitting.films.calibration import Lens, calibrate, plane_from_board
+from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
+from fitting.films.detection import Circles, MarkerAppearance, detect_at, scan
+from fitting.films.flattening import (
+    Flat,
+    central_differences,
+    changing_lengths,
+    four_quadrant,
+    level_error,
+    link_lengths,
+    scatter,
+    to_trace,
+)
+from fitting.films.following import follow_film
+from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
+from fitting.films.marks import Marks, find_marks
+from fitting.films.ordering import AmbiguousOrderError
+from fitting.films.video import Video
+from fitting.traces.trace import FEWEST, Trace
+
+#: A marker not detected for longer [s] at the end is lost; one that reappears may have turned round unseen.
+LONGEST_GAP = 0.5
+#: Meaning of the marks.
+WORDS = {"swapped": "swapped", "jumped": "jumped", "length": "off the lengths of their links"}
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """Result of tracking a video.
+
+    Attributes:
+        trace: angles [rad] and standard errors, empty if a marker was not detected or a frame is marked.
+        pixels: (k, n, 2) positions in the video's own pixels, bridged if not detected.
+        metres: (k, n, 2) right and up of the first frame's node 0 [m]; pixels if no scale was given.
+        detected: (k, n).
+        appearance, lens, scaled: appearance of a marker, the lens or None, whether metres are metres.
+        first_frame: of the video, that of the trace's first sample.
+        fps [1/s]; status: `ok`, `not_converged` (the trace ends early) or `lost` (the circles do not move as the nodes
+            of a chain), with the reason in `message`.
+        marks: frames in which nodes swapped, jumped, or violated their links' lengths.
+        slant: pan and pitch of the camera [rad] found from the motion, or None with a board in the plane.
+        exposure: [s] estimated from the lengths of turning links; its effect is corrected. 0 if it is too short.
+    """
+
+    trace: Trace
+    pixels: np.ndarray
+    metres: np.ndarray
+    detected: np.ndarray
+    appearance: MarkerAppearance
+    lens: Lens | None
+    scaled: bool
+    first_frame: int
+    fps: float
+    status: str
+    message: str
+    warnings: tuple[str, ...]
+    marks: Marks
+    slant: tuple[float, float] | None = None
+    exposure: float = 0.0
+
+    @property
+    def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation (n - 1,) of the links' measured lengths."""
+        used = self.detected[:, 1:] & self.detected[:, :-1] & ~self.marks.links
+        known = [column[good] for column, good in zip(link_lengths(self.metres).T, used.T, strict=True)]
+        return tuple(np.array([f(c) if len(c) else np.nan for c in known]) for f in (np.mean, np.std))
+
+    def to_json(self) -> dict[str, Any]:
+        """The result without its samples."""
+        mean, deviation = self.link_lengths
+        found = {
+            "schema": 1,
+            "status": self.status,
+            "frames": len(self.detected),
+            "fps": self.fps,
+            "nodes": self.detected.shape[1],
+            "links": self.detected.shape[1] - 1,
+            "bridged": [int(x) for x in (~self.detected).sum(axis=0)],
+            "longest_gap_s": float(_longest_gaps(self.detected).max() / self.fps),
+            "angle_se_rad": float(np.nanmedian(self.trace.se)) if np.isfinite(self.trace.se).any() else None,
+            "marker_radius_pixel": self.appearance.radius,
+            "link_length_m": [float(x) for x in mean] if self.scaled else None,
+            "link_length_deviation": [float(x) for x in deviation / mean],
+            "marked": self.marks.spans(self.trace.t),
+            "marked_frames": int(self.marks.frames.sum()),
+            "slant_rad": None if self.slant is None else list(self.slant),
+            "exposure_s": self.exposure,
+            "reprojection_error_pixel": None if self.lens is None else self.lens.error,
+            "warnings": list(self.warnings),
+        }
+        return found if self.status == "ok" else {**found, "error": self.message}
+
+
+def track(
+    video: str | Path,
+    nodes: int,
+    *,
+    calibration: Sequence[str | Path] = (),
+    board: tuple[int, int] = (9, 6),
+    square: float | None = None,
+    plane: str | Path | None = None,
+    scale: float | None = None,
+    distance: float | None = None,
+    level: bool = False,
+    radius: float | None = None,
+    bright: bool | None = None,
+    first: str = "auto",
+    start: Sequence[tuple[float, float]] | None = None,
+    fps: float | None = None,
+    begin: float = 0.0,
+    end: float | None = None,
+    progress: Progress | None = None,
+) -> Tracked:
+    """Follow the markers of a chain through a video.
+
+    Args:
+        nodes: markers, both ends included: 8 for the lab dropper of 7 links.
+        calibration: pictures of a chessboard with `board` inner corners, taken by the same camera.
+        plane, square: a picture of the board in the plane of motion and its square [m]: metres, and no slant.
+        scale [m/pixel] or distance [m] between the first and last marker: metres without a board.
+        level: the first and last marker are at the same height; otherwise the picture's rows are level.
+        radius [pixel], bright: of the markers; default: those that stand out most.
+        first: end of the chain with node 0: auto (the only end at rest, otherwise the left one), left, right, top.
+        start: positions (nodes, 2) [pixel] in the first frame, in order, including hidden markers; default: found from
+            constant distances.
+        fps: frames per second if the file is wrong, as for high-speed cameras.
+        begin, end: [s] of the video to use; t = 0 is `begin`.
+
+    Raises:
+        SceneError: for any invalid input, in one line.
+        AmbiguousOrderError: the film allows several orders of the nodes.
+    """
+    if nodes < 2:
+        raise SceneError(f"--nodes: {nodes} is too few; allowed: at least 2, both ends of the chain included")
+    if sum(x is not None for x in (plane, scale, distance)) > 1:
+        raise SceneError("track: more than one of --plane, --scale, --distance; allowed: one of them")
+    if plane is not None and square is None:
+        raise SceneError("--square: missing; needed: the side of the board's squares in m, because --plane is given")
+    say = progress or silent
+    film = Video(video, fps)
+    lens = calibrate(calibration, board) if calibration else None
+    if lens is not None and lens.size != film.size:
+        raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
+    span = _span(film, begin, end)
+    if start is not None and np.shape(start) != (nodes, 2):
+        raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
+    say(0.0, "looking for markers")
+    appearance, circles = scan(film, span, nodes, radius, bright, say)
+    board_plane = None if plane is None else plane_from_board(plane, lens, board, square)
+    say(0.75, "finding the order of the nodes")
+    try:
+        flat = Flat(film.size, lens, board_plane)
+        chain = follow_film(circles, nodes, appearance.radius, film.fps, flat, first, start)
+    except AmbiguousOrderError as error:
+        raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
+    _detect_again(film, span, appearance, chain)
+    chain, offset, message = _trim_frames(remove_blur(chain), film.fps)
+    marks = find_marks(chain.flat, chain.detected)
+    size = len(chain.detected)
+    if size < FEWEST:
+        raise SceneError(f"{film.path.name}: {message or 'only'} {size} frames; allowed: at least {FEWEST}")
+    metres = _metres(chain, scale, distance)
+    if level:
+        metres = _level_chain(metres)
+    t = (offset + np.arange(size)) / film.fps
+    known = chain.detected[:, 1:] & chain.detected[:, :-1] & ~marks.links
+    level_unknown = 0.0
+    if lens is not None and not level:
+        planes = [None if plane is None else plane_from_board(plane, other, board, square) for other in lens.others]
+        others = [replace(chain.map, lens=a, plane=b) for a, b in zip(lens.others, planes, strict=True)]
+        level_unknown = level_error(chain.map, others, chain.pixels, chain.detected)
+    error = np.where(known, _errors(chain, ~marks.links, level_unknown), np.nan)
+    lost = why_no_chain(chain.flat, chain.detected, marks, error)
+    uncertain = known & ~(error <= LARGEST_ERROR)
+    known &= ~uncertain
+    trace = to_trace(film.path.stem, t, metres, error, known)
+    trace = replace(trace, warnings=changing_lengths(chain.flat, known))
+    if lost:
+        message = (
+            f"{film.path.name}: the circles do not move as the nodes of a chain: {lost}; needed: a marker on each of "
+            f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
+        )
+    elif not message and end is None and span[0] + len(circles) < 0.95 * film.announced:  # cut short
+        message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
+    parameters = chain.map.parameters
+    tracked = Tracked(
+        trace=trace,
+        pixels=chain.pixels,
+        metres=metres - metres[0, 0],
+        detected=chain.detected,
+        appearance=appearance,
+        lens=lens,
+        scaled=not (plane is None and scale is None and distance is None),
+        first_frame=span[0] + offset,
+        fps=film.fps,
+        status="lost" if lost else "not_converged" if message else "ok",
+        message=message,
+        warnings=_warnings(film, chain, marks, trace.warnings, t, offset, int(uncertain.sum())),
+        marks=marks,
+        slant=None if parameters is None or board_plane is not None else (float(parameters[0]), float(parameters[1])),
+        exposure=chain.exposure / film.fps,
+    )
+    say(1.0, tracked.status)
+    return tracked
+
+
+def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:
+    if begin < 0 or (end is not None and end <= begin):
+        raise SceneError(f"--from, --until: {begin:g} to {end} s; allowed: 0 <= from < until")
+    if film.announced and begin * film.fps >= film.announced:
+        raise SceneError(f"--from: {begin:g} s is after the end; allowed: below {film.announced / film.fps:.3g} s")
+    return round(begin * film.fps), None if end is None else round(end * film.fps)
+
+
+def _detect_again(film: Video, span: tuple[int, int | None], appearance: MarkerAppearance, chain: TrackedChain) -> None:
+    """Search the frames themselves for markers whose circles were not found at first, mainly half hidden ones."""
+    if chain.detected.all():
+        return
+    frames = enumerate(film.frames(*span))
+
+    def detect_in_frame(i: int, guesses: np.ndarray) -> Circles:
+        return detect_at(next(image for number, image in frames if number == i), appearance, guesses)
+
+    detect_again(chain, detect_in_frame)
+
+
+def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:
+    """The frames from the first to the last with a link, the first one's number, and the reason of an early end."""
+    detected = chain.detected
+    some = np.flatnonzero((detected[:, 1:] & detected[:, :-1]).any(axis=1))
+    first, last = (int(some[0]), len(detected)) if len(some) else (0, 0)
+    until = len(detected) - np.argmax(detected[::-1], axis=0)
+    lost = np.flatnonzero((len(detected) - until > LONGEST_GAP * fps) | ~detected.any(axis=0))
+    why = ""
+    if len(lost):
+        worst = int(lost[np.argmin(until[lost])])
+        last = int(until[worst]) if detected[:, worst].any() else first
+        why = f"marker {worst} is lost after {last / fps:.3g} s;"
+    part = slice(first, max(first, last))
+    arrays = {name: getattr(chain, name)[part] for name in ("flat", "pixels", "error", "detected")}
+    return replace(chain, **arrays), first, why
+
+
+def _metres(chain: TrackedChain, scale: float | None, distance: float | None) -> np.ndarray:
+    """Positions (k, n, 2), right and up, in m if a scale is known, otherwise in pixels."""
+    flat = chain.flat * [1.0, -1.0]
+    if chain.map.plane is not None:
+        scale = chain.map.metres_per_pixel()
+    if distance is not None:
+        scale = distance / float(np.median(np.linalg.norm(flat[:, -1] - flat[:, 0], axis=1)))
+    return flat * (1.0 if scale is None else scale)
+
+
+def _errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
+    """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
+    found = np.hypot(scatter(chain.flat, chain.error, chain.detected, used), level)
+    flat = chain.map
+    if flat.covariance is None:
+        return found
+
+    def angles(parameters: np.ndarray) -> np.ndarray:
+        return four_quadrant(replace(flat, parameters=parameters)(chain.pixels))
+
+    jacobian = central_differences(angles, flat.parameters, 1e-4)
+    return np.sqrt(found**2 + np.einsum("kja,ab,kjb->kj", jacobian, flat.covariance, jacobian))
+
+
+def _level_chain(metres: np.ndarray) -> np.ndarray:
+    """The positions rotated so that the mean line from the first to the last node is level."""
+    span = np.mean(metres[:, -1] - metres[:, 0], axis=0)
+    if not np.hypot(*span) > 0:
+        return metres
+    # nearest level direction: the chain may run from right to left
+    c, s = np.copysign(1.0, span[0]) * span / np.hypot(*span)
+    return metres @ np.array([[c, -s], [s, c]])
+
+
+def _longest_gaps(detected: np.ndarray) -> np.ndarray:
+    """Longest run of frames without a detection of each node (n,)."""
+    seen = np.pad(detected, ((1, 1), (0, 0)), constant_values=True)
+    return np.array([np.diff(np.flatnonzero(column)).max() - 1 for column in seen.T])
+
+
+def _warnings(
+    film: Video,
+    chain: TrackedChain,
+    marks: Marks,
+    depth: tuple[str, ...],
+    t: np.ndarray,
+    offset: int,
+    uncertain: int,
+) -> tuple[str, ...]:
+    name, detected, found = film.path.name, chain.detected, []
+    if offset:
+        found.append(f"{name}: no link is visible before frame {offset}; the trace starts there")
+    if chain.straight:
+        found.append(f"{name}: no joint bends; the nodes are ordered as they lie on a line")
+    found += [f"{name}: {line}" for line in depth]
+    if uncertain:
+        found.append(f"{name}: {uncertain} angles with standard errors above {LARGEST_ERROR:g} rad left empty")
+    gaps = _longest_gaps(detected) / film.fps
+    for node in np.flatnonzero((~detected).any(axis=0)):
+        long = (
+            f"; the longest gap is {gaps[node]:.2g} s, turns in it are not counted" if gaps[node] > LONGEST_GAP else ""
+        )
+        found.append(
+            f"{name}: marker {node} not seen in {(~detected[:, node]).sum()} frames, bridged and left empty{long}"
+        )
+    for span in marks.spans(t):
+        when = " to ".join(dict.fromkeys(f"{span[key]:.4g}" for key in ("from_s", "to_s")))
+        nodes = ", ".join(map(str, span["nodes"]))
+        why = " and ".join(WORDS[word] for word in span["why"])
+        found.append(f"{name}: {when} s: nodes {nodes} {why}; marked and left empty")
+    return tuple(found)

@@ -1,0 +1,206 @@
+"""Design problems: what is read and refused, slopes of models and of poses, the linear programme."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from dropper_jax import SceneError, packaged_scene
+from dropper_jax.run.growth import fixed_point_loads
+from dropper_jax.scene import line_slices
+from fitting.farm.optimise.goals import read_goals
+from fitting.farm.optimise.models import still, still_model
+from fitting.farm.optimise.run import read_problem
+from fitting.farm.optimise.search import programme
+from fitting.farm.optimise.storm import Peaks
+from fitting.farm.optimise.values import Values, Window, near_rest, rest
+from fitting.farm.optimise.variables import read_variables
+from fitting.farm.site import read_site
+
+LOOPS = packaged_scene("looped-longline")
+SITE = {
+    "scene": "looped-longline",
+    "parameters": {"loops": 2, "loop_links": 2},
+    "run": {"duration": 60.0, "seeds": 1, "skip": 15.0},
+    "sea_state": [{"name": "storm", "hs": 3.0, "tp": 9.0, "count": 20}],
+    "cases": {"currents": [0.9]},
+    "factors": {"intact": 1.67},
+    "part": [{"name": "lines", "lines": "*"}],
+    "backbone": {"lines": "backbone", "deepest": 8.0},
+    "variable": [
+        {"name": "leg", "low": 55.0, "high": 80.0},
+        {"name": "leg_diameter", "low": 0.01, "high": 0.05, "catalogue": [0.012, 0.02, 0.04]},
+        {"name": "float_volume", "low": 0.05, "high": 0.3},
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def site():
+    return read_site(SITE)
+
+
+def changed(**sections):
+    return read_site({**copy.deepcopy(SITE), **sections})
+
+
+def test_variables_are_parameters_with_bounds_and_neighbouring_sizes(site):
+    leg, diameter, _ = read_variables(site.raw["variable"], site.scene)
+    assert (leg.path, leg.value, leg.span) == ("parameters.leg", 60.0, 25.0)
+    assert diameter.sizes(0.025) == (0.02, 0.04)
+    assert diameter.sizes(0.045) == (0.04,)
+    assert leg.sizes(61.5) == (61.5,)
+
+
+REFUSED = {
+    "an unknown name": ({"variable": [{"name": "legg", "low": 1.0, "high": 2.0}]}, "legg.*did you mean.*leg"),
+    "no room": (
+        {"variable": [{"name": "leg", "low": 60.0, "high": 60.0}]},
+        "variable.0.high.*leaves an empty interval",
+    ),
+    "the start outside": ({"variable": [{"name": "leg", "low": 61.0, "high": 80.0}]}, "leave out the scene's 60"),
+    "one that follows": ({"variable": [{"name": "backbone_length", "low": 1.0, "high": 9.0}]}, "follows from others"),
+    "one twice": ({"variable": [SITE["variable"][0]] * 2}, "is a duplicate"),
+    "a size outside": (
+        {"variable": [{"name": "leg", "low": 55.0, "high": 80.0, "catalogue": [90.0]}]},
+        "catalogue.0.*out of bounds",
+    ),
+    "an unknown part": ({"objective": {"of": "load", "part": "line"}}, "objective.part.*'line' is unknown"),
+    "an unknown objective": ({"objective": {"of": "beauty"}}, "objective.of.*'beauty' is unknown"),
+    "depths that contradict": (
+        {"constraint": [{"kind": "depth", "points": "p*", "shallowest": 5.0, "deepest": 4.0}]},
+        "constraint.0.deepest: 4 m contradicts shallowest",
+    ),
+    "depths of two tables that contradict": (  # backbone.deepest is 8 m
+        {"constraint": [{"kind": "depth", "points": "p1", "shallowest": 8.5}]},
+        "depth 0 shallowest of 8.5 m contradicts backbone deepest of 8 m",
+    ),
+    "a part that the library has not": (
+        {"scene": {**LOOPS, "line": [{**row, "type": "library:rope-hemp-0.03"} for row in LOOPS["line"]]}},
+        "line.0.type: library: 'rope-hemp-0.03' is unknown",
+    ),
+    "a sea that breaks": (
+        {"sea_state": [{"name": "storm", "hs": 16.0, "tp": 9.5}]},
+        "sea_state.0.hs: 'storm' of 16 m breaks",
+    ),
+    "a kind that is none": ({"constraint": [{"kind": "price"}]}, "constraint.0.kind.*'price' is unknown"),
+    "a key that is none": (
+        {"constraint": [{"kind": "quantity", "of": "tension.leg.max", "most": 1.0}]},
+        "constraint.0.most: unknown key",
+    ),
+    "points that are not there": (
+        {"constraint": [{"kind": "depth", "points": "q*", "deepest": 4.0}]},
+        "'q.' matches no free point",
+    ),
+    "a window that its ramp fills": ({"optimise": {"before": 5.0}}, "optimise.before: 5 s"),
+    "no variable": ({"variable": []}, "variable: none is given"),
+    "a most probable load of one seed": (
+        {"run": {"duration": 60.0, "seeds": 1, "skip": 15.0, "characteristic": "most_probable"}},
+        "run.seeds: 1 for the most probable",
+    ),
+    "only broken states": (
+        {"cases": {"states": ["west-leg"]}, "factors": {"broken": 1.25}},
+        "cases.states: must include 'intact'",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_a_bad_problem_is_refused_before_anything_runs(what):
+    sections, told = REFUSED[what]
+    with pytest.raises(SceneError, match=told):
+        read_problem(changed(**sections))
+
+
+def test_a_constraint_may_limit_a_quantity_by_name():
+    limits = [{"kind": "quantity", "of": "tension.west-leg.fairlead.max", "maximum": 2e4}]
+    limits += [{"kind": "quantity", "of": "offset.p1.max", "maximum": 5.0}]
+    own = changed(constraint=limits, anchor=[{"points": "*", "capacity": 6e3}])
+    variables = read_variables(own.raw["variable"], own.scene)
+    model = still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
+    pose = near_rest(model, None)
+    tension, offset = read_goals(own).quantities(own, model)[-2:]
+    r, loads = pose.r[None], pose.tension[None]
+    leg = line_slices(own.scene)[0].links
+    assert float(tension.hard(model, r, loads)) == pytest.approx(float(pose.tension[leg.stop - 1]) / 2e4)
+    spec = {point.name: np.asarray(point.position) for point in own.scene.points}
+    node = int(model.geometry.point_node[[p.name for p in model.points].index("p1")])
+    assert float(offset.hard(model, r, loads)) == pytest.approx(
+        float(np.linalg.norm(np.asarray(pose.r)[node, :2] - spec["p1"][:2])) / 5.0
+    )
+    # the utilisation of a tested anchor is |load| times factor over capacity; other kinds have their own
+    load = fixed_point_loads(own.scene, np.asarray(model.nodes(pose.r, model.ends(0.0))), np.asarray(pose.tension))
+    x, y, up = load["west-anchor"]
+    screw = {"kind": "screw", "plates": [0.3, 0.3], "depths": [2.0, 3.0], "strength": 5e4}  # 9 times that over its area
+    expected = {
+        np.linalg.norm([x, y, up]) / 6e3: {"capacity": 6e3},
+        (np.hypot(x, y) / 0.5 + up) / 4e3: {"kind": "dead_weight", "weight": 4e3, "friction": 0.5},
+        np.linalg.norm([x, y, up]) / (9 * 5e4 * 2 * np.pi * 0.15**2): screw,
+        up / (9 * 5e4 * 2 * np.pi * 0.15**2) + np.hypot(x, y) / 3e3: {**screw, "lateral": 3e3},
+    }
+    for utilisation, kind in expected.items():
+        own = changed(anchor=[{"points": "*", **kind}])
+        anchor = next(q for q in read_goals(own).quantities(own, model) if q.name == "west-anchor")
+        factor = own.anchors[0].factor["intact"]
+        assert float(anchor.hard(model, r, loads)) == pytest.approx(utilisation * factor, rel=1e-6)
+    for name, words in (("tension.west-lag.max", "did you mean 'west-leg'"), ("energy.max", "cannot be limited")):
+        with pytest.raises(SceneError, match=words):
+            read_goals(changed(constraint=[{"kind": "quantity", "of": name, "maximum": 1.0}]))
+
+
+def test_a_variable_that_moves_nothing_is_named():
+    # the scene's own current is not that of the cases
+    own = [*SITE["variable"], {"name": "current", "low": 0.5, "high": 1.5}]
+    with pytest.raises(SceneError, match="variable: 'current' moves nothing"):
+        read_problem(changed(variable=own))
+
+
+def test_models_and_poses_follow_the_variables_as_differences_say(site):
+    design = read_problem(site)
+    case, x = design.cases[0], design.start
+    found = still(design.site, design.variables, x, case.storm)
+    own = rest(found)
+    for k, variable in enumerate(design.variables):
+        step = np.zeros(len(x))
+        step[k] = 1e-5 * variable.span
+        ends = [still_model(design.site, design.variables, x + s * step, case.storm) for s in (1.0, -1.0)]
+        places = [near_rest(model, own.state).r for model in ends]
+        by = np.asarray(places[0] - places[1]) / (2 * step[k])
+        np.testing.assert_allclose(own.dr[k], by, rtol=1e-4, atol=1e-5 * np.max(np.abs(by)))
+
+
+def test_capacities_that_are_the_scene_s_follow_the_design(site):
+    design = read_problem(changed(part=[{"name": "legs", "lines": "*-leg"}], unchecked=["loop-*", "backbone"]))
+    value, slope = design.scene_constraints(design.start)
+    # 1.1e8 d^2: twice the relative change of the diameter
+    np.testing.assert_allclose([value[1], slope[1, 1] * design.start[1], slope[1, 0]], [1.0, 2.0, 0.0], atol=1e-6)
+    legs = 2 * 500.0 * 0.04**2 * 60.0
+    backbone, loop, floats = 500.0 * 0.036**2 * 6.6, 2 * 8.0 * 8.0, 3 * 80.0 * 0.13
+    np.testing.assert_allclose(value[0], legs + backbone + loop + floats, rtol=1e-6)
+    np.testing.assert_allclose(slope[0] * design.start, [legs, 2 * legs, floats], rtol=1e-4)
+
+
+@pytest.mark.parametrize("characteristic", ["mean", "most_probable"])
+def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characteristic, monkeypatch):
+    design = read_problem(changed(run={**SITE["run"], "seeds": 4, "characteristic": characteristic}))
+    rng = np.random.default_rng(0)
+
+    def window(x, window, start, slopes):
+        hard = rng.uniform(1.0, 2.0, len(design.quantities(window.case, start.still)))
+        slope = rng.standard_normal((len(hard), start.rest.dr.shape[0]))
+        return Peaks(hard, hard, slope, np.zeros(len(hard)), True)
+
+    monkeypatch.setattr(design, "window", window)
+    ones = np.ones(len(design.quantities(design.cases[0], design.still(design.start, design.cases[0]).still)))
+    found = design.values(design.start, [Window(case, 0.0, ones, None) for case in design.cases], lambda *_: None)
+    seeds = [found.by_seed[name] for name in found.names if name in found.by_seed]
+    assert [rows.shape for rows in seeds] == [(4, found.slopes.shape[1])]
+    np.testing.assert_allclose(seeds[0].mean(axis=0), found.slopes[0], rtol=1e-12)
+
+
+def test_the_programme_finds_corner_and_prices():
+    # min x + y above x + 2 y >= 3, 2 x + y >= 3 from (2, 2): the corner (1, 1), prices 1/3 each
+    values = Values(4.0, np.ones(2), ("a", "b"), np.array([-2.0, -2.0]), np.array([[-1.0, -2.0], [-2.0, -1.0]]))
+    found = programme(values, np.full(2, -2.0), np.full(2, 2.0), scale=4.0, limit=1.0)
+    np.testing.assert_allclose([*found.step, found.objective, found.violation], [-1.0, -1.0, 2.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.prices, [1 / 3, 1 / 3])

@@ -1,0 +1,173 @@
+"""The search's bookkeeping on problems whose numbers are written down: residuals, runs abreast."""
+
+import dataclasses
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dropper_jax import SceneError
+from fitting.farm.optimise.design import run_parallel
+from fitting.farm.optimise.run import check_slopes, design_warnings
+from fitting.farm.optimise.search import RESIDUAL, Search, measure, run_round, run_search
+from fitting.farm.optimise.values import Values, dominated_slopes
+
+
+def values(*constraints):
+    count = len(constraints)
+    return Values(2.0, np.zeros(1), tuple("abc"[:count]), np.array(constraints), np.zeros((count, 1)))
+
+
+def test_the_residual_is_that_of_windows_before_they_are_renewed():
+    design = SimpleNamespace(
+        renew_windows=lambda x, say: ((), []), measure_full_runs=lambda x, full: values(0.90, 0.50)
+    )
+    search = Search(np.zeros(1), 0.1)
+    measure(search, design, None)
+    assert search.residual is None
+    assert search.best_residual is None
+    search.best_objective = np.inf
+    measure(search, design, None, predicted=values(0.87, 0.51))
+    assert search.residual == pytest.approx(0.03)
+    assert search.best_residual == pytest.approx(0.03)
+    assert search.history[-1]["residual"] == pytest.approx(0.03)
+
+
+def test_large_residuals_and_designs_that_are_no_optimum_are_told():
+    assert design_warnings(RESIDUAL, 0.95, 0.01) == []
+    assert design_warnings(float("nan"), 1.0, 0.2) == []
+    assert "differed by 3.0% of a limit" in design_warnings(0.03, 1.0, 0.2)[0]
+    assert "balance 40% of the objective's slope" in design_warnings(0.0, 0.4, 0.2)[0]
+    assert "changes of up to 0.40% of the variables' ranges" in design_warnings(0.0, 1.0, 0.004)[0]
+
+
+def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_median():
+    # ten seeds of a farm's leg tension, by the leg's length and its diameter
+    length = [-723.0, -467.0, -438.0, -383.0, -293.0, -238.0, -233.0, -159.0, -129.0, 1282.0]
+    diameter = [10.0, 12.0, 14.0, 14.0, 15.0, 15.0, 15.0, 16.0, 17.0, 44.0]
+    rows = np.array([length, diameter]).T
+    own = Values(1.0, np.zeros(2), ("legs", "backbone"), np.array([0.98, 0.5]), np.zeros((2, 2)))
+    own = dataclasses.replace(own, by_seed={"legs": rows, "backbone": rows})
+    (found,) = dominated_slopes(own, np.ones(2), 0.99)
+    assert (found.constraint, found.variable, found.seed) == ("legs", 0, 9)
+    assert (found.mean, found.median) == pytest.approx((-178.1, -265.5))
+    assert "one seed dominates 1 derivative" in design_warnings(0.0, 1.0, 0.2, [found])[0]
+    assert dominated_slopes(dataclasses.replace(own, by_seed={"legs": rows[:9]}), np.ones(2), 0.99) == []
+    assert dominated_slopes(dataclasses.replace(own, by_seed={"legs": rows[8:]}), np.ones(2), 0.99) == []
+
+
+@pytest.mark.parametrize("failing", [[1], [1, 2, 3, 4]])
+def test_derivatives_next_to_runs_that_fail_are_checked_by_others_or_refused(failing):
+    calls = []
+
+    def window(x, own, start, slopes):
+        calls.append(slopes)
+        failed = len(calls) - 1 in failing  # the first call is that with slopes, then two ends of each of two steps
+        return SimpleNamespace(soft=np.array([np.nan if failed else 3.0 * x[0]]), slope=np.array([[3.0]]))
+
+    own = SimpleNamespace(case=SimpleNamespace(storm=SimpleNamespace(name="storm")), polished=False)
+    variables = [SimpleNamespace(span=1.0)]
+    design = SimpleNamespace(start=np.ones(1), variables=variables, window=window, run_start=lambda *_: None)
+    if len(failing) == 1:
+        assert check_slopes(design, [own]) < 1e-6
+    else:
+        with pytest.raises(SceneError, match="a window of storm has steps that do not converge"):
+            check_slopes(design, [own])
+
+
+def test_runs_abreast_keep_their_order_and_the_first_is_alone():
+    alone, seen = [], []
+
+    def one(i):
+        alone.append(threading.current_thread() is threading.main_thread())
+        return i * i
+
+    assert run_parallel(one, list(range(6)), seen.append, workers=3) == [i * i for i in range(6)]
+    assert alone[0]
+    assert not any(alone[1:])
+    assert seen == [1, 2, 3, 4, 5, 6]
+    assert run_parallel(one, [], seen.append) == []
+
+
+def test_runs_of_compiled_programs_start_together():
+    both = threading.Barrier(2, timeout=10.0)  # broken unless two wait at the same time
+    run_parallel(lambda _: both.wait(), [0, 1], lambda _: None, workers=2, alone=0)
+
+
+def test_what_a_run_abreast_raises_is_raised():
+    def one(i):
+        if i == 2:
+            raise ValueError("two")
+        return i
+
+    with pytest.raises(ValueError, match="two"):
+        run_parallel(one, list(range(5)), lambda _: None, workers=2)
+
+
+def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
+    """The objective rises whatever its slope says, and the bound is nearer than the reach."""
+    tried = []
+
+    def looked(x, windows, say):
+        tried.append(float(x[0]))
+        objective = 1.0 + (0.0 if x[0] == 0.5 else 1.0)
+        return Values(objective, np.array([1.0]), ("a",), np.array([0.5]), np.zeros((1, 1)))
+
+    design = SimpleNamespace(
+        settings=SimpleNamespace(margin=0.0, renew=2, enough=1e-3, reach=0.4),
+        variables=[SimpleNamespace(low=0.45, high=1.5, span=1.0)],
+        values=looked,
+    )
+    run_round(Search(np.array([0.5]), 0.4, scale=1.0), design, (), lambda: None, lambda *_: None)
+    assert tried[:2] == [0.5, 0.45]
+    assert len(set(tried)) == len(tried) > 2
+
+
+def test_steps_along_a_curved_limit_stay_long():
+    """min -x - y within x^2 + y^2 <= 2 from a point of the circle: -2 at 45 degrees."""
+    tried = []
+
+    def looked(x, windows, say):
+        tried.append(x)
+        return Values(float(-x.sum()), -np.ones(2), ("circle",), np.array([x @ x / 2]), x[None])
+
+    design = SimpleNamespace(
+        settings=SimpleNamespace(margin=0.0, renew=6, enough=1e-3, reach=0.3),
+        variables=[SimpleNamespace(low=-2.0, high=2.0, span=1.0)] * 2,
+        values=looked,
+    )
+    angle = np.pi / 4 + 1.0
+    search = Search(np.sqrt(2) * np.array([np.cos(angle), np.sin(angle)]), 0.3, scale=1.0)
+    found = run_round(search, design, (), lambda: None, lambda *_: None)
+    assert found.objective == pytest.approx(-2.0, abs=0.015)
+    assert found.value[0] < 1.001  # 1.02 by linear steps alone
+    assert len(tried) <= 20
+
+
+@pytest.mark.parametrize("rounds", [1, 20])
+def test_sizes_of_a_catalogue_are_taken_though_all_rounds_were_used(rounds):
+    """min -x - y within x^2 + y^2 <= 2, where x comes in halves: (1, 1)."""
+
+    def looked(x, *_):
+        return Values(float(-x.sum()), -np.ones(2), ("circle",), np.array([x @ x / 2]), x[None])
+
+    sizes = (0.0, 0.5, 1.0, 1.5, 2.0)
+    halves = SimpleNamespace(
+        low=0.0, high=2.0, span=2.0, catalogue=sizes, sizes=lambda x: [s for s in sizes if abs(s - x) < 0.5]
+    )
+    any_size = SimpleNamespace(low=0.0, high=2.0, span=2.0, catalogue=())
+    design = SimpleNamespace(
+        settings=SimpleNamespace(margin=1e-3, renew=3, enough=1e-3, reach=0.1, rounds=rounds),
+        variables=[halves, any_size],
+        values=looked,
+        renew_windows=lambda x, say: ((), []),
+        measure_full_runs=looked,
+    )
+    search = Search(np.array([0.3, 0.6]), 0.1)
+    run_search(search, design, lambda: None, lambda *_: None)
+    assert search.done
+    assert search.best[0] in sizes
+    assert search.best @ search.best / 2 <= 1.0 + 1e-9
+    if rounds > 1:
+        np.testing.assert_allclose(search.best, [1.0, 1.0], atol=2e-3)

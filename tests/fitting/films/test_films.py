@@ -1,0 +1,135 @@
+"""`dropper track` on films of point masses on rigid links, integrated by SciPy from equations of their own."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dropper_jax.cli import main
+from fitting import read_trace, write_video
+from fitting.films import track
+from fitting.films.video import opencv
+
+NAMES = (
+    "loop, slanting camera",
+    "chain, slanting camera",
+    "loop, blurred",
+    "chain, blurred",
+    "loop, post in the first second",
+    "chain, cover moves over",
+    "loop, cover moves over",
+    "loop, first circles missing",
+)
+
+
+def test_point_masses_keep_their_lengths_and_swing_as_a_pendulum_does(films):
+    # one mass on one link: a pendulum of small swing, whose period is 2 pi sqrt(l/g)
+    angle = 0.02
+    start = np.array([[0.0, 0.0, 0.0], [0.25 * np.sin(angle), 0.0, -0.25 * np.cos(angle)]])
+    t = np.linspace(0.0, 2 * np.pi * np.sqrt(0.25 / 9.81), 101)
+    swing = films.point_masses(start, False, t, damping=0.0)
+    np.testing.assert_allclose(swing[:, 1, 0], start[1, 0] * np.cos(2 * np.pi * t / t[-1]), atol=2e-5 * 0.25)
+    loop = films.FILMS["loop, blurred"].motion().nodes
+    np.testing.assert_allclose(np.linalg.norm(np.diff(loop, axis=1), axis=-1), 0.1, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["loop, post in the first second", "loop, first circles missing"])
+def test_a_small_film_is_tracked_in_the_right_order_with_fair_errors(films, tmp_path, name):
+    film = films.FILMS[name]
+    # half the picture, without a board: the bending of the lens is found from the lengths
+    film = replace(film, duration=2.2, view=replace(film.view, size=(400, 300), focus=500.0))
+    path, _, truth = films.make(film, tmp_path, boards=0)
+    found = films.judged(film, path, [], truth)
+    assert found["status"] == "ok"
+    assert found["right_order"]
+    assert found["first_frame"] == 0
+    assert found["rms_mrad"] < 5.0
+    assert 0.7 < found["stated_over_true"] < 1.5
+    assert found["marked_share"] <= 0.01
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("name", NAMES)
+def test_all_films_are_tracked_with_boards_and_without(films, tmp_path, name):
+    film = films.FILMS[name]
+    path, boards, truth = films.make(film, tmp_path)
+    for given, limit in ((boards, 2.0), ([], 5.0)):
+        found = films.judged(film, path, given, truth)
+        assert found["right_order"]
+        assert found["rms_mrad"] < limit
+        assert 0.7 < found["stated_over_true"] < 1.5
+        assert found["marked_share"] <= 0.01
+
+
+def test_there_are_eight_films(films):
+    assert tuple(films.FILMS) == NAMES
+
+
+def discs(places, radius=7.0, size=(320, 240), seed=0):
+    """Frames with noise and bright discs at places (k, n, 2) [pixel]."""
+    y, x = np.mgrid[: size[1], : size[0]]
+    rng = np.random.default_rng(seed)
+    for each in places:
+        image = 60.0 + 4.0 * rng.standard_normal(x.shape)
+        for cx, cy in each:
+            image += 150.0 * np.clip(0.5 + radius - np.hypot(x - cx, y - cy), 0.0, 1.0)
+        yield np.clip(image, 0, 255).astype(np.uint8)
+
+
+def test_an_order_that_nothing_tells_is_exit_3_with_a_picture_and_start_settles_it(tmp_path, capsys):
+    # a stiff zigzag that turns: every distance stays
+    shape = np.array([[-90.0, 20.0], [-30.0, -50.0], [30.0, 40.0], [100.0, -10.0]])
+    turn = 0.5 * np.sin(np.arange(50) / 10)
+    matrix = np.moveaxis(np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]), -1, 0)
+    places = np.array([160.0, 120.0]) + np.einsum("kij,nj->kni", matrix, shape)
+    write_video(tmp_path / "stiff.avi", discs(places), 60.0)
+    out = tmp_path / "a.csv"
+    call = ["track", str(tmp_path / "stiff.avi"), "--nodes", "4", "--out", str(out), "--json", "--quiet"]
+    assert main(call) == 3
+    said, errors = capsys.readouterr()
+    found = json.loads(said)
+    assert found["status"] == "ambiguous_order"
+    assert not out.exists()
+    assert len([line for line in errors.splitlines() if line.startswith("error")]) == 1
+    picture = opencv().imread(found["picture"])
+    assert picture.shape[1] > 1500  # three orders side by side
+    # the first order is drawn over the discs: links in blue there where the film is grey
+    assert (picture[..., 0].astype(int) - picture[..., 2] > 80).sum() > 1000
+    named = [f"{x:.0f},{y:.0f}" for x, y in places[0]]
+    assert main([*call, "--start", *named]) == 0
+    link = np.diff(places, axis=1)
+    truth = np.unwrap(np.arctan2(-link[..., 1], link[..., 0]), axis=0)
+    np.testing.assert_allclose(read_trace(out).theta, truth, atol=0.01)
+
+
+def test_a_film_without_circles_is_named(tmp_path, capsys):
+    write_video(tmp_path / "empty.avi", discs(np.zeros((30, 0, 2))), 60.0)
+    assert main(["track", str(tmp_path / "empty.avi"), "--nodes", "4", "--json", "--quiet"]) == 2
+    said, errors = capsys.readouterr()
+    assert json.loads(said)["status"] == "invalid_input"
+    (line,) = [line for line in errors.splitlines() if line]
+    assert "empty.avi" in line
+    assert "circles" in line
+
+
+def test_a_disc_that_leaps_for_three_frames_is_marked_with_its_time(tmp_path, capsys):
+    # a double pendulum whose last disc is somewhere else in frames 40 to 42
+    t = np.arange(90) / 60
+    one, two = 0.8 * np.sin(5 * t), 0.9 * np.sin(7 * t + 1)
+    links = [70 * np.stack([np.sin(a), np.cos(a)], axis=1) for a in (one, two)]
+    places = np.cumsum(np.stack([np.full((90, 2), (160.0, 40.0)), *links], axis=1), axis=1)
+    turned = places.copy()
+    turned[40:43, 2] = places[40:43, 1] + 70 * np.array([np.cos(0.3), -np.sin(0.3)])
+    write_video(tmp_path / "leap.avi", discs(turned), 60.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = track(tmp_path / "leap.avi", 3)
+    # not followed there, or marked: never passed on
+    assert np.isnan(found.trace.theta[40:43, 1]).all()
+    assert np.isfinite(found.trace.theta[:, 0]).all()
+    kept = np.r_[0:39, 44:90]
+    truth = np.arctan2(-links[1][:, 1], links[1][:, 0])
+    off = (found.trace.theta[kept, 1] - truth[kept] + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(off).max() < 0.01

@@ -1,0 +1,87 @@
+"""What is wrong is found with its time, what is right left alone; slant and exposure are found from the lengths."""
+
+import numpy as np
+import pytest
+
+from fitting import Convention, Trace, View, read_trace, write_trace
+from fitting.films.flattening import Flat, flatten, four_quadrant, scatter
+from fitting.films.hindsight import exposure_share, second_differences
+from fitting.films.marks import find_marks
+
+
+@pytest.mark.parametrize("name", ["loop, slanting camera", "chain, slanting camera"])
+def test_swapped_and_shifted_nodes_are_found_and_others_are_not(films, name):
+    found = films.spoiled(films.FILMS[name], draws=12, seed=3)
+    assert found["swapped_found"] >= 0.95 * found["swapped"] > 50
+    assert found["jumped_found"] >= 0.95 * found["jumped"] > 10
+    assert found["well_marked"] <= 0.01 * found["well"]
+
+
+def test_marks_name_times_and_nodes(films):
+    film = films.FILMS["chain, blurred"]
+    places = film.motion().nodes[:: films.FINE][:, :, [0, 2]] * 600.0
+    places[60:72, [1, 3]] = places[60:72, [3, 1]]
+    t = np.arange(len(places)) / 60
+    (span,) = find_marks(places, np.ones(places.shape[:2], bool)).spans(t)
+    assert (span["from_s"], span["to_s"]) == pytest.approx((1.0, 71 / 60))
+    assert {1, 3} <= set(span["nodes"])
+    assert "swapped" in span["why"]
+
+
+def test_a_trace_carries_notes_and_is_read_as_before(tmp_path):
+    t = np.arange(20) / 60
+    trace = Trace("a", t, np.sin(t)[:, None], convention=Convention("horizontal", -1, "rad"))
+    write_trace(tmp_path / "a.csv", trace, ["marked 0.1 to 0.2 s: nodes 1 2 (swapped)"])
+    again = read_trace(tmp_path / "a.csv")
+    np.testing.assert_allclose(again.theta, trace.theta)
+    assert again.convention == trace.convention
+    assert "# marked 0.1 to 0.2 s: nodes 1 2 (swapped)" in (tmp_path / "a.csv").read_text()
+
+
+def test_slant_and_bending_are_found_from_the_lengths_alone(films):
+    motion = films.FILMS["loop, slanting camera"].motion().nodes[:: films.FINE][..., [0, 2]]
+    view = View(slant=(0.13, -0.07), bending=(-0.12, 0.05), centre=(0.14, -0.1), distance=0.7)
+    rng = np.random.default_rng(0)
+    pixels = np.stack([view.to_pixels(each) for each in motion])
+    pixels += 0.05 * rng.standard_normal(pixels.shape)
+    seen = np.ones(pixels.shape[:2], bool)
+    found = flatten(pixels, seen, Flat(view.size), 60.0)
+    np.testing.assert_allclose(found.parameters[:2], view.slant, atol=0.005)
+    truth = np.arctan2(*np.moveaxis(np.diff(motion, axis=1), -1, 0)[::-1])
+    off = {
+        name: (four_quadrant(to(pixels) * [1.0, -1.0]) - truth + np.pi) % (2 * np.pi) - np.pi
+        for name, to in (("raw", Flat(view.size)), ("found", found))
+    }
+    rms = {name: np.sqrt(np.mean(each**2)) for name, each in off.items()}
+    assert rms["raw"] > 5e-3
+    assert rms["found"] < 1.2e-3
+    np.testing.assert_allclose(found.back(found(pixels[:3])), pixels[:3], atol=1e-6)
+
+
+def test_the_exposure_is_found_from_the_lengths_and_taken_back(films):
+    film = films.FILMS["loop, blurred"]
+    fine = film.motion().nodes[..., [0, 2]] * 900.0
+    # the mean over the middle half of a frame, by the fine samples of it (trapezoid over 5)
+    weight = np.array([0.5, 1, 1, 1, 0.5]) / 4
+    middle = np.arange(8, len(fine) - 8, films.FINE)
+    blurred = sum(w * fine[middle + s] for w, s in zip(weight, (-2, -1, 0, 1, 2), strict=True))
+    blurred += 0.01 * np.random.default_rng(1).standard_normal(blurred.shape)
+    seen = np.ones(blurred.shape[:2], bool)
+    share = exposure_share(blurred, seen)
+    # the mean square of the trapezoid's offsets (0, +-1, +-2 eighths of a frame) is 1.5/64; half of it goes with D
+    assert share == pytest.approx(0.5 * 1.5 / 64, rel=0.1)
+    mended = blurred - share * second_differences(blurred, seen)
+    left, before = (np.sqrt(np.mean((each - fine[middle])[1:-1] ** 2)) for each in (mended, blurred))
+    assert left < 0.5 * before
+    assert exposure_share(fine[middle], seen) < 1e-4
+
+
+def test_the_scatter_of_lengths_tells_the_errors_of_angles():
+    rng = np.random.default_rng(2)
+    turn = np.linspace(0, 9, 400)
+    truth = np.stack([np.zeros((400, 2)), 70 * np.stack([np.cos(turn), np.sin(turn)], axis=1)], axis=1)
+    places = truth + 0.2 * rng.standard_normal(truth.shape)
+    off = four_quadrant(places) - four_quadrant(truth)
+    # the edges of the circles would have told a quarter of it
+    found = scatter(places, np.full((400, 2), 0.05), np.ones((400, 2), bool), np.ones((400, 1), bool))
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.15)

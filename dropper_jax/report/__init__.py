@@ -1,1 +1,1 @@
-"""`dropper report`, `dropper view`: saved runs as numbers, a page in 3D, VTK; docs/which-number.md has the definitions."""
+"""`dropper report`, `dropper view`: saved runs as numbers, a page in 3D, VTK; docs/which-number.md defines them."""

@@ -39,7 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[:GAMMA]",
         help="integrators to compare (default: all that can run the scene)",
     )
-    parser.add_argument("--dts", nargs="+", type=number, metavar="S", help="time steps [s] (default: 1/32 to 1/2048)")
+    parser.add_argument(
+        "--dts",
+        nargs="+",
+        type=number,
+        metavar="S",
+        help="equal steps [s] (default: 1/32 to 1/2048; loads by accuracy)",
+    )
     parser.add_argument(
         "--span", type=number, help="duration of the comparison [s] (default: until chaos amplifies rounding)"
     )
@@ -58,11 +64,11 @@ def run(args: argparse.Namespace) -> int:
                 raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0 s")
     scene = read_scene(args)
 
-    from dropper_jax.study.accuracy import REPORT_DTS, accuracy
+    from dropper_jax.study.accuracy import accuracy
     from dropper_jax.study.march import parse
 
     schemes = [parse(name) for text in args.integrators or () for name in text.split(",")] or None
-    dts = tuple(args.dts or REPORT_DTS)
+    dts = None if args.dts is None else tuple(args.dts)
     say = progress(args.quiet)
     found = accuracy(scene, schemes, dts, args.span, not args.quick, say, _row_printer(args.quiet))
     for item in found["refused"]:
@@ -128,22 +134,23 @@ def _schemes(found: dict[str, Any]) -> str:
 
 
 def _loads(found: dict[str, Any]) -> str:
-    """Errors of the loads over the step, and the step below which they are small."""
+    """Errors of the loads, and the accuracy or the step below which they are small."""
     if not found["rows"]:
         return f"loads: {found['skipped']}"
     rows = [LOADS_HEAD, *(_load_cells(row) for row in found["rows"])]
     finest = found["reference_dt"]
-    against = "half of each step" if finest is None else f"{finest:.4g} s"
+    against = "half of each step" if finest is None else f"steps of {finest:.4g} s"
     head = f"errors of the loads of the worst line, against {against}:"
     return "\n".join([head, table(rows), *(item["text"] for item in found["advice"])])
 
 
-LOADS_HEAD = ("dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status")
+LOADS_HEAD = ("accuracy", "dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status")
 
 
 def _load_cells(row: dict[str, Any]) -> tuple[str, ...]:
     names = ("mean", "deviation", "window_maximum", "maximum")
     return (
+        _short(row["accuracy"], "{:.2g}"),
         f"{row['dt']:.4g}",
         *(_short(row["errors"][name], "{:.2%}") for name in names),
         f"{row['us_per_step']:.3g}",

@@ -128,9 +128,11 @@ def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
 MOST_WARNINGS = 20
 
 
-#: Unresolved axial vibrations are warned of where they take more than these fractions of all dissipated work and of
-#: the energy scale, and the steps are too long above the last one of the dissipated work.
-RINGING_SHARE, RINGING_ENERGY, RINGING_MOST = 0.1, 0.01, 0.5
+#: Energy of unresolved axial vibrations, as a fraction of all dissipated work and of the energy scale, above which it
+#: is warned of: on a mass that bounces on a rope peaks and deviations are then 2 % too low ...
+RINGING_WARNED = 0.1
+#: ... and above which the steps are too long: they are then 10 % too low.
+RINGING_UNUSABLE = 0.5
 
 
 def with_quality_checks(solution: Kind) -> Kind:
@@ -152,12 +154,13 @@ def with_quality_checks(solution: Kind) -> Kind:
         if status == "ok" and not by_design:
             status = "energy_drift"
     share = solution.axial_ringing_share
-    if share > RINGING_SHARE and solution.axial_ringing > RINGING_ENERGY * scale:
+    ringing = min(share, solution.axial_ringing / scale)
+    if ringing > RINGING_WARNED:
         found.append(
             f"axial vibrations that the steps do not resolve take {share:.0%} of the dissipated work: peaks and "
             "deviations of tensions are too low. Use a smaller --accuracy or --dt, or line.axial.damping"
         )
-        if status == "ok" and share > RINGING_MOST:
+        if status == "ok" and ringing > RINGING_UNUSABLE:
             status = TOO_LONG
     return replace(solution, status=status, warnings=(*solution.warnings, *found))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,6 +105,8 @@ def _thesis(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 #: Default steps [s]: powers of two, which divide whole seconds and each other.
 REPORT_DTS = tuple(2.0**-k for k in range(5, 12))
+#: Default accuracies of the runs for the loads.
+LOAD_ACCURACIES = (0.1, 0.01, 1e-3, 1e-4)
 #: Maximum relative error of each load for the advice.
 WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
 
@@ -111,7 +114,7 @@ WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.
 def accuracy(
     scene: Scene,
     schemes: list[Scheme] | None = None,
-    dts: tuple[float, ...] = REPORT_DTS,
+    dts: tuple[float, ...] | None = None,
     span: float | None = None,
     extras: bool = True,
     say: Progress | None = None,
@@ -121,7 +124,7 @@ def accuracy(
 
     Args:
         schemes: schemes to compare; default: all that can run the scene.
-        dts: steps [s].
+        dts: equal steps [s]; default: `REPORT_DTS`, and for the loads `LOAD_ACCURACIES` if the scene has an accuracy.
         span: duration of the comparison [s]; default: until a perturbation has grown 100 times, at most 20 s.
         extras: also the numerical damping, the claims on Euler's schemes and the convergence by link. Without them
             each scheme is run once, with its own solver in double precision, and steps that do not converge are not
@@ -138,14 +141,17 @@ def accuracy(
     if not chosen:
         raise SceneError(f"--integrators: none of them can run this scene: {refused[0]['reason']}")
     found: dict[str, Any] = {"scene": scene.name, "rows": [], "reference": None, "refused": refused, "skipped": []}
-    study = _Study(scene, model, s, dts, say or silent, each, found)
+    steps = REPORT_DTS if dts is None else dts
+    study = _Study(scene, model, s, steps, say or silent, each, found)
     try:
         if model.line.axial.elastic:
-            study.measure_loads()  # first: the programs of runs are compiled sooner than those of the comparison
+            study.measure_loads(
+                by_accuracy=dts is None and scene.run.accuracy is not None
+            )  # first: the programs of runs are compiled sooner than those of the comparison
         target = study.find_reference(span)
         study.measure_schemes(chosen, target, extras)
         if extras:
-            found |= _extras(model, s, target, dts, study.say)
+            found |= _extras(model, s, target, steps, study.say)
     except KeyboardInterrupt:
         found["status"] = "interrupted"
     found["orders"] = orders(found["rows"])
@@ -195,14 +201,15 @@ class _Study:
         self.found["rows"].append(row)
         self.each(row)
 
-    def measure_loads(self) -> None:
-        """Errors of the loads over the step."""
+    def measure_loads(self, by_accuracy: bool) -> None:
+        """Errors of the loads over the accuracy or the step."""
 
         def say(fraction: float, text: str) -> None:
             self.say(0.3 * fraction, text)
 
         self.found["loads"] = {"rows": [], "reference_dt": None, "loads": [], "advice": [], "skipped": "interrupted"}
-        self.found["loads"] = load_convergence(self.scene, self.dts, say=say, each=self._keep_load_row)
+        steps = [{"accuracy": value} for value in LOAD_ACCURACIES] if by_accuracy else [{"dt": dt} for dt in self.dts]
+        self.found["loads"] = load_convergence(self.scene, steps, say=say, each=self._keep_load_row)
 
     def _keep_load_row(self, row: dict[str, Any]) -> None:
         self.found["loads"]["rows"].append(row)
@@ -258,36 +265,40 @@ def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
 
 def load_convergence(
     scene: Scene,
-    dts: tuple[float, ...],
+    steps: Sequence[Mapping[str, float]],
     skip: float = 0.0,
     say: Progress = silent,
     each: Each = lambda row: None,
 ) -> dict[str, Any]:
-    """Errors of the loads of each line at steps `dts` [s], relative to half the shortest step, by the scheme of the
-    scene.
+    """Errors of the loads of each line, relative to a run with half the finest step, by the scheme of the scene.
 
-    `each` gets each row as soon as the next finer step was run, with its errors relative to that.
+    Args:
+        steps: {accuracy} or {dt [s]} of each run.
+        each: gets each row as soon as the next finer one was run, with its errors relative to that.
 
     Returns:
-        `rows`: {dt, status, us_per_step, errors: by load the maximum relative error over the lines, or None};
-        `reference_dt`, `loads` of the reference by line; `advice`: {load, within, dt, text}, dt the largest step for
-        which it and all smaller ones are within the limit, or None. If the motion is chaotic, errors do not decrease
-        below the random difference of two runs.
+        `rows`: {accuracy or None, dt, status, us_per_step, errors: by load the maximum relative error over the lines,
+        or None}, dt the mean step of an accuracy; `reference_dt`, `loads` of the reference by line; `advice`: {load,
+        within, accuracy, dt, text}: the coarsest row for which it and all finer ones are within the limit, or None. If
+        the motion is chaotic, errors do not decrease below the random difference of two runs.
     """
     # maximum duration of the comparison of loads [s]
     scene = scene.with_values({"run.duration": min(scene.run.duration, 60.0)})
-    steps = sorted(dts, reverse=True)
-    reference_dt = 0.5 * steps[-1]
+    (key,) = steps[0]
+    values = sorted((step[key] for step in steps), reverse=True)
+    # errors of the second order: a quarter of the accuracy takes half of the step
+    finest = values[-1] * (0.25 if key == "accuracy" else 0.5)
     runs: list[_LoadRun] = []
-    for i, dt in enumerate([*steps, reference_dt]):
-        say(i / (len(steps) + 1), f"loads, {dt:.4g} s")
-        runs.append(_LoadRun.of(scene, dt, skip))
+    for i, value in enumerate([*values, finest]):
+        say(i / (len(values) + 1), f"loads, {key} {value:.4g}")
+        runs.append(_LoadRun.of(scene, {key: value}, skip))
         if i > 0:
             each(runs[-2].row(runs[-1].loads()))
-    *coarser, finest = runs
-    right = finest.loads()
+    *coarser, reference_run = runs
+    right = reference_run.loads()
+    reference_dt = reference_run.dt
     if right is None:
-        return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": finest.failure}
+        return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": reference_run.failure}
     rows = [run.row(right) for run in coarser]
     advice = [_advice(rows, name, within) for name, within in WANTED.items()]
     loads = [{"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}} for row in right]
@@ -296,8 +307,9 @@ def load_convergence(
 
 @dataclass(frozen=True)
 class _LoadRun:
-    """A run for its loads: its record, None if it failed or is too short."""
+    """A run for its loads: its record, None if it failed or is too short; `dt` is the mean step of an accuracy."""
 
+    accuracy: float | None
     dt: float
     status: str
     us_per_step: float
@@ -305,14 +317,15 @@ class _LoadRun:
     record: Record | None
 
     @classmethod
-    def of(cls, scene: Scene, dt: float, skip: float) -> _LoadRun:
-        """The run with steps `dt` [s], without its first `skip` seconds."""
-        solution = simulate(scene, dt=dt)
+    def of(cls, scene: Scene, step: Mapping[str, float], skip: float) -> _LoadRun:
+        """The run with an accuracy or equal steps, without its first `skip` seconds."""
+        solution = simulate(scene, **step)
         if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
             raise KeyboardInterrupt
         good = is_finished(solution) and len(solution.t) > 3
         kept = record(solution, skip) if good else None
-        return cls(dt, solution.status, solution.us_per_step, solution.failure, kept)
+        dt = float(solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
+        return cls(step.get("accuracy"), dt, solution.status, solution.us_per_step, solution.failure, kept)
 
     def loads(self, right: list[dict[str, Any]] | None = None) -> list[dict[str, Any]] | None:
         """Loads of each line, at the positions of `right`."""
@@ -322,7 +335,13 @@ class _LoadRun:
         """Its errors relative to the loads of a finer run."""
         loads = None if right is None else self.loads(right)
         errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
-        return {"dt": self.dt, "status": self.status, "us_per_step": self.us_per_step, "errors": errors}
+        return {
+            "accuracy": self.accuracy,
+            "dt": self.dt,
+            "status": self.status,
+            "us_per_step": self.us_per_step,
+            "errors": errors,
+        }
 
 
 def _worst(loads: list[dict[str, Any]], right: list[dict[str, Any]], name: str) -> float:
@@ -332,17 +351,19 @@ def _worst(loads: list[dict[str, Any]], right: list[dict[str, Any]], name: str) 
 
 
 def _advice(rows: list[dict[str, Any]], name: str, within: float) -> dict[str, Any]:
-    best = None
-    for row in reversed(
-        rows
-    ):  # from the shortest step upwards: an accurate step above an inaccurate one does not count
+    best: dict[str, Any] = {"accuracy": None, "dt": None}
+    for row in reversed(rows):  # from the finest upwards: an accurate run above an inaccurate one does not count
         error = row["errors"][name]
         if error is None or error > within or row["status"] != "ok":
             break
-        best = row["dt"]
-    what = f"{name.replace('_', ' ')} within {within:.0%}"
-    text = f"{what}: not reached with the tested steps" if best is None else f"{what}: steps of {best:.4g} s or less"
-    return {"load": name, "within": within, "dt": best, "text": text}
+        best = row
+    found = "not reached with the tested steps"
+    if best["accuracy"] is not None:
+        found = f"accuracy {best['accuracy']:.2g} or less"
+    elif best["dt"] is not None:
+        found = f"steps of {best['dt']:.4g} s or less"
+    text = f"{name.replace('_', ' ')} within {within:.0%}: {found}"
+    return {"load": name, "within": within, "accuracy": best["accuracy"], "dt": best["dt"], "text": text}
 
 
 #: Scheme, claim of the thesis (sections 2.3, 4.3.1 and its conclusion), and the corresponding sign.

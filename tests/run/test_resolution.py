@@ -140,3 +140,10 @@ def test_what_the_steps_resolve_is_reported(soft):
     still = dj.simulate("double-pendulum-periodic", dt=0.005, duration=0.1).summary()["step_facts"]
     assert still["axial_period_s"] is None
     assert still["largest_turn_rad"] > 0.0
+
+
+@pytest.mark.parametrize(("dt", "status", "is_warned"), [(0.001, "ok", False), (0.005, "step_too_long", True)])
+def test_unresolved_vibrations_enter_the_verdict(falling, dt, status, is_warned):
+    run = dj.simulate(falling(0.05, dt, duration=2.0))
+    assert run.status == status
+    assert any("axial vibrations that the steps do not resolve" in text for text in run.warnings) == is_warned

@@ -118,9 +118,12 @@ def test_a_step_that_fails_is_named():
 
 
 @pytest.mark.check
-def test_loads_of_a_bounce_converge_and_the_advice_counts_from_below(falling, bounce):
+@pytest.mark.parametrize(
+    ("key", "values"), [("dt", (0.02, 0.01, 0.005, 0.0025)), ("accuracy", (0.1, 0.01, 1e-3, 1e-4))]
+)
+def test_loads_of_a_bounce_converge_and_the_advice_counts_from_below(falling, bounce, key, values):
     largest, mean = bounce
-    found = load_convergence(load_scene(falling(PERIOD, 0.01)), (0.02, 0.01, 0.005, 0.0025))
+    found = load_convergence(load_scene(falling(PERIOD, 0.01)), [{key: value} for value in values])
     (loads,) = found["loads"]
     assert loads["maximum"] == pytest.approx(largest, rel=2e-3)
     assert loads["mean"] == pytest.approx(mean, rel=2e-3)

@@ -1,19 +1,20 @@
 """Runs with an accuracy on random scenes against runs with one far smaller, and how far the stated errors hold.
 
-    python benchmarks/random_scenes.py [--seeds 0:20] [--reference 1e-4] [--out FILE]
+    python benchmarks/random_scenes.py --seeds 0:20 --out benchmarks/results/random_scenes.json
 
-Each is compared with a run of the accuracy `--reference`. A scene has 1 to 4 lines, rigid or elastic, half of the ropes
-without internal damping; a float or a load where they meet, seabed, current, waves, a released end, an end that moves.
-Its draw follows from the seed alone.
+A scene has 1 to 4 lines, rigid or elastic, half of the ropes without internal damping; a float or a load where they
+meet, seabed, current, waves, a released end, an end that moves. Its draw follows from the seed alone.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from study import RESULTS, collect, command, seeds_of, stored
 
 import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
@@ -148,14 +149,26 @@ def judge(seed: int, reference: float) -> dict[str, Any]:
     return row | {"seconds": time.perf_counter() - started}
 
 
-@command(seeds="0:20", reference=1e-4, out=RESULTS / "random_scenes.json")
-def main(args) -> None:
-    collect(
-        args.out, {"rows": (judge(seed, args.reference) for seed in seeds_of(args.seeds))}, reference=args.reference
-    )
-    rows = stored(args.out)["rows"]
-    good = [row for row in rows if "positions" in row and row["parted_s"] is None]
-    off = [row["seed"] for row in good if max(row["positions"], row["mean"]) > MISSED * 0.01]
-    peaks = [row["seed"] for row in good if row["maximum"] > MISSED * 0.01]
-    compared = sum("positions" in row for row in rows)
-    print(f"{len(rows)} scenes, {compared} compared; positions or means off: {off}; window maxima off: {peaks}")
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", default="0:20", help="FIRST:LAST")
+    parser.add_argument("--reference", type=float, default=1e-4, help="accuracy of the run compared with")
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    first, last = map(int, args.seeds.split(":"))
+    rows = []
+    for seed in range(first, last):
+        rows.append(judge(seed, args.reference))
+        print(json.dumps(rows[-1]), flush=True)
+    good = [row for row in rows if "positions" in row]
+    off = [
+        row["seed"] for row in good if max(row["positions"], row["mean"]) > MISSED * 0.01 and row["parted_s"] is None
+    ]
+    peaks = [row["seed"] for row in good if row["maximum"] > MISSED * 0.01 and row["parted_s"] is None]
+    print(f"{len(rows)} scenes, {len(good)} compared; positions or means off: {off}; window maxima off: {peaks}")
+    if args.out is not None:
+        args.out.write_text(json.dumps({"reference": args.reference, "rows": rows}, indent=1))
+
+
+if __name__ == "__main__":
+    main()

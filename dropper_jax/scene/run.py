@@ -114,6 +114,10 @@ class RunSpec:
         """A checked `[run]`; `options` are the additional keys of schemes, name and range."""
         given = read_table(table, path)
         options = options or {}
+        if "step_tolerance" in given:
+            raise SceneError(
+                f"{path}.step_tolerance: no longer exists. Use run.accuracy, a relative error such as 0.01"
+            )
         check_keys(given, [*declared_fields(cls), *options], path)
         values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
         values["options"] = {

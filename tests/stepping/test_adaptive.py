@@ -168,7 +168,7 @@ def test_files_keep_the_extremes_and_repeat_the_run(followed, tmp_path, suffix):
         ({"accuracy": 1.5}, "run.accuracy: 1.5 is out of range"),
         ({"accuracy": float("nan")}, "run.accuracy"),
         ({"accuracy": 0.1, "save_every": 2}, "run.save_every: 2 counts equal steps, which run.accuracy excludes"),
-        ({"step_tolerance": 0.1}, "run.step_tolerance: unknown key"),
+        ({"step_tolerance": 0.1}, "run.step_tolerance: no longer exists. Use run.accuracy"),
     ],
 )
 def test_what_cannot_be_followed_is_refused(falling, run, words):

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from study import RESULTS, Found, collect, command, timed
+from study import RESULTS, Found, collect, command, seeds_of, timed
 
 from dropper_jax import Scene, SceneError, load_scene
 from fitting import Camera, FitSettings, Trace, fit, observe, simulate_truth
@@ -171,8 +171,6 @@ def judge(d: Draw, held: float, **options: Any) -> Found:
 
 @command(seeds="0:60", kind=tuple(KINDS), window=float, out=RESULTS / "random_droppers.json")
 def main(args) -> None:
-    seeds = range(*map(int, args.seeds.split(":")))
-
     def row(seed: int) -> Found:
         d = draw(seed, args.kind)
         try:
@@ -181,4 +179,4 @@ def main(args) -> None:
             failed = {"status": "invalid_input", "message": str(error), "printed_noise": 0}
             return {"seed": seed, "noise": d.noise, **failed}
 
-    collect(args.out, {KINDS[args.kind]: map(row, seeds)}, KINDS[args.kind])
+    collect(args.out, {KINDS[args.kind]: map(row, seeds_of(args.seeds))}, KINDS[args.kind])

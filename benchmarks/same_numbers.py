@@ -87,9 +87,6 @@ def single_steps(case: Case, states: Sequence[dj.State]) -> dict[str, np.ndarray
     return {**stacked([arrays(s) for s, _ in after]), "retried": np.array([retried for _, retried in after])}
 
 
-# --- states as arrays -------------------------------------------------------------------------------------------
-
-
 def arrays(s: dj.State) -> dict[str, np.ndarray]:
     """All arrays of a state as float64, such as `r.0` and `law.0`."""
     return {
@@ -123,9 +120,6 @@ def largest(a: np.ndarray, b: np.ndarray, scale: Any) -> float:
 def differences(a: Arrays, b: Arrays, scales: Arrays) -> dict[str, float]:
     """Largest differences of what a step finds, each over its scale."""
     return {key: largest(a[f"{key}.0"], b[f"{key}.0"], scales[key]) for key in STEPPED}
-
-
-# --- record -----------------------------------------------------------------------------------------------------
 
 
 def record(name: str) -> dict[str, dict[str, np.ndarray]]:
@@ -190,9 +184,6 @@ def noise(case: Case, before: Sequence[dj.State], after: Arrays, scales: Arrays)
     return {key: np.asarray(value) for key, value in differences(again, after, scales).items()}
 
 
-# --- compare ----------------------------------------------------------------------------------------------------
-
-
 def compare(name: str, kept: Groups) -> tuple[str, str]:
     """One scene stepped again from the states kept of it: the row's text, and the verdict."""
     case = case_of(name)._replace(dt=jnp.asarray(kept["run"]["dt"]))
@@ -207,8 +198,7 @@ def compare(name: str, kept: Groups) -> tuple[str, str]:
     }
     if not after["work.0"].size or again["work.0"].shape != after["work.0"].shape:
         del found["work"]
-    before = after["retried"] if "retried" in after else after["level"] >= 0  # older records have levels of halving
-    same = np.array_equal(again["retried"], before)
+    same = np.array_equal(again["retried"], after["retried"])
     verdict = judged(found, same, noise)
     cells = [f"{found[key]:8.1e}" if key in found else f"{'-':>8}" for key in COLUMNS]
     retried = "equal" if same else "OTHER"
@@ -223,9 +213,6 @@ def judged(found: Mapping[str, float], same: bool, noise: Arrays) -> str:
     if same and all(found[key] <= ROUNDING * noise.get(key, 0.0) for key in above):
         return f"rounding: {' '.join(above)}"
     return f"differs: {' '.join([*above, *([] if same else ['retried'])])}"
-
-
-# --- the two commands -------------------------------------------------------------------------------------------
 
 
 def record_all(path: str, names: Sequence[str]) -> int:

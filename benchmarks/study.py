@@ -56,6 +56,12 @@ def timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
     return found, {"seconds": time.perf_counter() - clock, "processor_s": time.process_time() - processor}
 
 
+def seeds_of(text: str) -> range:
+    """The seeds of `FIRST:LAST`, without the last."""
+    first, last = map(int, text.split(":"))
+    return range(first, last)
+
+
 def spread(values: Any) -> dict[str, float]:
     """Minimum, mean, standard deviation and maximum of a series."""
     return {name: float(getattr(values, name)()) for name in ("min", "mean", "std", "max")}

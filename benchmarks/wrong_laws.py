@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from study import RESULTS, Found, collect, command, timed
+from study import RESULTS, Found, collect, command, seeds_of, timed
 
 from dropper_jax import SceneError
 from fitting import Convention, FitResult, Trace, prepare
@@ -274,4 +274,4 @@ def measure(seed: int) -> Found:
 
 @command(seeds="0:48", out=RESULTS / "wrong_laws.json")
 def main(args) -> None:
-    collect(args.out, {"draws": map(measure, range(*map(int, args.seeds.split(":"))))}, by="seed")
+    collect(args.out, {"draws": map(measure, seeds_of(args.seeds))}, by="seed")

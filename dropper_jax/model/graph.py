@@ -208,7 +208,7 @@ class Graph:
         return self.from_first(self.near_share * value) + self.from_last((1.0 - self.near_share) * value)
 
     def parts(self) -> tuple[Part, ...]:
-        """The same for water forces, as shares (see `effects.buoyancy.wet_share`)."""
+        """The same for water forces, as shares (see `effects.submerged.wet_share`)."""
         return LinkEnd(self, last=True), LinkEnd(self, last=False)
 
     def link_length(self, length: jax.Array) -> jax.Array:

@@ -127,7 +127,7 @@ class Line:
         return self.at_nodes(first, last)
 
     def parts(self) -> tuple[Part, ...]:
-        """Which fraction of the links' water forces acts on which free node (see `effects.buoyancy.wet_share`)."""
+        """Which fraction of the links' water forces acts on which free node (see `effects.submerged.wet_share`)."""
         if not self.compound:
             return self.geometry.parts()
         ratio, free = self.centre_of_mass / self.length, self.geometry.free

@@ -82,7 +82,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
 
 
 def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float, flat: bool) -> None:
-    """Seabed and water of a"""
+    """Seabed and water around the drawn positions."""
     draw_bed(axes, run, drawn, flat)
     surface = surface_lines(run, drawn, flat, np.array([time]))
     if surface is None:

@@ -1,4 +1,4 @@
-"""Runs on one time grid whose step is a plain argument: every step size shares one compiled program. Schemes."""
+"""Runs on one time grid whose step is a plain argument: every step size shares one compiled program."""
 
 from __future__ import annotations
 

@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 help = "calibrate a scene to measured angle traces, or to any channels named in a TOML file"
 
 METHODS = ("windows", "shooting", "gradient")
-#: Options that no longer exist.
-REMOVED = ("posterior", "sampler")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -122,8 +120,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bootstrap", nargs="?", const=400, type=int, metavar="DRAWS", help="resample blocks of time (default: 400)"
     )
-    for name in REMOVED:
-        parser.add_argument(f"--{name}", nargs="?", const="", help=argparse.SUPPRESS)
     parser.add_argument(
         "--accept-misfit",
         action="store_true",
@@ -155,8 +151,6 @@ def run(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
-    if removed := next((name for name in REMOVED if getattr(args, name) is not None), None):
-        raise SceneError(f"--{removed}: was removed. Use --profile or --bootstrap, or sample the loss in Python")
     shared: dict[str, Any] = {
         "loss": chosen_loss(args),
         "start": {key: _number("start", key, text) for key, text in _pairs("start", args.start)},

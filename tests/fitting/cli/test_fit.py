@@ -189,10 +189,3 @@ def test_a_fit_that_does_not_converge_keeps_its_best_point_and_exits_with_3(file
 
 def test_held_out_spans_are_read_in_order():
     assert held_out_spans("1:2,3.5:4") == [(1.0, 2.0), (3.5, 4.0)]
-
-
-@pytest.mark.parametrize("option", ["--posterior", "--sampler=nuts"])
-def test_removed_options_are_refused_in_one_line_that_says_what_remains(capsys, option):
-    assert main(["fit", "RUN.csv", "--scene", "dropper-release-a", option]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "was removed. Use --profile or --bootstrap" in line

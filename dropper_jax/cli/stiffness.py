@@ -1,9 +1,10 @@
-"""`dropper stiffness SCENE`: the mooring stiffness matrix of points about the equilibrium."""
+"""`dropper stiffness SCENE`: the mooring stiffness matrix of points and bodies about the equilibrium."""
 
 from __future__ import annotations
 
 import argparse
 import csv
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,6 +26,7 @@ from dropper_jax.cli.outputs import Output, deliver
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
+    from dropper_jax.model import Model, State
     from dropper_jax.statics.stiffness import Stiffness
 
 help = "stiffness matrix of points and rigid bodies about the static equilibrium, all else in equilibrium"
@@ -35,9 +37,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "stiffness ballasted-spar",
         "stiffness paper-case-4 --points buoy --out stiffness.csv",
+        "stiffness ballasted-spar --of spar --lines-only --at 0,0,0",
     )
     add_scene(parser)
     parser.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")
+    parser.add_argument(
+        "--of",
+        metavar="BODY",
+        help="the 6x6 matrix of one body, or of fixed points A,B,C that move together as a rigid body",
+    )
+    parser.add_argument(
+        "--at",
+        metavar="X,Y,Z",
+        help="reference point of that matrix [m] (default: the reference of the body; 0,0,0 for points)",
+    )
+    parser.add_argument(
+        "--lines-only", action="store_true", help="of a body without its weight, buoyancy and waterline: its mooring"
+    )
     parser.add_argument(
         "--out",
         action=Output,
@@ -49,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
-    names = _names(scene, args.points)
+    names, about = _asked(scene, args)
 
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.statics.static_pose import nodal_loads
@@ -59,8 +75,11 @@ def run(args: argparse.Namespace) -> int:
     if pose.status != "ok":
         return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
     model = build_model(scene)
-    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
-    found = mooring_stiffness(model, pose.state, names, loads)
+    if args.of is None:
+        loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+        found = mooring_stiffness(model, pose.state, names, loads)
+    else:
+        found = _of_one(scene, model, pose.state, names, about, args.lines_only)
     out = args.out
     if out is not None and out.suffix.lower() == ".csv":
         _write(out, found)
@@ -69,6 +88,57 @@ def run(args: argparse.Namespace) -> int:
     values = {"points": found.names, "freedoms": found.freedoms, "stiffness": found.matrix}
     plain = done_object(scene=scene.name, **values, warnings=found.warnings)
     return deliver(args.json, plain, _text(found), out)
+
+
+def _asked(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarray | None]:
+    """Names and the reference point, checked."""
+    if args.of is None:
+        if args.at is not None or args.lines_only:
+            raise SceneError("--at, --lines-only: need --of BODY, the body or rigid group of the matrix")
+        return _names(scene, args.points), None
+    if args.points is not None:
+        raise SceneError("--of: excludes --points; give one of the two")
+    names = [name.strip() for name in args.of.split(",")]
+    is_body = len(names) == 1 and names[0] in [body.name for body in scene.bodies]
+    if args.lines_only and not is_body:
+        raise SceneError(f"--lines-only: {args.of!r} is not a body, and points have no weight of their own")
+    return names, None if args.at is None else _read_place(args.at)
+
+
+def _read_place(text: str) -> np.ndarray:
+    try:
+        place = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        place = np.full(0, np.nan)
+    if place.shape != (3,) or not np.all(np.isfinite(place)):
+        raise SceneError(f"--at: {text!r} is not X,Y,Z; allowed: three numbers [m] such as 0,0,-5")
+    return place
+
+
+def _of_one(
+    scene: Scene, model: Model, pose: State, names: list[str], about: np.ndarray | None, lines_only: bool
+) -> Stiffness:
+    """The 6x6 matrix of a body, or of fixed points that move together, about a reference (3,) [m]."""
+    from dropper_jax.run.build import build_model, equilibrium
+    from dropper_jax.statics.rigid_group import moved_to, stiffness_of_group, without_body
+    from dropper_jax.statics.static_pose import nodal_loads
+    from dropper_jax.statics.stiffness import mooring_stiffness
+
+    bodies = [body.name for body in scene.bodies]
+    if names[0] not in bodies or len(names) > 1:
+        return stiffness_of_group(model, pose, names, np.zeros(3) if about is None else about)
+    reference = np.asarray(model.constraints[0].pose(model, pose.r)[0])[bodies.index(names[0])]
+    if lines_only:
+        held, points = without_body(scene, names[0], model, pose)
+        own = equilibrium(held)
+        if own.status != "ok":
+            raise SceneError(f"--lines-only: {own.message}")
+        return stiffness_of_group(build_model(held), own.state, points, reference if about is None else about, names[0])
+    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    found = mooring_stiffness(model, pose, names, loads)
+    if about is None:
+        return found
+    return replace(found, matrix=moved_to(found.matrix, about - reference))
 
 
 def _names(scene: Scene, given: str | None) -> list[str]:

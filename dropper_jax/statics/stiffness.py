@@ -134,6 +134,13 @@ def _shifted_residual(
     return problem.residual(Unknowns(x, tension)).x, -model.geometry.held_force(force)
 
 
+def forces_on_held(model: Model, pose: State) -> np.ndarray:
+    """Forces (h, 3) [N] of the lines on the fixed points at rest."""
+    none = jnp.zeros((model.geometry.ends, 3), model.dtype)
+    nothing = jnp.zeros_like(pose.r)
+    return -np.asarray(_shifted_residual(model, pose, nothing, nothing, none)[1])
+
+
 @cached_jit()
 def _of_held(model: Model, pose: State, loads: jax.Array) -> tuple[jax.Array, ...]:
     """Derivatives by displacements of fixed points: rows (3 free, h) and forces on these points (h, h); the latter by

@@ -1,0 +1,86 @@
+"""Stiffness of points that move together as one rigid body, about a reference point: a mooring as the floater feels it.
+
+    K = sum_ij A_i' S_ij A_j - sum_i [F_i x] [a_i x],    A_i = (1, -[a_i x])
+
+S is the stiffness of the points, F_i the force of the lines on point i, a_i its arm from the reference, [a x] the
+matrix of the cross product. The second term, in the rotations only, is the turn of the arms under the forces that are
+there. Rows and columns are surge, sway and heave of the reference, and rotations about the scene's axes there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.model import Model, State
+from dropper_jax.statics.rest_problem import rest
+from dropper_jax.statics.stiffness import FREEDOMS, Stiffness, forces_on_held, mooring_stiffness
+
+
+def stiffness_of_group(
+    model: Model, pose: State, names: Sequence[str], about: Sequence[float], label: str = "group"
+) -> Stiffness:
+    """The stiffness (6, 6) of fixed points that move as one rigid body.
+
+    Args:
+        pose: `equilibrium(...).state`.
+        names: of the points, all fixed.
+        about: reference point (3,) [m].
+        label: name of the group in the result.
+
+    Raises:
+        SceneError: unknown or free points, rigid links.
+    """
+    known = {point.name: i for i, point in enumerate(model.points)}
+    held = model.geometry.held_points.tolist()
+    for name in names:
+        if name not in known:
+            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, known)}")
+        if known[name] not in held:
+            allowed = ", ".join(point.name for i, point in enumerate(model.points) if i in held)
+            raise SceneError(
+                f"points: {name!r} is free, and a rigid group consists of fixed points; allowed: {allowed}"
+            )
+    found = mooring_stiffness(model, pose, names)
+    forces = forces_on_held(rest(model), pose)[[held.index(known[name]) for name in names]]
+    arms = np.array([np.asarray(model.points[known[name]].position) for name in names]) - np.asarray(about, float)
+    moves = np.concatenate([np.hstack([np.eye(3), -_cross(arm)]) for arm in arms])
+    matrix = moves.T @ found.matrix @ moves
+    for force, arm in zip(forces, arms, strict=True):
+        matrix[3:, 3:] -= _cross(force) @ _cross(arm)
+    return Stiffness((label,), tuple(f"{label}.{axis}" for axis in FREEDOMS), matrix, found.warnings)
+
+
+def moved_to(matrix: np.ndarray, arm: Sequence[float]) -> np.ndarray:
+    """The stiffness (6, 6) of a body in equilibrium about a reference that is `arm` (3,) [m] away."""
+    moves = np.eye(6)
+    moves[:3, 3:] = _cross(np.asarray(arm, float))
+    return moves.T @ matrix @ moves
+
+
+def without_body(scene: Scene, body: str, model: Model, pose: State) -> tuple[Scene, list[str]]:
+    """The scene with the points on a body fixed where they rest, in place of the body, and the names of the points."""
+    names = [point.name for point in scene.points if point.on == body]
+    if not names:
+        raise SceneError(f"body {body!r}: no line is attached to it")
+    places = {}
+    for name in names:
+        point = next(i for i, other in enumerate(model.points) if other.name == name)
+        places[name] = np.asarray(pose.r)[model.geometry.node_of_point(point)].tolist()
+    table = scene.to_dict()
+    table["body"] = [other for other in table["body"] if other["name"] != body]
+    table["point"] = [
+        *table.get("point", []),
+        *({"name": name, "position": place} for name, place in places.items()),
+    ]
+    table["start"] = {"kind": "static"}
+    return load_scene(table), names
+
+
+def _cross(a: np.ndarray) -> np.ndarray:
+    """The matrix [a x] of the cross product with a (3,)."""
+    x, y, z = a
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

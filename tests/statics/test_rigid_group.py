@@ -1,0 +1,102 @@
+"""The 6x6 stiffness of points that move as one rigid body: MoorPy, forces that turn, another reference."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dropper_jax as dj
+from dropper_jax.run.build import build_model, equilibrium
+from dropper_jax.statics.rigid_group import moved_to, stiffness_of_group, without_body
+
+#: Six moorings with the matrices that MoorPy gives: chains on the bed, polyester, six lines, uneven lengths, two lines.
+KNOWN = json.loads((Path(__file__).parent / "moorpy_group.json").read_text())["rows"]
+#: The mooring without contact with the bed, which few links resolve.
+TAUT = 2
+
+
+def scene_of(mooring, links):
+    points, lines = [], []
+    for i, (fairlead, anchor, length) in enumerate(zip(mooring["fair"], mooring["anchor"], mooring["L"], strict=True)):
+        points += [{"name": f"anchor-{i}", "position": anchor}, {"name": f"fairlead-{i}", "position": fairlead}]
+        line = {"name": f"line-{i}", "from": f"anchor-{i}", "to": f"fairlead-{i}", "links": links}
+        line |= {"length": length / links, "mass": mooring["m"] * length / links, "diameter": mooring["d"]}
+        lines.append(line | {"axial": {"law": "rope", "EA": mooring["EA"]}})
+    effects = {"weight": {}, "buoyancy": {}, "seabed": {"stiffness": 1e5}}
+    return dj.load_scene(
+        {
+            "run": {"duration": 1.0},
+            "point": points,
+            "line": lines,
+            "sea": {"depth": mooring["depth"]},
+            "effects": effects,
+        }
+    )
+
+
+def matrix_of(mooring, links, about=(0.0, 0.0, 0.0)):
+    scene = scene_of(mooring, links)
+    names = [f"fairlead-{i}" for i in range(len(mooring["L"]))]
+    return stiffness_of_group(build_model(scene), equilibrium(scene).state, names, about).matrix
+
+
+def difference(matrix, known):
+    """The largest difference of an element, over the geometric mean of the diagonal elements of its row and column."""
+    size = np.sqrt(np.abs(np.diag(known)))
+    return np.max(np.abs(matrix - known) / np.outer(size, size))
+
+
+def test_a_mooring_above_the_bed_has_the_stiffness_of_moorpy():
+    known = np.array(KNOWN[TAUT]["stiffness"])
+    matrix = matrix_of(KNOWN[TAUT]["mooring"], links=40)
+    assert difference(matrix, known) < 1e-3
+    assert matrix[0, 0] == pytest.approx(matrix[1, 1], rel=1e-9)
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("row", KNOWN)
+def test_moorings_on_the_bed_have_the_stiffness_of_moorpy(row):
+    # lines on the bed need many links: the touchdown lies on one of them
+    assert difference(matrix_of(row["mooring"], links=600), np.array(row["stiffness"])) < 5e-3
+
+
+def test_forces_turn_with_the_arms():
+    """Two springs in line on a bar: turned by w they pull back by `2 T a w`, besides what stretches them."""
+    pull, arm = 1000.0, 2.0
+    stiffness = 5e4
+    points = [{"name": "a", "position": [-12.0, 0, 0]}, {"name": "b", "position": [-arm, 0, 0]}]
+    points += [{"name": "c", "position": [arm, 0, 0]}, {"name": "d", "position": [12.0, 0, 0]}]
+    line = {"links": 2, "length": 5.0 / (1.0 + pull / (10.0 * stiffness)), "mass": 1e-6}
+    line["axial"] = {"law": "elastic", "EA": 10.0 * stiffness}
+    lines = [{**line, "name": "left", "from": "a", "to": "b"}, {**line, "name": "right", "from": "c", "to": "d"}]
+    scene = dj.load_scene({"run": {"duration": 1.0}, "point": points, "line": lines, "effects": {"weight": {}}})
+    matrix = stiffness_of_group(build_model(scene), equilibrium(scene).state, ["b", "c"], [0, 0, 0]).matrix
+    across = 2.0 * pull / 10.0
+    assert matrix[1, 1] == pytest.approx(across, rel=1e-3)
+    assert matrix[4, 4] == pytest.approx(across * arm**2 + 2.0 * pull * arm, rel=1e-3)
+    assert matrix[5, 5] == pytest.approx(across * arm**2 + 2.0 * pull * arm, rel=1e-3)
+
+
+def test_another_reference_and_back_is_the_same_matrix():
+    scene = dj.load_scene("ballasted-spar")
+    model = build_model(scene)
+    pose = equilibrium(scene).state
+    whole = dj.mooring_stiffness(model, pose, ["spar"]).matrix
+    arm = np.array([1.0, -2.0, 3.0])
+    np.testing.assert_allclose(moved_to(moved_to(whole, arm), -arm), whole, atol=1e-6 * np.abs(whole).max())
+    # the lines alone have neither the waterline nor the righting moment of the spar
+    held, names = without_body(scene, "spar", model, pose)
+    lines = stiffness_of_group(build_model(held), equilibrium(held).state, names, [0, 0, 0]).matrix
+    assert names == ["base"]
+    assert abs(lines[2, 2]) < 1e-3 * whole[2, 2]
+
+
+def test_wrong_names_are_refused_with_what_is_allowed():
+    scene = scene_of(KNOWN[TAUT]["mooring"], links=2)
+    model = build_model(scene)
+    pose = equilibrium(scene).state
+    with pytest.raises(dj.SceneError, match="points: 'buoy' is not a point of the scene"):
+        stiffness_of_group(model, pose, ["buoy"], [0, 0, 0])

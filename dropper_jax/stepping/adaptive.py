@@ -32,6 +32,35 @@ from dropper_jax.stepping.step_control import (
 )
 
 
+class Record(NamedTuple):
+    """Lengths of the steps that a run accepts, for other runs that repeat them.
+
+    Attributes:
+        length: of the steps (most,) [s]; those after the first `most` are not recorded.
+        number: of steps so far.
+        repeats: whether the run takes these steps in place of its own.
+    """
+
+    length: jax.Array
+    number: jax.Array
+    repeats: jax.Array
+
+    @classmethod
+    def empty(cls, model: Model, most: int = 2**17) -> Record:
+        """The record of a run that starts and chooses its steps."""
+        return cls(jnp.zeros(most, model.dtype), jnp.zeros((), jnp.int32), jnp.zeros((), bool))
+
+    def to_repeat(self) -> Record:
+        """The record for a run that starts and takes the recorded steps."""
+        return Record(self.length, jnp.zeros((), jnp.int32), jnp.ones((), bool))
+
+    def with_step(self, h: jax.Array, accepted: jax.Array) -> Record:
+        """The record after a step of h [s]."""
+        length = jnp.where(accepted, h, self.length[self.number])
+        lengths = jax.lax.dynamic_update_index_in_dim(self.length, length, self.number, axis=0)
+        return Record(lengths, self.number + accepted, self.repeats)
+
+
 class Adaptive(NamedTuple):
     """State of a run with an accuracy.
 
@@ -41,6 +70,7 @@ class Adaptive(NamedTuple):
         refused: number of rejected steps.
         shortest: number of steps of the shortest length that were accepted with a larger error.
         changed: energy that changes of the step have added so far [J], see `Integrator.change_step`.
+        record: of the steps, if it is wanted.
     """
 
     progress: Progress
@@ -48,6 +78,7 @@ class Adaptive(NamedTuple):
     refused: jax.Array
     shortest: jax.Array
     changed: jax.Array
+    record: Record | None = None
 
     @property
     def state(self) -> State:
@@ -158,9 +189,13 @@ class _Tried(NamedTuple):
 def _try(
     stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, accuracy: jax.Array
 ) -> _Tried:
-    (s, number, first_bad), control, refused, shortest, changed = adaptive
+    (s, number, first_bad), control, refused, shortest, changed, record = adaptive
     left = end - s.t
     h = left / jnp.ceil(left / control.wanted - 1e-9)
+    repeats = False
+    if record is not None:
+        repeats = record.repeats
+        h = jnp.where(repeats, record.length[record.number], h)
     start, added = with_step_changed(stepper, model, s, control.before, h)
     s1, row, error = step_and_filter(stepper, model, start, h, error_rows(stepper, control.before))
     failed = step_failed(stepper, model, s1, row)
@@ -173,14 +208,17 @@ def _try(
     # a failed run continues to its end with any error
     solved = ~failed | (h <= 1.01 * last_resort) | (first_bad >= 0)
     exact = excess <= 1.0
-    accepted = solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0))
+    accepted = (solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0))) | repeats
     least = jnp.where(failed, last_resort, jnp.minimum(floor, h))
     wanted = jnp.clip(next_length(h, excess, control, accepted), least, dt)
     progress = Progress(s1, number, jnp.where(failed & (first_bad < 0), number, first_bad))
     following = after_step(model, s1, h, excess, wanted, control)
     taken = Adaptive(progress, following, refused, shortest + ~exact, changed + added)
-    left_alone = adaptive._replace(control=control._replace(wanted=wanted, rejected=~accepted), refused=refused + 1)
+    refused_control = control._replace(wanted=wanted, rejected=~accepted)
+    left_alone = adaptive._replace(control=refused_control, refused=refused + 1, record=None)
     chosen = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, left_alone)
+    if record is not None:
+        chosen = chosen._replace(record=record.with_step(h, accepted))
     return _Tried(chosen, h, row, failed, accepted)
 
 
@@ -210,7 +248,7 @@ def adaptive_step_lengths(
     return lengths, number
 
 
-def adaptive_start(model: Model, progress: Progress) -> Adaptive:
+def adaptive_start(model: Model, progress: Progress, record: Record | None = None) -> Adaptive:
     """The carry of a run that starts."""
     none = jnp.zeros((), jnp.int32)
-    return Adaptive(progress, start_control(model, progress.state), none, none, jnp.zeros((), model.dtype))
+    return Adaptive(progress, start_control(model, progress.state), none, none, jnp.zeros((), model.dtype), record)

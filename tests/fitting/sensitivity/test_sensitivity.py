@@ -18,7 +18,7 @@ from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows
 from fitting.sensitivity.derivatives import global_text, local_text
-from fitting.sensitivity.problem import central_differences, difference_sizes, run_members
+from fitting.sensitivity.differences import central_differences, difference_sizes
 from fitting.sensitivity.tornado import path_label
 
 SCENE = {

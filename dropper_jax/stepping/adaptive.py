@@ -15,9 +15,18 @@ import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper, step_and_filter
-from dropper_jax.stepping.control import step_failed
+from dropper_jax.stepping.control import ROUNDING, step_failed
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
-from dropper_jax.stepping.integrate import Progress, Trajectory, begin, empty_rows, scan_steps
+from dropper_jax.stepping.integrate import (
+    Progress,
+    Steps,
+    Trajectory,
+    along_accepted_steps,
+    begin,
+    empty_rows,
+    growth_meter,
+    scan_steps,
+)
 from dropper_jax.stepping.step_change import books_changes, with_step_changed
 from dropper_jax.stepping.step_control import (
     LEAST,
@@ -230,6 +239,14 @@ def adaptive_step_lengths(
     A run along these steps, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes
     with the steps held constant. Steps after the first `most` are left out.
     """
+    lengths, number, _ = _find_lengths(stepper, model, s, dt, intervals, accuracy, most)
+    return lengths, number
+
+
+def _find_lengths(
+    stepper: Stepper, model: Model, s: State, dt: jax.Array, intervals: int, accuracy: jax.Array, most: int
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The lengths, their number, and whether a step failed or steps are left out."""
     adaptive = adaptive_start(model, begin(stepper, model, s))
     last = adaptive.t + intervals * dt
 
@@ -244,8 +261,48 @@ def adaptive_step_lengths(
         return tried.adaptive, lengths, number + tried.accepted
 
     nothing = jnp.zeros(most, model.dtype), jnp.zeros((), jnp.int32)
-    _, lengths, number = jax.lax.while_loop(before_end, attempt, (adaptive, *nothing))
-    return lengths, number
+    end, lengths, number = jax.lax.while_loop(before_end, attempt, (adaptive, *nothing))
+    return lengths, number, end.has_failed | (end.t < last - 1e-9 * dt)
+
+
+def integrate_adaptively(
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: float | jax.Array,
+    intervals: int,
+    accuracy: float | jax.Array,
+    most: int,
+    checkpoint: bool = False,
+    warn: bool = True,
+) -> tuple[State, Trajectory]:
+    """Run `intervals` of dt [s] from s in steps that follow an accuracy: a pure function to `jit`, `grad`, `jacfwd` and
+    `vmap` over model and s.
+
+    The steps are found first, and the run repeats them. Derivatives exist in both modes, with the steps held constant:
+    they are those of runs of which all take the same steps, as `dropper sensitivity` takes them.
+
+    Args:
+        stepper: from `make_stepper`; static, as are `intervals` and `most`.
+        dt: time between saved states [s].
+        accuracy: as `run.accuracy` of a scene.
+        most: capacity for steps, for which reverse mode has memory. A run of more has failed (`first_bad`).
+        checkpoint, warn: as of `integrate`.
+
+    Returns:
+        The last state, and the saved ones; their tensions are means over the interval before. `failed` and `first_bad`
+        are those of the whole run.
+    """
+    meter = growth_meter(model, s) if warn else None
+    dt, accuracy = jnp.asarray(dt, model.dtype), jnp.asarray(accuracy, model.dtype)
+    given = jax.lax.stop_gradient((model, s, dt))
+    length, _, failed = _find_lengths(stepper, *given, intervals, accuracy, most)
+    time = jnp.cumsum(length)
+    ends = jnp.searchsorted(time, dt * (1.0 + jnp.arange(intervals)) * (1.0 - ROUNDING)) + 1
+    ends = jnp.minimum(ends, most).astype(jnp.int32)
+    none = jnp.zeros(intervals, jnp.int32)
+    found = Steps(length, ends, jnp.zeros(intervals, model.dtype), none, jnp.broadcast_to(failed, (intervals,)))
+    return along_accepted_steps(stepper.plain, model, s, found, 1, checkpoint, meter, follows=True)
 
 
 def adaptive_start(model: Model, progress: Progress, record: Record | None = None) -> Adaptive:

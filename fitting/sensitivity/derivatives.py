@@ -190,7 +190,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
         problem.check_derivatives(forward)
     if found.finite:
         say(0.3, "linear range")
-        linear, error, notes = linear_range(problem, found.value, forward, partial(_changed_quantity, problem))
+        linear, error, notes = linear_range(problem, found.value, forward, partial(changed_quantity, problem))
         found = dataclasses.replace(found, linear_range=linear, error=error, warnings=notes)
     if check:
         found = _with_check(problem, found, say)
@@ -304,10 +304,10 @@ def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
     return float(times[over[0]]), float(np.log(size[-1] / size[middle]) / (times[-1] - times[middle]))
 
 
-def _changed_quantity(problem: Study, values: jax.Array) -> float:
+def changed_quantity(problem: Study, values: jax.Array | np.ndarray) -> float:
     """The quantity with these values (p,), NaN if the scene has no start with them."""
     try:
-        s = initial_state(apply(problem.model, problem.parameters, values), problem.scene.start)
+        s = initial_state(apply(problem.model, problem.parameters, jnp.asarray(values)), problem.scene.start)
     except SceneError:
         return np.nan
     start = Varied(s, [jnp.zeros((len(values), *x.shape), x.dtype) for x in floats_of(s)])

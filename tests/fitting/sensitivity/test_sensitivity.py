@@ -18,7 +18,7 @@ from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows
 from fitting.sensitivity.derivatives import global_text, local_text
-from fitting.sensitivity.differences import central_differences, difference_sizes
+from fitting.sensitivity.differences import StudyRuns, central_differences, difference_sizes
 from fitting.sensitivity.tornado import path_label
 
 SCENE = {
@@ -134,7 +134,7 @@ def test_differences_of_lengths_are_smaller_and_end_at_bounds(loop):
     assert [difference_sizes(p) for p in (from_bound, length)] == [(0.01, 0.003), (0.003, 0.001)]
     problem = replace(loop, parameters=(from_bound,))
     found = central_differences(problem)
-    one_sided = np.diff(run_members(problem, np.array([[1.0], [1.01]])))[0] / 0.01
+    one_sided = np.diff([StudyRuns(problem).run(np.array([x])).value for x in (1.0, 1.01)])[0] / 0.01
     assert found.slopes[0] == pytest.approx(one_sided, rel=1e-12)
 
 

@@ -44,30 +44,54 @@ from dropper_jax.stepping.step_control import (
 class Record(NamedTuple):
     """Lengths of the steps that a run accepts, for other runs that repeat them.
 
+    A repeated step that does not converge is divided.
+
     Attributes:
         length: of the steps (most,) [s]; those after the first `most` are not recorded.
         number: of steps so far.
         repeats: whether the run takes these steps in place of its own.
+        part: of a repeated step, what is done [s].
     """
 
     length: jax.Array
     number: jax.Array
     repeats: jax.Array
+    part: jax.Array
 
     @classmethod
     def empty(cls, model: Model, most: int = 2**17) -> Record:
         """The record of a run that starts and chooses its steps."""
-        return cls(jnp.zeros(most, model.dtype), jnp.zeros((), jnp.int32), jnp.zeros((), bool))
+        return cls(
+            length=jnp.zeros(most, model.dtype),
+            number=jnp.zeros((), jnp.int32),
+            repeats=jnp.zeros((), bool),
+            part=jnp.zeros((), model.dtype),
+        )
 
     def to_repeat(self) -> Record:
         """The record for a run that starts and takes the recorded steps."""
-        return Record(self.length, jnp.zeros((), jnp.int32), jnp.ones((), bool))
+        return self._replace(number=jnp.zeros((), jnp.int32), repeats=jnp.ones((), bool))
+
+    def next_length(self, control: Control, chosen: jax.Array) -> jax.Array:
+        """The next step [s] in place of the chosen one."""
+        left = self.length[self.number] - self.part
+        divided = (self.part > 0.0) | control.rejected
+        repeated = jnp.where(divided, jnp.minimum(control.wanted, left), left)
+        return jnp.where(self.repeats, repeated, chosen)
 
     def with_step(self, h: jax.Array, accepted: jax.Array) -> Record:
         """The record after a step of h [s]."""
-        length = jnp.where(accepted, h, self.length[self.number])
+        now = self.length[self.number]
+        length = jnp.where(accepted & ~self.repeats, h, now)
         lengths = jax.lax.dynamic_update_index_in_dim(self.length, length, self.number, axis=0)
-        return Record(lengths, self.number + accepted, self.repeats)
+        part = self.part + h
+        whole = ~self.repeats | (part >= (1.0 - ROUNDING) * now)
+        return Record(
+            length=lengths,
+            number=self.number + (accepted & whole),
+            repeats=self.repeats,
+            part=jnp.where(accepted, jnp.where(whole, 0.0, part), self.part),
+        )
 
 
 class Adaptive(NamedTuple):
@@ -204,7 +228,7 @@ def _try(
     repeats = False
     if record is not None:
         repeats = record.repeats
-        h = jnp.where(repeats, record.length[record.number], h)
+        h = record.next_length(control, h)
     start, added = with_step_changed(stepper, model, s, control.before, h)
     s1, row, error = step_and_filter(stepper, model, start, h, error_rows(stepper, control.before))
     failed = step_failed(stepper, model, s1, row)
@@ -217,7 +241,7 @@ def _try(
     # a failed run continues to its end with any error
     solved = ~failed | (h <= 1.01 * last_resort) | (first_bad >= 0)
     exact = excess <= 1.0
-    accepted = (solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0))) | repeats
+    accepted = solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0) | repeats)
     least = jnp.where(failed, last_resort, jnp.minimum(floor, h))
     wanted = jnp.clip(next_length(h, excess, control, accepted), least, dt)
     progress = Progress(s1, number, jnp.where(failed & (first_bad < 0), number, first_bad))

@@ -149,13 +149,14 @@ def build_model(scene: SceneLike, dtype: str | None = None) -> Model:
     return bare_model(with_wakes(with_flow_coefficients(overgrown(load_scene(scene)))), dtype)
 
 
-def model_slopes(scene: Scene, model: Model, path: str) -> dict[int, np.ndarray]:
+def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> dict[int, np.ndarray]:
     """Derivatives of the leaves of a scene's model with respect to a number of the scene, by number of the leaf.
 
     By central differences on the host over two relative steps, extrapolated: an error of 1e-12 for smooth functions.
 
     Raises:
-        SceneError: not a number, a number without effect on the model, or one that changes its shape.
+        SceneError: not a number, a number without effect on the model unless it may be `idle`, or one that changes its
+            shape.
     """
     value = scene.value(path)
     if isinstance(value, bool) or not isinstance(value, float):
@@ -167,14 +168,14 @@ def model_slopes(scene: Scene, model: Model, path: str) -> dict[int, np.ndarray]
         changed = build_model(scene.with_values({path: value + shift * size}))
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(changed)]
         if [leaf.shape for leaf in leaves] != shapes:
-            raise SceneError(f"{path}: changes the model's shape. Use numbers that do not")
+            raise SceneError(f"{path}: changes the model's shape, such as a number of links. Use `dropper sweep`")
         return leaves
 
     wide, narrow = (
         [(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in (1e-3, 5e-4)
     )
     slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
-    if not slopes:
+    if not (slopes or idle):
         raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
     return slopes
 

@@ -185,13 +185,6 @@ class StudyRuns:
         with ThreadPoolExecutor(available_cores()) as pool:
             return list(pool.map(run_one, values))
 
-    def kurtosis(self) -> float:
-        """Excess kurtosis of the quantity's signal over the study's own run."""
-        rows = self.rows
-        t = self.settings.interval * (1.0 + np.arange(len(rows.r)))
-        samples = self.problem.of.in_time(self.model, self.start.r, rows.r, rows.v, rows.tension, t, rows.parted)
-        return excess_kurtosis(np.asarray(samples))
-
 
 def _recorded(carry: object, of: Quantity) -> Record | None:
     """The steps of a run, for others to repeat; None if all are equal."""
@@ -265,12 +258,14 @@ def central_differences(problem: Study, say: Progress = silent) -> Differences:
     reach = np.array([np.max(np.abs(both[0].change)) for both in pairs])
     errors = np.hypot(spread, np.maximum(noise, own) / reach)
     still = [all(run.value == base.value for pair in both for run in pair.runs) for both in pairs]
+    still = np.array(still) | [p.is_idle for p in problem.parameters]
+    slopes = np.where(still, 0.0, slopes)
     errors = np.where(still, 0.0, errors)
     scale = np.array([p.scale for p in problem.parameters])
     # a third of the change, or 0.01 in p/Q dQ/dp, as of exact derivatives (`linear_range`)
     unclear = ~(errors <= np.maximum(np.abs(slopes) / 3.0, 0.01 * abs(base.value) / scale))
     motion = max(_motion_growth(base.extent, p, both[1]) for p, both in zip(problem.parameters, pairs, strict=True))
-    notes = [*_branches(problem, pairs, motion), *_of_statistic(problem.of, base)]
+    notes = [*_branches(problem, pairs, motion), *statistic_notes(problem, base)]
     return Differences(
         base.value,
         base.value_error,
@@ -306,7 +301,9 @@ def _noise(value: float, shown: Run, pairs: Sequence[tuple[Pair, Pair]]) -> tupl
             spread = 0.5 + 0.5 * ratio**2 + (1.0 - ratio) ** 2
             own[i] = abs(small.even(value) - ratio * large.even(value)) / np.sqrt(spread)
     samples = np.append(own[own > 0.0], (shown.value - value) / np.sqrt(2.0))
-    return float(np.sqrt(np.nanmedian(samples**2) / MEDIAN_OF_SQUARE)), own
+    samples = samples[np.isfinite(samples)]
+    own = np.where(np.isfinite(own), own, 0.0)
+    return (float(np.sqrt(np.median(samples**2) / MEDIAN_OF_SQUARE)) if samples.size else np.inf), own
 
 
 def _growth(extent: float, run: Run, size: float) -> float:
@@ -337,8 +334,13 @@ def _branches(problem: Study, pairs: Sequence[tuple[Pair, Pair]], motion: float)
     return notes
 
 
-def _of_statistic(of: Quantity, base: StudyRuns) -> list[str]:
-    """Why a single-step extreme is no good quantity, and whether the samples are Gaussian as `mpm` assumes."""
+def statistic_notes(problem: Study, runs: StudyRuns | None = None) -> list[str]:
+    """Why a single-step extreme is no good quantity, and whether the samples are Gaussian as `mpm` assumes.
+
+    Args:
+        runs: of the study, if they are known.
+    """
+    of = problem.of
     if of.statistic in OVER_STEPS:
         stem = of.name.rpartition(".")[0]
         others = " or ".join(f"{stem}.{name}" for name in IN_TIME)
@@ -348,7 +350,11 @@ def _of_statistic(of: Quantity, base: StudyRuns) -> list[str]:
         ]
     if of.statistic != "mpm":
         return []
-    kurtosis = base.kurtosis()
+    runs = StudyRuns(problem) if runs is None else runs
+    rows = runs.rows
+    t = runs.settings.interval * (1.0 + np.arange(len(rows.r)))
+    samples = of.in_time(runs.model, runs.start.r, rows.r, rows.v, rows.tension, t, rows.parted)
+    kurtosis = excess_kurtosis(np.asarray(samples))
     if abs(kurtosis) <= NOT_GAUSSIAN:
         return []
     return [

@@ -321,7 +321,7 @@ def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
     given = with_effects(given, names)
     scene = given.with_equal_steps()
     model, start = build(scene)
-    parameters = find_parameters(scene, model, names, "to")
+    parameters = find_parameters(scene, model, names, "to", idle=True)
     wanted = quantity(of, model)
     if wanted.statistic in (*OVER_STEPS, *OF_SAMPLES):  # an extreme is that of all steps
         scene = scene.with_values({"run.save_every": 1})
@@ -383,7 +383,7 @@ def linear_range(
             break
     else:
         size = 0.0
-    error = missed / ((size or 1e-4) * scale)
+    error = np.where(slopes == 0.0, 0.0, missed / ((size or 1e-4) * scale))
     if len(changes) == 1:
         return size, error, []
     real, predicted = changes[0]

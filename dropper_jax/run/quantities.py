@@ -132,6 +132,10 @@ def _most_probable_maximum(x: jax.Array, interval: jax.Array | float) -> jax.Arr
     return jnp.max(mean + jnp.where(varies, height * _root(variance), 0.0))
 
 
+#: Excess kurtosis from which a process is not Gaussian. Records of 20 waves of one that is have up to 1.
+NOT_GAUSSIAN = 1.0
+
+
 def excess_kurtosis(x: np.ndarray) -> float:
     """Excess kurtosis of the member of samples (times, members) with the largest standard deviation; 0 if Gaussian."""
     member = x[:, np.argmax(np.std(x, axis=0))]

@@ -29,7 +29,15 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import initial_state, stepper_of
 from dropper_jax.run.chunks import FACTOR, Companion, Program, compile_run, run_chunks
-from dropper_jax.run.quantities import IN_TIME, OVER_STEPS, Quantity, QuantitySignals, excess_kurtosis, quantity_signals
+from dropper_jax.run.quantities import (
+    IN_TIME,
+    NOT_GAUSSIAN,
+    OVER_STEPS,
+    Quantity,
+    QuantitySignals,
+    excess_kurtosis,
+    quantity_signals,
+)
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Record, adaptive_start
 from dropper_jax.stepping.integrate import Progress as RunProgress
@@ -53,8 +61,6 @@ TANGENT_GROWTH = 5.0
 JUMP = 6.0
 #: Median of the square of a standard normal number.
 MEDIAN_OF_SQUARE = 0.455
-#: Excess kurtosis from which a process is not Gaussian. Records of 20 waves of one that is have up to 1.
-NOT_GAUSSIAN = 1.0
 
 
 def difference_sizes(p: Parameter) -> tuple[float, float]:

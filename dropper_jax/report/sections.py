@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.toml_text import literal
+from dropper_jax.run.quantities import NOT_GAUSSIAN
 
 #: Cells of a row by the headings of their columns.
 Cells = dict[str, str]

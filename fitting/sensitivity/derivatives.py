@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, ClassVar
 
 import jax
@@ -190,8 +189,16 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
         problem.check_derivatives(forward)
     if found.finite:
         say(0.3, "linear range")
-        linear, error, notes = linear_range(problem, found.value, forward, partial(changed_quantity, problem))
-        found = dataclasses.replace(found, linear_range=linear, error=error, warnings=notes)
+        changed = []
+
+        def evaluate(values: jax.Array) -> float:
+            quantity, changed_run = _changed_study(problem, values)
+            changed.append(changed_run)
+            return quantity
+
+        linear, error, notes = linear_range(problem, found.value, forward, evaluate)
+        motion = None if run is None else _motion_growth(problem, start, run, changed[0])
+        found = dataclasses.replace(found, linear_range=linear, error=error, warnings=notes, motion_growth=motion)
     if check:
         found = _with_check(problem, found, say)
     if run is not None and found.finite and found.linear_range < 0.01:
@@ -306,12 +313,29 @@ def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
 
 def changed_quantity(problem: Study, values: jax.Array | np.ndarray) -> float:
     """The quantity with these values (p,), NaN if the scene has no start with them."""
+    return _changed_study(problem, values)[0]
+
+
+def _changed_study(problem: Study, values: jax.Array | np.ndarray) -> tuple[float, Varied | None]:
+    """The same, and its run."""
     try:
         s = initial_state(apply(problem.model, problem.parameters, jnp.asarray(values)), problem.scene.start)
     except SceneError:
-        return np.nan
+        return np.nan, None
     start = Varied(s, [jnp.zeros((len(values), *x.shape), x.dtype) for x in floats_of(s)])
-    return float(vary_study(problem, values, start, problem.scene.run.saves)[0].tree)
+    quantity, run = vary_study(problem, values, start, problem.scene.run.saves)
+    return float(quantity.tree), run
+
+
+def _motion_growth(problem: Study, start: Varied, run: Varied, changed: Varied | None) -> float | None:
+    """Logarithm of the displacement by a change of all parameters by 1 %, over that at the start or 1 % of the motion;
+    None without such a run."""
+    if changed is None:
+        return None
+    first, _, extent = _displacements(problem, start, run)
+    before = 0.01 * max(extent, float(np.sum(first)), np.finfo(float).tiny)
+    apart = float(np.linalg.norm(changed.tree.r - run.tree.r, axis=-1).max())
+    return float(np.log(max(apart / before, 1.0)))
 
 
 def windows(

@@ -22,9 +22,10 @@ from random_scenes import draw_scene
 from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.plots import style
+from dropper_jax.run.quantities import quantity
 from fitting.sensitivity import local, study
 from fitting.sensitivity.derivatives import Local, changed_quantity
-from fitting.sensitivity.differences import StudyRuns
+from fitting.sensitivity.differences import DIFFERENCES, StudyRuns
 from fitting.sensitivity.problem import Study
 
 #: Number of random scenes.
@@ -203,47 +204,51 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, int]:
     }
 
 
-#: Scene, parameter, statistics and relative changes of the picture of slopes against the size of the difference.
+#: Scene, parameter, quantities and relative changes of the picture of slopes against the size of the difference. The
+#: quantity of the study, a maximum, is the last one.
 PLATEAU_SCENE, PLATEAU_DURATION, PLATEAU_PARAMETER = "paper-case-1", 20.0, "buoy.spar.mass"
-PLATEAU_STATISTICS = ("mean", "sustained", "max")
-SIZES = tuple(float(x) for x in 10.0 ** np.arange(-6.0, -1.2, 0.4))
+PLATEAU_QUANTITIES = ("tension.chain.mean", "tension.chain.sustained", "tension.chain.max")
+SIZES = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 6e-2)
 
 
 def measure_plateau() -> dict[str, Any]:
-    """Scaled slopes of three quantities by central differences of each size, and what `sensitivity` states."""
-    found: dict[str, Any] = {"scene": PLATEAU_SCENE, "duration": PLATEAU_DURATION, "parameter": PLATEAU_PARAMETER}
-    found |= {"sizes": list(SIZES), "quantities": {}}
-    scene = load_scene(PLATEAU_SCENE).with_values({"run.duration": PLATEAU_DURATION})
-    for statistic in PLATEAU_STATISTICS:
-        problem = study(scene, f"tension.chain.{statistic}", [PLATEAU_PARAMETER])
-        runs = StudyRuns(problem)
-        rows = [problem.values * (1.0 + sign * size) for size in SIZES for sign in (-1.0, 1.0)]
-        values = np.array([run.value for run in runs.run_all(np.array(rows))]).reshape(-1, 2)
-        slopes = (values[:, 1] - values[:, 0]) / (2.0 * np.array(SIZES)) / runs.value
-        stated = local(problem)
-        found["quantities"][statistic] = {
-            "value": runs.value,
-            "slopes": slopes.tolist(),
-            "stated": float(stated.scaled[0]),
-            "error": float(stated.scaled_error[0]),
-        }
-    return found
+    """Scaled slopes of three quantities by central differences of each size."""
+    scene = load_scene(PLATEAU_SCENE).with_values({"run.duration": PLATEAU_DURATION, "run.save_interval": 0.1})
+    problem = study(scene, PLATEAU_QUANTITIES[-1], [PLATEAU_PARAMETER])
+    runs = StudyRuns(problem)
+    quantities = [quantity(name, problem.model) for name in PLATEAU_QUANTITIES]
+    here = np.array(runs.values_of(quantities, problem.values))
+    slopes = []
+    for size in SIZES:
+        low, high = (np.array(runs.values_of(quantities, problem.values * (1.0 + sign * size))) for sign in (-1.0, 1.0))
+        slopes.append((high - low) / (2.0 * size) / here)
+    return {
+        "scene": PLATEAU_SCENE,
+        "duration": PLATEAU_DURATION,
+        "parameter": PLATEAU_PARAMETER,
+        "sizes": SIZES,
+        "quantities": PLATEAU_QUANTITIES,
+        "values": here.tolist(),
+        "slopes": np.transpose(slopes).tolist(),
+    }
 
 
 def draw_plateau(stored: Path, picture: Path) -> None:
-    """Slopes against the size of the difference, one panel for each quantity; the bar is what is stated."""
+    """Slopes against the size of the difference, one panel for each quantity; the band is that of the two sizes."""
     found = json.loads(stored.read_text())
+    sizes = found["sizes"]
+    both = [sizes.index(size) for size in DIFFERENCES]
     with style.plot_style():
-        figure = style.new_figure(9.0, 3.4)
+        figure = style.new_figure(9.5, 3.4)
         panels = figure.subplots(1, len(found["quantities"]))
-        for axes, (name, one) in zip(panels, found["quantities"].items(), strict=True):
-            low, high = one["stated"] - one["error"], one["stated"] + one["error"]
-            axes.axhspan(low, high, color=style.SECOND, alpha=0.3, lw=0)
-            axes.axhline(one["stated"], color=style.SECOND, lw=1.0)
-            axes.semilogx([100.0 * size for size in found["sizes"]], one["slopes"], "o-", color=style.DARK, ms=4)
-            reach = max(4.0 * one["error"], 0.5 * abs(one["stated"]))
-            axes.set_ylim(one["stated"] - reach, one["stated"] + reach)
-            axes.set_title(f"tension.chain.{name}", loc="left")
+        for axes, name, slopes in zip(panels, found["quantities"], found["slopes"], strict=True):
+            stated, other = (slopes[i] for i in both)
+            error = abs(stated - other)
+            axes.axhspan(stated - error, stated + error, color=style.SECOND, alpha=0.3, lw=0)
+            axes.semilogx([100.0 * size for size in sizes], slopes, "o-", color=style.DARK, ms=4)
+            reach = max(3.0 * error, 0.5 * abs(stated))
+            axes.set_ylim(stated - reach, stated + reach)
+            axes.set_title(name, loc="left")
             axes.set_xlabel("change of the parameter [%]")
         panels[0].set_ylabel("slope [% per %]")
         style.save(figure, picture)

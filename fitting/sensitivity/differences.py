@@ -172,6 +172,17 @@ class StudyRuns:
         prepared = self._prepare(values, self.record)
         return Run(np.nan, np.nan, np.nan) if prepared is None else self._run_prepared(*prepared)
 
+    def values_of(self, quantities: Sequence[Quantity], values: np.ndarray) -> list[float]:
+        """Several quantities of the run with these values (p,); a maximum or minimum has to be that of the study."""
+        model, s, program = self._prepare(values, self.record)
+        rows = run_chunks(program, self.settings.rows, silent).trajectory
+        own = self.problem.of
+        interval = jnp.asarray(self.settings.interval, model.dtype)
+        return [
+            self._value(model, s, rows) if one == own else float(_measure(one, model, s, rows, interval, None))
+            for one in quantities
+        ]
+
     def _run_prepared(self, model: Model, s: State, program: Program) -> Run:
         rows = run_chunks(program, self.settings.rows, silent).trajectory
         apart = rows.r - self.rows.r[: len(rows.r)]

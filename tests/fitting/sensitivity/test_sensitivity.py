@@ -298,7 +298,8 @@ def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):
     printed = json.loads(capsys.readouterr().out)
     assert printed["forward"] == found.forward.tolist()
     assert printed["trusted"] is True
-    assert (printed["method"], printed["error"]) == ("tangent", None)
+    assert (printed["method"], printed["grows"]) == ("tangent", "nothing")
+    assert printed["error"] == found.error.tolist()
     assert main([*argv[:-1], "line.0.mas", "--json"]) == 2
     assert "to: 'line.0.mas' does not exist" in json.loads(capsys.readouterr().out)["error"]
 

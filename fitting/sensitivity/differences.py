@@ -56,8 +56,7 @@ SMALL_CHANGE = 1e-6
 MOTION_GROWTH = 4.0
 #: Growth of the small difference, as a power of e, from which rounding errors and exact tangents grow.
 TANGENT_GROWTH = 5.0
-#: Displacement by a change over that by the others, per change, from which a run is on another branch. Where rounding
-#: dominates it is 3.3, the ratio of the two sizes.
+#: Displacement by a change over that by the opposite change from which a run is on another branch.
 JUMP = 6.0
 #: Median of the square of a standard normal number.
 MEDIAN_OF_SQUARE = 0.455
@@ -248,6 +247,14 @@ class Pair(NamedTuple):
             return values[0] / changes[0]
         return (values[1] - values[0]) / (changes[1] - changes[0])
 
+    @property
+    def branches(self) -> list[float]:
+        """The changes whose run moves farther from the study's own, by a factor `JUMP`, than the opposite one."""
+        if not self.is_central:
+            return []
+        moved = [run.at_most for run in self.runs]
+        return [float(self.change[i]) for i in (0, 1) if moved[i] > JUMP * moved[1 - i] > 0.0]
+
     def even(self, value: float) -> float:
         """The even part of the quantity."""
         return 0.5 * (self.runs[0].value + self.runs[1].value) - value
@@ -339,14 +346,12 @@ def _branches(problem: Study, pairs: Sequence[tuple[Pair, Pair]], motion: float)
         return []
     notes = []
     for p, both in zip(problem.parameters, pairs, strict=True):
-        rates = {pair.change[i]: pair.runs[i].at_most / abs(pair.change[i]) for pair in both for i in pair.sides}
-        lowest = min(rates.values(), default=0.0)
-        apart = [100.0 * change / p.scale for change, rate in rates.items() if rate > JUMP * lowest > 0.0]
+        apart = [100.0 * change / p.scale for pair in both for change in pair.branches]
         if apart:
             runs = ", ".join(f"{x:+.2g} %" for x in apart)
             notes.append(
-                f"{p.name}: the motion at {runs} is on another branch than that at the other changes; a slope holds on "
-                "one branch only. Use a sweep over the range"
+                f"{p.name}: the motion at {runs} is on another branch than that at the opposite change; a slope holds "
+                "on one branch only. Use a sweep over the range"
             )
     return notes
 

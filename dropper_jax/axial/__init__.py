@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dropper_jax.axial.damped_rope import DampedRope
 from dropper_jax.axial.elastic import AXIAL_RINGING, Elastic
-from dropper_jax.axial.law import AxialLaw, Groups, LinkStart, SmoothTangent
+from dropper_jax.axial.law import AxialLaw, Groups, LinkStart
 from dropper_jax.axial.rigid import Rigid
 from dropper_jax.axial.rope import Rope
 from dropper_jax.axial.tabulated import Tabulated
@@ -21,6 +21,5 @@ __all__ = [
     "LinkStart",
     "Rigid",
     "Rope",
-    "SmoothTangent",
     "Tabulated",
 ]

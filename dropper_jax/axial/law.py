@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import jax
@@ -29,24 +29,6 @@ class LinkStart(NamedTuple):
     rate: jax.Array | None
     acceleration: jax.Array | None = None
     lightness: jax.Array | None = None
-
-
-@dataclass(frozen=True)
-class SmoothTangent:
-    """The law of slack ropes in derivatives of a run, `L/EA dT = s (d|l| + tau d|l|'/dt - dL)`; the run is unchanged.
-
-    Exact derivatives of a slack rope have s = 0 and grow while it is slack: nothing restrains its nodes, of which the
-    motion itself has no trace once it is taut again.
-
-    Attributes:
-        slack: s. A rope on the ground needs little: a slope of its mean tension is 10 % off with 0.1, and 1 to 2 % with
-            0.01 to 0.03.
-        time: tau [s]. It damps axial vibrations of the slack rope whose frequency is above 1/tau; with 0.01 s and
-            s = 0.01 they still grow.
-    """
-
-    slack: float = 0.03
-    time: float = 0.03
 
 
 class AxialLaw(ABC):
@@ -76,10 +58,6 @@ class AxialLaw(ABC):
 
     def soften(self, share: float) -> AxialLaw:
         """The law with that fraction of its stiffness."""
-        return self
-
-    def with_tangent(self, tangent: SmoothTangent) -> AxialLaw:
-        """The law whose derivatives are those of `tangent` where a rope is slack."""
         return self
 
     def with_broken_links(self, intact: jax.Array) -> AxialLaw:
@@ -177,9 +155,6 @@ class Groups(AxialLaw):
 
     def soften(self, share: float) -> AxialLaw:
         return self._change_each(lambda law, _: law.soften(share))
-
-    def with_tangent(self, tangent: SmoothTangent) -> AxialLaw:
-        return self._change_each(lambda law, _: law.with_tangent(tangent))
 
     def with_broken_links(self, intact: jax.Array) -> AxialLaw:
         return self._change_each(lambda law, m: law.with_broken_links(intact[m]))

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.axial.elastic import Elastic, _Step
-from dropper_jax.axial.law import AxialLaw, LinkStart, SmoothTangent
-from dropper_jax.base.fields import component, option
+from dropper_jax.axial.law import LinkStart
+from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot, mean_positive_part, never_more, positive_part, safe_norm
 
 #: Bound of the tension over a step that goes slack, over the tension of the spring at its end. Larger ones take effect
@@ -43,10 +43,6 @@ class Rope(Elastic):
     than its mean stretch has the damping of `elastic`. For MoorDyn's damper, which also acts in slack lines, see
     `damped_rope`.
     """
-
-    def with_tangent(self, tangent: SmoothTangent) -> AxialLaw:
-        # kinds of rope with laws of their own keep their derivatives
-        return TangentRope(self.EA, self.damping, self.intact, tangent) if type(self) is Rope else self
 
     def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
         return self.EA / length * positive_part(size - length)
@@ -133,18 +129,3 @@ class Rope(Elastic):
 
     def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
         return never_more(self._damper_of(step, size), spring)
-
-
-@component
-class TangentRope(Rope):
-    """A rope for derivatives alone: where it ends a step slack, its row has the slopes of a `SmoothTangent`."""
-
-    tangent: SmoothTangent = option("law of derivatives", default=SmoothTangent())
-
-    def residual(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
-        before, size = (safe_norm(self.unstretch_broken(d, length)) for d in (start.d, d1))
-        elongation = 0.5 * (before + size) - length + self.tangent.time * (size - before) / h
-        soft = self.tangent.slack * elongation - length * tension / self.EA
-        return jnp.where(size <= length, soft, super().residual(start, d1, tension, length, h))

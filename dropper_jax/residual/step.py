@@ -23,7 +23,6 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
 
-from dropper_jax.axial import SmoothTangent
 from dropper_jax.base.numerics import store_once
 from dropper_jax.model import LimitsTimeStep, Model, State
 from dropper_jax.residual.breaking import break_links, without_broken_links
@@ -156,7 +155,6 @@ class Stepper(Newton):
         easing: whether a step with set-valued laws that does not converge is solved with smoothed laws.
         halvings: how often a step that does not converge is halved; 0: it is taken as it is, and reported.
         track_work: count the work of each effect in `State.work`.
-        tangent: law of slack ropes in derivatives; None for that of the run.
     """
 
     integrator: Scheme
@@ -164,7 +162,6 @@ class Stepper(Newton):
     easing: bool = False
     halvings: int = 0
     track_work: bool = True
-    tangent: SmoothTangent | None = None
 
     @property
     def plain(self) -> Stepper:
@@ -327,11 +324,7 @@ def _implicit_derivative(
         given = list(leaves)
         for i, value in zip(moving, values, strict=True):
             given[i] = value
-        model, s, h = jax.tree.unflatten(tree, given)
-        if stepper.tangent is not None:
-            axial = model.line.axial.with_tangent(stepper.tangent)
-            model = replace(model, lines=(replace(model.line, axial=axial), *model.lines[1:]))
-        return stepper.integrator.problem(model, s, h)
+        return stepper.integrator.problem(*jax.tree.unflatten(tree, given))
 
     # reverse mode stores theta and u of a step, and takes the matrix again on its way back
     @jax.checkpoint

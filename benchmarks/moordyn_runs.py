@@ -140,7 +140,7 @@ def _march(
 
     first, adaptive = begin(stepper, model, s), None
     if accuracy is not None:
-        advance, adaptive = follow, adaptive_start(model, first)
+        advance, adaptive = follow, adaptive_start(stepper, model, first)
 
     def one(_: jax.Array, inner):
         carry, total, square, least, most = inner

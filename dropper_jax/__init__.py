@@ -45,6 +45,7 @@ PUBLIC = {
     "Stepper": "residual.step",
     "Trajectory": "stepping.integrate",
     "adaptive_step_lengths": "stepping.adaptive",
+    "integrate_adaptively": "stepping.adaptive",
     "as_toml": "base.toml_text",
     "build": "run.build",
     "build_model": "run.build",

@@ -256,7 +256,7 @@ SIGNALS = (
     *("tension", "anchor", "angle", "line", "curvature", "offset", "excursion", "depth", "x", "y", "z", "period"),
     "energy",
 )
-STATISTICS = ("max", "min", "mean", "final", "start", "std", "fatigue", "peak")
+STATISTICS = ("max", "min", "mean", "final", "start", "std", "fatigue", "peak", "sustained", "mpm")
 QUANTITY_HELP = (
     "SIGNAL[.WHERE].STATISTIC, such as tension.3.max, tension.west-leg.fairlead.max, anchor.west.horizontal.max or "
     f"offset.buoy.max; signals: {', '.join(SIGNALS)}; statistics: {', '.join(STATISTICS)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.evaluation.record import Record, arc, spread
@@ -11,6 +12,7 @@ from dropper_jax.evaluation.settings import Settings
 from dropper_jax.run.bends import held_points, positions_at
 from dropper_jax.run.bends import point_load as line_load
 from dropper_jax.run.growth import end_angles, end_forces
+from dropper_jax.run.quantities import excess_kurtosis, statistic
 from dropper_jax.run.storage import extra
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
 from dropper_jax.stepping.extremes import Extremes
@@ -73,6 +75,7 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
         "mean_last_link_n": float(tension[:, -1].mean()),
         "utilisation": None,
     }
+    found |= _smooth_maxima(record, tension)
     load = breaking_load(spec, settings)
     if load is not None:
         share = largest.max(axis=0) / load
@@ -86,6 +89,18 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
             "along": share,
         }
     return found
+
+
+def _smooth_maxima(record: Record, tension: np.ndarray) -> dict[str, float]:
+    """Maxima of a line's tensions (k, n) [N] that do not depend on a single step: `sustained_n` of the means over
+    0.2 s, `most_probable_n` in three hours of a Gaussian process, and the excess kurtosis, 0 for such a process."""
+    t = record.t_tension
+    interval = float(np.mean(np.diff(t))) if len(t) > 1 else 1.0
+    return {
+        "sustained_n": float(statistic("sustained", jnp.asarray(tension), interval)),
+        "most_probable_n": float(statistic("mpm", jnp.asarray(tension), interval)),
+        "excess_kurtosis": excess_kurtosis(tension),
+    }
 
 
 def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.markdown import table
+from dropper_jax.run.quantities import NOT_GAUSSIAN
 
 #: Cells of a row by the headings of their columns.
 Cells = dict[str, str]
@@ -96,9 +97,17 @@ def _tension_row(line: dict[str, Any]) -> Cells:
         },
         "99 % [N]": newton(max(line["percentiles_n"]["99"])),
         "largest [N]": with_position(line["largest"], newton(line["largest"]["n"])),
+        "largest mean over 0.2 s [N]": newton(line["sustained_n"]),
+        "most probable maximum in 3 h [N]": _most_probable(line),
         "utilisation": "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
         "with the safety factor": "-" if used is None else f"{100 * used['with_factor']:.1f} %",
     }
+
+
+def _most_probable(line: dict[str, Any]) -> str:
+    """The most probable maximum, unless the tensions are not Gaussian, as it assumes."""
+    kurtosis = line["excess_kurtosis"]
+    return newton(line["most_probable_n"]) if abs(kurtosis) <= NOT_GAUSSIAN else f"- (excess kurtosis {kurtosis:.2g})"
 
 
 def _mean_and_peak(line: dict[str, Any], end: str) -> str:

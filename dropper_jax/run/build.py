@@ -66,6 +66,25 @@ def with_points_fixed(model: Model) -> Model:
     return replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
 
 
+def without_body(scene: Scene, body: str, model: Model, pose: State) -> tuple[Scene, list[str]]:
+    """The scene with the points on a body fixed where they rest, in place of the body, and the names of the points."""
+    names = [point.name for point in scene.points if point.on == body]
+    if not names:
+        raise SceneError(f"body {body!r}: no line is attached to it")
+    places = {}
+    for name in names:
+        point = next(i for i, other in enumerate(model.points) if other.name == name)
+        places[name] = np.asarray(pose.r)[model.geometry.node_of_point(point)].tolist()
+    table = scene.to_dict()
+    table["body"] = [other for other in table["body"] if other["name"] != body]
+    table["point"] = [
+        *table.get("point", []),
+        *({"name": name, "position": place} for name, place in places.items()),
+    ]
+    table["start"] = {"kind": "static"}
+    return load_scene(table), names
+
+
 def between_points(model: Model, near: State | None = None, there: bool = False) -> State:
     """At rest with all points at their positions in the scene and the lines in equilibrium between them.
 
@@ -144,13 +163,14 @@ def build_model(scene: SceneLike, dtype: str | None = None) -> Model:
     return bare_model(with_wakes(with_flow_coefficients(overgrown(load_scene(scene)))), dtype)
 
 
-def model_slopes(scene: Scene, model: Model, path: str) -> dict[int, np.ndarray]:
+def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> dict[int, np.ndarray]:
     """Derivatives of the leaves of a scene's model with respect to a number of the scene, by number of the leaf.
 
     By central differences on the host over two relative steps, extrapolated: an error of 1e-12 for smooth functions.
 
     Raises:
-        SceneError: not a number, a number without effect on the model, or one that changes its shape.
+        SceneError: not a number, a number without effect on the model unless it may be `idle`, or one that changes its
+            shape.
     """
     value = scene.value(path)
     if isinstance(value, bool) or not isinstance(value, float):
@@ -162,14 +182,14 @@ def model_slopes(scene: Scene, model: Model, path: str) -> dict[int, np.ndarray]
         changed = build_model(scene.with_values({path: value + shift * size}))
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(changed)]
         if [leaf.shape for leaf in leaves] != shapes:
-            raise SceneError(f"{path}: changes the model's shape. Use numbers that do not")
+            raise SceneError(f"{path}: changes the model's shape, such as a number of links. Use `dropper sweep`")
         return leaves
 
     wide, narrow = (
         [(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in (1e-3, 5e-4)
     )
     slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
-    if not slopes:
+    if not (slopes or idle):
         raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
     return slopes
 

@@ -98,6 +98,52 @@ def _std(x: jax.Array) -> jax.Array:
     return _root(jnp.mean((x - jnp.mean(x, axis=0)) ** 2))
 
 
+#: Length [s] of the means of `sustained`, and of the storm of `mpm`, three hours.
+SUSTAINED_TIME, STORM_TIME = 0.2, 10800.0
+
+
+@trace_once
+def _sustained(x: jax.Array, interval: jax.Array | float) -> jax.Array:
+    """The maximum over time and members of the means over `SUSTAINED_TIME` of samples (times, members)."""
+    end = interval * (1.0 + jnp.arange(len(x)))
+    begin = jnp.maximum(end - SUSTAINED_TIME, 0.0)
+    times = jnp.append(0.0, end)
+    total = interval * jnp.concatenate([jnp.zeros_like(x[:1]), jnp.cumsum(x, axis=0)])
+    earlier = jax.vmap(lambda column: jnp.interp(begin, times, column), in_axes=1, out_axes=1)(total)
+    means = (total[1:] - earlier) / (end - begin)[:, None]
+    # the first windows are shorter; a record that is shorter than one has one mean
+    whole = (end >= SUSTAINED_TIME) | (end == end[-1])
+    return jnp.max(jnp.where(whole[:, None], means, -jnp.inf))
+
+
+@trace_once
+def _most_probable_maximum(x: jax.Array, interval: jax.Array | float) -> jax.Array:
+    """The highest of the members' most probable maxima in a storm, `mean + s sqrt(2 log N)`.
+
+    N is the number of upward crossings of the mean in `STORM_TIME` by a Gaussian process, `s'/(2 pi s)` per second
+    (Rice 1944), s and s' the standard deviations of the samples (times, members) and of their rate.
+    """
+    mean = jnp.mean(x, axis=0)
+    variance = jnp.mean((x - mean) ** 2, axis=0)
+    rate = jnp.mean((jnp.diff(x, axis=0) / interval) ** 2, axis=0) if len(x) > 1 else jnp.zeros_like(mean)
+    varies = (variance > 0.0) & (rate > 0.0)
+    crossings = STORM_TIME / (2.0 * jnp.pi) * _root(jnp.where(varies, rate / jnp.where(varies, variance, 1.0), 1.0))
+    height = _root(2.0 * jnp.log(jnp.maximum(crossings, 1.0)))
+    return jnp.max(mean + jnp.where(varies, height * _root(variance), 0.0))
+
+
+#: Excess kurtosis from which a process is not Gaussian. Records of 20 waves of one that is have up to 1.
+NOT_GAUSSIAN = 1.0
+
+
+def excess_kurtosis(x: np.ndarray) -> float:
+    """Excess kurtosis of the member of samples (times, members) with the largest standard deviation; 0 if Gaussian."""
+    member = x[:, np.argmax(np.std(x, axis=0))]
+    shift = member - np.mean(member)
+    variance = np.mean(shift**2)
+    return float(np.mean(shift**4) / variance**2 - 3.0) if variance > 0.0 else 0.0
+
+
 #: The statistic of the start alone: for a static start only statics is computed, without a run.
 START = "start"
 #: The signal that exists only for a start.
@@ -116,6 +162,27 @@ STATISTICS: dict[str, Callable[[jax.Array], jax.Array]] = {
     "fatigue": _fatigue,
     "peak": _peak,
 }
+#: Statistics that need the time between samples: the maximum of the means over 0.2 s, and the most probable maximum in
+#: three hours.
+IN_TIME: dict[str, Callable[[jax.Array, jax.Array | float], jax.Array]] = {
+    "sustained": _sustained,
+    "mpm": _most_probable_maximum,
+}
+#: All names of statistics.
+NAMES = (*STATISTICS, *IN_TIME)
+#: Statistics of samples that are to be close together.
+OF_SAMPLES = ("std", "fatigue", "peak", *IN_TIME)
+
+
+def statistic(name: str, x: jax.Array, interval: jax.Array | float, over_steps: bool = False) -> jax.Array:
+    """The statistic of samples (times, members) of a signal at times `interval` [s] apart.
+
+    Args:
+        over_steps: maxima and minima are those of samples that are extremes over steps (see `OVER_STEPS`).
+    """
+    if over_steps and name in OVER_STEPS:
+        return OVER_STEPS[name](x)
+    return IN_TIME[name](x, interval) if name in IN_TIME else STATISTICS[name](x)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,7 +221,8 @@ class Quantity:
         if self.signal == PERIOD:
             pose = state(model, start, tension=run.tension[0], t=t[0])
             return natural_periods(model, pose, self.members[0] + 1)[-1]
-        return STATISTICS[self.statistic](self.in_time(model, start, run.r, run.v, run.tension, t, run.parted))
+        samples = self.in_time(model, start, run.r, run.v, run.tension, t, run.parted)
+        return statistic(self.statistic, samples, t[-1] / len(t) if len(t) < 2 else t[1] - t[0])
 
     @partial(jax.jit, static_argnums=0, inline=True)
     def in_time(self, model: Model, start: jax.Array, *saved: jax.Array | Parted | None) -> jax.Array:
@@ -167,7 +235,7 @@ class Quantity:
         if self.signal == PERIOD:
             return natural_periods(model, s, self.members[0] + 1)[-1]
         still = model if model.sea is None else dataclasses.replace(model, sea=model.sea.without_waves())
-        return STATISTICS[self.statistic](self.instant(still, s.r, s.r, s.v, s.tension, s.t, s.parted)[None])
+        return statistic(self.statistic, self.instant(still, s.r, s.r, s.v, s.tension, s.t, s.parted)[None], 1.0)
 
     def instant(
         self,
@@ -258,22 +326,22 @@ def quantity(name: str, model: Model, option: str = "of") -> Quantity:
     Raises:
         SceneError: an unknown signal, statistic, line or point, or a link or node that does not exist.
     """
-    signal, *middle, statistic = name.split(".") if "." in name else (name, "")
-    for what, word, known in (("signal", signal, SIGNALS), ("statistic", statistic, STATISTICS)):
+    signal, *middle, wanted = name.split(".") if "." in name else (name, "")
+    for what, word, known in (("signal", signal, SIGNALS), ("statistic", wanted, NAMES)):
         if word not in known:
             raise SceneError(
                 f"{option}: {name!r}: {word!r} is not a {what}; {nearest(word, known)}; allowed: "
                 "SIGNAL[.WHERE].STATISTIC, such as tension.max"
             )
-    if signal == PERIOD and statistic != START:
+    if signal == PERIOD and wanted != START:
         raise SceneError(f"{option}: {name!r}: a natural period belongs to the static pose; allowed: period.1.start")
-    return _Parser(name, model, option).quantity(signal, middle, statistic)
+    return _Parser(name, model, option).quantity(signal, middle, wanted)
 
 
 def static_quantity(name: str, model: Model, option: str) -> Quantity:
     """The same for a static pose, which needs no statistic: `tension.chain.first`, `depth.buoy`."""
     last = name.rpartition(".")[2]
-    return quantity(name if last in STATISTICS else f"{name}.{START}", model, option)
+    return quantity(name if last in NAMES else f"{name}.{START}", model, option)
 
 
 class _Parser:

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.stiffness import FREEDOMS, Stiffness, forces_on_held, mooring_stiffness
@@ -59,25 +58,6 @@ def moved_to(matrix: np.ndarray, arm: Sequence[float]) -> np.ndarray:
     moves = np.eye(6)
     moves[:3, 3:] = _cross(np.asarray(arm, float))
     return moves.T @ matrix @ moves
-
-
-def without_body(scene: Scene, body: str, model: Model, pose: State) -> tuple[Scene, list[str]]:
-    """The scene with the points on a body fixed where they rest, in place of the body, and the names of the points."""
-    names = [point.name for point in scene.points if point.on == body]
-    if not names:
-        raise SceneError(f"body {body!r}: no line is attached to it")
-    places = {}
-    for name in names:
-        point = next(i for i, other in enumerate(model.points) if other.name == name)
-        places[name] = np.asarray(pose.r)[model.geometry.node_of_point(point)].tolist()
-    table = scene.to_dict()
-    table["body"] = [other for other in table["body"] if other["name"] != body]
-    table["point"] = [
-        *table.get("point", []),
-        *({"name": name, "position": place} for name, place in places.items()),
-    ]
-    table["start"] = {"kind": "static"}
-    return load_scene(table), names
 
 
 def _cross(a: np.ndarray) -> np.ndarray:

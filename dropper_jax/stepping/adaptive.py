@@ -18,9 +18,18 @@ import jax.numpy as jnp
 
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.stepping.control import step_failed
+from dropper_jax.stepping.control import ROUNDING, step_failed
 from dropper_jax.stepping.extremes import Extremes, Watch, no_extremes, with_step
-from dropper_jax.stepping.integrate import Progress, Trajectory, begin, empty_rows, scan_steps
+from dropper_jax.stepping.integrate import (
+    Progress,
+    Steps,
+    Trajectory,
+    along_accepted_steps,
+    begin,
+    empty_rows,
+    growth_meter,
+    scan_steps,
+)
 from dropper_jax.stepping.step_change import books_changes, with_step_changed
 from dropper_jax.stepping.step_control import (
     MOST,
@@ -32,8 +41,58 @@ from dropper_jax.stepping.step_control import (
     try_step,
 )
 
-#: Rounding of times, as a fraction of the interval between saved times.
-ROUNDING = 1e-9
+
+class Record(NamedTuple):
+    """Lengths of the steps that a run accepts, for other runs that repeat them.
+
+    A repeated step that does not converge is divided.
+
+    Attributes:
+        length: of the steps (most,) [s]; those after the first `most` are not recorded.
+        number: of steps so far.
+        repeats: whether the run takes these steps in place of its own.
+        part: of a repeated step, what is done [s].
+    """
+
+    length: jax.Array
+    number: jax.Array
+    repeats: jax.Array
+    part: jax.Array
+
+    @classmethod
+    def empty(cls, model: Model, most: int = 2**17) -> Record:
+        """The record of a run that starts and chooses its steps."""
+        return cls(
+            length=jnp.zeros(most, model.dtype),
+            number=jnp.zeros((), jnp.int32),
+            repeats=jnp.zeros((), bool),
+            part=jnp.zeros((), model.dtype),
+        )
+
+    def to_repeat(self) -> Record:
+        """The record for a run that starts and takes the recorded steps."""
+        return self._replace(number=jnp.zeros((), jnp.int32), repeats=jnp.ones((), bool))
+
+    def next_length(self, control: Control, chosen: jax.Array) -> jax.Array:
+        """The next step [s] in place of the chosen one."""
+        left = self.length[self.number] - self.part
+        divided = (self.part > 0.0) | control.rejected
+        repeated = jnp.where(divided, jnp.minimum(control.wanted, left), left)
+        return jnp.where(self.repeats, repeated, chosen)
+
+    def with_step(self, h: jax.Array, accepted: jax.Array) -> Record:
+        """The record after a step of h [s]."""
+        now = self.length[self.number]
+        length = jnp.where(accepted & ~self.repeats, h, now)
+        lengths = jax.lax.dynamic_update_index_in_dim(self.length, length, self.number, axis=0)
+        part = self.part + h
+        whole = ~self.repeats | (part >= (1.0 - ROUNDING) * now)
+        return Record(
+            length=lengths,
+            number=self.number + (accepted & whole),
+            repeats=self.repeats,
+            part=jnp.where(accepted, jnp.where(whole, 0.0, part), self.part),
+        )
 
 
 class Adaptive(NamedTuple):
@@ -45,6 +104,7 @@ class Adaptive(NamedTuple):
         refused: number of rejected steps.
         shortest: number of steps of the shortest length that were accepted with a larger error.
         changed: energy that changes of the step have added so far [J], see `Integrator.change_step`.
+        record: of the steps, if it is wanted.
     """
 
     progress: Progress
@@ -52,6 +112,7 @@ class Adaptive(NamedTuple):
     refused: jax.Array
     shortest: jax.Array
     changed: jax.Array
+    record: Record | None = None
 
     @property
     def state(self) -> State:
@@ -162,14 +223,17 @@ class _Tried(NamedTuple):
 def _try(
     stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, accuracy: jax.Array
 ) -> _Tried:
-    (s, number, first_bad), control, refused, shortest, changed = adaptive
+    (s, number, first_bad), control, refused, shortest, changed, record = adaptive
     stop = _next_stop(model, s.t, end, dt)
     left = stop - s.t
-    parts = jnp.ceil(jax.lax.stop_gradient(left) / control.wanted - ROUNDING)
-    h = left / parts
+    h = left / jnp.ceil(jax.lax.stop_gradient(left) / control.wanted - ROUNDING)
+    repeats = False
+    if record is not None:
+        repeats = record.repeats
+        h = record.next_length(control, h)
     start, added = with_step_changed(stepper, model, s, control.before, h)
     s1, row, excess = try_step(stepper, model, start, h, control, accuracy)
-    s1 = replace(s1, t=jnp.where(parts > 1.0, s1.t, stop))
+    s1 = replace(s1, t=jnp.where(s1.t < stop - ROUNDING * dt, s1.t, stop))
     failed = step_failed(stepper, model, s1, row)
     excess = jnp.where(failed | ~jnp.isfinite(excess), MOST, excess)
     floor = shortest_step(stepper, model)
@@ -177,15 +241,18 @@ def _try(
     # a failed run continues to its end with any error
     solved = ~failed | (h <= 1.01 * last_resort) | (first_bad >= 0)
     exact = excess <= 1.0
-    accepted = solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0))
+    accepted = solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0) | repeats)
     least = jnp.where(failed, last_resort, jnp.minimum(floor, h))
     wanted = jnp.clip(next_length(h, excess, control, accepted), least, dt)
     wanted = jnp.where(first_bad >= 0, dt, wanted)
     progress = Progress(s1, number, jnp.where(failed & (first_bad < 0), number, first_bad))
     following = after_step(model, s1, h, excess, wanted, control)
     taken = Adaptive(progress, following, refused, shortest + ~exact, changed + added)
-    left_alone = adaptive._replace(control=control._replace(wanted=wanted, rejected=~accepted), refused=refused + 1)
+    refused_control = control._replace(wanted=wanted, rejected=~accepted)
+    left_alone = adaptive._replace(control=refused_control, refused=refused + 1, record=None)
     chosen = jax.tree.map(lambda a, b: jnp.where(accepted, a, b), taken, left_alone)
+    if record is not None:
+        chosen = chosen._replace(record=record.with_step(h, accepted))
     return _Tried(chosen, h, row, failed, accepted)
 
 
@@ -217,6 +284,14 @@ def adaptive_step_lengths(
     A run along these steps, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes
     with the steps held constant. Steps after the first `most` are left out.
     """
+    lengths, number, _ = _find_lengths(stepper, model, s, dt, intervals, accuracy, most)
+    return lengths, number
+
+
+def _find_lengths(
+    stepper: Stepper, model: Model, s: State, dt: jax.Array, intervals: int, accuracy: jax.Array, most: int
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The lengths, their number, and whether a step failed or steps are left out."""
     adaptive = adaptive_start(stepper, model, begin(stepper, model, s))
     last = adaptive.t + intervals * dt
 
@@ -231,11 +306,52 @@ def adaptive_step_lengths(
         return tried.adaptive, lengths, number + tried.accepted
 
     nothing = jnp.zeros(most, model.dtype), jnp.zeros((), jnp.int32)
-    _, lengths, number = jax.lax.while_loop(before_end, attempt, (adaptive, *nothing))
-    return lengths, number
+    end, lengths, number = jax.lax.while_loop(before_end, attempt, (adaptive, *nothing))
+    return lengths, number, end.has_failed | (end.t < last - ROUNDING * dt)
 
 
-def adaptive_start(stepper: Stepper, model: Model, progress: Progress) -> Adaptive:
+def integrate_adaptively(
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: float | jax.Array,
+    intervals: int,
+    accuracy: float | jax.Array,
+    most: int,
+    checkpoint: bool = False,
+    warn: bool = True,
+) -> tuple[State, Trajectory]:
+    """Run `intervals` of dt [s] from s in steps that follow an accuracy: a pure function to `jit`, `grad`, `jacfwd` and
+    `vmap` over model and s.
+
+    The steps are found first, and the run repeats them. Derivatives exist in both modes, with the steps held constant:
+    they are those of runs of which all take the same steps, as `dropper sensitivity` takes them.
+
+    Args:
+        stepper: from `make_stepper`; static, as are `intervals` and `most`.
+        dt: time between saved states [s].
+        accuracy: as `run.accuracy` of a scene.
+        most: capacity for steps, for which reverse mode has memory. A run of more has failed (`first_bad`).
+        checkpoint, warn: as of `integrate`.
+
+    Returns:
+        The last state, and the saved ones; their tensions are means over the interval before. `failed` and `first_bad`
+        are those of the whole run.
+    """
+    meter = growth_meter(model, s) if warn else None
+    dt, accuracy = jnp.asarray(dt, model.dtype), jnp.asarray(accuracy, model.dtype)
+    given = jax.lax.stop_gradient((model, s, dt))
+    length, _, failed = _find_lengths(stepper, *given, intervals, accuracy, most)
+    time = jnp.cumsum(length)
+    ends = jnp.searchsorted(time, dt * (1.0 + jnp.arange(intervals)) * (1.0 - ROUNDING)) + 1
+    ends = jnp.minimum(ends, most).astype(jnp.int32)
+    none = jnp.zeros(intervals, jnp.int32)
+    found = Steps(length, ends, jnp.zeros(intervals, model.dtype), none, jnp.broadcast_to(failed, (intervals,)))
+    return along_accepted_steps(stepper.plain, model, s, found, 1, checkpoint, meter, follows=True)
+
+
+def adaptive_start(stepper: Stepper, model: Model, progress: Progress, record: Record | None = None) -> Adaptive:
     """The carry of a run that starts."""
     none = jnp.zeros((), jnp.int32)
-    return Adaptive(progress, start_control(stepper, model, progress.state), none, none, jnp.zeros((), model.dtype))
+    control = start_control(stepper, model, progress.state)
+    return Adaptive(progress, control, none, none, jnp.zeros((), model.dtype), record)

@@ -331,13 +331,10 @@ def integrate(
     if steps % save_every:
         raise ValueError(f"steps: {steps} is not a multiple of save_every = {save_every}")
     dt = jnp.asarray(dt, model.dtype)
-    meter = None
-    if warn and not forbids_callbacks():
-        floats = [x for x in jax.tree.leaves((model, s, dt)) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
-        meter = start_meter([jnp.asarray(x) for x in floats])
+    meter = growth_meter(model, s, dt) if warn else None
     if stepper.halvings and stepper.integrator.implicit:
         found = step_lengths(stepper, model, s, dt, steps)
-        return _along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter)
+        return along_accepted_steps(stepper.plain, model, s, found, save_every, checkpoint, meter)
     saves = steps // save_every
     sizes = jnp.broadcast_to(dt, steps).reshape(saves, save_every)
     before = None
@@ -358,6 +355,14 @@ def integrate(
     return progress.state, trajectory
 
 
+def growth_meter(*differentiated: Any) -> jax.Array | None:
+    """A meter of the growth of derivatives by these trees (see `growth_watch`); None in what may not call Python."""
+    if forbids_callbacks():
+        return None
+    floats = [x for x in jax.tree.leaves(differentiated) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
+    return start_meter([jnp.asarray(x) for x in floats])
+
+
 def _measured(number: jax.Array, last: jax.Array | int) -> jax.Array:
     """After which of the numbers 1..last the growth of derivatives is measured: `SEGMENTS` of them, from the end."""
     return (last - number) % jnp.maximum(last // SEGMENTS, 1) == 0
@@ -371,7 +376,7 @@ def _watch_growth(s: State, meter: jax.Array | None, measured: jax.Array) -> tup
     return replace(s, r=r), meter
 
 
-def _along_accepted_steps(
+def along_accepted_steps(
     stepper: Stepper,
     model: Model,
     s: State,
@@ -379,30 +384,44 @@ def _along_accepted_steps(
     save_every: int,
     checkpoint: bool,
     meter: jax.Array | None,
+    follows: bool = False,
 ) -> tuple[State, Trajectory]:
-    """The run along known steps."""
+    """The run along known steps.
+
+    Args:
+        follows: whether the steps follow an accuracy: one that differs from that before starts with rates that suit it
+            (`step_change`), and tensions are means over the interval.
+    """
 
     def take(
-        carry: tuple[State, jax.Array | None], row: tuple[jax.Array, jax.Array]
+        carry: tuple[State, jax.Array | None], row: tuple[jax.Array, jax.Array, jax.Array]
     ) -> tuple[tuple[State, jax.Array | None], State]:
         s, meter = carry
-        h, measured = row
+        h, before, measured = row
+
+        def advance_by_one(s: State) -> State:
+            if follows:
+                s, _ = with_step_changed(stepper, model, s, before, h)
+            return step(stepper, model, s, h)[0]
+
         # zero after the last step; a length that is not a number makes a state of such numbers
-        s = jax.lax.cond(h != 0.0, lambda s: step(stepper, model, s, h)[0], lambda s: s, s)
+        s = jax.lax.cond(h != 0.0, advance_by_one, lambda s: s, s)
         s, meter = _watch_growth(s, meter, measured)
         return (s, meter), s
 
     first = jax.tree.map(jnp.asarray, begin(stepper, model, s).state)
-    rows = found.length, _measured(jnp.arange(1, len(found.length) + 1), found.ends[-1])
+    before = jnp.append(0.0, found.length[:-1])
+    rows = found.length, before, _measured(jnp.arange(1, len(found.length) + 1), found.ends[-1])
     (last, _), states = _scan(take, (first, meter), rows, checkpoint)
     at = jax.tree.map(lambda a: a[found.ends[save_every - 1 :: save_every] - 1], states)
     residual, retried, failed = (x.reshape(-1, save_every) for x in (found.residual, found.retried, found.failed))
     number = jnp.where(found.failed, jnp.arange(len(found.failed), dtype=jnp.int32), len(found.failed))
     before = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
+    tension = _interval_means(found, states.tension) if follows else at.tension
     trajectory = Trajectory(
         at.r,
         at.v,
-        at.tension,
+        tension,
         at.work,
         jnp.max(residual, axis=1),
         jnp.sum(retried, axis=1, dtype=jnp.int32),
@@ -412,6 +431,16 @@ def _along_accepted_steps(
         at.own,
     )
     return last, trajectory
+
+
+def _interval_means(found: Steps, tension: jax.Array) -> jax.Array:
+    """Means (k, n) over the intervals of the tensions (steps, n) of steps."""
+    share = found.length[:, None]
+    total, time = jnp.cumsum(share * tension, axis=0), jnp.cumsum(share, axis=0)
+    to_end = total[found.ends - 1], time[found.ends - 1]
+    first = jax.tree.map(lambda a: jnp.zeros_like(a[:1]), to_end)
+    work, length = (jnp.diff(a, axis=0, prepend=zero) for a, zero in zip(to_end, first, strict=True))
+    return work / length
 
 
 def _scan(

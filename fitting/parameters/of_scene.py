@@ -38,11 +38,16 @@ from fitting.parameters.parameter import (
 LINEAR_REACH, LINEAR_TOLERANCE = 0.2, 1e-9
 
 
-def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: str) -> tuple[Parameter, ...]:
+def find_parameters(
+    scene: Scene, model: Model, names: Sequence[str], option: str, idle: bool = False
+) -> tuple[Parameter, ...]:
     """The parameters of these paths: numbers of the model, otherwise of the scene.
 
     If lines are specified by the metre, paths have the same meaning as in the file: `line.leg.length` is the whole
     line.
+
+    Args:
+        idle: whether a number of the scene may be without effect on the model.
 
     Raises:
         SceneError: a path that is neither.
@@ -51,26 +56,26 @@ def find_parameters(scene: Scene, model: Model, names: Sequence[str], option: st
     written = locate_written(scene.as_written())
     for name in names:
         if name in written or ScenePath(name).section == "parameters":
-            found.append(scene_parameter(scene, model, name))
+            found.append(scene_parameter(scene, model, name, idle))
             continue
         try:
             found += resolve(model, [name], option=option)
         except SceneError as error:
             try:
-                found.append(scene_parameter(scene, model, name))
+                found.append(scene_parameter(scene, model, name, idle))
             except SceneError:
                 raise error from None
     check_once([p.name for p in found], option)
     return tuple(found)
 
 
-def scene_parameter(scene: Scene, model: Model, path: str) -> Parameter:
-    """The number of the scene at a path, and its effect on the model.
+def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -> Parameter:
+    """The number of the scene at a path, and its effect on the model, which may be none if it may be `idle`.
 
     Raises:
         SceneError: no such path, not a number, a number without effect on the model, or one that changes its shape.
     """
-    slopes = model_slopes(scene, model, path)
+    slopes = model_slopes(scene, model, path, idle)
     value: Any = scene.value(path)
     shift = LINEAR_REACH * (abs(value) or 1.0)
     here, there = (

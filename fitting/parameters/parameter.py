@@ -220,6 +220,11 @@ class Parameter:
         return isinstance(self.where, Direction)
 
     @property
+    def is_idle(self) -> bool:
+        """Whether it is a number of the scene without effect on the model."""
+        return isinstance(self.where, Direction) and not self.where.slopes
+
+    @property
     def is_lost(self) -> bool:
         """Whether it is the time of lost frames."""
         return isinstance(self.where, LostPlace)

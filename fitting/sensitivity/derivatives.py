@@ -4,15 +4,14 @@ Local derivatives include the whole run and its static start, in forward and in 
 grow like exp(lambda t) and soon do not predict the effect of a finite change. The horizon is the time until then.
 Averages over windows shorter than the horizon remain meaningful beyond it.
 
-In runs of elastic lines derivatives also grow where the motion does not: those of stiff taut links, which the scheme
-does not damp, and of links that go slack. Their slopes are differences of runs.
+In runs of elastic lines derivatives also grow where the motion does not, while links are slack. Their slopes are
+differences of runs.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, ClassVar
 
 import jax
@@ -28,12 +27,11 @@ from dropper_jax.run.storage import extra
 from dropper_jax.stepping.integrate import Trajectory
 from dropper_jax.study.reference import lyapunov
 from fitting.parameters.parameter import apply
+from fitting.sensitivity.differences import MOTION_GROWTH, TANGENT_GROWTH, central_differences, difference_sizes
 from fitting.sensitivity.problem import (
     Plan,
     Study,
     Varied,
-    central_differences,
-    difference_sizes,
     floats_of,
     linear_range,
     vary_start,
@@ -41,8 +39,8 @@ from fitting.sensitivity.problem import (
 )
 
 TANGENT, DIFFERENCES = "tangent", "differences"
-#: Growth of the tangent of elastic lines, as a power of e, above which slopes are differences of runs.
-TANGENT_GROWTH = 5.0
+#: Error of the steps of a run, over that of its accuracy, which is warned of.
+MISSED = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,9 +51,13 @@ class Local:
         names, units, values: of the parameters.
         of, unit, value: the quantity.
         forward: dQ/dp (p,).
-        method: `tangent` (exact derivatives) or `differences` (of runs, if the tangent of elastic lines has grown).
-        error: of `forward` (p,), the difference of the slopes by two sizes; None for exact derivatives.
-        growth: logarithm of the growth of the tangent over the run; None without a run.
+        method: `tangent` (exact derivatives) or `differences` (of runs with links that stretch).
+        error: of `forward` (p,); None if it is not known.
+        growth: logarithm of the growth of small changes over the run, those of the tangent; None without a run.
+        motion_growth: the same of changes by 0.3 %: above `MOTION_GROWTH` the motion is chaotic; None if not known.
+        value_error, noise: error of the quantity by the steps of its run, and what rounding makes of it; NaN if not
+            known.
+        unclear: names of parameters whose slope is not known to a third.
         horizon: time [s] up to which derivatives are valid; `duration` [s] of the run.
         reverse: dQ/dp by reverse mode (p,); None unless requested.
         exponent: growth rate [1/s] of the derivatives where they are not valid for the whole run, or of small errors,
@@ -85,6 +87,10 @@ class Local:
     method: str = TANGENT
     error: np.ndarray | None = None
     growth: float | None = None
+    motion_growth: float | None = None
+    value_error: float = np.nan
+    noise: float = np.nan
+    unclear: tuple[str, ...] = ()
 
     @property
     def scaled(self) -> np.ndarray:
@@ -103,7 +109,15 @@ class Local:
 
     @property
     def trusted(self) -> bool:
-        return self.window is None and self.linear_range > 0.0 if self.method == DIFFERENCES else self.window is None
+        return self.window is None and not self.unclear
+
+    @property
+    def grows(self) -> str:
+        """What grows over the run: `nothing`, `tangent` (small changes, but not those of a size that matters), or
+        `motion` (chaos)."""
+        if self.motion_growth is not None and self.motion_growth > MOTION_GROWTH:
+            return "motion"
+        return "tangent" if self.growth is not None and self.growth > TANGENT_GROWTH else "nothing"
 
     @property
     def mismatch(self) -> float | None:
@@ -120,6 +134,7 @@ class Local:
             "scaled": self.scaled,
             "scaled_error": self.scaled_error,
             "trusted": self.trusted,
+            "grows": self.grows,
         }
 
 
@@ -129,15 +144,15 @@ def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Ar
 
 
 def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
-    """Derivatives of the study at its values, and their range of validity.
+    """Derivatives of the study at its values, their errors and their range of validity.
 
-    They are exact unless the tangent of a run of elastic lines grows by more than `e^TANGENT_GROWTH`. Slopes are then
-    central differences of runs by 1 % of a parameter (0.3 % of a length), with the difference to those by 0.3 %
-    (0.1 %) as their error (see `problem.central_differences`).
+    Of statics and of rigid lines they are exact. Of runs with links that stretch they are central differences of runs
+    by 1 % of a parameter (0.3 % of a length) that take the steps of the study's own run, with an error from differences
+    by 0.3 % (0.1 %) and from rounding (see `differences`).
 
     For exact ones the same program runs once more with all parameters changed by 1 %, each in the direction that
     increases the quantity. If the derivatives do not predict this change within a third, smaller changes find their
-    linear range.
+    linear range. What they do not predict is their error.
 
     If they fail at 1 %, and 1 % of a parameter moves a node by more than 10 % of the motion's extent and by 10 times
     its displacement at the start, the derivatives are valid up to that time only. The same program then gives the
@@ -146,41 +161,47 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     Args:
         check: also compute exact derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
     """
+    found = _by_differences(problem, say) if problem.stretches else _by_tangents(problem, say, check)
+    if check and problem.stretches:
+        found = _with_check(problem, found, say)
+    say(1.0, "ok")
+    return found
+
+
+def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
+    """Exact derivatives."""
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
     start = vary_start(problem.plan, problem.model, problem.start, at)
     quantity, run = vary_study(problem, at, start, problem.scene.run.saves)
     value, forward = float(quantity.tree), np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
-        return local(dataclasses.replace(problem, retries=True), say, check)
+        return _by_tangents(dataclasses.replace(problem, retries=True), say, check)
     settings = problem.scene.run
     duration = 0.0 if problem.of.at_rest else settings.steps * settings.dt
-    found = Local(
-        names=problem.names,
-        units=[p.unit for p in problem.parameters],
-        values=problem.values,
-        of=problem.of.name,
-        unit=problem.of.unit,
+    found = dataclasses.replace(
+        _empty(problem, duration),
         value=value,
         forward=forward,
-        horizon=duration,
-        duration=duration,
         growth=None if run is None else _tangent_growth(problem, start, run),
     )
     if np.isfinite(value):
-        follows = all(np.isfinite(x).all() for x in start.slopes)  # the start, by all parameters
-        grows = found.growth is not None and found.growth > TANGENT_GROWTH
-        if follows and grows and problem.model.line.axial.elastic:
-            found = _by_differences(problem, found, say)
-        else:
-            problem.check_derivatives(forward)
-    if found.finite and found.method == TANGENT:
+        problem.check_derivatives(forward)
+    if found.finite:
         say(0.3, "linear range")
-        linear, notes = linear_range(problem, found.value, forward, partial(_changed_quantity, problem))
-        found = dataclasses.replace(found, linear_range=linear, warnings=notes)
+        changed = []
+
+        def evaluate(values: jax.Array) -> float:
+            quantity, changed_run = _changed_study(problem, values)
+            changed.append(changed_run)
+            return quantity
+
+        linear, error, notes = linear_range(problem, found.value, forward, evaluate)
+        motion = None if run is None else _motion_growth(problem, start, run, changed[0])
+        found = dataclasses.replace(found, linear_range=linear, error=error, warnings=notes, motion_growth=motion)
     if check:
         found = _with_check(problem, found, say)
-    if run is not None and found.finite and found.method == TANGENT and found.linear_range < 0.01:
+    if run is not None and found.finite and found.linear_range < 0.01:
         limit, rate = _growth(problem, start, run)
         if limit < duration:
             say(0.7, "windows")
@@ -189,8 +210,23 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
             found = dataclasses.replace(
                 found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=error
             )
-    say(1.0, "ok")
     return found
+
+
+def _empty(problem: Study, duration: float) -> Local:
+    """The study's parameters and quantity, without derivatives."""
+    nothing = np.full(len(problem.names), np.nan)
+    return Local(
+        names=problem.names,
+        units=[p.unit for p in problem.parameters],
+        values=problem.values,
+        of=problem.of.name,
+        unit=problem.of.unit,
+        value=np.nan,
+        forward=nothing,
+        horizon=duration,
+        duration=duration,
+    )
 
 
 def _with_check(problem: Study, found: Local, say: Progress) -> Local:
@@ -207,23 +243,37 @@ def _with_check(problem: Study, found: Local, say: Progress) -> Local:
     return dataclasses.replace(found, exponent=float(growth.exponent))
 
 
-def _by_differences(problem: Study, found: Local, say: Progress) -> Local:
-    """The result with differences of runs instead of the exact derivatives, and a warning where both sizes differ."""
-    slopes, error = central_differences(problem, say)
-    scale = np.array([p.scale for p in problem.parameters])
-    sizes = [difference_sizes(p) for p in problem.parameters]
-    notes = []
-    # as of exact derivatives (`linear_range`): a third of the change, or 0.01 in p/Q dQ/dp
-    unclear = error > np.maximum(np.abs(slopes) / 3.0, 0.01 * abs(found.value) / scale)
-    for i in np.flatnonzero(unclear):
-        large, small = (f"{100 * size:g} %" for size in sizes[i])
+def _by_differences(problem: Study, say: Progress) -> Local:
+    """Differences of runs, and warnings of what is not known."""
+    found = central_differences(problem, say)
+    settings = problem.run_scene.run
+    notes = list(found.warnings)
+    for i in found.unclear:
+        large, small = (f"{100 * size:g} %" for size in difference_sizes(problem.parameters[i]))
         notes.append(
-            f"{found.of}: its differences by {large} and {small} of {found.names[i]} give {slopes[i]:.3g} +- "
-            f"{error[i]:.2g} per unit: it has no slope at this size. Use a mean, or a sweep over the range"
+            f"{problem.of.name}: its differences by {large} and {small} of {problem.names[i]} give "
+            f"{found.slopes[i]:.3g} +- {found.errors[i]:.2g} per unit: it has no slope at this size. Use a mean, or a "
+            "sweep over the range"
         )
-    linear = 0.0 if notes else min(large for large, _ in sizes)
+    if settings.accuracy is not None and found.value_error > MISSED * settings.accuracy * abs(found.value):
+        notes.append(
+            f"{problem.of.name} may be off by {100.0 * abs(found.value_error / found.value):.2g} %. Use --accuracy "
+            f"{0.25 * settings.accuracy:.2g}"
+        )
+    sizes = [difference_sizes(p)[0] for p in problem.parameters]
     return dataclasses.replace(
-        found, forward=slopes, method=DIFFERENCES, error=error, linear_range=linear, warnings=notes
+        _empty(problem, settings.rows * settings.interval),
+        value=found.value,
+        value_error=found.value_error,
+        forward=found.slopes,
+        method=DIFFERENCES,
+        error=found.errors,
+        noise=found.noise,
+        growth=found.growth,
+        motion_growth=found.motion_growth,
+        unclear=tuple(problem.names[i] for i in found.unclear),
+        linear_range=0.0 if len(found.unclear) == len(sizes) else min(sizes),
+        warnings=notes,
     )
 
 
@@ -261,14 +311,31 @@ def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
     return float(times[over[0]]), float(np.log(size[-1] / size[middle]) / (times[-1] - times[middle]))
 
 
-def _changed_quantity(problem: Study, values: jax.Array) -> float:
+def changed_quantity(problem: Study, values: jax.Array | np.ndarray) -> float:
     """The quantity with these values (p,), NaN if the scene has no start with them."""
+    return _changed_study(problem, values)[0]
+
+
+def _changed_study(problem: Study, values: jax.Array | np.ndarray) -> tuple[float, Varied | None]:
+    """The same, and its run."""
     try:
-        s = initial_state(apply(problem.model, problem.parameters, values), problem.scene.start)
+        s = initial_state(apply(problem.model, problem.parameters, jnp.asarray(values)), problem.scene.start)
     except SceneError:
-        return np.nan
+        return np.nan, None
     start = Varied(s, [jnp.zeros((len(values), *x.shape), x.dtype) for x in floats_of(s)])
-    return float(vary_study(problem, values, start, problem.scene.run.saves)[0].tree)
+    quantity, run = vary_study(problem, values, start, problem.scene.run.saves)
+    return float(quantity.tree), run
+
+
+def _motion_growth(problem: Study, start: Varied, run: Varied, changed: Varied | None) -> float | None:
+    """Logarithm of the displacement by a change of all parameters by 1 %, over that at the start or 1 % of the motion;
+    None without such a run."""
+    if changed is None:
+        return None
+    first, _, extent = _displacements(problem, start, run)
+    before = 0.01 * max(extent, float(np.sum(first)), np.finfo(float).tiny)
+    apart = float(np.linalg.norm(changed.tree.r - run.tree.r, axis=-1).max())
+    return float(np.log(max(apart / before, 1.0)))
 
 
 def windows(
@@ -402,12 +469,14 @@ def local_text(found: Local) -> str:
     rows = [list(columns), *([column[i] for column in columns.values()] for i in order)]
     rate = "" if found.exponent is None else f" (growth rate {found.exponent:.2g} per s)"
     pairs = [
-        ("quantity Q", f"{found.of} = {found.value:.6g} {found.unit} over {found.duration:g} s"),
+        ("quantity Q", f"{found.of} = {found.value:.6g}{_plus_minus(found)} {found.unit} over {found.duration:g} s"),
         ("derivatives valid", f"{_validity(found)}{rate}"),
     ]
     if found.method == DIFFERENCES:
-        sizes = "1 % of a parameter (0.3 % of a length), error from 0.3 % (0.1 %)"
-        pairs.append(("method", f"differences of runs by {sizes}: the tangent grows by e^{found.growth:.2g}"))
+        sizes = "1 % of a parameter (0.3 % of a length), error from 0.3 % (0.1 %) and rounding"
+        pairs.append(("method", f"differences of runs by {sizes}"))
+    if found.grows != "nothing":
+        pairs.append(("grows", _GROWS[found.grows]))
     if found.mismatch is not None:
         pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))
     if found.window is not None:
@@ -415,10 +484,23 @@ def local_text(found: Local) -> str:
     return f"{listing(pairs)}\n\n{table(rows)}"
 
 
+def _plus_minus(found: Local) -> str:
+    """The error of the quantity."""
+    return f" +- {found.value_error:.2g}" if np.isfinite(found.value_error) else ""
+
+
+_GROWS = {
+    "tangent": "tangent: changes of 1e-6 grow, those of 0.3 % do not; `jax.grad` of this run is of no use",
+    "motion": "motion: it is chaotic, so only means and distributions have slopes",
+}
+
+
 def _validity(found: Local) -> str:
     if found.window is not None:
         return f"up to {found.horizon:.3g} s only: beyond, they predict over 10 % of the motion for 1 % of a parameter"
-    return "over the whole run" if found.trusted else "not at this size: see the warnings"
+    if found.unclear:
+        return f"not by {', '.join(found.unclear)}: see the warnings"
+    return "over the whole run"
 
 
 def global_text(found: Global, of: str) -> str:

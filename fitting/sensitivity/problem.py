@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -17,14 +16,12 @@ from dropper_jax.backend.batches import map_members
 from dropper_jax.backend.one_kernel import one_kernel
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.memory import available_cores
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build, initial_state, stepper_of, with_points_fixed
-from dropper_jax.run.chunks import Program, compile_run, first_carry, run_chunks
 from dropper_jax.run.members import StepVerdict, check_steps
-from dropper_jax.run.quantities import OVER_STEPS, PERIOD, Quantity, quantity
+from dropper_jax.run.quantities import OF_SAMPLES, OVER_STEPS, PERIOD, Quantity, quantity
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
@@ -102,6 +99,10 @@ class Study:
 
     Without `retries` a step that does not converge makes the value NaN. Derivatives of halved steps take most of the
     compilation, and few runs need them. `local` turns them on if needed, `batch` always has them.
+
+    Attributes:
+        scene: with equal steps.
+        following: the scene with its accuracy, if it has one and links stretch: differences of runs follow it.
     """
 
     scene: Scene
@@ -110,6 +111,17 @@ class Study:
     model: Model
     start: State
     retries: bool = False
+    following: Scene | None = None
+
+    @property
+    def run_scene(self) -> Scene:
+        """The scene of runs whose steps need not be equal."""
+        return self.scene if self.following is None else self.following
+
+    @property
+    def stretches(self) -> bool:
+        """Whether runs have links that stretch: slopes are then differences of runs."""
+        return not (self.of.at_rest or self.model.line.axial.rigid(self.model.line.links).all())
 
     @property
     def names(self) -> list[str]:
@@ -298,101 +310,38 @@ def vary_study(problem: Study, at: jax.Array, start: Varied, saves: int) -> tupl
     return _vary_quantity(plan, model, at, start, run), run
 
 
-#: Relative changes of central differences: the slope, and a smaller one whose difference is its error. A farm's runs
-#: differ linearly from 0.3 % to 3 % of a current, wave height or EA, but are 20 % off for 1 % of the length of a leg.
-#: Below, the rounding of the run dominates: 1 N of a largest tension.
-DIFFERENCES, LENGTH_DIFFERENCES = (0.01, 0.003), (0.003, 0.001)
-
-
-def difference_sizes(p: Parameter) -> tuple[float, float]:
-    """The two relative changes of a parameter."""
-    return LENGTH_DIFFERENCES if "length" in p.name.split(".") else DIFFERENCES
-
-
-class Differences(NamedTuple):
-    """Central differences (p,) of a quantity, NaN if a run failed, and the change of the smaller ones to them."""
-
-    slopes: np.ndarray
-    error: np.ndarray
-
-
-def central_differences(problem: Study, say: Progress = silent) -> Differences:
-    """Slopes by runs at two sizes, four for each parameter; a change beyond a bound ends there.
-
-    All runs have the phases and seeds of the study, because they differ in numbers of the model alone.
-    """
-    rows = []
-    for i, p in enumerate(problem.parameters):
-        for size in difference_sizes(p):
-            for sign in (-1.0, 1.0):
-                row = np.array(problem.values)
-                row[i] = np.clip(row[i] + sign * size * p.scale, p.low, p.high)
-                rows.append(row)
-    values = np.array(rows)
-    found = run_members(problem, values, say).reshape(-1, 2, 2)
-    moved = np.ptp(values.reshape(-1, 2, 2, len(problem.values)), axis=2).max(axis=-1)
-    slopes = np.diff(found, axis=-1)[..., 0] / moved
-    return Differences(slopes[:, 0], np.abs(slopes[:, 0] - slopes[:, 1]))
-
-
-@cached_jit(static=("plan",))
-def _measure(plan: Plan, model: Model, s: State, run: Trajectory) -> jax.Array:
-    return plan.measure(model, s, run)
-
-
-def run_members(problem: Study, values: np.ndarray, say: Progress = silent) -> np.ndarray:
-    """The quantity of many values (cases, p) -> (cases,) by the program of `dropper run`, on all cores at once; NaN
-    if a run fails or has no start."""
-    settings, plan, done = problem.scene.run, problem.plan, []
-
-    def prepare(row: np.ndarray) -> tuple[Model, State, Program] | None:
-        model = apply(problem.model, problem.parameters, jnp.asarray(row, problem.model.dtype))
-        try:
-            s = initial_state(model, problem.scene.start)
-        except SceneError:
-            return None
-        stepper = stepper_of(model, settings)
-        return model, s, compile_run(stepper, model, first_carry(stepper, model, s, settings), settings)
-
-    def run_one(member: tuple[Model, State, Program] | None) -> float:
-        value = np.nan
-        if member is not None:
-            model, s, program = member
-            found = run_chunks(program, settings.saves, silent).trajectory
-            if found.first_bad[-1] < 0:
-                value = float(_measure(plan, model, s, found))
-        done.append(value)
-        say(len(done) / len(values), f"differences: {len(done)} of {len(values)} runs")
-        return value
-
-    members = [prepare(row) for row in values]
-    first = run_one(members[0])  # compiles what the others use
-    with ThreadPoolExecutor(available_cores()) as pool:
-        return np.array([first, *pool.map(run_one, members[1:])])
-
-
 def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
     """The study of a quantity (see `quantities`) and parameters (paths or unique short names).
 
     Raises:
         SceneError: unknown names.
     """
-    scene = load_scene(scene).with_equal_steps()
-    names = full_names(scene, to, "to")
-    scene = with_effects(scene, names)
+    given = load_scene(scene)
+    names = full_names(given, to, "to")
+    given = with_effects(given, names)
+    scene = given.with_equal_steps()
     model, start = build(scene)
-    parameters = find_parameters(scene, model, names, "to")
+    parameters = find_parameters(scene, model, names, "to", idle=True)
     wanted = quantity(of, model)
-    if wanted.statistic in OVER_STEPS:  # an extreme is that of all steps
+    if wanted.statistic in (*OVER_STEPS, *OF_SAMPLES):  # an extreme is that of all steps
         scene = scene.with_values({"run.save_every": 1})
     if wanted.signal == PERIOD and scene.start.kind != "static":
         raise SceneError(f"of: {of!r}: the scene starts at {scene.start.kind!r}; allowed: start.kind = 'static'")
-    return Study(scene, wanted, parameters, model, start)
+    found = Study(scene, wanted, parameters, model, start)
+    if given.run.accuracy is None or not found.stretches:
+        return found
+    if wanted.statistic in OF_SAMPLES and given.run.interval > LONGEST_INTERVAL:
+        given = given.with_values({"run.save_interval": LONGEST_INTERVAL})
+    return dataclasses.replace(found, following=given)
+
+
+#: Longest time [s] between the samples of statistics that need them close together.
+LONGEST_INTERVAL = 0.1
 
 
 def check_step(problem: Study, box: Sequence[tuple[float, float]] | None = None, say: Progress = silent) -> StepVerdict:
     """The verdict of `dropper run` on the step of the study's run, or of those at both ends of a box of its values."""
-    if problem.of.at_rest:
+    if problem.of.at_rest or (box is None and problem.following is not None):  # the error is in the study's result
         return StepVerdict()
     members = {"the run": problem.scene}
     if box is not None:
@@ -409,16 +358,18 @@ def check_step(problem: Study, box: Sequence[tuple[float, float]] | None = None,
 
 def linear_range(
     problem: Study, value: float, slopes: np.ndarray, evaluate: Callable[[jax.Array], jax.Array]
-) -> tuple[float, list[str]]:
+) -> tuple[float, np.ndarray, list[str]]:
     """Relative change of all parameters that the derivatives `slopes` (p,) predict: 0.01, 0.001, 0.0001, otherwise 0.
 
     A prediction holds within a third of the change, or within 0.01 in `p/Q dQ/dp`. All parameters change together, each
     in the direction that increases the quantity, so that one run at 1 % is enough for a smooth motion.
 
     Returns:
-        the change, and a warning unless it is 0.01.
+        the change, the errors (p,) of the derivatives as predictions of that change, and a warning unless it is 0.01.
+        An error is what all derivatives together do not predict.
     """
-    step = np.where(slopes < 0.0, -1.0, 1.0) * [p.scale for p in problem.parameters]
+    scale = np.array([p.scale for p in problem.parameters])
+    step = np.where(slopes < 0.0, -1.0, 1.0) * scale
     ahead = problem.values + 0.01 * step
     inside = [p.low <= x <= p.high for p, x in zip(problem.parameters, ahead, strict=True)]
     step = np.where(inside, step, -step)
@@ -426,20 +377,26 @@ def linear_range(
     for size in (1e-2, 1e-3, 1e-4):
         real = float(evaluate(jnp.asarray(problem.values + size * step, problem.model.dtype))) - value
         changes.append((real, size * float(slopes @ step)))
+        missed = abs(real - changes[-1][1])
         # not less: `max` jumps by 0.3 % where another sample becomes the largest, 22 % of a change by 1 % (lab dropper)
-        if abs(real - changes[-1][1]) <= max(abs(changes[-1][1]) / 3.0, 0.01 * size * abs(value)):
+        if missed <= max(abs(changes[-1][1]) / 3.0, 0.01 * size * abs(value)):
             break
     else:
         size = 0.0
+    error = np.where(slopes == 0.0, 0.0, missed / ((size or 1e-4) * scale))
     if len(changes) == 1:
-        return size, []
+        return size, error, []
     real, predicted = changes[0]
     unit = problem.of.unit
     effect = f"changes by {real:.3g} {unit}" if np.isfinite(real) else "has a failed step"
-    return size, [
-        f"{problem.of.name}: {effect} if all parameters change by 1 %; the derivatives predict {predicted:.3g} {unit}. "
-        f"They are valid for changes below {100 * size or 0.01:.2g} % only. Use a sweep for larger ones"
-    ]
+    return (
+        size,
+        error,
+        [
+            f"{problem.of.name}: {effect} if all parameters change by 1 %; the derivatives predict {predicted:.3g} "
+            f"{unit}. They are valid for changes below {100 * size or 0.01:.2g} % only. Use a sweep for larger ones"
+        ],
+    )
 
 
 def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:

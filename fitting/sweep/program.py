@@ -22,7 +22,7 @@ from dropper_jax.lanes import lanes
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
-from dropper_jax.run.quantities import OVER_STEPS, STATISTICS, quantity_signals
+from dropper_jax.run.quantities import quantity_signals, statistic
 from dropper_jax.stepping.adaptive import Adaptive, adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
 from fitting.parameters.parameter import apply, resolve
@@ -291,7 +291,7 @@ def run_case(
 
     first = begin(stepper, model, start)
     if plan.is_adaptive:
-        first = adaptive_start(model, first)
+        first = adaptive_start(stepper, model, first)
     (progress, tally), (signals, traces) = jax.lax.scan(save, (first, tally), None, length=run.rows)
     if plan.is_adaptive:
         progress = progress.progress
@@ -309,8 +309,8 @@ def run_case(
         "energy_final": seen.kinetic + seen.potential,
     }
     found = {name: value for name, value in known.items() if name in plan.quantities}
-    statistics = STATISTICS if watch is None else STATISTICS | OVER_STEPS
-    found |= {one.name: statistics[one.statistic](x) for one, x in zip(named, signals, strict=True)}
+    for one, x in zip(named, signals, strict=True):
+        found[one.name] = statistic(one.statistic, x, run.interval, over_steps=watch is not None)
     if plan.traces:
         found |= {"positions": traces[0], "tension": traces[1]}
     at = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)

@@ -28,7 +28,7 @@ def test_names_in_help_texts_are_those_that_there_are():
     assert [scheme.name for scheme in INTEGRATORS.values()] == list(INTEGRATORS) == list(options.SCHEMES)
     assert tuple(QUANTITIES) == sweep.DEFAULT_QUANTITIES
     assert tuple(quantities.SIGNALS) == options.SIGNALS
-    assert tuple(quantities.STATISTICS) == options.STATISTICS
+    assert quantities.NAMES == options.STATISTICS
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from dropper_jax.run.build import build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.quantities import OVER_STEPS, STATISTICS, Quantity, quantity, quantity_signals
+from dropper_jax.run.quantities import Quantity, quantity, quantity_signals, statistic
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.farm.site import Case, Site, Storm
@@ -177,8 +177,8 @@ class Runner:
         depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
         more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
         for one, parts in signals.items():
-            statistics = STATISTICS if watch is None else STATISTICS | OVER_STEPS
-            more[f"quantity:{one.name}"] = np.asarray(statistics[one.statistic](jnp.concatenate(parts)))
+            found = statistic(one.statistic, jnp.concatenate(parts), scene.run.interval, over_steps=watch is not None)
+            more[f"quantity:{one.name}"] = np.asarray(found)
         return {**tally.collect(), **info, **more}
 
     def _start(self, scene: Scene, model: Model, storm: Storm) -> tuple[State, np.ndarray, np.ndarray]:

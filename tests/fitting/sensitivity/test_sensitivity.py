@@ -13,12 +13,12 @@ from rope_cases import slack_rope
 
 from dropper_jax import SceneError, load_scene
 from dropper_jax.cli import main
-from dropper_jax.run.quantities import STATISTICS, quantity
+from dropper_jax.run.quantities import STATISTICS, excess_kurtosis, quantity, statistic
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows
 from fitting.sensitivity.derivatives import global_text, local_text
-from fitting.sensitivity.problem import central_differences, difference_sizes, run_members
+from fitting.sensitivity.differences import StudyRuns, central_differences, difference_sizes, statistic_notes
 from fitting.sensitivity.tornado import path_label
 
 SCENE = {
@@ -87,45 +87,67 @@ def test_smooth_motion_has_the_full_linear_range(found):
     assert (found.linear_range, found.warnings) == (0.01, [])
 
 
-def test_snapping_rope_warns_that_its_exact_derivative_is_linear_over_a_small_range_only():
-    """Differences over 1e-8 of gravity give the derivative, over 0.1 % they do not."""
-    problem = study(slack_rope().with_values({"run.duration": 0.15}), "tension.mean", ["effects.point_bodies.gravity"])
-    (gravity,) = problem.parameters
-    found = local(problem)
-
-    def difference(share):
-        changed = replace(gravity, value=gravity.value * (1 + share))
-        return (local(replace(problem, parameters=(changed,))).value - found.value) / (share * gravity.value)
-
-    np.testing.assert_allclose(difference(1e-8), found.forward[0], rtol=1e-3)
-    assert abs(difference(1e-3) / found.forward[0] - 1.0) > 0.1
-    assert found.linear_range < 1e-3
-    (warning,) = found.warnings
-    assert f"predict {0.01 * abs(found.forward[0]) * gravity.value:.3g} N" in warning
+@pytest.fixture(scope="module")
+def snapping():
+    """A mass that falls into a rope, for 0.6 s, with an accuracy; and its own run."""
+    scene = slack_rope().with_values({"run.duration": 0.6, "run.accuracy": 0.01})
+    problem = study(scene, "tension.mean", ["effects.point_bodies.gravity", "line_type.rope.mass"])
+    return problem, StudyRuns(problem)
 
 
-def test_slopes_of_a_rope_whose_tangent_grows_are_differences_with_an_error():
-    """A mass that falls into a rope, for 1 s: its tangent grows by e^21, so that exact derivatives mean nothing."""
-    problem = study(slack_rope().with_values({"run.duration": 1.0}), "tension.mean", ["effects.point_bodies.gravity"])
-    (gravity,) = problem.parameters
+def test_runs_of_a_study_take_the_steps_of_its_own_run(snapping):
+    problem, runs = snapping
+    assert problem.run_scene.run.accuracy == 0.01
+    again = runs.run(problem.values)
+    assert again.value == runs.value
+    assert again.at_most == 0.0
+    steps = np.asarray(runs.record.length)
+    assert np.sum(steps) == pytest.approx(0.6, rel=1e-12)
+    assert np.ptp(steps[steps > 0.0]) > 1e-4
+
+
+def test_slopes_of_a_snapping_rope_are_differences_with_an_error(snapping):
+    problem, runs = snapping
     told = []
     found = local(problem, lambda share, text: told.append(text))
-    assert (found.method, found.reverse, found.horizon) == ("differences", None, 1.0)
-    assert 10.0 < found.growth < 100.0
+    assert (found.method, found.reverse, found.horizon, found.value) == ("differences", None, 0.6, runs.value)
+    gravity = problem.values[0]
     slopes = []
     for size in (0.01, 0.003):
-        ends = [replace(gravity, value=gravity.value * (1 + sign * size)) for sign in (-1, 1)]
-        low, high = (local(replace(problem, parameters=(end,))).value for end in ends)
-        slopes.append((high - low) / (2 * size * gravity.value))
-    # a difference of runs whose rounding errors have grown by e^21
-    np.testing.assert_allclose(found.forward[0], slopes[0], rtol=5e-3)
-    np.testing.assert_allclose(found.error[0], abs(slopes[0] - slopes[1]), rtol=5e-2)
-    assert sum(text.startswith("differences") for text in told) == 4
-    (warning,) = found.warnings  # the error is larger than a third of the slope
-    assert "its differences by 1 % and 0.3 % of effects.point_bodies.gravity" in warning
-    assert not found.trusted
+        low, high = (runs.run(problem.values * [1.0 + sign * size, 1.0]).value for sign in (-1, 1))
+        slopes.append((high - low) / (2 * size * gravity))
+    assert found.forward[0] == pytest.approx(slopes[0], rel=1e-9)
+    noise = found.noise / (0.01 * gravity)
+    assert found.error[0] >= np.hypot(slopes[0] - slopes[1], noise) * (1.0 - 1e-9)
+    fresh = [runs.run(problem.values * [1.0 + sign * 0.005, 1.0]).value for sign in (-1, 1)]
+    assert abs((fresh[1] - fresh[0]) / (0.01 * gravity) - found.forward[0]) <= 2.0 * found.error[0]
+    assert sum(text.startswith("differences") for text in told) == 9  # one of all parameters, four of each
     assert "error of dQ/dp" in local_text(found)
-    assert f"the tangent grows by e^{found.growth:.2g}" in local_text(found)
+
+
+def test_a_parameter_without_effect_has_slope_zero_with_error_zero(loop):
+    scene = load_scene({**SCENE, "anchor": [{"point": "top", "kind": "tested", "capacity": 5.0, "safety_factor": 1.5}]})
+    problem = study(scene, "tension.1.mean", ["anchor.0.capacity", "b_l"])
+    found = local(problem)
+    assert (found.forward[0], found.error[0]) == (0.0, 0.0)
+    assert found.forward[1] != 0.0
+    by_differences = central_differences(problem)
+    assert (by_differences.slopes[0], by_differences.errors[0]) == (0.0, 0.0)
+    assert by_differences.slopes[1] == pytest.approx(found.forward[1], abs=5.0 * by_differences.errors[1])
+
+
+def test_a_number_of_links_is_refused_in_one_line():
+    with pytest.raises(SceneError, match=r"^line\.chain\.links: 12 is not a number that can vary"):
+        study(load_scene("paper-case-4"), "tension.chain.mean", ["line.chain.links"])
+
+
+def test_a_single_step_maximum_and_samples_that_are_not_gaussian_are_said(snapping):
+    problem, _ = snapping
+    of = {"tension.max": "is the value of a single step", "tension.1.mpm": "are not Gaussian (excess kurtosis"}
+    for name, words in of.items():
+        (warning,) = statistic_notes(replace(problem, of=quantity(name, problem.model)))
+        assert warning.startswith(f"{name}: ")
+        assert words in warning
 
 
 def test_differences_of_lengths_are_smaller_and_end_at_bounds(loop):
@@ -134,7 +156,7 @@ def test_differences_of_lengths_are_smaller_and_end_at_bounds(loop):
     assert [difference_sizes(p) for p in (from_bound, length)] == [(0.01, 0.003), (0.003, 0.001)]
     problem = replace(loop, parameters=(from_bound,))
     found = central_differences(problem)
-    one_sided = np.diff(run_members(problem, np.array([[1.0], [1.01]])))[0] / 0.01
+    one_sided = np.diff([StudyRuns(problem).run(np.array([x])).value for x in (1.0, 1.01)])[0] / 0.01
     assert found.slopes[0] == pytest.approx(one_sided, rel=1e-12)
 
 
@@ -231,8 +253,30 @@ def test_statistics_of_a_sine_are_its_amplitude():
     assert STATISTICS["peak"](x) == pytest.approx(1.5, rel=1e-6)
     assert STATISTICS["std"](x) == pytest.approx(1.5 / np.sqrt(2))
     assert STATISTICS["fatigue"](x) == pytest.approx(1.5 * (4 / (3 * np.pi)) ** (1 / 3), rel=1e-4)
-    for name, statistic in STATISTICS.items():
-        assert np.isfinite(jax.grad(statistic)(jnp.ones((8, 1)))).all(), name
+    for name, function in STATISTICS.items():
+        assert np.isfinite(jax.grad(function)(jnp.ones((8, 1)))).all(), name
+
+
+def test_a_sustained_maximum_is_that_of_means_over_a_fifth_of_a_second():
+    """The mean of a sine over a time T around its top is `sin(w T/2)/(w T/2)` of it."""
+    t = 0.01 * (1 + np.arange(1000))
+    half = 0.5 * 2.0 * np.pi / 2.5 * 0.2
+    x = np.stack([3.0 + 2.0 * np.sin(2.0 * np.pi * t / 2.5), np.zeros_like(t)], axis=1)
+    assert float(statistic("sustained", x, 0.01)) == pytest.approx(3.0 + 2.0 * np.sin(half) / half, rel=1e-4)
+
+
+def test_a_most_probable_maximum_follows_from_the_rate_of_crossings():
+    """Harmonics of known amplitudes: `s^2` is half the sum of their squares, `s'^2` that of `(w a)^2`."""
+    rng = np.random.default_rng(0)
+    cycles, amplitude, phase = np.arange(40, 80), rng.uniform(0.1, 1.0, 40), rng.uniform(0.0, 2.0 * np.pi, 40)
+    t = np.arange(1, 12001) * 0.05
+    w = 2.0 * np.pi * cycles / 600.0
+    x = 7.0 + np.cos(w * t[:, None] + phase) @ amplitude
+    s, rate = np.sqrt(np.sum(amplitude**2) / 2.0), np.sqrt(np.sum((w * amplitude) ** 2) / 2.0)
+    expected = 7.0 + s * np.sqrt(2.0 * np.log(10800.0 * rate / (2.0 * np.pi * s)))
+    assert float(statistic("mpm", x[:, None], 0.05)) == pytest.approx(expected, rel=1e-4)
+    assert abs(excess_kurtosis(x[:, None])) < 0.5
+    assert float(statistic("mpm", np.full((10, 2), 4.0), 0.05)) == 4.0
 
 
 def test_labels_name_links_and_effects():
@@ -254,7 +298,8 @@ def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):
     printed = json.loads(capsys.readouterr().out)
     assert printed["forward"] == found.forward.tolist()
     assert printed["trusted"] is True
-    assert (printed["method"], printed["error"]) == ("tangent", None)
+    assert (printed["method"], printed["grows"]) == ("tangent", "nothing")
+    assert printed["error"] == found.error.tolist()
     assert main([*argv[:-1], "line.0.mas", "--json"]) == 2
     assert "to: 'line.0.mas' does not exist" in json.loads(capsys.readouterr().out)["error"]
 

@@ -1,0 +1,385 @@
+"""Slopes of a quantity of runs by central differences at two sizes, with errors that hold.
+
+All runs take the steps of the study's own run and have its phases and seeds: they differ in numbers of the model alone.
+
+    s_1 = (Q(p + h_1) - Q(p - h_1))/(2 h_1)                 slope, h_1 = 1 % of p (0.3 % of a length)
+    s_2 = the same with h_2 = 0.3 % (0.1 %)
+    error^2 = (s_1 - s_2)^2 + (noise/h_1)^2
+
+The noise of Q is what rounding makes of it. The even part `e = (Q(p + h) + Q(p - h))/2 - Q(p)` of a smooth Q goes with
+h^2, so that `e_2 - (h_2/h_1)^2 e_1` is noise: a sample for each parameter. One more run, with all parameters changed by
+1e-6, gives a sample and the growth of small differences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.memory import available_cores
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
+from dropper_jax.run.build import initial_state, stepper_of
+from dropper_jax.run.chunks import FACTOR, Companion, Program, compile_run, run_chunks
+from dropper_jax.run.quantities import (
+    IN_TIME,
+    NOT_GAUSSIAN,
+    OVER_STEPS,
+    Quantity,
+    QuantitySignals,
+    excess_kurtosis,
+    quantity_signals,
+)
+from dropper_jax.scene import RunSpec
+from dropper_jax.stepping.adaptive import Record, adaptive_start
+from dropper_jax.stepping.integrate import Progress as RunProgress
+from dropper_jax.stepping.integrate import Trajectory, begin
+from fitting.parameters.parameter import Parameter, apply
+from fitting.sensitivity.problem import Study
+
+#: Relative changes of central differences: the slope, and a smaller one whose difference is its error. A farm's runs
+#: differ linearly from 0.3 % to 3 % of a current, wave height or EA, but are 20 % off for 1 % of the length of a leg.
+#: Below, the rounding of the run dominates: 1 N of a largest tension.
+DIFFERENCES, LENGTH_DIFFERENCES = (0.01, 0.003), (0.003, 0.001)
+#: Relative change of all parameters of the run that shows noise, and how small differences grow.
+SMALL_CHANGE = 1e-6
+#: Growth of a difference of two runs by `DIFFERENCES`, as a power of e, from which the motion itself is chaotic: 0.3 %
+#: then displace a node by a sixth of the motion.
+MOTION_GROWTH = 4.0
+#: Growth of the small difference, as a power of e, from which rounding errors and exact tangents grow.
+TANGENT_GROWTH = 5.0
+#: Displacement by a change over that by the opposite change from which a run is on another branch.
+JUMP = 6.0
+#: Median of the square of a standard normal number.
+MEDIAN_OF_SQUARE = 0.455
+
+
+def difference_sizes(p: Parameter) -> tuple[float, float]:
+    """The two relative changes of a parameter."""
+    return LENGTH_DIFFERENCES if "length" in p.name.split(".") else DIFFERENCES
+
+
+class Run(NamedTuple):
+    """A run of a study: the quantity, NaN if a step failed; and the displacement of the farthest node from the study's
+    own run, at the start and at the most [m]."""
+
+    value: float
+    at_start: float
+    at_most: float
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Slopes of a quantity by parameters.
+
+    Attributes:
+        value, value_error: of the study's own run; the error is that of its steps, NaN if they are equal.
+        slopes, errors: (p,), NaN without a run on either side.
+        noise: standard deviation of the quantity by rounding.
+        growth: logarithm of the growth of a difference of `SMALL_CHANGE`: of the tangent.
+        motion_growth: the same of the smaller of the two changes, of the parameter for which it is largest.
+        unclear: numbers of the parameters whose slope is not known to a third.
+        runs: number of runs.
+        warnings: of runs on another branch, and of a statistic that does not apply.
+    """
+
+    value: float
+    value_error: float
+    slopes: np.ndarray
+    errors: np.ndarray
+    noise: float = 0.0
+    growth: float = 0.0
+    motion_growth: float = 0.0
+    unclear: tuple[int, ...] = ()
+    runs: int = 0
+    warnings: tuple[str, ...] = field(default_factory=tuple)
+
+
+class StudyRuns:
+    """Runs of a study along the steps of its own run.
+
+    Attributes:
+        base: the quantity of its own run, its error by the steps, the extent of the motion [m].
+    """
+
+    def __init__(self, problem: Study, say: Progress = silent) -> None:
+        self.problem = problem
+        self.settings: RunSpec = problem.run_scene.run
+        self.say = say
+        own = self._prepare(problem.values, None)
+        if own is None:
+            raise SceneError(f"{problem.of.name}: the scene has no start")
+        self.model, self.start, program = own
+        outcome = run_chunks(program, self.settings.rows, partial(self._report, "own run"))
+        self.rows: Trajectory = outcome.trajectory
+        self.record = _recorded(outcome.carry, problem.of)
+        self.value = self._value(self.model, self.start, self.rows)
+        self.extent = float(np.linalg.norm(self.rows.r - self.rows.r[0], axis=-1).max())
+        self.value_error = self._error_of_steps(program.companion(False))
+
+    def _report(self, what: str, share: float, _: str) -> None:
+        self.say(0.2 * share, what)
+
+    def _error_of_steps(self, companion: Companion) -> float:
+        """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
+        if self.settings.accuracy is None or not np.isfinite(self.value):
+            return np.nan
+        pieces = [rows for rows, _ in companion.go(len(self.rows.r))]
+        if sum(len(rows.r) for rows in pieces) < len(self.rows.r) // 2 or not pieces:
+            return np.nan
+        rows = jax.tree.map(lambda *parts: np.concatenate(parts), *pieces)
+        gain = 1.0 if self.problem.of.statistic in OVER_STEPS else FACTOR - 1.0
+        return abs(self._value(self.model, self.start, rows, 2.0) - self.value) / gain
+
+    def _prepare(self, values: np.ndarray, record: Record | None) -> tuple[Model, State, Program] | None:
+        """Model, start and program of the run with these values; None if the scene has no such start."""
+        problem, settings = self.problem, self.settings
+        model = apply(problem.model, problem.parameters, jnp.asarray(values, problem.model.dtype))
+        try:
+            s = initial_state(model, problem.scene.start)
+        except SceneError:
+            return None
+        stepper: Stepper = stepper_of(model, settings, track_work=settings.accuracy is None)
+        carry = begin(stepper, model, s)
+        watch = None
+        if settings.accuracy is not None:
+            carry = adaptive_start(stepper, model, carry, Record.empty(model) if record is None else record)
+            watch = self._watch(s)
+        return model, s, compile_run(stepper, model, carry, settings, watch)
+
+    def _watch(self, s: State) -> QuantitySignals | None:
+        extreme = self.problem.of.statistic in OVER_STEPS
+        return quantity_signals([self.problem.of], s.r) if extreme else None
+
+    def _value(self, model: Model, s: State, rows: Trajectory, intervals: float = 1.0) -> float:
+        if rows.first_bad[-1] >= 0:
+            return np.nan
+        watch = None if rows.extremes is None else self._watch(s)
+        interval = jnp.asarray(intervals * self.settings.interval, model.dtype)
+        return float(_measure(self.problem.of, model, s, rows, interval, watch))
+
+    def run(self, values: np.ndarray) -> Run:
+        """The run with these values (p,)."""
+        prepared = self._prepare(values, self.record)
+        return Run(np.nan, np.nan, np.nan) if prepared is None else self._run_prepared(*prepared)
+
+    def values_of(self, quantities: Sequence[Quantity], values: np.ndarray) -> list[float]:
+        """Several quantities of the run with these values (p,); a maximum or minimum has to be that of the study."""
+        model, s, program = self._prepare(values, self.record)
+        rows = run_chunks(program, self.settings.rows, silent).trajectory
+        own = self.problem.of
+        interval = jnp.asarray(self.settings.interval, model.dtype)
+        return [
+            self._value(model, s, rows) if one == own else float(_measure(one, model, s, rows, interval, None))
+            for one in quantities
+        ]
+
+    def _run_prepared(self, model: Model, s: State, program: Program) -> Run:
+        rows = run_chunks(program, self.settings.rows, silent).trajectory
+        apart = rows.r - self.rows.r[: len(rows.r)]
+        at_start = np.linalg.norm(np.asarray(s.r) - np.asarray(self.start.r), axis=-1).max()
+        return Run(self._value(model, s, rows), float(at_start), float(np.linalg.norm(apart, axis=-1).max()))
+
+    def run_all(self, values: np.ndarray) -> list[Run]:
+        """The runs with these values (cases, p), on all cores at once."""
+        done = []
+
+        def run_one(row: np.ndarray) -> Run:
+            found = self.run(row)
+            done.append(found)
+            self.say(0.2 + 0.8 * len(done) / len(values), f"differences: {len(done)} of {len(values)} runs")
+            return found
+
+        with ThreadPoolExecutor(available_cores()) as pool:
+            return list(pool.map(run_one, values))
+
+
+def _recorded(carry: object, of: Quantity) -> Record | None:
+    """The steps of a run, for others to repeat; None if all are equal."""
+    if isinstance(carry, RunProgress):
+        return None
+    record: Record = carry.record
+    if int(record.number) >= len(record.length):
+        raise SceneError(f"{of.name}: the run takes more than {len(record.length)} steps. Use a shorter run.duration")
+    return record.to_repeat()
+
+
+@partial(jax.jit, static_argnums=0)
+def _measure(
+    of: Quantity, model: Model, s: State, rows: Trajectory, interval: jax.Array, watch: QuantitySignals | None
+) -> jax.Array:
+    if watch is not None:
+        return OVER_STEPS[of.statistic](watch.over_steps(rows.extremes)[of])
+    return of(model, s.r, rows, s.t + interval * (1.0 + jnp.arange(len(rows.r))))
+
+
+class Pair(NamedTuple):
+    """Runs at both sides of the study's own: changes (2,) of the parameter, 0 where a bound allows none, and runs."""
+
+    change: np.ndarray
+    runs: Sequence[Run]
+
+    @property
+    def sides(self) -> list[int]:
+        """The sides that have a run."""
+        return [i for i in (0, 1) if self.change[i] != 0.0 and np.isfinite(self.runs[i].value)]
+
+    @property
+    def is_central(self) -> bool:
+        """Whether both sides have a run at the same distance."""
+        return len(self.sides) == 2 and bool(np.isclose(self.change[0], -self.change[1], rtol=1e-6))
+
+    def slope(self, value: float) -> float:
+        """Central, or one-sided where one side has no run."""
+        values = [self.runs[i].value - value for i in self.sides]
+        changes = [self.change[i] for i in self.sides]
+        if not values:
+            return np.nan
+        if len(values) == 1:
+            return values[0] / changes[0]
+        return (values[1] - values[0]) / (changes[1] - changes[0])
+
+    @property
+    def branches(self) -> list[float]:
+        """The changes whose run moves farther from the study's own, by a factor `JUMP`, than the opposite one."""
+        if not self.is_central:
+            return []
+        moved = [run.at_most for run in self.runs]
+        return [float(self.change[i]) for i in (0, 1) if moved[i] > JUMP * moved[1 - i] > 0.0]
+
+    def even(self, value: float) -> float:
+        """The even part of the quantity."""
+        return 0.5 * (self.runs[0].value + self.runs[1].value) - value
+
+
+def central_differences(problem: Study, say: Progress = silent) -> Differences:
+    """Slopes by runs at two sizes: four runs for each parameter, and three in addition.
+
+    A change beyond a bound ends there.
+    """
+    base = StudyRuns(problem, say)
+    nothing = np.full(len(problem.parameters), np.nan)
+    if not np.isfinite(base.value):
+        return Differences(np.nan, np.nan, nothing, nothing, runs=1)
+    rows = _changed_values(problem)
+    found = base.run_all(rows)
+    shown, found = found[0], found[1:]
+    pairs = []
+    for i in range(len(problem.parameters)):
+        change = (rows[1 + 4 * i : 5 + 4 * i, i] - problem.values[i]).reshape(2, 2)
+        pairs.append((Pair(change[0], found[4 * i : 4 * i + 2]), Pair(change[1], found[4 * i + 2 : 4 * i + 4])))
+    slopes = np.array([both[0].slope(base.value) for both in pairs])
+    spread = np.abs(slopes - [both[1].slope(base.value) for both in pairs])
+    noise, own = _noise(base.value, shown, pairs)
+    reach = np.array([np.max(np.abs(both[0].change)) for both in pairs])
+    errors = np.hypot(spread, np.maximum(noise, own) / reach)
+    still = [all(run.value == base.value for pair in both for run in pair.runs) for both in pairs]
+    still = np.array(still) | [p.is_idle for p in problem.parameters]
+    slopes = np.where(still, 0.0, slopes)
+    errors = np.where(still, 0.0, errors)
+    scale = np.array([p.scale for p in problem.parameters])
+    # a third of the change, or 0.01 in p/Q dQ/dp, as of exact derivatives (`linear_range`)
+    unclear = ~(errors <= np.maximum(np.abs(slopes) / 3.0, 0.01 * abs(base.value) / scale))
+    motion = max(_motion_growth(base.extent, p, both[1]) for p, both in zip(problem.parameters, pairs, strict=True))
+    notes = [*_branches(problem, pairs, motion), *statistic_notes(problem, base)]
+    return Differences(
+        base.value,
+        base.value_error,
+        slopes,
+        errors,
+        noise,
+        _growth(base.extent, shown, SMALL_CHANGE),
+        motion,
+        tuple(map(int, np.flatnonzero(unclear))),
+        len(rows) + 1,
+        tuple(notes),
+    )
+
+
+def _changed_values(problem: Study) -> np.ndarray:
+    """Values (1 + 4 p, p) of the runs: all changed by little, then four of each parameter, the larger pair first."""
+    rows = [problem.values + SMALL_CHANGE * np.array([p.scale for p in problem.parameters])]
+    for i, p in enumerate(problem.parameters):
+        for size in difference_sizes(p):
+            for sign in (-1.0, 1.0):
+                row = np.array(problem.values)
+                row[i] = np.clip(row[i] + sign * size * p.scale, p.low, p.high)
+                rows.append(row)
+    return np.array(rows)
+
+
+def _noise(value: float, shown: Run, pairs: Sequence[tuple[Pair, Pair]]) -> tuple[float, np.ndarray]:
+    """Standard deviation of the quantity by rounding, a median over all samples, and the sample of each parameter."""
+    own = np.zeros(len(pairs))
+    for i, (large, small) in enumerate(pairs):
+        if large.is_central and small.is_central:
+            ratio = (small.change[1] / large.change[1]) ** 2
+            spread = 0.5 + 0.5 * ratio**2 + (1.0 - ratio) ** 2
+            own[i] = abs(small.even(value) - ratio * large.even(value)) / np.sqrt(spread)
+    samples = np.append(own[own > 0.0], (shown.value - value) / np.sqrt(2.0))
+    samples = samples[np.isfinite(samples)]
+    own = np.where(np.isfinite(own), own, 0.0)
+    return (float(np.sqrt(np.median(samples**2) / MEDIAN_OF_SQUARE)) if samples.size else np.inf), own
+
+
+def _growth(extent: float, run: Run, size: float) -> float:
+    """Logarithm of the displacement by a relative change, over that at the start or the change of the whole motion."""
+    before = max(size * extent, run.at_start, np.finfo(float).tiny)
+    return float(np.log(max(run.at_most / before, 1.0))) if np.isfinite(run.at_most) else 0.0
+
+
+def _motion_growth(extent: float, p: Parameter, pair: Pair) -> float:
+    return max((_growth(extent, pair.runs[i], abs(pair.change[i]) / p.scale) for i in pair.sides), default=0.0)
+
+
+def _branches(problem: Study, pairs: Sequence[tuple[Pair, Pair]], motion: float) -> list[str]:
+    """Runs that leave the others: each is a jump of the motion to another branch, unless all are chaotic."""
+    if motion > MOTION_GROWTH:
+        return []
+    notes = []
+    for p, both in zip(problem.parameters, pairs, strict=True):
+        apart = [100.0 * change / p.scale for pair in both for change in pair.branches]
+        if apart:
+            runs = ", ".join(f"{x:+.2g} %" for x in apart)
+            notes.append(
+                f"{p.name}: the motion at {runs} is on another branch than that at the opposite change; a slope holds "
+                "on one branch only. Use a sweep over the range"
+            )
+    return notes
+
+
+def statistic_notes(problem: Study, runs: StudyRuns | None = None) -> list[str]:
+    """Why a single-step extreme is no good quantity, and whether the samples are Gaussian as `mpm` assumes.
+
+    Args:
+        runs: of the study, if they are known.
+    """
+    of = problem.of
+    if of.statistic in OVER_STEPS:
+        stem = of.name.rpartition(".")[0]
+        others = " or ".join(f"{stem}.{name}" for name in IN_TIME)
+        return [
+            f"{of.name}: is the value of a single step, which rounding and every change move to another one. "
+            f"Use {others} for slopes"
+        ]
+    if of.statistic != "mpm":
+        return []
+    runs = StudyRuns(problem) if runs is None else runs
+    rows = runs.rows
+    t = runs.settings.interval * (1.0 + np.arange(len(rows.r)))
+    samples = of.in_time(runs.model, runs.start.r, rows.r, rows.v, rows.tension, t, rows.parted)
+    kurtosis = excess_kurtosis(np.asarray(samples))
+    if abs(kurtosis) <= NOT_GAUSSIAN:
+        return []
+    return [
+        f"{of.name}: its samples are not Gaussian (excess kurtosis {kurtosis:.2g}), as a most probable maximum from "
+        "crossings assumes. Use several seeds and `dropper report`"
+    ]

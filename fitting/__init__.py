@@ -2,7 +2,7 @@
 
 Rooms, each importing only those before it: `traces`, `tracking` (needs traces alone), `parameters`, `sweep`,
 `sensitivity` and `site` (need parameters alone), `estimate`; `calibration` and `channels`, `cases`, `season` and
-`optimise` of sites (none needs another); `report`, `cli`.
+`optimise` of sites (none needs another); `report`, `from_file`, `cli`.
 """
 
 from importlib import import_module

@@ -1,0 +1,103 @@
+"""`dropper fit FILE...` without a scene: a scene is proposed, fitted, and written with the command that repeats it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.cli.options import number, table
+
+if TYPE_CHECKING:
+    from fitting.calibration.result import FitResult
+    from fitting.from_file.read_file import Given
+
+
+def add_file_options(parser: argparse.ArgumentParser) -> None:
+    """--rate, --counts, --lengths, --mass."""
+    parser.add_argument("--rate", type=number, metavar="FPS", help="rows per second of a file that counts frames")
+    parser.add_argument(
+        "--counts", type=number, metavar="N", help="counts per turn of an encoder whose angle is in counts"
+    )
+    parser.add_argument("--lengths", metavar="L1,L2,...", help="lengths [m] of links whose angles alone are measured")
+    parser.add_argument(
+        "--mass", type=number, metavar="KG", help="mass of each link, for damping in kg/s without a scene"
+    )
+
+
+def given_of(args: argparse.Namespace) -> Given:
+    """What the options state about the files.
+
+    Raises:
+        SceneError: a number that is not positive.
+    """
+    from fitting.cli.fit import column_names
+    from fitting.from_file.read_file import Given
+
+    lengths = None
+    if args.lengths is not None:
+        lengths = tuple(positive(part, "--lengths", "m") for part in args.lengths.split(","))
+    for key in ("rate", "counts", "mass"):
+        value = getattr(args, key)
+        if value is not None:
+            positive(value, f"--{key}", {"rate": "1/s", "counts": "-", "mass": "kg"}[key])
+    return Given(
+        columns=column_names(args.columns),
+        unit=args.unit,
+        rate=args.rate,
+        counts=args.counts,
+        lengths=lengths,
+        mass=args.mass,
+        begin=args.since,
+    )
+
+
+def positive(text: str | float, option: str, unit: str) -> float:
+    """A positive number of an option."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise SceneError(f"{option}: {text!r} is not a number [{unit}]") from None
+    if not 0 < value < float("inf"):
+        raise SceneError(f"{option}: {value:g} is not positive; allowed: > 0 [{unit}]")
+    return value
+
+
+def fit_files(args: argparse.Namespace, shared: dict[str, Any], say: Progress) -> tuple[FitResult, dict[str, Any], str]:
+    """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
+    from dropper_jax.load.scene import Scene
+    from fitting.calibration.fit import fit, free_laws
+    from fitting.from_file.output import new_folder, write_case
+    from fitting.from_file.read_file import read_measured
+    from fitting.from_file.scene_of import propose_scene
+    from fitting.from_file.values import found_values, value_rows
+
+    given = given_of(args)
+    measured = [read_measured(file, given) for file in args.traces]
+    if len({one.trace.links for one in measured}) > 1:
+        counts = ", ".join(f"{one.trace.name} {one.trace.links}" for one in measured)
+        raise SceneError(f"the files show different numbers of links: {counts}. Fit each rig alone")
+    plain = propose_scene(measured[0], given)
+    scene = Scene.from_dict(plain, measured[0].trace.name)
+    free = None if args.free is None else args.free.split(",")
+    result = fit([one.trace for one in measured], scene, free, **shared, progress=say)
+    result = free_laws(result, shared["method"], shared["loss"], progress=say)
+    folder = new_folder(measured[0].trace.name) if args.report is None else args.report
+    case = write_case(folder, measured, plain)
+    values = found_values(result, measured[0], args.mass)
+    assumed = [f"{one.trace.name}: {note}" for one in measured for note in one.notes]
+    assumed.append(model_note(measured[0].trace.links, args.mass))
+    parts = [
+        "assumed\n" + "\n".join(f"  {note}" for note in assumed),
+        table(value_rows(values)),
+        f"repeat with: {case.command}",
+    ]
+    plain_values = {one.name: {"value": one.value, "std_error": one.std_error, "unit": one.unit} for one in values}
+    return result, {"assumed": assumed, "found": plain_values, "repeat": case.command}, "\n\n".join(parts)
+
+
+def model_note(links: int, mass: float | None) -> str:
+    """What the proposed scene assumes, in words."""
+    what = "one pendulum of an effective length" if links == 1 else f"{links} massless links with masses at their ends"
+    scale = "a mass of 1 kg: damping is per mass" if mass is None else f"masses of {mass:g} kg"
+    return f"model: {what}, in air, linear and quadratic drag, gravity 9.81 m/s^2; {scale}"

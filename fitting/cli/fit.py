@@ -27,7 +27,7 @@ from dropper_jax.cli.options import (
     table,
 )
 from dropper_jax.cli.outputs import add_out, deliver, out_file
-from fitting.cli.fit_file import add_file_options, fit_files
+from fitting.cli.fit_file import add_file_options, fit_files, traces_for
 
 if TYPE_CHECKING:
     from dropper_jax.base.errors import Progress
@@ -191,6 +191,12 @@ def run(args: argparse.Namespace) -> int:
     from fitting.calibration.preparation import FitSettings
     from fitting.calibration.result import ACCEPTABLE
 
+    traces, found, about = [], {}, ""
+    if scene is not None:
+        traces, notes = traces_for(args, scene)
+        if notes:
+            found, about = {"assumed": notes}, "assumed\n" + "\n".join(f"  {note}" for note in notes)
+    foreign = scene is None or bool(found)
     settings = FitSettings(
         window=args.window,
         dt=args.dt,
@@ -199,19 +205,17 @@ def run(args: argparse.Namespace) -> int:
         static_start=args.static_start,
         zero=args.zero,
         sign=args.sign,
-        unit=args.unit,
-        columns=None if scene is None else column_names(args.columns),
+        unit=None if foreign else args.unit,
         begin=args.since,
         fixed=args.fixed,
     )
     shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
     say = progress(args.quiet) or silent
-    found, about = {}, ""
     if scene is None:
         result, found, about = fit_files(args, shared, say)
     else:
         run_fit = fit_and_free if args.auto_free else fit
-        result = run_fit(args.traces, scene, free, **shared, progress=say)
+        result = run_fit(traces, scene, free, **shared, progress=say)
     add_judgements(result, args, say)
     result.accepted = args.accept_misfit
     if folder:
@@ -333,7 +337,8 @@ OF_TRACES = {
             *OF_DESCENT,
         )
     ),
-    **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models", "accept_misfit"), False),
+    **dict.fromkeys(("rate", "counts", "lengths", "mass")),
+    **dict.fromkeys(("static_start", "fixed", "advice", "auto_free", "compare_models", "accept_misfit"), False),
     "method": "shooting",
 }
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.cli.options import number, table
 
 if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
     from fitting.calibration.result import FitResult
     from fitting.from_file.read_file import Given
+    from fitting.traces.trace import Trace
 
 
 def add_file_options(parser: argparse.ArgumentParser) -> None:
@@ -50,6 +54,35 @@ def given_of(args: argparse.Namespace) -> Given:
         mass=args.mass,
         begin=args.since,
     )
+
+
+def is_trace_file(file: str) -> bool:
+    """Whether a file has the columns of a trace, `t` and `theta_1`, under these names."""
+    from fitting.from_file.cells import read_lines
+
+    heads = [line for line in read_lines(Path(file))[:100] if not line.lstrip().startswith("#")]
+    names = re.split(r"[,;\s]+", heads[0].strip()) if heads else []
+    return "t" in names and "theta_1" in names
+
+
+def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:
+    """The files for a scene: those of other programs as traces, and how they were read."""
+    from fitting.from_file.read_file import read_measured
+
+    given = given_of(args)
+    stated = (args.rate, args.counts, args.columns)
+    if args.mass is not None or args.lengths is not None:
+        raise SceneError("--mass, --lengths: only without --scene; the scene has them")
+    found: list[str | Trace] = []
+    notes = []
+    for file in args.traces:
+        if is_trace_file(file) and not any(stated):
+            found.append(file)
+            continue
+        measured = read_measured(file, given, scene.lines[0].links)
+        found.append(measured.trace)
+        notes += [f"{measured.trace.name}: {note}" for note in measured.notes]
+    return found, notes
 
 
 def positive(text: str | float, option: str, unit: str) -> float:

@@ -96,6 +96,8 @@ def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:
         raise SceneError(f"{file}: the angle may be in rad or deg. Give its unit: --unit deg or --unit rad")
     if ratio == np.inf:
         return unit, f"as degrees, {reach:.2g} would hardly be a motion"
+    if ratio == 0.0:
+        return unit, "its range suggests it, the period does not decide; --unit states it"
     return unit, "the period grows with the amplitude as in this unit"
 
 

@@ -22,12 +22,14 @@ class Rows:
 
     Attributes:
         t: (k,) in the unit of the file, from the first row on.
+        start: time of the first row in the unit of the file.
         values: (k, columns).
         notes: what was left out.
     """
 
     t: np.ndarray
     values: np.ndarray
+    start: float
     notes: tuple[str, ...]
 
 
@@ -75,7 +77,7 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
         t, values = different, np.where(number > 0, total / np.maximum(number, 1), np.nan)
     if len(t) < 10:
         raise SceneError(f"{file}: has {len(t)} rows with different times; allowed: at least 10")
-    return Rows(t - t[0], values, tuple(notes))
+    return Rows(t - t[0], values, float(t[0]), tuple(notes))
 
 
 def unit_of_time(

@@ -23,8 +23,12 @@ from fitting.traces.trace import Convention, Trace, noise, without_spikes
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 #: Ratio of a unit of length to that which gravity shows, within which the unit is taken.
 FITS_UNIT = 1.3
+#: Period of the smoothing of a chain, whose links swing faster than its main motion.
+SMOOTHED = 0.6
 #: Rows that show the noise.
 FOR_NOISE = 6000
+#: First time [s] above which the clock of a trace starts at its first row.
+LATE = 1e5
 
 
 @dataclass(frozen=True)
@@ -113,18 +117,27 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     rate = given.rate or columns.rate
     named = "frames" if given.rate and columns.time_unit is None else columns.time_unit
     second, how = unit_of_time(cells.file, motion.t, period, named, rate, name)
-    times, period = second * motion.t, second * period
+    # dates in seconds since 1970 lose digits
+    start = second * rows.start if abs(second * rows.start) < LATE else 0.0
+    times, period = start + second * motion.t, second * period
     count = motion.theta.shape[1]
     if links is not None and count != links:
         raise SceneError(f"{cells.file}: shows {count} links, but the scene has {links}. Use the scene of this file")
     notes = [*columns.notes, how, *rows.notes, *motion.notes]
-    trace = Trace(path.stem, times, motion.theta, convention=Convention("down", 1, "rad"))
+    if rows.start and not start:
+        notes.append("the clock starts at the first row")
+    # zero and sign of a scene's own links follow from its pose
+    hangs = count == 1 or bool(columns.points)
+    convention = Convention("down", 1, "rad") if hangs else Convention(unit="rad")
+    if links is None:
+        convention = Convention("down", 1, "rad")
+    trace = Trace(path.stem, times, motion.theta, convention=convention)
     trace = cut_span(trace, given)
     swing = None
     zero = 0.0
     if count == 1:
         trace, swing, zero = free_part(cells.file, trace, period)
-        notes += swing.notes
+        notes += [*swing.notes, f"the reading at rest, {zero:.4g} rad, is subtracted"]
     lengths, scaled, note = lengths_in_metres(cells.file, columns, motion, times, period, given, count, links)
     notes += note
     fastest = period
@@ -132,8 +145,9 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
         fastest = 0.5 * period if lengths is None else 2 * np.pi * np.sqrt(float(lengths.min()) / GRAVITY)
     before = len(trace.t)
     thinned_t, theta, many = thin(trace.t, trace.theta, fastest)
-    if many > 1:
-        notes.append(f"{before} rows thinned to {len(thinned_t)}, each the mean of about {many}")
+    if len(thinned_t) < before:
+        what = f"each the mean of about {many}" if many > 1 else "one for each stretch of time"
+        notes.append(f"{before} rows thinned to {len(thinned_t)}, {what}")
     trace = replace(trace, t=thinned_t, theta=theta)
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
     return Measured(trace, zero, period, swing, lengths, scaled, open_end, tuple(notes))
@@ -176,6 +190,8 @@ def free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, flo
     sigma = float(noise(replace(trace, t=trace.t[known], theta=theta[known]))[0])
     swing = find_swing(file, trace.t, theta[:, 0], period, sigma)
     part = trace.between(swing.begin, swing.end)
+    seen = np.isfinite(part.theta[:, 0])
+    part = replace(part, t=part.t[seen], theta=part.theta[seen])
     # the reading at rest nearest to the middle of the swing
     turns = 2 * np.pi * np.round((float(np.nanmedian(part.theta[:, 0])) - swing.zero) / (2 * np.pi))
     zero = swing.zero + turns
@@ -211,7 +227,7 @@ def lengths_in_metres(
         raise SceneError(
             f"{file}: the angles of {count} links do not show their lengths. Give them [m]: --lengths {missing}"
         )
-    shown = gravity_of_last_link(times, motion.joint, motion.theta[:, -1], period)
+    shown = gravity_of_last_link(times, motion.joint, motion.theta[:, -1], SMOOTHED * period)
     lengths = motion.lengths.copy()
     if np.isnan(lengths[-1]):
         lengths[-1] = np.nanmean(lengths) if shown is None else shown[1]

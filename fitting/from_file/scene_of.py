@@ -15,6 +15,8 @@ from fitting.from_file.read_file import NOTHING, Given, Measured
 
 #: Drag at the start of the fit of several links, per mass [1/s], [1/m].
 DAMPING = 0.02
+#: Standard error of a length from points relative to the first one [%]: a lens distorts by as much.
+RULER = 0.2
 
 
 def propose_scene(measured: Measured, given: Given = NOTHING) -> dict[str, Any]:
@@ -26,13 +28,15 @@ def propose_scene(measured: Measured, given: Given = NOTHING) -> dict[str, Any]:
         linear = 0.5 * measured.swing.damping * mass
         quadratic = linear / max(measured.swing.rate * lengths[0], 1e-6)
         free = ["line.0.length", "b_l", "b_q", "camera.offset"]
+        priors = []
     else:
         lengths = np.array(measured.lengths)
         linear = quadratic = DAMPING * mass
         free = [f"line.0.mass.{j}" for j in range(1, count)]
         free += ["b_l", "b_q", "rig.scale", "camera.offset"]
-        if measured.open_end:
-            free.append(f"line.0.length.{count - 1}")
+        free += [f"line.0.length.{j}" for j in range(1, count)]
+        known = count - 1 if measured.open_end else count
+        priors = [{"of": f"line.0.length.{j}", "sigma": RULER, "unit": "%"} for j in range(1, known)]
     start = next(row for row in measured.trace.theta if np.isfinite(row).all())
     return {
         "description": f"Proposed by `dropper fit` for {measured.trace.name}.",
@@ -57,5 +61,5 @@ def propose_scene(measured: Measured, given: Given = NOTHING) -> dict[str, Any]:
             "quadratic_damping": {"b_q": float(quadratic)},
         },
         "start": {"kind": "angles", "zero": "down", "polar": [float(x) for x in start]},
-        "fit": {"free": free},
+        "fit": {"free": free, **({"prior": priors} if priors else {})},
     }

@@ -32,7 +32,7 @@ MARGIN = 0.4
 #: Difference of the log likelihoods of two units of the angle that decides between them.
 DECIDES = 4.0
 #: Periods of the stretches that are compared, and the least of their amplitudes as a fraction of the largest.
-BLOCK, LOUD = 3, 0.3
+BLOCK, LOUD = 3, 0.05
 #: Sum of squares of a stretch, in the median one, above which it is not free.
 RELEASED = 4.0
 
@@ -166,10 +166,12 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
     # one k for all amplitudes: in the wrong unit it changes with them
     free = np.concatenate([block for block, one in zip(loud, calm, strict=True) if one])
     in_radians, in_degrees = (regression(free * unit, True)[1] / unit**2 for unit in (1.0, np.pi / 180))
-    # difference of the log likelihoods; neighbouring samples of the grid share the rows of a polynomial
-    gain = 0.5 * len(free) / (2 * HALF + 1) * float(np.log(max(in_degrees, 1e-300) / max(in_radians, 1e-300)))
+    # difference of the log likelihoods; accelerations a few samples apart are independent
+    gain = 0.5 * len(free) / HALF * float(np.log(max(in_degrees, 1e-300) / max(in_radians, 1e-300)))
     if abs(gain) < DECIDES:
-        return ("deg", 0.0) if reach > 2 * np.pi else (None, gain)
+        # a swing of a few degrees is rarer than one of as many radians
+        likely = "deg" if reach > 2 * np.pi else "rad" if gain > -1.0 else None
+        return likely, 0.0
     return ("rad" if gain > 0 else "deg"), abs(gain)
 
 

@@ -1,4 +1,5 @@
-"""Long files as the rows that the motion needs: means over short stretches of time, without their curvature.
+"""Long files as the rows that the motion needs: means over short stretches of time, without their curvature; of
+uneven rows one for each stretch.
 
 The mean over a stretch of variance s^2 in time is off by s^2/2 times the acceleration; second differences of the means
 take it off.
@@ -10,6 +11,8 @@ import numpy as np
 
 #: Rows per period of the fastest link that a fit needs, and how many more are thinned.
 PER_PERIOD, FROM = 40, 80
+#: Spread of the number of rows per stretch above which one row stands for each instead of the mean.
+UNEVEN = 0.3
 
 
 def thin(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, int]:
@@ -25,9 +28,13 @@ def thin(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, n
         edges = np.arange(count + 1) * many
     else:
         stretch = period / PER_PERIOD
-        edges = np.searchsorted(t, np.arange(t[0], t[-1], stretch))
-        edges = np.unique(edges)
+        edges = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], stretch)))
         many = max(1, round(len(t) / max(len(edges) - 1, 1)))
+        number = np.diff(edges)
+        if np.std(number) > UNEVEN * np.mean(number):
+            # a log of an encoder's steps has few rows where the motion turns: no mean there lies on the motion
+            middle = (edges[:-1] + edges[1:]) // 2
+            return t[middle], theta[middle], 1
     parts = list(zip(edges[:-1], edges[1:], strict=True))
     times = np.array([t[a:b].mean() for a, b in parts])
     spread = np.array([t[a:b].var() for a, b in parts])

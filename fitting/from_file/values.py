@@ -39,7 +39,7 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
     if one:
         found.append(Value("effective length", value[length], error[length], "m"))
     else:
-        found += scaled_lengths(result, measured, value, error)
+        found += scaled_lengths(result, value)
     for name in value:
         if name.startswith("line.0.mass."):
             j = int(name.rsplit(".", 1)[1])
@@ -64,17 +64,18 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
     return found
 
 
-def scaled_lengths(
-    result: FitResult, measured: Measured, value: dict[str, float], error: dict[str, float]
-) -> list[Value]:
+def scaled_lengths(result: FitResult, value: dict[str, float]) -> list[Value]:
     """Lengths of several links [m]."""
     scene = result.scene
-    scale, of_scale = value.get("rig.scale", 1.0), error.get("rig.scale", 0.0)
+    names = list(value)
+    covariance = result.uncertainty.covariance
+    scale = value.get("rig.scale", 1.0)
     found = []
     for j, start in enumerate(np.ravel(scene.value("line.0.length"))):
         name = f"line.0.length.{j}"
         own = value.get(name, float(start))
-        spread = np.hypot(of_scale * own, scale * error.get(name, 0.0))
+        slope = np.array([own if one == "rig.scale" else scale if one == name else 0.0 for one in names])
+        spread = np.sqrt(max(float(slope @ covariance @ slope), 0.0)) if result.has_errors else np.nan
         found.append(Value(f"length {j + 1}", scale * own, float(spread), "m"))
     return found
 

@@ -6,17 +6,28 @@ LENGTH, DAMPING, RATE = 0.4, 0.08, 100.0
 
 
 def swing(duration=25.0, start=0.9, rate=RATE):
-    """Times and angles of a damped pendulum, by small steps of the semi-implicit Euler method."""
-    fine = 20
-    h = 1.0 / (rate * fine)
-    phi, omega = start, 0.0
+    """Times and angles of a damped pendulum by Runge and Kutta's method."""
+
+    def slope(y):
+        return np.array([y[1], -9.81 / LENGTH * np.sin(y[0]) - DAMPING * y[1]])
+
+    every = max(1, round(500 / rate))
+    h = 1.0 / (rate * every)
+    y = np.array([start, 0.0])
     found = []
-    for i in range(int(duration * rate) * fine):
-        if i % fine == 0:
-            found.append(phi)
-        omega += h * (-9.81 / LENGTH * np.sin(phi) - DAMPING * omega)
-        phi += h * omega
+    for i in range(int(duration * rate) * every):
+        if i % every == 0:
+            found.append(y[0])
+        y = step(slope, y, h)
     return np.arange(len(found)) / rate, np.array(found)
+
+
+def step(slope, y, h):
+    """One step of Runge and Kutta's method."""
+    k1 = slope(y)
+    k2 = slope(y + h / 2 * k1)
+    k3 = slope(y + h / 2 * k2)
+    return y + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(y + h * k3))
 
 
 def write(path, head, rows, separator=",", comma=False, places=5):
@@ -54,8 +65,5 @@ def double_pendulum():
     for i in range(3600):
         if i % 5 == 0:
             found.append(y[:2])
-        k1 = slope(y)
-        k2 = slope(y + h / 2 * k1)
-        k3 = slope(y + h / 2 * k2)
-        y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(y + h * k3))
+        y = step(slope, y, h)
     return np.arange(len(found)) / 120, np.array(found)

@@ -227,7 +227,11 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
             "throughout, or pushed again. Give a file with one free swing, or cut it out: --from, --until"
         )
     span = level[first : last + 1]
-    if span[-4:].mean() > (1 - DECAYS) * span[:4].mean():
+    middle = len(span) // 2
+    whole_falls = span[-4:].mean() < (1 - DECAYS) * span[:4].mean()
+    # a drive reaches a steady swing after a transient that falls
+    half_falls = span[-4:].mean() < (1 - 0.5 * DECAYS) * span[middle : middle + 4].mean()
+    if not (whole_falls and half_falls):
         raise SceneError(
             f"{file}: the amplitude does not fall in {end - begin:.3g} s: it is driven throughout, or too short to "
             "show damping. Give a longer free swing"

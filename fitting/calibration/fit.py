@@ -258,14 +258,32 @@ def fit_and_free(
     solution.problem = replace(solution.problem, known=known)
     solution.iterations += prepared.iterations
     result = summarise(replace(prepared, started=started, known=known), chosen.name, solution)
-    while result.status == "model_error" and result.laws.wrong.free and len(freed) < MOST_FREED:
-        freed.append(result.laws.wrong)
-        law = with_law(result.prepared, result.laws.wrong.free, result.solution)
-        result = summarise(law, chosen.name, again(law, chosen.name, at.loss))
-    result = explain(result, whole)
-    result.freed = freed
+    result = explain(free_laws(result, chosen, at.loss, freed, progress), whole)
     result.add_advice(at.found)
     progress(1.0, result.status)
+    return result
+
+
+def free_laws(
+    result: FitResult,
+    method: Method | GradientDescent | str = "shooting",
+    loss: Loss = LEAST_SQUARES,
+    freed: Sequence[Candidate | LawTest] = (),
+    progress: Progress = silent,
+) -> FitResult:
+    """The fit with the forces that its traces show freed too, one after another, from its end.
+
+    Args:
+        result: of a fit by this method and loss.
+        freed: what was freed before.
+    """
+    method = as_method(method)
+    found = list(freed)
+    while result.status == "model_error" and result.laws.wrong.free and len(found) < MOST_FREED:
+        found.append(result.laws.wrong)
+        law = with_law(result.prepared, result.laws.wrong.free, result.solution)
+        result = summarise(law, method.name, estimate(law, method, loss, progress))
+    result.freed = found
     return result
 
 

@@ -25,7 +25,15 @@ from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import Piece, Starts, Windows, cut, fewest_frames, fill, first_starts
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.of_scene import JointPrior, by_full_path, default_free, free_of_traces, full_names, rig_priors
+from fitting.parameters.of_scene import (
+    JointPrior,
+    by_full_path,
+    default_free,
+    default_rig,
+    free_of_traces,
+    full_names,
+    rig_priors,
+)
 from fitting.parameters.parameter import (
     Bounds,
     LostPlace,
@@ -63,6 +71,9 @@ class FitSettings:
             as `release.time` and `release.force` imply it.
         zero, sign, unit: angle convention of the traces; default from the files, otherwise inferred from the scene.
         columns: the files' columns if they have other names: `{"time": "timestamp", "theta_1": "angle"}`.
+        begin: samples before this time [s] are not fitted.
+        fixed: whether the scene's lengths and the zero of the angles are kept where neither the caller nor the scene's
+            `[fit]` lists what is free; otherwise a scale of the lengths and the zero are free too.
     """
 
     window: float | None = None
@@ -74,6 +85,8 @@ class FitSettings:
     sign: str | int | None = None
     unit: str | None = None
     columns: Mapping[str, str] | None = None
+    begin: float | None = None
+    fixed: bool = False
 
     @property
     def convention(self) -> Convention:
@@ -310,13 +323,15 @@ def prepare(
     say(0.0, "reading")
     scene = load_scene(scene)
     names = default_free(scene) if free is None else full_names(scene, free)
+    # a file is checked by the lengths and the zero of the scene, although they are free
+    rig = [] if free is not None or settings.fixed or settings.static_start else default_rig(scene)
     scene = with_effects(scene, names)
     model, state = build(scene)
     check_planar(model, state)
     read, notes = read_traces(traces, model, settings, names)
     release = release_of(scene, state, names, len(read), settings.static_start)
     changed = by_full_path(scene, start, bounds, priors)
-    parameters = adjust_parameters(free_of_traces(scene, model, names, release), *changed)
+    parameters = adjust_parameters(free_of_traces(scene, model, [*names, *rig], release), *changed)
     parameters, known = rig_priors(scene, model, at_frames(parameters, read))
     samples = choose_samples(read, scene, model, until, held_out, settings, release is not None)
     if simulator is None:
@@ -357,7 +372,7 @@ def read_traces(
     """The traces in the model's convention, checked, and notes for the user.
 
     Args:
-        free: names of the parameters that are fitted.
+        free: names of the parameters that are fitted, without the rig's by default.
 
     Raises:
         SceneError: files that cannot be read or do not belong to the scene.
@@ -401,7 +416,7 @@ def choose_samples(
     """
     held = check_spans(traces, held_out)
     rest = check_spans(traces, settings.rest, "rest")
-    spans = fitted_spans(traces, until, sorted([*held, *rest]))
+    spans = fitted_spans(traces, until, sorted([*held, *rest]), settings.begin)
     traces, notes = with_model_error(traces, scene)
     sigma = [np.hypot(noise(trace), trace.model_error) for trace in fitted_parts(traces, spans)]
     traces = [
@@ -542,22 +557,26 @@ def check_spans(
 
 
 def fitted_spans(
-    traces: Sequence[Trace], until: float | None, held_out: Sequence[tuple[float, float]]
+    traces: Sequence[Trace],
+    until: float | None,
+    held_out: Sequence[tuple[float, float]],
+    begin: float | None = None,
 ) -> list[tuple[int, float, float]]:
-    """(run, from, to) of all samples that may be fitted: before `until`, outside the held-out spans.
+    """(run, from, to) of all samples that may be fitted: from `begin` to `until`, outside the held-out spans.
 
     Raises:
         SceneError: nothing remains.
     """
     found = []
     for i, trace in enumerate(traces):
-        low, last = float(trace.t[0]), min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
-        for begin, end in [*held_out, (last, last)]:
-            if low < min(begin, last):
-                found.append((i, low, min(begin, last)))
+        low = float(trace.t[0]) if begin is None else max(float(trace.t[0]), begin)
+        last = min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
+        for start, end in [*held_out, (last, last)]:
+            if low < min(start, last):
+                found.append((i, low, min(start, last)))
             low = max(low, end)
     if not found:
-        raise SceneError("until, held-out: nothing remains to fit. Use spans that leave part of the trace")
+        raise SceneError("from, until, held-out: nothing remains to fit. Use spans that leave part of the trace")
     return found
 
 

@@ -27,6 +27,7 @@ from dropper_jax.cli.options import (
     table,
 )
 from dropper_jax.cli.outputs import add_out, deliver, out_file
+from fitting.cli.fit_file import add_file_options, fit_files, traces_for
 
 if TYPE_CHECKING:
     from dropper_jax.base.errors import Progress
@@ -44,13 +45,19 @@ METHODS = ("windows", "shooting", "gradient")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
+        "fit encoder.csv",
         "fit traces.csv --scene dropper-release-a --report report",
         "fit traces.csv --scene my-dropper.toml --free b_l,b_q --held-out 12:16",
     )
     parser.add_argument(
-        "traces", nargs="+", metavar="DATA", help="one CSV per run: t, theta_1..n; or one TOML file that names channels"
+        "traces",
+        nargs="+",
+        metavar="DATA",
+        help="one text file per run: times and angles or points; or one TOML file that names channels",
     )
-    parser.add_argument("--scene", required=True, help="name of a packaged scene, or a TOML file")
+    parser.add_argument(
+        "--scene", help="name of a packaged scene, or a TOML file (default: proposed from the file, in air)"
+    )
     add_set(parser)
     add_allow_outside(parser)
     add_effects(parser)
@@ -58,6 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--free",
         metavar="NAMES",
         help="parameters, such as b_l,line.0.inertia,release.time (default: those listed in [fit], else damping)",
+    )
+    parser.add_argument(
+        "--fixed", action="store_true", help="without --free and [fit]: keep the lengths and the zero of the angles"
     )
     parser.add_argument(
         "--start", action="append", default=[], metavar="NAME=VALUE", help="start value of a free parameter"
@@ -75,6 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--own", metavar="NAMES", help="of channels: parameters fitted separately for each run; reports mean and spread"
     )
+    parser.add_argument("--from", dest="since", type=number, metavar="T", help="fit only samples from this time on [s]")
     parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
     parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s] without fitting them")
     parser.add_argument(
@@ -104,6 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--integrator", help="scheme of the windows, such as tsit5 (default: rattle_4 for point masses)"
     )
     add_convention(parser)
+    add_file_options(parser)
     parser.add_argument("--huber", type=number, metavar="K", help="robust loss beyond K standard deviations")
     parser.add_argument("--robust", metavar="NAME", help="robust loss by name: huber or student")
     parser.add_argument("--student", action="store_true", help="Student's t loss with 4 degrees, for outliers")
@@ -157,9 +169,12 @@ def run(args: argparse.Namespace) -> int:
         "bounds": {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)},
         "priors": {key: _prior(key, text) for key, text in _pairs("prior", args.prior)},
     }
-    scene = read_scene(args)
-    check_intervals(args, scene, free)
-    if any(name.lower().endswith(".toml") for name in args.traces):
+    scene = None if args.scene is None else read_scene(args)
+    if scene is None:
+        check_without_scene(args)
+    else:
+        check_intervals(args, scene, free)
+    if scene is not None and any(name.lower().endswith(".toml") for name in args.traces):
         if plot:
             raise SceneError("--plot: only for traces of angles. Use --report for channels, which draws every run")
         return fit_to_channels(args, scene, free, shared)
@@ -170,6 +185,12 @@ def run(args: argparse.Namespace) -> int:
     from fitting.calibration.preparation import FitSettings
     from fitting.calibration.result import ACCEPTABLE
 
+    traces, found, about = [], {}, ""
+    if scene is not None:
+        traces, notes = traces_for(args, scene)
+        if notes:
+            found, about = {"assumed": notes}, "assumed\n" + "\n".join(f"  {note}" for note in notes)
+    foreign = scene is None or bool(found)
     settings = FitSettings(
         window=args.window,
         dt=args.dt,
@@ -178,13 +199,17 @@ def run(args: argparse.Namespace) -> int:
         static_start=args.static_start,
         zero=args.zero,
         sign=args.sign,
-        unit=args.unit,
-        columns=column_names(args.columns),
+        unit=None if foreign else args.unit,
+        begin=args.since,
+        fixed=args.fixed,
     )
     shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
     say = progress(args.quiet) or silent
-    run_fit = fit_and_free if args.auto_free else fit
-    result = run_fit(args.traces, scene, free, **shared, progress=say)
+    if scene is None:
+        result, found, about = fit_files(args, shared, say)
+    else:
+        run_fit = fit_and_free if args.auto_free else fit
+        result = run_fit(traces, scene, free, **shared, progress=say)
     add_judgements(result, args, say)
     result.accepted = args.accept_misfit
     if folder:
@@ -196,8 +221,22 @@ def run(args: argparse.Namespace) -> int:
 
         draw_fit(result, plot)
     print_warnings(result.warnings)
-    code = deliver(args.json, result.to_json(), text(result), out, failure_of(result))
+    words = "\n\n".join(filter(None, [about, text(result)]))
+    code = deliver(args.json, result.to_json() | found, words, out, failure_of(result))
     return OK if args.accept_misfit and result.status in ACCEPTABLE else code
+
+
+def check_without_scene(args: argparse.Namespace) -> None:
+    """Reject what only a scene can explain.
+
+    Raises:
+        SceneError: channels, or options of a scene.
+    """
+    if any(name.lower().endswith(".toml") for name in args.traces):
+        raise SceneError("--scene: missing; channels named in a TOML file need a scene")
+    for key in ("set", "static_start", "auto_free", "effects"):
+        if getattr(args, key):
+            raise SceneError(f"--{key.replace('_', '-')}: only with --scene; the scene of a file is proposed")
 
 
 def chosen_loss(args: argparse.Namespace) -> Loss:
@@ -231,14 +270,15 @@ def chosen_method(args: argparse.Namespace) -> Method:
 def check_intervals(args: argparse.Namespace, scene: Scene, free: list[str] | None) -> None:
     """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted."""
     from fitting.estimate.scene_fit import check_draws
-    from fitting.parameters.of_scene import default_free, full_names
+    from fitting.parameters.of_scene import default_free, default_rig, full_names
 
     if args.bootstrap is not None:
         check_draws(args.bootstrap)
     if not args.profile:
         return
     own = [] if args.own is None else args.own.split(",")
-    names = [*(default_free(scene) if free is None else free), *own]
+    by_default = [*default_free(scene), *([] if args.fixed else default_rig(scene))] if free is None else free
+    names = [*by_default, *own]
     known = [name if name.startswith(OF_DATA) else full_names(scene, [name])[0] for name in names]
     for name in args.profile.split(","):
         full = name if name.startswith(OF_DATA) else full_names(scene, [name.partition("@")[0]], "profile")[0]
@@ -287,11 +327,12 @@ OF_DESCENT = ("optimizer", "learning_rate", "steps")
 OF_TRACES = {
     **dict.fromkeys(
         (
-            *("until", "held_out", "window", "zero", "sign", "unit", "columns", "rest"),
+            *("since", "until", "held_out", "window", "zero", "sign", "unit", "columns", "rest"),
             *OF_DESCENT,
         )
     ),
-    **dict.fromkeys(("static_start", "advice", "auto_free", "compare_models", "accept_misfit"), False),
+    **dict.fromkeys(("rate", "counts", "lengths", "mass")),
+    **dict.fromkeys(("static_start", "fixed", "advice", "auto_free", "compare_models", "accept_misfit"), False),
     "method": "shooting",
 }
 
@@ -300,7 +341,9 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
     """Fit to the channels that a TOML file names."""
     for key, default in OF_TRACES.items():
         if getattr(args, key) != default:
-            raise SceneError(f"--{key.replace('_', '-')}: only for traces of angles. Omit it for channels")
+            raise SceneError(
+                f"--{key.replace('_', '-').replace('since', 'from')}: only for traces of angles. Omit it for channels"
+            )
     if len(args.traces) > 1:
         raise SceneError(f"DATA: {len(args.traces)} files; allowed: one TOML file, which lists its runs")
 
@@ -336,16 +379,6 @@ def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[f
     reason = "is not lo:hi; allowed: spans in s such as 40:45,45:50"
     parts = filter(None, (text or "").split(","))
     return [tuple(read_numbers(part, option, reason, ":", 2)) for part in parts]
-
-
-def column_names(text: str | None) -> dict[str, str] | None:
-    """Columns of a file by name, of `time=timestamp,theta_1=angle`."""
-    if text is None:
-        return None
-    pairs = [part.partition("=") for part in text.split(",")]
-    if wrong := next((name for name, _, column in pairs if not (name.strip() and column.strip())), None):
-        raise SceneError(f"--columns: {wrong!r} has no column; allowed: time=COLUMN,theta_1=COLUMN,...")
-    return {name.strip(): column.strip() for name, _, column in pairs}
 
 
 def _pairs(option: str, texts: list[str]) -> list[tuple[str, str]]:

@@ -29,7 +29,8 @@ from dropper_jax.cli.options import (
     read_spaced,
     table,
 )
-from fitting.cli.fit import add_convention, column_names
+from fitting.cli.fit import add_convention
+from fitting.cli.fit_file import column_names
 
 if TYPE_CHECKING:
     import numpy as np

@@ -22,6 +22,8 @@ from dropper_jax.model import Model
 from dropper_jax.run.build import build_model, model_slopes
 from dropper_jax.scene import PriorSpec
 from fitting.parameters.parameter import (
+    CAMERA,
+    SCALE,
     Bounds,
     Direction,
     ModelPlace,
@@ -199,6 +201,15 @@ def default_free(scene: Scene) -> list[str]:
     if not found:
         raise SceneError("free: the scene has no damping to fit. Use --free with paths such as b_l, b_q")
     return found
+
+
+def default_rig(scene: Scene) -> list[str]:
+    """What a ruler and a hand leave open: a factor of all lengths and the zero of the angles; none if `[fit]` lists
+    what is free, or without weight, which shows the lengths.
+    """
+    if (scene.fit is not None and scene.fit.free) or "weight" not in scene.effects:
+        return []
+    return [SCALE, CAMERA]
 
 
 def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list[str]:

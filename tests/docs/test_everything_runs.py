@@ -42,6 +42,7 @@ SHORTER = {
 #: Commands that are run by tests of their own, on smaller input: what they begin with, and the file of those tests.
 ELSEWHERE = {
     "cases SITE.toml --out": "tests/fitting/farm/cases/test_cases.py",
+    "fit encoder.csv": "tests/fitting/from_file/test_first_command.py",
     "fit mooring.toml": "tests/fitting/channels/test_fit_channels.py",
     "fit releases.toml": "tests/fitting/channels/test_between.py",
     "fit RUN.csv --scene measured-single-pendulum": "tests/fitting/calibration/test_measured.py",

@@ -133,6 +133,7 @@ def test_what_a_user_can_mend_is_one_line_and_exit_code_2(files, capsys, more, w
 @pytest.mark.slow
 def test_a_gradient_fit_lists_its_descent_and_draws_it(files, capsys):
     options = ["--method", "gradient", "--optimizer", "adam", "--learning-rate", "0.4", "--steps", "80", "--until", "8"]
+    options += ["--fixed"]
     code = main(
         ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), *options,
          "--report", str(files / "descent"), "--json"]

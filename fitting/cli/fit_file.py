@@ -1,0 +1,169 @@
+"""`dropper fit FILE...` without a scene: a scene is proposed, fitted, and written with the command that repeats it."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.cli.options import number, table
+
+#: Model error that a fit to a file may assume, as a fraction of the motion.
+SMALL_ERROR = 0.003
+
+if TYPE_CHECKING:
+    from dropper_jax.load.scene import Scene
+    from fitting.calibration.result import FitResult
+    from fitting.from_file.read_file import Given
+    from fitting.traces.trace import Trace
+
+
+def add_file_options(parser: argparse.ArgumentParser) -> None:
+    """--rate, --counts, --lengths, --mass."""
+    parser.add_argument("--rate", type=number, metavar="FPS", help="rows per second of a file that counts frames")
+    parser.add_argument(
+        "--counts", type=number, metavar="N", help="counts per turn of an encoder whose angle is in counts"
+    )
+    parser.add_argument("--lengths", metavar="L1,L2,...", help="lengths [m] of links whose angles alone are measured")
+    parser.add_argument(
+        "--mass", type=number, metavar="KG", help="mass of each link, for damping in kg/s without a scene"
+    )
+
+
+def given_of(args: argparse.Namespace) -> Given:
+    """What the options state about the files.
+
+    Raises:
+        SceneError: a number that is not positive.
+    """
+    from fitting.from_file.read_file import Given
+
+    lengths = None
+    if args.lengths is not None:
+        lengths = tuple(positive(part, "--lengths", "m") for part in args.lengths.split(","))
+    for key in ("rate", "counts", "mass"):
+        value = getattr(args, key)
+        if value is not None:
+            positive(value, f"--{key}", {"rate": "1/s", "counts": "-", "mass": "kg"}[key])
+    return Given(
+        columns=column_names(args.columns),
+        unit=args.unit,
+        rate=args.rate,
+        counts=args.counts,
+        lengths=lengths,
+        mass=args.mass,
+        begin=args.since,
+    )
+
+
+def is_trace_file(file: str) -> bool:
+    """Whether a file has the columns of a trace, `t` and `theta_1`, under these names."""
+    from fitting.from_file.cells import read_lines
+
+    heads = [line for line in read_lines(Path(file))[:100] if not line.lstrip().startswith("#")]
+    names = re.split(r"[,;\s]+", heads[0].strip()) if heads else []
+    return "t" in names and "theta_1" in names
+
+
+def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:
+    """The files for a scene: those of other programs as traces, and how they were read."""
+    from fitting.from_file.read_file import read_measured
+
+    given = given_of(args)
+    stated = (args.rate, args.counts, args.columns)
+    if args.mass is not None or args.lengths is not None:
+        raise SceneError("--mass, --lengths: only without --scene; the scene has them")
+    found: list[str | Trace] = []
+    notes = []
+    for file in args.traces:
+        if is_trace_file(file) and not any(stated):
+            found.append(file)
+            continue
+        measured = read_measured(file, given, scene.lines[0].links)
+        found.append(measured.trace)
+        notes += [f"{measured.trace.name}: {note}" for note in measured.notes]
+    return found, notes
+
+
+def positive(text: str | float, option: str, unit: str) -> float:
+    """A positive number of an option."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise SceneError(f"{option}: {text!r} is not a number [{unit}]") from None
+    if not 0 < value < float("inf"):
+        raise SceneError(f"{option}: {value:g} is not positive; allowed: > 0 [{unit}]")
+    return value
+
+
+def column_names(text: str | None) -> dict[str, str] | None:
+    """Columns of a file by name, of `time=timestamp,theta_1=angle`."""
+    if text is None:
+        return None
+    pairs = [part.partition("=") for part in text.split(",")]
+    if wrong := next((name for name, _, column in pairs if not (name.strip() and column.strip())), None):
+        raise SceneError(f"--columns: {wrong!r} has no column; allowed: time=COLUMN,theta_1=COLUMN,...")
+    return {name.strip(): column.strip() for name, _, column in pairs}
+
+
+def fit_files(args: argparse.Namespace, shared: dict[str, Any], say: Progress) -> tuple[FitResult, dict[str, Any], str]:
+    """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
+    from dropper_jax.load.scene import Scene
+    from fitting.calibration.fit import fit, free_laws
+    from fitting.from_file.output import new_folder, write_case
+    from fitting.from_file.read_file import read_measured
+    from fitting.from_file.scene_of import propose_scene
+    from fitting.from_file.values import found_values, value_rows
+
+    given = given_of(args)
+    measured = [read_measured(file, given) for file in args.traces]
+    if len({one.trace.links for one in measured}) > 1:
+        counts = ", ".join(f"{one.trace.name} {one.trace.links}" for one in measured)
+        raise SceneError(f"the files show different numbers of links: {counts}. Fit each rig alone")
+    plain = propose_scene(measured[0], given)
+    free = None if args.free is None else args.free.split(",")
+
+    def fit_plain() -> FitResult:
+        scene = Scene.from_dict(plain, measured[0].trace.name)
+        found = fit([one.trace for one in measured], scene, free, **shared, progress=say)
+        return free_laws(found, shared["method"], shared["loss"], progress=say)
+
+    result = fit_plain()
+    assumed = [f"{one.trace.name}: {note}" for one in measured for note in one.notes]
+    if result.status == "misfit" and (error := model_error_of(result)) is not None and free is None:
+        # bearings depart from any model by a small angle, which hides the law: dry friction is then free without a test
+        plain["effects"]["joint_friction"] = {"dry": 1e-4 * (given.mass or 1.0), "axis": [0.0, 1.0, 0.0]}
+        plain["fit"] |= {"free": [*plain["fit"]["free"], "dry"], "model_error": error}
+        assumed.append(
+            f"the residuals exceed the noise: the rig departs by {error:g} rad from this model, and has dry friction"
+        )
+        result = fit_plain()
+    folder = new_folder(measured[0].trace.name) if args.report is None else args.report
+    case = write_case(folder, measured, plain)
+    values = found_values(result, measured[0], args.mass)
+    assumed.append(model_note(measured[0].trace.links, args.mass))
+    parts = [
+        "assumed\n" + "\n".join(f"  {note}" for note in assumed),
+        table(value_rows(values)),
+        f"repeat with: {case.command}",
+    ]
+    plain_values = {one.name: {"value": one.value, "std_error": one.std_error, "unit": one.unit} for one in values}
+    return result, {"assumed": assumed, "found": plain_values, "repeat": case.command}, "\n\n".join(parts)
+
+
+def model_error_of(result: FitResult) -> float | None:
+    """The model error [rad] that explains a misfit; None where it is not small compared with the motion."""
+    motion = min(float(np.nanstd(column)) for trace in result.traces for column in trace.theta.T)
+    error = float(f"{result.rms:.2g}")
+    return error if error < SMALL_ERROR * motion and not result.wrong_file else None
+
+
+def model_note(links: int, mass: float | None) -> str:
+    """What the proposed scene assumes, in words."""
+    what = "one pendulum of an effective length" if links == 1 else f"{links} massless links with masses at their ends"
+    scale = "a mass of 1 kg: damping is per mass" if mass is None else f"masses of {mass:g} kg"
+    return f"model: {what}, in air, linear and quadratic drag, gravity 9.81 m/s^2; {scale}"

@@ -1,0 +1,154 @@
+"""Columns of angles as continuous angles in radians: wraps, counts, degrees, and logs of an encoder's steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from fitting.from_file.swing import main_period, unit_of_angle
+
+#: Radians per unit.
+RADIANS = {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3}
+#: Range of whole numbers above which they are not degrees.
+LARGEST_DEGREES = 400.0
+#: Fraction of the rows of a log that must differ by exactly one step.
+EVERY_STEP = 0.97
+
+
+@dataclass(frozen=True)
+class Angles:
+    """Angles (k, n) [rad] without jumps, at times (k,) in the file's unit.
+
+    Attributes:
+        step: difference of two readings [rad]; 0 if they are not rounded visibly.
+        notes: how they were read.
+    """
+
+    t: np.ndarray
+    theta: np.ndarray
+    step: float
+    notes: tuple[str, ...]
+
+
+def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, counts: float | None) -> Angles:
+    """Angles of columns (k, n) in the file's unit.
+
+    Args:
+        unit: by name or as the user gives it; None: from the motion.
+        counts: of an encoder per turn, if known.
+
+    Raises:
+        SceneError: counts without their number per turn, an undecided unit.
+    """
+    notes = []
+    turn = wrap_of(raw)
+    steps = [step_of(column) for column in raw.T]
+    step = max(steps)
+    known = raw[np.isfinite(raw)]
+    whole = bool(np.all(known == np.round(known))) and step >= 1.0
+    reach = float(np.max(np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0)))
+    if unit is None and (counts is not None or (whole and reach > LARGEST_DEGREES)):
+        unit = "counts"
+    if unit == "counts":
+        counts = counts or turn
+        if counts is None:
+            raise SceneError(f"{file}: the angle is in counts of an encoder. Give the counts per turn: --counts 4096")
+        notes.append(f"angle in counts, {counts:g} per turn")
+        turn, size = counts, 2 * np.pi / counts
+    elif unit is None and turn is not None:
+        unit = "deg" if turn > 300 else "rad"
+        notes.append(f"angle in {unit}, as its wraps of {turn:.4g} show")
+        size = RADIANS[unit]
+    else:
+        size = RADIANS.get(unit or "", 0.0)
+        turn = 2 * np.pi / size if size else None
+    theta = np.stack([without_wraps(column, turn) for column in raw.T], axis=1) if turn else raw
+    if theta.shape[1] == 1 and is_log_of_steps(theta[:, 0], step):
+        # a row is written where the reading changes: the angle is then between the two readings
+        theta, t = 0.5 * (theta[1:] + theta[:-1]), t[1:]
+        notes.append("a row at each step of the encoder: read as the middle of the step")
+        step = 0.0
+    if unit is None:
+        unit, why = decide_unit(file, t, theta)
+        notes.append(f"angle in {unit}: {why}")
+        size = RADIANS[unit]
+    elif unit in RADIANS and len(notes) == 0:
+        notes.append(f"angle in {unit}")
+    if step:
+        notes.append(f"readings in steps of {step * size:.3g} rad")
+    return Angles(t, size * theta, size * step, tuple(notes))
+
+
+def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:
+    """Radians or degrees of angles (k, n) without a named unit, and why.
+
+    Raises:
+        SceneError: undecided.
+    """
+    reach = 0.5 * float(np.max(np.nanquantile(theta, 0.995, axis=0) - np.nanquantile(theta, 0.005, axis=0)))
+    if theta.shape[1] > 1:
+        unit = "deg" if reach > 2 * np.pi else "rad"
+        return unit, f"angles reach {reach:.3g}"
+    unit, ratio = unit_of_angle(t, theta[:, 0], main_period(t, theta))
+    if unit is None:
+        raise SceneError(f"{file}: the angle may be in rad or deg. Give its unit: --unit deg or --unit rad")
+    if ratio == np.inf:
+        return unit, f"as degrees, {reach:.2g} would hardly be a motion"
+    if ratio == 0.0:
+        return unit, "its range suggests it, the period does not decide; --unit states it"
+    return unit, "the period grows with the amplitude as in this unit"
+
+
+def wrap_of(raw: np.ndarray) -> float | None:
+    """Size of the jumps of a wrapped angle in its unit; None if it has none."""
+    jumps = np.concatenate([np.abs(np.diff(column[np.isfinite(column)])) for column in raw.T])
+    reach = float(np.nanmax(raw) - np.nanmin(raw))
+    large = jumps[jumps > 0.8 * reach]
+    usual = np.quantile(jumps, 0.9)
+    if not len(large) or len(large) > 0.1 * len(jumps) or np.median(large) < 10 * usual:
+        return None
+    for turn in (360.0, 2 * np.pi, *(2.0**n for n in range(8, 25)), 1000.0, 2000.0, 4000.0, 10000.0):
+        if np.all(np.abs(large - turn) < max(0.1 * turn, 3 * usual)) and reach <= 1.001 * turn and reach > 0.9 * turn:
+            return turn
+    return None
+
+
+def without_wraps(column: np.ndarray, turn: float) -> np.ndarray:
+    """A column (k,) without jumps of a full turn; missing samples stay."""
+    found = column.copy()
+    known = np.isfinite(column)
+    found[known] = np.unwrap(column[known], period=turn)
+    return found
+
+
+def step_of(column: np.ndarray) -> float:
+    """Difference of two readings of a rounded column (k,) that covers many of its own steps; otherwise 0."""
+    known = column[np.isfinite(column)]
+    values = np.unique(known)
+    steps = np.diff(values)
+    steps = steps[steps > 1e-9 * max(1.0, float(np.max(np.abs(values), initial=0.0)))]
+    if len(steps) < 3 or len(values) > 0.5 * len(known):
+        return step_of_log(known)
+    step = float(np.min(steps))
+    off = np.abs(steps / step - np.round(steps / step))
+    return step if np.mean(off < 0.1) > 0.9 else 0.0
+
+
+def step_of_log(known: np.ndarray) -> float:
+    """The one size of all changes of a column, otherwise 0."""
+    change = np.abs(np.diff(known))
+    change = change[change > 0]
+    if len(change) < 10:
+        return 0.0
+    step = float(np.median(change))
+    return step if np.mean(np.abs(change / step - 1.0) < 0.02) > EVERY_STEP else 0.0
+
+
+def is_log_of_steps(column: np.ndarray, step: float) -> bool:
+    """Whether (nearly) every row differs from the one before by exactly one step."""
+    if not step > 0:
+        return False
+    change = np.abs(np.diff(column[np.isfinite(column)]))
+    return float(np.mean(np.abs(change - step) < 0.05 * step)) > EVERY_STEP

@@ -1,0 +1,203 @@
+"""Cells of a text file: separator, decimal comma, one or two rows of names, clock times, missing samples."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+
+#: Largest file that is read [bytes]: an hour at 1 kHz with ten columns is 300 MB.
+LARGEST = 500_000_000
+#: Bytes in which a zero byte shows that a file is not text.
+HEAD = 65536
+#: Rows that decide between separators, and the fraction of their cells that must be numbers.
+TRIED, NUMBERS = 200, 0.5
+#: Text of a missing sample.
+MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--", "inf", "-inf", "#n/a", "#nv")
+#: Hours, minutes and seconds, after a date or alone.
+CLOCK = re.compile(r"(?:\d{4}-\d\d-\d\d[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The numbers of a file.
+
+    Attributes:
+        file: its name.
+        comments: lines before and between the rows that are not samples.
+        names: of the columns; a column without a name is called `column_1`, `column_2` ...
+        values: (rows, columns); NaN is missing.
+        clock: whether a column contained times of day (columns,).
+    """
+
+    file: str
+    comments: tuple[str, ...]
+    names: tuple[str, ...]
+    values: np.ndarray
+    clock: tuple[bool, ...]
+
+
+def read_cells(path: Path) -> Cells:
+    """The numbers of a file.
+
+    Raises:
+        SceneError: a file that cannot be read, is not text, is too large or has no rows of numbers.
+    """
+    lines = read_lines(path)
+    separator, comma = separator_of(path.name, lines)
+    rows = [split(line, separator) for line in lines]
+    widths = [len(row) for row in rows if is_sample(row, comma)]
+    if len(widths) < 2:
+        raise SceneError(f"{path.name}: has no rows of numbers. Give a text file with a row per sample: time and angle")
+    width = max(set(widths), key=widths.count)
+    samples = []
+    before: list[list[str]] = []
+    comments = []
+    for line, row in zip(lines, rows, strict=True):
+        if is_sample(row, comma) and len(row) == width:
+            samples.append(row)
+            continue
+        comments.append(line.strip())
+        if not samples and not line.lstrip().startswith("#"):
+            before.append(row)
+    columns = list(zip(*samples, strict=True))
+    values = np.array([[number(cell, comma) for cell in column] for column in columns]).T
+    clock = tuple(any(CLOCK.fullmatch(cell.strip()) for cell in column[:10]) for column in columns)
+    return Cells(path.name, tuple(comments), names_of(before, width), values, clock)
+
+
+def read_lines(path: Path) -> list[str]:
+    """Lines of a text file that are not empty.
+
+    Raises:
+        SceneError: a file that cannot be read, is not text or is too large.
+    """
+    try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise SceneError(
+                f"{path.name}: has {size / 1e9:.3g} GB; allowed: {LARGEST / 1e9:g} GB. Keep the columns of time and "
+                "angle, or every tenth row"
+            )
+        data = path.read_bytes()
+    except OSError as error:
+        raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+    if not data.strip():
+        raise SceneError(f"{path.name}: is empty. Give a text file with a row per sample: time and angle")
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    if b"\0" in data[:HEAD] and not wide:
+        raise SceneError(f"{path.name}: is not text. Export it as CSV: a row per sample, time and angle")
+    try:
+        text = data.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("latin-1")  # headers with umlauts or degree signs of older programs
+    return [line for line in text.splitlines() if line.strip() and not re.fullmatch(r"sep=.", line.strip())]
+
+
+def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
+    """The separator of columns (None: white space) and whether decimals have a comma, from the middle of a file.
+
+    Raises:
+        SceneError: no separator gives rows of equal numbers.
+    """
+    middle = lines[len(lines) // 3 :][:TRIED]
+    best: tuple[float, str | None, bool] | None = None
+    # a comma between columns is tried last: rows of decimal commas have a comma too
+    for separator, comma in ((";", True), ("\t", True), (None, True), (",", False), ("|", True)):
+        rows = [split(line, separator) for line in middle]
+        width = max(map(len, rows))
+        decimals = comma and any(re.fullmatch(r"\s*[+-]?\d*,\d+\s*", cell) for row in rows for cell in row)
+        good = [row for row in rows if len(row) == width and is_sample(row, decimals)]
+        score = len(good) / len(rows) * (width > 1 or 0.5)
+        if score > NUMBERS / 2 and (best is None or score > best[0]):
+            best = score, separator, bool(decimals)
+    if best is None:
+        raise SceneError(f"{file}: has no rows of numbers. Give a text file with a row per sample: time and angle")
+    if best[1] == "," and best[0] > 0.9:
+        check_commas(file, [split(line, ",") for line in middle])
+    return best[1], best[2]
+
+
+def check_commas(file: str, rows: Sequence[Sequence[str]]) -> None:
+    """Reject decimal commas between columns separated by commas: `0,016,12,5`."""
+    pairs = [row for row in rows if len(row) >= 4 and len(row) % 2 == 0]
+    whole = [all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row) for row in pairs]
+    padded = [any(cell.strip().startswith("0") and len(cell.strip()) > 1 for cell in row[1::2]) for row in pairs]
+    if len(pairs) == len(rows) and all(whole) and np.mean(padded) > 0.1:
+        raise SceneError(
+            f"{file}: decimal commas in a file with comma-separated columns. Use semicolons between columns"
+        )
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    """Cells of a line."""
+    if separator is None:
+        return line.split()
+    if '"' in line:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    cells = line.split(separator)
+    if len(cells) > 1 and not cells[-1].strip():
+        cells = cells[:-1]  # a separator at the end of every row
+    return cells
+
+
+def is_sample(row: Sequence[str], comma: bool) -> bool:
+    """Whether a row has numbers, and otherwise only missing samples."""
+    known = [math.isfinite(number(cell, comma)) for cell in row]
+    missing = [cell.strip().lower() in MISSING for cell in row]
+    return any(known) and all(one or other for one, other in zip(known, missing, strict=True))
+
+
+def number(cell: str, comma: bool) -> float:
+    """The number of a cell, in seconds for a time of day; NaN is missing."""
+    text = cell.strip().strip('"')
+    if comma:
+        text = text.replace(".", "").replace(",", ".") if "," in text else text
+    try:
+        value = float(text)
+    except ValueError:
+        time = CLOCK.fullmatch(text)
+        if time is None:
+            return math.nan
+        hours, minutes, seconds = time.groups()
+        value = 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
+    return value if math.isfinite(value) else math.nan
+
+
+def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
+    """Names of the columns from the rows above the samples: the last row of that width, below a row of groups.
+
+    `mass_A,,,mass_B,,` above `t,x,y,t,x,y` gives `mass_A t`, `mass_A x` ...
+    """
+    heads = [[cell.strip().strip('"') for cell in row] for row in before if len(row) in (width, width - 1, width + 1)]
+    heads = [[*row, *[""] * width][:width] for row in heads]
+    if not heads:
+        return tuple(f"column_{i + 1}" for i in range(width))
+    last = heads[-1]
+    if (
+        len(heads) > 1
+        and all(re.fullmatch(r"[\[(]?[^\w]*[a-zA-Z°/µ²%]*[\])]?", cell) for cell in last)
+        and any(cell.strip("[]()") in UNITS for cell in last)
+    ):
+        last = [f"{name} [{unit.strip('[]()')}]" if unit else name for name, unit in zip(heads[-2], last, strict=True)]
+        heads = heads[:-1]
+    groups = heads[-2] if len(heads) > 1 else [""] * width
+    group = ""
+    found = []
+    for i, (above, name) in enumerate(zip(groups, last, strict=True)):
+        group = above or group
+        text = f"{group} {name}".strip() if group and group != name else name
+        found.append(text or f"column_{i + 1}")
+    return tuple(found)
+
+
+#: Units that may have a row of their own below the names.
+UNITS = ("s", "ms", "us", "µs", "sec", "min", "deg", "°", "rad", "mrad", "m", "cm", "mm", "px", "pixel", "counts")

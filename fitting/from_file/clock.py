@@ -1,0 +1,114 @@
+"""Times of a file: seconds, milliseconds or frames; rows that repeat, jump back or are a second run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+
+#: Seconds per unit of time.
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+#: Periods of pendulums from 2 cm to 60 m [s]: a unit of time is read such that the motion's period is one of these.
+SHORTEST, LONGEST = 0.25, 16.0
+#: Rows of a part after a jump back, below which they are in disorder and not another run.
+SECOND_RUN = 30
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows with times in the file's unit that increase.
+
+    Attributes:
+        t: (k,) in the unit of the file, from the first row on.
+        start: time of the first row in the unit of the file.
+        values: (k, columns).
+        notes: what was left out.
+    """
+
+    t: np.ndarray
+    values: np.ndarray
+    start: float
+    notes: tuple[str, ...]
+
+
+def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
+    """Rows with increasing times: the longest run, without repeated rows and in order.
+
+    Raises:
+        SceneError: fewer than ten rows remain.
+    """
+    notes = []
+    known = np.isfinite(t) & np.isfinite(values).any(axis=1)
+    t, values = t[known], values[known]
+    # restarts: the time jumps back by more than half of what has passed since the last restart
+    starts = [0]
+    for i in np.flatnonzero(np.diff(t) < 0) + 1:
+        back = t[i - 1] - t[i]
+        if back > 0.5 * (t[i - 1] - t[starts[-1]]) and i - starts[-1] > SECOND_RUN:
+            starts.append(int(i))
+    if len(starts) > 1:
+        ends = [*starts[1:], len(t)]
+        lengths = [end - start for start, end in zip(starts, ends, strict=True)]
+        best = int(np.argmax(lengths))
+        part = slice(starts[best], ends[best])
+        notes.append(
+            f"times start again {len(starts) - 1} times: the longest run is used, rows {starts[best] + 1} to "
+            f"{ends[best]}"
+        )
+        t, values = t[part], values[part]
+    backwards = int(np.sum(np.diff(t) < 0))
+    if backwards:
+        notes.append(f"times jump back in {backwards} rows: rows sorted by time")
+        order = np.argsort(t, kind="stable")
+        t, values = t[order], values[order]
+    # repeated times: means of their rows
+    different, first, counts = np.unique(t, return_index=True, return_counts=True)
+    repeated = len(t) - len(different)
+    if repeated:
+        notes.append(f"{repeated} rows repeat a time: averaged")
+        group = np.repeat(np.arange(len(different)), counts)
+        known = np.isfinite(values)
+        total = np.zeros((len(different), values.shape[1]))
+        number = np.zeros((len(different), values.shape[1]))
+        np.add.at(total, group, np.where(known, values, 0.0))
+        np.add.at(number, group, known)
+        t, values = different, np.where(number > 0, total / np.maximum(number, 1), np.nan)
+    if len(t) < 10:
+        raise SceneError(f"{file}: has {len(t)} rows with different times; allowed: at least 10")
+    return Rows(t - t[0], values, float(t[0]), tuple(notes))
+
+
+def unit_of_time(
+    file: str, t: np.ndarray, period: float, named: str | None, rate: float | None, column: str | None
+) -> tuple[float, str]:
+    """Seconds per unit of the file's times, and how it was found.
+
+    Args:
+        t: times (k,) in the file's unit.
+        period: of the motion, in the file's unit.
+        named: unit by the column's name; `frames` counts frames; None: unknown.
+        rate: frames or rows per second, if known.
+        column: name of the column; None: rows are counted.
+
+    Raises:
+        SceneError: frames without a rate, times of no unit.
+    """
+    if named in SECONDS:
+        return SECONDS[named], f"times in {named}"
+    counted = named is None and bool(np.all(np.diff(t) == 1.0))
+    if column is None or named == "frames" or counted:
+        if rate is None:
+            what = "has no column of times" if column is None else f"counts frames ({column!r})"
+            raise SceneError(f"{file}: {what}. Give the frames per second: --rate 60")
+        return 1.0 / rate, f"{rate:g} frames per second"
+    fits = [unit for unit, size in SECONDS.items() if SHORTEST < size * period < LONGEST]
+    if fits:
+        return SECONDS[fits[0]], f"times in {fits[0]}, as a period of {SECONDS[fits[0]] * period:.3g} s shows"
+    if rate is not None:
+        return 1.0 / rate, f"{rate:g} frames per second"
+    raise SceneError(
+        f"{file}: {column!r} has {period:.3g} units per swing, neither s, ms nor us. If it counts frames, give "
+        "their rate: --rate 60"
+    )

@@ -1,0 +1,245 @@
+"""A measured file of any program as a trace: columns, clock, unit, free swing and thinning, each said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from dropper_jax.base.constants import GRAVITY
+from dropper_jax.base.errors import SceneError
+from fitting.from_file.angles import read_angles
+from fitting.from_file.cells import Cells, read_cells
+from fitting.from_file.clock import ordered_rows, unit_of_time
+from fitting.from_file.columns import Columns, find_columns
+from fitting.from_file.points import read_points
+from fitting.from_file.swing import Swing, find_swing, gravity_of_last_link, main_period
+from fitting.from_file.thinning import thin
+from fitting.traces.trace import Convention, Trace, noise, without_spikes
+
+#: Metres per unit of length.
+METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+#: Ratio of a unit of length to that which gravity shows, within which the unit is taken.
+FITS_UNIT = 1.3
+#: Period of the smoothing of a chain, whose links swing faster than its main motion.
+SMOOTHED = 0.6
+#: Rows that show the noise.
+FOR_NOISE = 6000
+#: First time [s] above which the clock of a trace starts at its first row.
+LATE = 1e5
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a user states about a file; None: found from it.
+
+    Attributes:
+        columns: by `time`, `theta_1`, `x_1`, `y_1` ..., the names of columns.
+        unit: of angles, `rad`, `deg` or `counts`.
+        rate: frames or rows per second [1/s].
+        counts: of an encoder per turn.
+        lengths: of the links [m].
+        mass: of each link's end [kg].
+        begin, until: span that is used [s] of the file's clock.
+    """
+
+    columns: Mapping[str, str] | None = None
+    unit: str | None = None
+    rate: float | None = None
+    counts: float | None = None
+    lengths: tuple[float, ...] | None = None
+    mass: float | None = None
+    begin: float | None = None
+    until: float | None = None
+
+
+#: Everything is found from the file.
+NOTHING = Given()
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A file as a trace.
+
+    Attributes:
+        trace: angles from straight down [rad], thinned.
+        zero: reading at rest that was subtracted [rad].
+        period: of the main motion [s].
+        swing: the free swing of one link; None for several.
+        lengths: of the links [m] as points or the user give them; None: unknown.
+        scaled: whether gravity alone gives the lengths their scale.
+        open_end: whether the length of the last link follows from the motion alone.
+        notes: how everything was found.
+    """
+
+    trace: Trace
+    zero: float
+    period: float
+    swing: Swing | None
+    lengths: np.ndarray | None
+    scaled: bool
+    open_end: bool
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Angles (k, n) [rad] at times (k,) in the file's unit; of points the start of the last link (k,) and the lengths
+    of the links (n,) in the file's unit of length."""
+
+    t: np.ndarray
+    theta: np.ndarray
+    joint: np.ndarray | None = None
+    lengths: np.ndarray | None = None
+    notes: tuple[str, ...] = field(default=())
+
+
+def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = None) -> Measured:
+    """A file as a trace.
+
+    Args:
+        links: of the scene, if there is one: lengths are then known.
+
+    Raises:
+        SceneError: one line with what is wrong or missing, and what to give.
+    """
+    path = Path(path)
+    cells = read_cells(path)
+    columns = find_columns(cells, given.columns)
+    t = np.arange(len(cells.values), dtype=float) if columns.time is None else cells.values[:, columns.time]
+    used = columns.angles or tuple(i for pair in columns.points for i in pair)
+    rows = ordered_rows(cells.file, t, cells.values[:, used])
+    motion = motion_of(cells, columns, rows.t, rows.values, given)
+    name = None if columns.time is None else cells.names[columns.time]
+    period = main_period(motion.t, motion.theta)
+    rate = given.rate or columns.rate
+    named = "frames" if given.rate and columns.time_unit is None else columns.time_unit
+    second, how = unit_of_time(cells.file, motion.t, period, named, rate, name)
+    # dates in seconds since 1970 lose digits
+    start = second * rows.start if abs(second * rows.start) < LATE else 0.0
+    times, period = start + second * motion.t, second * period
+    count = motion.theta.shape[1]
+    if links is not None and count != links:
+        raise SceneError(f"{cells.file}: shows {count} links, but the scene has {links}. Use the scene of this file")
+    notes = [*columns.notes, how, *rows.notes, *motion.notes]
+    if rows.start and not start:
+        notes.append("the clock starts at the first row")
+    # zero and sign of a scene's own links follow from its pose
+    hangs = count == 1 or bool(columns.points)
+    convention = Convention("down", 1, "rad") if hangs else Convention(unit="rad")
+    if links is None:
+        convention = Convention("down", 1, "rad")
+    trace = Trace(path.stem, times, motion.theta, convention=convention)
+    trace = cut_span(trace, given)
+    swing = None
+    zero = 0.0
+    if count == 1:
+        trace, swing, zero = free_part(cells.file, trace, period)
+        notes += [*swing.notes, f"the reading at rest, {zero:.4g} rad, is subtracted"]
+    lengths, scaled, note = lengths_in_metres(cells.file, columns, motion, times, period, given, count, links)
+    notes += note
+    fastest = period
+    if count > 1:
+        fastest = 0.5 * period if lengths is None else 2 * np.pi * np.sqrt(float(lengths.min()) / GRAVITY)
+    before = len(trace.t)
+    thinned_t, theta, many = thin(trace.t, trace.theta, fastest)
+    if len(thinned_t) < before:
+        what = f"each the mean of about {many}" if many > 1 else "one for each stretch of time"
+        notes.append(f"{before} rows thinned to {len(thinned_t)}, {what}")
+    trace = replace(trace, t=thinned_t, theta=theta)
+    open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
+    return Measured(trace, zero, period, swing, lengths, scaled, open_end, tuple(notes))
+
+
+def motion_of(cells: Cells, columns: Columns, t: np.ndarray, values: np.ndarray, given: Given) -> Motion:
+    """Angles of the columns' values (k, columns)."""
+    if columns.points:
+        points = np.stack([values[:, 2 * i] + 1j * values[:, 2 * i + 1] for i in range(len(columns.points))])
+        links = read_points(cells.file, points)
+        return Motion(t, links.theta, links.joint, links.lengths, links.notes)
+    angles = read_angles(cells.file, t, values, given.unit or columns.angle_unit, given.counts)
+    return Motion(angles.t, angles.theta, notes=angles.notes)
+
+
+def cut_span(trace: Trace, given: Given) -> Trace:
+    """The trace between the times that the user gives.
+
+    Raises:
+        SceneError: hardly a row lies between them.
+    """
+    low = -np.inf if given.begin is None else given.begin
+    high = np.inf if given.until is None else given.until
+    found = trace.between(low, high)
+    if len(found.t) < 10:
+        raise SceneError(
+            f"{trace.name}: {len(found.t)} rows between --from and --until; the file has {trace.t[0]:g} to "
+            f"{trace.t[-1]:g} s"
+        )
+    return found
+
+
+def free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, float]:
+    """The free swing of one link, about its zero, and that zero [rad]."""
+    trace = without_spikes(trace)
+    theta = trace.theta
+    known = np.flatnonzero(np.isfinite(theta[:, 0]))
+    # rows in the middle, where it swings; the noise of a long file would take longer than its fit
+    known = known[max(0, (len(known) - FOR_NOISE) // 2) :][:FOR_NOISE]
+    sigma = float(noise(replace(trace, t=trace.t[known], theta=theta[known]))[0])
+    swing = find_swing(file, trace.t, theta[:, 0], period, sigma)
+    part = trace.between(swing.begin, swing.end)
+    seen = np.isfinite(part.theta[:, 0])
+    part = replace(part, t=part.t[seen], theta=part.theta[seen])
+    # the reading at rest nearest to the middle of the swing
+    turns = 2 * np.pi * np.round((float(np.nanmedian(part.theta[:, 0])) - swing.zero) / (2 * np.pi))
+    zero = swing.zero + turns
+    return replace(part, theta=part.theta - zero), swing, zero
+
+
+def lengths_in_metres(
+    file: str,
+    columns: Columns,
+    motion: Motion,
+    times: np.ndarray,
+    period: float,
+    given: Given,
+    count: int,
+    links: int | None,
+) -> tuple[np.ndarray | None, bool, list[str]]:
+    """Lengths of the links (n,) [m], whether they have an unknown factor, and notes.
+
+    Args:
+        times: of the motion (k,) [s].
+
+    Raises:
+        SceneError: several links without lengths.
+    """
+    if given.lengths is not None:
+        if len(given.lengths) != count:
+            raise SceneError(f"--lengths: {len(given.lengths)} values; {file} shows {count} links")
+        return np.array(given.lengths), False, ["lengths as given"]
+    if count == 1 or links is not None:
+        return None, False, []
+    if motion.lengths is None or motion.joint is None:
+        missing = ",".join(f"L{j + 1}" for j in range(count))
+        raise SceneError(
+            f"{file}: the angles of {count} links do not show their lengths. Give them [m]: --lengths {missing}"
+        )
+    shown = gravity_of_last_link(times, motion.joint, motion.theta[:, -1], SMOOTHED * period)
+    lengths = motion.lengths.copy()
+    if np.isnan(lengths[-1]):
+        lengths[-1] = np.nanmean(lengths) if shown is None else shown[1]
+    unit = columns.length_unit
+    if shown is None and unit not in METRES:
+        missing = ",".join(f"L{j + 1}" for j in range(count))
+        raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
+    scale = METRES.get(unit or "", np.nan) if shown is None else GRAVITY / shown[0]
+    if unit is None:
+        near = [name for name, size in METRES.items() if abs(np.log(scale / size)) < np.log(FITS_UNIT)]
+        unit = near[0] if near else "px"
+    text = ", ".join(f"{x / np.sum(lengths):.3g}" for x in lengths)
+    if unit in METRES:
+        return lengths * METRES[unit], False, [f"lengths from the points in {unit}, in parts of the whole: {text}"]
+    return lengths * scale, True, [f"lengths from the points, scaled by gravity, in parts of the whole: {text}"]

@@ -1,0 +1,65 @@
+"""A scene for a measured file: a chain of point masses, or one pendulum of its effective length, and what is free.
+
+One link of any shape, with inertia I about its pivot, mass m and centre of mass at a, swings as a point mass at its
+effective length L = I/(m a). Its angle shows L, b/m and b_q/m, but no mass: that of the scene is then 1 kg.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.constants import GRAVITY
+from fitting.from_file.read_file import NOTHING, Given, Measured
+
+#: Drag at the start of the fit of several links, per mass [1/s], [1/m].
+DAMPING = 0.02
+#: Standard error of a length from points relative to the first one [%]: a lens distorts by as much.
+RULER = 0.2
+
+
+def propose_scene(measured: Measured, given: Given = NOTHING) -> dict[str, Any]:
+    """Plain values of a scene with its `[fit]`."""
+    count = measured.trace.links
+    mass = 1.0 if given.mass is None else given.mass
+    if measured.swing is not None:
+        lengths = np.array([GRAVITY / measured.swing.stiffness])
+        linear = 0.5 * measured.swing.damping * mass
+        quadratic = linear / max(measured.swing.rate * lengths[0], 1e-6)
+        free = ["line.0.length", "b_l", "b_q", "camera.offset"]
+        priors = []
+    else:
+        lengths = np.array(measured.lengths)
+        linear = quadratic = DAMPING * mass
+        free = [f"line.0.mass.{j}" for j in range(1, count)]
+        free += ["b_l", "b_q", "rig.scale", "camera.offset"]
+        free += [f"line.0.length.{j}" for j in range(1, count)]
+        known = count - 1 if measured.open_end else count
+        priors = [{"of": f"line.0.length.{j}", "sigma": RULER, "unit": "%"} for j in range(1, known)]
+    start = next(row for row in measured.trace.theta if np.isfinite(row).all())
+    return {
+        "description": f"Proposed by `dropper fit` for {measured.trace.name}.",
+        "run": {"dt": float(np.round(2 * np.pi * np.sqrt(lengths.min() / GRAVITY) / 200, 6)), "duration": 10.0},
+        "point": [
+            {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+            {"name": "end", "kind": "free", "position": [0.0, 0.0, -float(np.sum(lengths))]},
+        ],
+        "line": [
+            {
+                "name": "chain",
+                "from": "pivot",
+                "to": "end",
+                "links": count,
+                "length": [float(x) for x in lengths],
+                "mass": [mass] * count,
+            }
+        ],
+        "effects": {
+            "weight": {},
+            "linear_damping": {"b_l": float(linear)},
+            "quadratic_damping": {"b_q": float(quadratic)},
+        },
+        "start": {"kind": "angles", "zero": "down", "polar": [float(x) for x in start]},
+        "fit": {"free": free, **({"prior": priors} if priors else {})},
+    }

@@ -1,0 +1,152 @@
+"""Files of other programs: cells, columns, clock and unit are found, or what is missing is named in one line."""
+
+import numpy as np
+import pytest
+from written_files import DAMPING, LENGTH, RATE, double_pendulum, points, swing, write
+
+from dropper_jax import SceneError
+from fitting.from_file.cells import LARGEST, read_cells
+from fitting.from_file.columns import find_columns
+from fitting.from_file.read_file import Given, read_measured
+
+T, PHI = swing()
+
+
+@pytest.mark.parametrize(
+    ("head", "times", "angle", "separator", "comma", "unit"),
+    [
+        ("Zeit [ms];Winkel [°]", 1e3 * T, np.degrees(PHI), ";", True, "deg"),
+        ("temps\tángulo", T, PHI, "\t", False, "rad"),
+        ("timestamp,encoder", T, np.degrees(PHI) % 360, ",", False, "deg"),
+        ("czas kąt", T, PHI + 1.57, "  ", False, "rad"),
+        ("t;theta_mrad", T, 1e3 * PHI, ";", False, "mrad"),
+        ("ch0,ch1", 1e3 * T, PHI, ",", False, "rad"),
+    ],
+)
+def test_headers_units_and_decimals_give_the_same_trace(tmp_path, head, times, angle, separator, comma, unit):
+    found = read_measured(write(tmp_path / "a.csv", [head], np.stack([times, angle], axis=1), separator, comma))
+    assert any(f"angle in {unit}" in note for note in found.notes)
+    assert 9.81 / found.swing.stiffness == pytest.approx(LENGTH, rel=0.01)
+    assert found.swing.damping == pytest.approx(DAMPING, rel=0.1)
+    there = np.interp(found.trace.t, T, PHI)
+    # the mean of the rows of a sample lies on the motion
+    assert np.abs(found.trace.theta[:, 0] - there).max() < 0.01
+
+
+def test_unit_of_angle_follows_from_the_period_without_a_name(tmp_path):
+    for unit, size in (("rad", 1.0), ("deg", 57.29578)):
+        found = read_measured(write(tmp_path / f"{unit}.csv", ["t,signal"], np.stack([T, size * PHI], axis=1)))
+        assert any(f"angle in {unit}" in note for note in found.notes), unit
+
+
+def test_a_repeated_a_swapped_and_a_restarted_row_are_said(tmp_path):
+    rows = np.stack([T, PHI], axis=1)
+    rows = np.insert(rows, 500, rows[500], axis=0)
+    rows[[700, 702]] = rows[[702, 700]]
+    found = read_measured(write(tmp_path / "a.csv", ["t,angle_rad"], np.concatenate([rows, rows[:200]])))
+    text = "; ".join(found.notes)
+    assert "repeat a time" in text
+    assert "sorted" in text
+    assert "start again" in text
+
+
+@pytest.mark.parametrize("start", ["held", "driven"])
+def test_a_held_and_a_driven_start_are_left_out(tmp_path, start):
+    before = np.arange(0.0, 2.0, 1 / RATE)
+    hand = 0.9 + 0.003 * np.sin(9 * before)
+    if start == "driven":
+        hand = 0.9 * np.cos(2 * np.pi * (2.0 - before) / 0.7)
+    rows = np.stack([np.concatenate([before, 2.0 + T]), np.concatenate([hand, PHI])], axis=1)
+    found = read_measured(write(tmp_path / "a.csv", ["t,angle_rad"], rows))
+    assert 2.0 <= found.trace.t[0] < 3.3
+    assert any("left out" in note for note in found.notes)
+
+
+def test_a_log_of_an_encoders_steps_is_read_between_its_readings(tmp_path):
+    t, phi = swing(25.0, rate=2000.0)
+    step = 0.004
+    count = np.round((phi + 0.02) / step)
+    rows = np.flatnonzero(np.diff(count)) + 1
+    found = read_measured(write(tmp_path / "a.csv", ["t,angle"], np.stack([t[rows], count[rows] * step], axis=1)))
+    assert any("step of the encoder" in note for note in found.notes)
+    assert found.zero == pytest.approx(0.02, abs=5e-4)
+    off = found.trace.theta[:, 0] + found.zero - 0.02 - np.interp(found.trace.t, t, phi)
+    assert np.sqrt(np.mean(off**2)) < 0.3 * step  # as read it leads by half a step
+
+
+def test_frames_need_a_rate_and_a_comment_gives_it(tmp_path):
+    rows = np.stack([np.arange(len(T)), PHI], axis=1)
+    bare = write(tmp_path / "a.csv", ["frame,angle_rad"], rows)
+    with pytest.raises(SceneError, match=r"--rate 60"):
+        read_measured(bare)
+    assert read_measured(bare, Given(rate=RATE)).period == pytest.approx(1.3, rel=0.1)
+    said = write(tmp_path / "b.csv", ["# fps: 100", "frame,angle_rad"], rows)
+    assert read_measured(said).period == pytest.approx(1.3, rel=0.1)
+
+
+def test_one_point_and_two_points_of_a_link_give_its_angle(tmp_path):
+    down = -1j * np.exp(1j * PHI)
+    for name, ends in (("one", [0.7 * down]), ("two", [0.1 * down, 0.35 * down])):
+        head = ["t", *(f"{axis}{j + 1}" for j in range(len(ends)) for axis in "xy")]
+        rows = np.stack([T, *points(*[end + 2 + 1j for end in ends])], axis=1)
+        found = read_measured(write(tmp_path / f"{name}.csv", [",".join(head)], rows))
+        assert 9.81 / found.swing.stiffness == pytest.approx(LENGTH, rel=0.01), name
+
+
+@pytest.mark.parametrize("unit", ["m", "mm", "px"])
+def test_gravity_gives_the_points_of_a_chain_their_scale(tmp_path, unit):
+    t, phi = double_pendulum()
+    size = {"m": 1.0, "mm": 1e-3, "px": 4.3e-4}[unit]
+    first = 0.2 * -1j * np.exp(1j * phi[:, 0])
+    second = first + 0.15 * -1j * np.exp(1j * phi[:, 1])
+    ends = [first / size, second / size]
+    if unit == "px":  # downwards
+        ends = [end.conj() for end in ends]
+    rows = np.stack([t, *points(*ends, noise=2e-4 / size)], axis=1)
+    found = read_measured(write(tmp_path / "a.csv", ["t;A x;A y;B x;B y"], rows, ";"))
+    # without a unit it is a start value of the fit
+    assert found.lengths == pytest.approx([0.2, 0.15], rel=0.06 if unit == "px" else 0.01)
+    assert found.scaled == (unit == "px")
+
+
+def driven():
+    """An angle that a motor moves."""
+    return 0.6 * np.sin(5.0 * T)
+
+
+@pytest.mark.parametrize(
+    ("head", "columns", "message"),
+    [
+        ("t,angle_rad", lambda: [T, np.zeros(len(T))], "nothing moves"),
+        ("angle_rad", lambda: [PHI], "one column"),
+        ("t,angle_rad", lambda: [T, driven()], "driven throughout"),
+        ("t,s1,s2", lambda: [T, PHI, 0.5 * PHI**2], "--columns theta_1=s1"),
+        ("t,encoder_counts", lambda: [T, np.round(1000 * PHI)], "--counts 4096"),
+        ("t,angle 1 [rad],angle 2 [rad]", lambda: [T, PHI, np.roll(PHI, 30)], "--lengths L1,L2"),
+        ("t,angle_rad", lambda: [T[::-1], PHI], "Reverse the rows"),
+    ],
+)
+def test_what_is_missing_is_named_in_one_line(tmp_path, head, columns, message):
+    path = write(tmp_path / "a.csv", [head], np.stack(columns(), axis=1))
+    with pytest.raises(SceneError) as error:
+        read_measured(path)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_binary_empty_and_huge_files_are_refused_in_one_line(tmp_path):
+    (tmp_path / "binary.csv").write_bytes(b"PK\3\4\0\0" * 100)
+    (tmp_path / "empty.csv").write_text("")
+    with (tmp_path / "huge.csv").open("wb") as file:
+        file.truncate(LARGEST + 1)
+    for name, message in (("binary", "not text"), ("empty", "is empty"), ("huge", "allowed"), ("missing", "cannot be")):
+        with pytest.raises(SceneError, match=message):
+            read_cells(tmp_path / f"{name}.csv")
+
+
+def test_two_rows_of_names_number_the_points(tmp_path):
+    rows = np.stack([T, *points(np.exp(1j * PHI), 2 * np.exp(1j * PHI))], axis=1)
+    path = write(tmp_path / "a.txt", ["\tmass_A\t\tmass_B\t", "t\tx\ty\tx\ty"], rows, "\t")
+    found = find_columns(read_cells(path))
+    assert found.time == 0
+    assert found.points == ((1, 2), (3, 4))

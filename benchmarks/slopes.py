@@ -169,7 +169,6 @@ def judge(problem: Study, found: Local, along: list[float], own: list[float]) ->
         "within_own": (np.abs(own - predicted) <= allowed + steps + rounding).tolist(),
         "huge": int(np.sum(np.abs(found.forward) * scale > 100.0 * abs(found.value))),
         "wrong_sign": int(np.sum(wrong)),
-        "warnings": list(found.warnings),
     }
 
 

@@ -357,7 +357,7 @@ def _branches(problem: Study, pairs: Sequence[tuple[Pair, Pair]], motion: float)
 
 
 def statistic_notes(problem: Study, runs: StudyRuns | None = None) -> list[str]:
-    """Why a single-step extreme is no good quantity, and whether the samples are Gaussian as `mpm` assumes.
+    """Why a single-step extreme has no slope, and whether the samples are Gaussian as `mpm` assumes.
 
     Args:
         runs: of the study, if they are known.

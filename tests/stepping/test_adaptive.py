@@ -241,6 +241,36 @@ def test_a_run_along_the_steps_taken_is_the_same_and_has_derivatives_in_both_mod
 
 
 @pytest.mark.check
+def test_a_run_that_finds_its_steps_in_one_program_is_the_same_and_has_derivatives(followed, falling):
+    """The steps are held constant: derivatives are those of `integrate` along their lengths."""
+    model, start = dj.build(falling(**CASE))
+    stepper = dj.make_stepper(model, track_work=False)
+    find = partial(dj.adaptive_step_lengths, stepper, intervals=25, most=2000)
+    lengths, number = jax.jit(find)(model, start, dt=0.02, accuracy=0.01)
+
+    def stiffened(stiffer):
+        axial = replace(model.line.axial, EA=stiffer * model.line.axial.EA)
+        return replace(model, lines=(replace(model.line, axial=axial),))
+
+    def together(stiffer):
+        last, rows = dj.integrate_adaptively(stepper, stiffened(stiffer), start, 0.02, 25, 0.01, 2000)
+        return last.r[0, 2], rows
+
+    def along(stiffer):
+        last, _ = dj.integrate(stepper.plain, stiffened(stiffer), start, lengths[: int(number)], int(number))
+        return last.r[0, 2]
+
+    (z, rows), slope = jax.jit(jax.value_and_grad(together, has_aux=True))(1.0)
+    assert float(z) == pytest.approx(followed.positions[-1, 1, 2], abs=1e-9)
+    assert float(slope) == pytest.approx(float(jax.jit(jax.jacfwd(along))(1.0)), rel=1e-9)
+    np.testing.assert_allclose(rows.tension, followed.tension[1:], rtol=1e-7, atol=1e-6)
+    np.testing.assert_allclose(rows.r[:, 0], followed.positions[1:, 1], atol=1e-9)
+    assert int(rows.first_bad[-1]) == -1
+    few = dj.integrate_adaptively(stepper, model, start, 0.02, 25, 0.01, 20)[1]
+    assert int(few.first_bad[-1]) >= 0
+
+
+@pytest.mark.check
 def test_window_maxima_of_a_chain_that_snaps_are_those_of_small_steps():
     # the chain of case 1, its top driven until it snaps: steps of 5 ms miss a fifth of the peaks
     values = {"line_type.chain.damping_ratio": 0.1}

@@ -106,7 +106,7 @@ def with_start(
     early, later = t[t < before], t[t >= before]
     sway = 0.004 * np.sin(9.0 * early)
     if kind == "driven":
-        # the hand moves the chain to and fro, and ends at rest where it lets go
+        # the hand moves the chain to and fro, and is at rest when it releases it
         left = before - early
         sway = -0.5 * start[0] * (1 - np.cos(2 * np.pi * left / (0.63 * period))) * (left < 0.63 * period * 2)
     hand = start[None, :] + sway[:, None]

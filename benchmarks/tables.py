@@ -18,6 +18,7 @@ from study import RESULTS, TABLES, command, markdown, stored
 PARTS = (
     "accuracy_tables",
     "coarse_lines",
+    "files_of_users",
     "fit_tables",
     "moordyn_hard_cases",
     "moordyn_tables",

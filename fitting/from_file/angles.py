@@ -47,9 +47,9 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     steps = [step_of(column) for column in raw.T]
     step = max(steps)
     known = raw[np.isfinite(raw)]
-    whole = bool(np.all(known == np.round(known))) and step >= 1.0
+    is_integer = bool(np.all(known == np.round(known))) and step >= 1.0
     reach = float(np.max(np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0)))
-    if unit is None and (counts is not None or (whole and reach > LARGEST_DEGREES)):
+    if unit is None and (counts is not None or (is_integer and reach > LARGEST_DEGREES)):
         unit = "counts"
     if unit == "counts":
         counts = counts or turn

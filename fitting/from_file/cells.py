@@ -129,9 +129,9 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
 def check_commas(file: str, rows: Sequence[Sequence[str]]) -> None:
     """Reject decimal commas between columns separated by commas: `0,016,12,5`."""
     pairs = [row for row in rows if len(row) >= 4 and len(row) % 2 == 0]
-    whole = [all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row) for row in pairs]
+    integers = [all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row) for row in pairs]
     padded = [any(cell.strip().startswith("0") and len(cell.strip()) > 1 for cell in row[1::2]) for row in pairs]
-    if len(pairs) == len(rows) and all(whole) and np.mean(padded) > 0.1:
+    if len(pairs) == len(rows) and all(integers) and np.mean(padded) > 0.1:
         raise SceneError(
             f"{file}: decimal commas in a file with comma-separated columns. Use semicolons between columns"
         )

@@ -254,16 +254,16 @@ def point_pairs(names: Sequence[Name], free: Sequence[int]) -> list[tuple[int, i
         # `u, v` and `x, z` are pairs too, but of x, y, z the plane is that of x and y
         if axis not in axes.setdefault(rest, {}):
             axes[rest][axis] = i
-    whole = {rest: pair for rest, pair in axes.items() if len(pair) == 2}
-    found = [(pair["x"], pair["y"]) for _, pair in sorted(whole.items(), key=lambda item: sorting_key(item[0], whole))]
+    pairs = {rest: pair for rest, pair in axes.items() if len(pair) == 2}
+    found = [(pair["x"], pair["y"]) for _, pair in sorted(pairs.items(), key=lambda item: sorting_key(item[0], pairs))]
     return found
 
 
-def sorting_key(rest: tuple[str, ...], whole: Mapping[tuple[str, ...], Mapping[str, int]]) -> tuple[float, int]:
+def sorting_key(rest: tuple[str, ...], pairs: Mapping[tuple[str, ...], Mapping[str, int]]) -> tuple[float, int]:
     """Order of a point: by its number, otherwise by its column."""
     number = next((int(word) for word in rest if word.isdecimal()), None)
-    numbered = all(any(word.isdecimal() for word in one) for one in whole)
-    return (float(number) if numbered and number is not None else 0.0, min(whole[rest].values()))
+    numbered = all(any(word.isdecimal() for word in one) for one in pairs)
+    return (float(number) if numbered and number is not None else 0.0, min(pairs[rest].values()))
 
 
 def angle_columns(cells: Cells, names: Sequence[Name], moving: Sequence[int]) -> list[int]:

@@ -104,9 +104,9 @@ def read_points(file: str, points: np.ndarray) -> Links:
     for j, body in enumerate(bodies):
         last = j + 1 == len(bodies)
         reach = body.end - joints[j] if last else joints[j + 1] - joints[j]
-        whole = not last or not body.pair
-        lengths.append(float(np.nanmedian(np.abs(reach))) if whole else np.nan)
-        directions.append(unit(reach) if whole else body.direction)
+        ends_at_point = not last or not body.pair
+        lengths.append(float(np.nanmedian(np.abs(reach))) if ends_at_point else np.nan)
+        directions.append(unit(reach) if ends_at_point else body.direction)
     found = np.stack([unwrapped(np.angle(direction)) for direction in directions], axis=1)
     down = resting_direction(found)
     for j in range(found.shape[1]):  # each link hangs at rest

@@ -31,7 +31,7 @@ DECAYS = 0.02
 MARGIN = 0.4
 #: Difference of the log likelihoods of two units of the angle that decides between them.
 DECIDES = 4.0
-#: Periods of the stretches that are compared, and the least of their amplitudes as a fraction of the largest.
+#: Periods of the stretches that are compared, and their minimum amplitude as a fraction of the maximum.
 BLOCK, LOUD = 3, 0.05
 #: Sum of squares of a stretch, in the median one, above which it is not free.
 RELEASED = 4.0
@@ -161,8 +161,8 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
     as_radians, as_degrees = (
         np.array([regression(block * unit, True)[1] / unit**2 for block in loud]) for unit in (1.0, np.pi / 180)
     )
-    least = np.minimum(as_radians, as_degrees)
-    calm = least < RELEASED * np.median(least)  # without a hand that lets go
+    smaller = np.minimum(as_radians, as_degrees)
+    calm = smaller < RELEASED * np.median(smaller)  # without a hand that releases it
     # one k for all amplitudes: in the wrong unit it changes with them
     free = np.concatenate([block for block, one in zip(loud, calm, strict=True) if one])
     in_radians, in_degrees = (regression(free * unit, True)[1] / unit**2 for unit in (1.0, np.pi / 180))
@@ -220,11 +220,11 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
     first, last = longest_run(free & ~rising)
     begin, end = float(times[starts[first]]), float(times[min(starts[last] + PER_PERIOD, len(times) - 1)])
     moving = np.flatnonzero(size > 2.0 * noise)
-    whole = float(times[min(starts[moving[-1]] + PER_PERIOD, len(times) - 1)] - times[starts[moving[0]]])
-    if end - begin < FEWEST * period or end - begin < PART * whole:
+    moving_span = float(times[min(starts[moving[-1]] + PER_PERIOD, len(times) - 1)] - times[starts[moving[0]]])
+    if end - begin < FEWEST * period or end - begin < PART * moving_span:
         raise SceneError(
-            f"{file}: only {end - begin:.3g} of {whole:.3g} s swing freely ({begin:.4g} to {end:.4g} s): it is driven "
-            "throughout, or pushed again. Give a file with one free swing, or cut it out: --from, --until"
+            f"{file}: only {end - begin:.3g} of {moving_span:.3g} s swing freely ({begin:.4g} to {end:.4g} s): it is "
+            "driven throughout, or pushed again. Give a file with one free swing, or cut it out: --from, --until"
         )
     span = level[first : last + 1]
     middle = len(span) // 2

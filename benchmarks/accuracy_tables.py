@@ -10,7 +10,9 @@ def _baseline(row: Found, name: str) -> str:
     if found is None:
         return "-"
     if found["status"] != "ok":
-        return f"{found['status']} at {found['failed_at_s']:.3g} s" if "failed_at_s" in found else found["status"]
+        if "failed_at_s" in found:
+            return f"{found['status']} at {found['failed_at_s']:.3g} s"
+        return found["status"]
     share = found["energy_drift_share"]
     return ("wrong" if found["wrong_energy"] else "ok") + ("" if share is None else f", energy {share:.0e}")
 
@@ -44,7 +46,9 @@ def thesis(found: Found) -> Rows:
 @table_of("accuracy_north_sea")
 def accuracy_north_sea(found: Found) -> str:
     def error(row: Found, name: str) -> str:
-        return "-" if row[name] is None else f"{row[name]:.1e}"
+        if row[name] is None:
+            return "-"
+        return f"{row[name]:.1e}"
 
     rows = columns(
         found["rows"],

@@ -48,21 +48,25 @@ from dropper_jax import (
 from dropper_jax.effects.spar_buoys import Around, SparBuoys
 from dropper_jax.stepping.integrate import observe
 
-SPAN, SETTLED = 150.0, 50.0  # [s]: the whole run, and from where on it counts as settled
+# [s]: the whole run, and from where on it counts as settled
+SPAN = 150.0
+SETTLED = 50.0
 EVERY = 5  # our steps in 0.1 s: dt = 0.02 s
 #: Our steps in 0.1 s for the comparison of step sizes: dt = 0.05, 0.02, 0.01 and, as reference, 0.001 s.
 STEP_COUNTS = (2, 5, 10, 100)
 #: Numbers of links for the chain that reaches above the water.
 FINER = (24, 96)
 #: Schemes: runs of the driven chain and of the released one [s].
-SHORT_SPAN, FREE_SPAN = 30.0, 10.0
+SHORT_SPAN = 30.0
+FREE_SPAN = 10.0
 #: Steps in 0.1 s that are tried, from large steps to small ones; rk4 at the last one is the reference.
 COUNTS = (10, 20, 40, 50, 60, 70, 80, 100, 120, 150, 200, 300, 400, 600, 800, 1200, 1600)
 #: A run whose deviation is off by more than this rings at its limit and does not count as stable.
 RINGING = 0.5
 EXPLICIT = ("rk2", "semi_implicit_euler")
 #: Released chain: steps [s], and the largest velocity at the start [m/s].
-FREE_STEPS, SWING = (1e-3, 5e-4, 2.5e-4), 0.5
+FREE_STEPS = (1e-3, 5e-4, 2.5e-4)
+SWING = 0.5
 
 
 def both(number: int, ratio: float) -> Found:
@@ -110,7 +114,10 @@ class BaseCurrent(SparBuoys):
 
 def _everywhere(buoys: SparBuoys, k: Kinematics, around: Around, surface: bool) -> Around:
     r = k.r[buoys.nodes(k.model)]
-    height = jnp.zeros_like(r[:, 2]) if surface else r[:, 2] - buoys.attachment
+    if surface:
+        height = jnp.zeros_like(r[:, 2])
+    else:
+        height = r[:, 2] - buoys.attachment
     u = k.model.sea.at(r.at[:, 2].set(height), k.t).velocity
     return around._replace(velocity=jnp.broadcast_to(u[:, None, :], around.velocity.shape))
 
@@ -123,7 +130,9 @@ def static_tension(scene: Scene, buoys: type[SparBuoys] = SparBuoys) -> float:
         for e in model.effects
     )
     pose = equilibrium(replace(model, effects=swapped))
-    return float(pose.tension[0]) if pose.status == "ok" else float("nan")
+    if pose.status == "ok":
+        return float(pose.tension[0])
+    return float("nan")
 
 
 def conventions() -> Iterator[Found]:
@@ -142,7 +151,10 @@ def conventions() -> Iterator[Found]:
     for name, given in variants.items():
         yield {"convention": name, "anchor_n": static_tension(*given)}
     last = theirs(scene.with_values({"start.kind": "points"}), 0.0005, 300.0)
-    value = float(np.mean(last.mean[-100:, 0])) if last.status == "ok" else float("nan")
+    if last.status == "ok":
+        value = float(np.mean(last.mean[-100:, 0]))
+    else:
+        value = float("nan")
     yield {"convention": "MoorDyn v2, after 300 s", "anchor_n": value}
 
 

@@ -37,7 +37,8 @@ def rigid_line(
         stiffness: EI [N m^2].
         ends: places, velocities and accelerations of the held ends (held, 9) over time; of one end: it is the first.
     """
-    n, held = len(lengths), len(ends)
+    n = len(lengths)
+    held = len(ends)
     free = np.arange(1, n) if held == 2 else np.arange(1, n + 1)
     difference = np.diff(np.eye(n + 1), axis=0)
     bend = np.diff(difference / lengths[:, None], axis=0)
@@ -48,7 +49,9 @@ def rigid_line(
     hold = 20.0
 
     def whole(time: float, state: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        r, v, a = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
+        r = np.zeros((n + 1, 3))
+        v = np.zeros((n + 1, 3))
+        a = np.zeros((n + 1, 3))
         r[free], v[free] = state.reshape(2, -1, 3)
         for node, end in zip((0, n), ends, strict=False):
             r[node], v[node], a[node] = end(time).reshape(3, 3)
@@ -58,7 +61,8 @@ def rigid_line(
         r, v, a = whole(time, state)
         speed = np.linalg.norm(v[free], axis=1, keepdims=True)
         force = masses[:, None] * gravity - b_l * v[free] - b_q * speed * v[free] - (spring @ r)[free]
-        d, dd = difference @ r, difference @ v
+        d = difference @ r
+        dd = difference @ v
         rows = own[:, :, None] * d[:, None, :]
         flat = rows.reshape(n, -1)
         off = 2 * hold * np.sum(d * dd, 1) + 0.5 * hold**2 * (np.sum(d * d, 1) - lengths**2)

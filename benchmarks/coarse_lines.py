@@ -14,7 +14,8 @@ from dropper_jax import Scene, equilibrium, load_scene
 from dropper_jax.run.growth import end_forces
 from dropper_jax.run.resolution import pose_remarks
 
-LINKS, FINE = (3, 4, 6, 12), 48
+LINKS = (3, 4, 6, 12)
+FINE = 48
 #: Classes of errors: a warning is due in the last one, and a false alarm in the first.
 CLASSES = {"below 1 %": (0.0, 0.01), "1 to 5 %": (0.01, 0.05), "above 5 %": (0.05, np.inf)}
 
@@ -31,10 +32,13 @@ def coarse_lines(found: Found) -> Rows:
 
 def drawn(rng: np.random.Generator) -> tuple[int, Found]:
     """Number of links and the values of a line."""
-    links, diameter = int(rng.choice(LINKS)), float(rng.choice([0.03, 0.05, 0.15, 0.25]))
+    links = int(rng.choice(LINKS))
+    diameter = float(rng.choice([0.03, 0.05, 0.15, 0.25]))
     density = float(rng.choice([1080.0, 1300.0, 2000.0, 7000.0]))
-    span, slack = 10 ** rng.uniform(0.3, 2), float(rng.choice([1.01, 1.05, 1.2, 1.5, 2.0, 3.0]))
-    azimuth, dip = rng.uniform(0, np.pi), rng.uniform(-1, 1)
+    span = 10 ** rng.uniform(0.3, 2)
+    slack = float(rng.choice([1.01, 1.05, 1.2, 1.5, 2.0, 3.0]))
+    azimuth = rng.uniform(0, np.pi)
+    dip = rng.uniform(-1, 1)
     along = span * np.array([np.cos(dip) * np.cos(azimuth), np.cos(dip) * np.sin(azimuth), np.sin(dip)])
     kind = {"mass": density * np.pi / 4 * diameter**2, "diameter": diameter, "EA": 1e6, "cdn": 1.3, "cdt": 0.05}
     current = max(float(rng.choice([0.0, 0.0, 0.2, 0.5, 1.0])), 1e-9)

@@ -89,7 +89,9 @@ def refuse_angles(model: Model, s: State) -> str | None:
         return "only weight in air is written in angles"
     links = link_vectors(model, np.asarray(s.r)[None], np.zeros(1))
     flat = np.max(np.abs(links[..., 1])) == 0 and np.max(np.abs(np.asarray(s.v))) == 0
-    return None if flat else "only planar starts at rest are written in angles"
+    if flat:
+        return None
+    return "only planar starts at rest are written in angles"
 
 
 def angles_at_start(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
@@ -108,7 +110,8 @@ def positions_of_angles(model: Model, angles: jax.Array) -> jax.Array:
 def angle_derivative(t: jax.Array, y: tuple[jax.Array, jax.Array], model: Model) -> tuple[jax.Array, jax.Array]:
     """(a', a'')."""
     angles, rates = y
-    n, length = model.line.links, model.line.length
+    n = model.line.links
+    length = model.line.length
     mass = jnp.where(jnp.arange(n) < model.free_nodes, model.line.mass, 0.0)
     beyond = jnp.cumsum(mass[::-1])[::-1]
     shared = jnp.minimum(beyond[:, None], beyond[None, :]) * length[:, None] * length[None, :]
@@ -143,7 +146,10 @@ def _solve(kind: str, solver: str, model: Model, s: State, t: jax.Array, toleran
         max_steps=40_000,
         throw=False,
     )
-    r = jax.vmap(partial(positions_of_angles, model))(solution.ys[0]) if kind == "angles" else solution.ys[0]
+    if kind == "angles":
+        r = jax.vmap(partial(positions_of_angles, model))(solution.ys[0])
+    else:
+        r = solution.ys[0]
     return r, solution.stats["num_steps"], solution.result == diffrax.RESULTS.successful
 
 

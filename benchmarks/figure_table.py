@@ -19,7 +19,8 @@ from dropper_jax.run.simulate import Solution
 
 TABLE = Path(__file__).with_name("source_figures.toml")
 #: Kinds of figures that need no run, and interval of their samples of time [s].
-WITHOUT_RUN, SAMPLE_INTERVAL = ("profile", "elevation", "steps"), 0.05
+WITHOUT_RUN = ("profile", "elevation", "steps")
+SAMPLE_INTERVAL = 0.05
 
 
 PAIR = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
@@ -74,7 +75,9 @@ def figures() -> dict[str, SourceFigure]:
 
 
 def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+    if isinstance(value, list):
+        return tuple(map(_tuples, value))
+    return value
 
 
 def figure_of(name: str) -> SourceFigure:
@@ -105,4 +108,6 @@ def scene_of(name: str, pair: Sequence[float] = (), duration: float | None = Non
     """The scene of a case, by its key."""
     scene = Scene.from_dict(*find_scene(name))
     values = dict(zip(PAIR, pair, strict=False)) | ({"run.duration": duration} if duration else {})
-    return scene.with_values(values) if values else scene
+    if values:
+        return scene.with_values(values)
+    return scene

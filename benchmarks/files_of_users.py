@@ -75,7 +75,8 @@ def swing(truth: Truth, start: np.ndarray, t: np.ndarray, push: Callable[[float]
     below = np.tril(np.ones((n, n)))
 
     def slope(now: float, y: np.ndarray) -> np.ndarray:
-        phi, rate = y[:n], y[n:]
+        phi = y[:n]
+        rate = y[n:]
         jacobian = np.stack([below * length * np.cos(phi), below * length * np.sin(phi)])  # (2, nodes, n)
         turning = np.stack([below @ (-length * np.sin(phi) * rate**2), below @ (length * np.cos(phi) * rate**2)])
         v = jacobian @ rate
@@ -103,7 +104,8 @@ def with_start(
         return t, swing(truth, start, fine)[1:]
     period = 2 * np.pi * np.sqrt(truth.lengths[0] / GRAVITY)
     before = (0.8 + 1.5 * rng.random()) * period
-    early, later = t[t < before], t[t >= before]
+    early = t[t < before]
+    later = t[t >= before]
     sway = 0.004 * np.sin(9.0 * early)
     if kind == "driven":
         # the hand moves the chain to and fro, and is at rest when it releases it
@@ -117,13 +119,20 @@ def with_start(
 def text_of(rows: np.ndarray, head: list[str], digits: list[int], rng: np.random.Generator, comments: list[str]) -> str:
     """Rows (k, columns) as text in a random style; a missing value is empty."""
     comma = rng.random() < 0.35
-    separator = str(rng.choice([";", "\t"])) if comma else str(rng.choice([",", ";", "\t", "  "]))
+    if comma:
+        separator = str(rng.choice([";", "\t"]))
+    else:
+        separator = str(rng.choice([",", ";", "\t", "  "]))
 
     def cell(value: float, places: int) -> str:
         if np.isnan(value):
-            return "nan" if separator == "  " else ""
+            if separator == "  ":
+                return "nan"
+            return ""
         text = f"{value:.{places}f}"
-        return text.replace(".", ",") if comma else text
+        if comma:
+            return text.replace(".", ",")
+        return text
 
     if separator == "  ":
         head = [name.replace(" ", "_") for name in head]
@@ -164,14 +173,18 @@ def encoder_file(rng: np.random.Generator, style: str) -> File:
     if style == "steps":
         rate = 4000.0 / period
     t, phi = with_start(truth, start, rate, duration, kind, rng)
-    zero = float(rng.uniform(-0.06, 0.06)) if rng.random() < 0.6 else float(rng.choice([1.0, 1.5708, 3.1]))
+    if rng.random() < 0.6:
+        zero = float(rng.uniform(-0.06, 0.06))
+    else:
+        zero = float(rng.choice([1.0, 1.5708, 3.1]))
     reading = phi[:, 0] * rng.choice([-1, 1]) + zero
     degrees = rng.random() < 0.5
     step = float(2 * np.pi / rng.choice([1024, 2400, 4096, 8192, 20000]))
     if style == "steps":
         count = np.round(reading / step).astype(int)
         rows = np.flatnonzero(np.diff(count)) + 1
-        t, reading = t[rows], count[rows] * step
+        t = t[rows]
+        reading = count[rows] * step
     else:
         noise = float(10 ** rng.uniform(-4, -2.5))
         reading = np.round((reading + noise * rng.standard_normal(len(reading))) / step) * step
@@ -180,7 +193,10 @@ def encoder_file(rng: np.random.Generator, style: str) -> File:
         reading = reading % (2 * np.pi)
     shown, name, digits = clock_columns(t, rng)
     rows = np.stack([shown, np.degrees(reading) if degrees else reading], axis=1)
-    unit = str(rng.choice([" [deg]", "_deg", " (°)", ""])) if degrees else str(rng.choice([" [rad]", "_rad", ""]))
+    if degrees:
+        unit = str(rng.choice([" [deg]", "_deg", " (°)", ""]))
+    else:
+        unit = str(rng.choice([" [rad]", "_rad", ""]))
     head = [name, f"{rng.choice(ANGLES)}{unit}"]
     if style == "logger":
         keep = rng.random(len(rows)) > 0.1
@@ -250,7 +266,8 @@ def point_file(rng: np.random.Generator, style: str) -> File:
         if rng.random() < 0.4:
             nodes = np.concatenate([np.zeros_like(joints[:, :1]), joints], axis=1)
     elif style == "film" or style == "markers":
-        near, far = rng.uniform(0.1, 0.4), rng.uniform(0.7, 1.0)
+        near = rng.uniform(0.1, 0.4)
+        far = rng.uniform(0.7, 1.0)
         nodes = np.stack([above + near * links, above + far * links], axis=2).reshape(len(t), -1, 2)
     else:
         nodes = joints
@@ -267,7 +284,10 @@ def point_file(rng: np.random.Generator, style: str) -> File:
     for j in range(count):
         one = label.format(j + 1 if count > 1 else "").strip("_ ")
         for axis in "xy":
-            words = one.replace("x", axis) if "mass" not in one else one.replace("_x", f"_{axis}")
+            if "mass" not in one:
+                words = one.replace("x", axis)
+            else:
+                words = one.replace("_x", f"_{axis}")
             head.append(f"{words} [{named}]" if named else words)
     rows = np.column_stack([shown, seen.reshape(len(t), -1)])
     places = {"px": 2, "m": 5, "cm": 3, "mm": 2}[unit]
@@ -296,21 +316,36 @@ def lacking_file(rng: np.random.Generator, lack: str) -> File:
         phi = np.zeros(len(t))
         noise = 0 * noise
     reading = phi + noise
-    rows, head, digits = np.stack([t, reading], axis=1), ["t", "angle [rad]"], [4, 5]
+    rows = np.stack([t, reading], axis=1)
+    head = ["t", "angle [rad]"]
+    digits = [4, 5]
     if lack == "frames":
-        rows, head, digits = np.stack([np.arange(len(t)), reading], axis=1), ["frame", "angle [rad]"], [0, 5]
+        rows = np.stack([np.arange(len(t)), reading], axis=1)
+        head = ["frame", "angle [rad]"]
+        digits = [0, 5]
     if lack == "counts":
-        rows, head, digits = np.stack([t, np.round(reading * 1303)], axis=1), ["t", "encoder [counts]"], [4, 0]
+        rows = np.stack([t, np.round(reading * 1303)], axis=1)
+        head = ["t", "encoder [counts]"]
+        digits = [4, 0]
     if lack == "lengths":
         chain = Truth((0.2, 0.15), 0.7, 0.05, 0.03)
         both = swing(chain, np.array([0.8, 0.6]), t)
-        rows, head, digits = np.column_stack([t, both]), ["t", "angle 1 [rad]", "angle 2 [rad]"], [4, 5, 5]
+        rows = np.column_stack([t, both])
+        head = ["t", "angle 1 [rad]", "angle 2 [rad]"]
+        digits = [4, 5, 5]
     if lack == "which":
         other = swing(truth, start * 0.6, t)[:, 0]
-        rows, head, digits = np.column_stack([t, reading, other]), ["t", "ch_a", "ch_b"], [4, 5, 5]
+        rows = np.column_stack([t, reading, other])
+        head = ["t", "ch_a", "ch_b"]
+        digits = [4, 5, 5]
     if lack == "one_column":
-        rows, head, digits = reading[:, None], ["angle [rad]"], [5]
-    text = "\0\1PK\3\4" * 100 if lack == "text" else text_of(rows, head, digits, rng, [])
+        rows = reading[:, None]
+        head = ["angle [rad]"]
+        digits = [5]
+    if lack == "text":
+        text = "\0\1PK\3\4" * 100
+    else:
+        text = text_of(rows, head, digits, rng, [])
     return File(text, truth, None, {"lack": lack})
 
 
@@ -321,7 +356,10 @@ def draw(seed: int) -> tuple[str, File]:
         lack = LACKS[seed // 4 % len(LACKS)]
         return f"lacks {lack}", lacking_file(rng, lack)
     style = STYLES[(seed - seed // 4) % len(STYLES)]
-    make = encoder_file if style in ("encoder", "logger", "steps") else point_file
+    if style in ("encoder", "logger", "steps"):
+        make = encoder_file
+    else:
+        make = point_file
     return style, make(rng, style)
 
 
@@ -344,7 +382,8 @@ def fit_file(path: Path) -> tuple[int, Found | None, str]:
 
 def judged(found: Found, file: File) -> dict[str, tuple[float, float]]:
     """By value, the error in standard errors and relative to the truth (not a number where it has no size)."""
-    truth, values = file.truth, found["found"]
+    truth = file.truth
+    values = found["found"]
     right: dict[str, float] = {}
     if len(truth.lengths) == 1:
         right["effective length"] = truth.lengths[0]
@@ -360,7 +399,10 @@ def judged(found: Found, file: File) -> dict[str, tuple[float, float]]:
         one = values[name]
         error = one["value"] - value
         spread = one["std_error"] or np.nan
-        relative = error / value if "length" in name or "mass 2" in name else np.nan
+        if "length" in name or "mass 2" in name:
+            relative = error / value
+        else:
+            relative = np.nan
         errors[name] = (float(error / spread), float(relative))
     if file.zero is not None:
         off = (values["angle at rest"]["value"] - file.zero + np.pi) % (2 * np.pi) - np.pi

@@ -105,7 +105,8 @@ def calibration_held_out(single: Found, double: Found) -> Rows:
 @table_of("measured_double_thirds")
 def measured_thirds(found: Found) -> Rows:
     """The largest differences between thirds of the double pendulum's trace, and how many are within 2 and 3 errors."""
-    parts, pairs = found["parameters"], ((0, 1), (0, 2), (1, 2))
+    parts = found["parameters"]
+    pairs = ((0, 1), (0, 2), (1, 2))
     off = {
         name: [
             abs(parts[i][name]["value"] - parts[j][name]["value"])

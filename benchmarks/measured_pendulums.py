@@ -76,8 +76,10 @@ def run(name: str, case: Case, folder: Path) -> dict:
     """Fit, score, compare laws."""
     trace = read_trace(folder / case.file)
     trace = replace(trace, t=trace.t[::2], theta=trace.theta[::2], omega=None)
-    settings, until = replace(DOWN, dt=0.004, window=case.window), case.until
-    scene, free = scene_of(case), list(case.free)
+    settings = replace(DOWN, dt=0.004, window=case.window)
+    until = case.until
+    scene = scene_of(case)
+    free = list(case.free)
     prepared = prepare(trace, scene, free, until=until, held_out=case.held_out, settings=settings)
     result = summarise(prepared, "windows", estimate(prepared, "windows"))
     held = [h.rms for h in result.held_out]

@@ -27,7 +27,8 @@ from dropper_jax.stepping.integrate import begin
 #: Time between rows [s], in both codes.
 SAMPLE = 0.1
 #: Time between the tables of a wave grid [s], and its least and largest y [m] around a single line.
-GRID_STEP, GRID = 0.1, (-60, 60)
+GRID_STEP = 0.1
+GRID = (-60, 60)
 #: Positions beyond this distance [m] are not possible in the compared scenes: such a run is unstable.
 FARTHEST = 1e4
 #: MoorDyn's step [s] for each internal damping ratio: stronger dampers need smaller ones.
@@ -92,7 +93,8 @@ class Rows:
             return found
         kept = self.t > start
         for i, name in enumerate(("anchor", "fairlead")):
-            mean, square = float(np.mean(self.mean[kept, i])), float(np.mean(self.square[kept, i]))
+            mean = float(np.mean(self.mean[kept, i]))
+            square = float(np.mean(self.square[kept, i]))
             found[name] = {
                 "min": float(np.min(self.least[kept, i])),
                 "mean": mean,
@@ -135,12 +137,15 @@ def _march(
 
     def follow(carry):
         adaptive, (row, within) = advance_adaptively(stepper, model, carry[0], dt, accuracy, 1, watch=link_tensions)
-        done, between = adaptive.progress, (within.mean, within.square, row.extremes.least, row.extremes.largest)
+        done = adaptive.progress
+        between = (within.mean, within.square, row.extremes.least, row.extremes.largest)
         return (adaptive, done.state, done.first_bad < 0, adaptive.refused), tuple(a[0, ends] for a in between)
 
-    first, adaptive = begin(stepper, model, s), None
+    first = begin(stepper, model, s)
+    adaptive = None
     if accuracy is not None:
-        advance, adaptive = follow, adaptive_start(stepper, model, first)
+        advance = follow
+        adaptive = adaptive_start(stepper, model, first)
 
     def one(_: jax.Array, inner):
         carry, total, square, least, most = inner
@@ -187,7 +192,10 @@ class Ours:
         again, rows = runs[0][0]
         *values, alive = (np.asarray(a) for a in rows)
         t = SAMPLE * np.arange(1, saves + 1)
-        status = "ok" if bool(alive[-1]) else f"not_converged at {t[np.argmin(alive)]:.4g} s"
+        if bool(alive[-1]):
+            status = "ok"
+        else:
+            status = f"not_converged at {t[np.argmin(alive)]:.4g} s"
         least = min(times["processor_s"] for _, times in runs)
         return Rows(t, *values, least, status, float(again) / (saves * every))
 
@@ -205,7 +213,10 @@ def _write_grid(scene: Scene, folder: Path, duration: float, across: tuple[int, 
     sea = make_sea(replace(scene.sea, interpolation="none"))
     # whole periods of a regular wave, so that its Fourier series has one line; room at the end for an irregular one
     period = 2 * np.pi / float(sea.waves.omega[0])
-    last = period * np.ceil(duration / period + 1.0) if sea.waves.size == 1 else duration + 100.0
+    if sea.waves.size == 1:
+        last = period * np.ceil(duration / period + 1.0)
+    else:
+        last = duration + 100.0
     t = np.arange(0.0, last, 0.5 * GRID_STEP)
     eta = np.sum(np.asarray(sea.waves.amplitude) * np.cos(sea.waves.phase - np.outer(t, sea.waves.omega)), axis=1)
     if scene.sea.ramp is not None:
@@ -309,8 +320,12 @@ def looks_at(
         options: of `moordyn_system`.
     """
     calls = max(1, round(look / (call or look)))
-    tension, position, start, cpu = [], [], None, 0.0
-    span, count = look / calls, round(duration / look)
+    tension = []
+    position = []
+    start = None
+    cpu = 0.0
+    span = look / calls
+    count = round(duration / look)
     good = False
     with moordyn_system(scene, dt, duration, **options) as (moordyn, system):
         x = [] if drive is None else list(drive(0.0))

@@ -25,7 +25,9 @@ import dropper_jax as dj
 from dropper_jax import Scene
 from dropper_jax.scene.data import point_nodes
 
-SPAN, SETTLED = 60.0, 10.0  # [s]
+# [s]
+SPAN = 60.0
+SETTLED = 10.0
 REPEATS = 3
 #: Duration of the Edulis longline's scene [s].
 EDULIS_SPAN = 150.0
@@ -35,11 +37,15 @@ EVERY = (1, 2, 4, 5, 10, 15, 20, 40, 160)
 STEPS = (0.008, 0.006, 0.004, 0.003, 0.002, 0.0015, 0.001, 0.0007, 0.0005, 0.0003)
 FINER = 0.25
 #: Motions of the driven top: period [s], surge and heave [m]. The first makes segments snap, the second does not.
-HARD, SMOOTH = (8.0, 1.0, 1.5), (10.0, 0.3, 0.5)
+HARD = (8.0, 1.0, 1.5)
+SMOOTH = (10.0, 0.3, 0.5)
 #: Time between looks at MoorDyn [s] for statistics.
 LOOK = 0.01
 #: Peaks: number of runs, and their windows [s] after the first seconds [s], in which motions rise over RAMP [s].
-RUNS, WINDOW, FIRST, RAMP = 8, 8.0, 12.0, 8.0
+RUNS = 8
+WINDOW = 8.0
+FIRST = 12.0
+RAMP = 8.0
 #: Largest errors allowed in both codes: mean, deviation, and mean of the windows' largest tensions.
 LIMITS = {"mean": 5e-3, "std": 2e-2, "peaks": 3.5e-2}
 #: MoorDyn's steps [s] for peaks; the reference takes half the last one, whose error bounds that of the reference.
@@ -55,7 +61,8 @@ PEAKS = {
     "case_3": "case 3, 29 components (MoorDyn: wave grid)",
 }
 #: Time between looks at MoorDyn's peaks [s], and runs whose time is taken.
-CLOSE, TIMED = 1e-3, 2
+CLOSE = 1e-3
+TIMED = 2
 #: Our two ways: values of the scene.
 WAYS = {
     "damped_rope": {"line.0.axial.law": "damped_rope", "run.integrator": "generalized_alpha"},
@@ -133,7 +140,8 @@ def speed() -> Iterator[Found]:
 
 def errors(rows: Rows, reference: Rows) -> dict[str, float] | None:
     """Relative error of mean and standard deviations of the fairlead tension."""
-    a, b = rows.statistics(SETTLED), reference.statistics(SETTLED)
+    a = rows.statistics(SETTLED)
+    b = reference.statistics(SETTLED)
     if a["status"] != "ok" or b["status"] != "ok":
         return None
     return {key: abs(a["fairlead"][key] / b["fairlead"][key] - 1.0) for key in ("mean", "std", "std_of_rows")}
@@ -210,7 +218,8 @@ def peaks(only: str | None = None) -> Iterator[Found]:
     for key in [only] if only else draws:
         drawn = map(draws[key], range(RUNS))
         scenes = [(scene.with_values(WAYS["damped_rope"]), options) for scene, options in drawn]
-        ours, there = _our_peaks([scene for scene, _ in scenes]), _their_peaks(scenes)
+        ours = _our_peaks([scene for scene, _ in scenes])
+        there = _their_peaks(scenes)
         ratio = there["best"] and ours["best"] and there["best"]["cpu_per_s"] / ours["best"]["cpu_per_s"]
         yield {"name": PEAKS[key], "runs": RUNS, "limits": LIMITS, "ours": ours, "moordyn": there, "ratio": ratio}
 
@@ -247,7 +256,8 @@ def _their_peaks(scenes: list[tuple[Scene, Found]]) -> Found:
     def run(dt: float) -> list[Rows]:
         return [_errors_run(scene, dt, CLOSE, **options) for scene, options in scenes]
 
-    reference, rows = [_three(one) for one in run(0.5 * THEIR_STEPS[-1])], []
+    reference = [_three(one) for one in run(0.5 * THEIR_STEPS[-1])]
+    rows = []
     bound = _over_runs([_three(one) for one in run(THEIR_STEPS[-1])], reference)
     for dt in THEIR_STEPS[:-1]:
         done = run(dt)

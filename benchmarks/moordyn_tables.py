@@ -115,7 +115,10 @@ def moordyn_speed(found: Found) -> Rows:
     """Processor time per simulated second, errors, and how much faster at equal or smaller error."""
 
     def ours(row: Found) -> Found:
-        shown = USUAL if row["all_steps"] is None else row["all_steps"]["ours_dt_s"]
+        if row["all_steps"] is None:
+            shown = USUAL
+        else:
+            shown = row["all_steps"]["ours_dt_s"]
         return {"shown": shown, **next(run for run in row["our_runs"] if abs(run["dt_s"] / shown - 1.0) < 1e-9)}
 
     return columns(
@@ -134,8 +137,12 @@ def moordyn_speed(found: Found) -> Rows:
 
 def _as_exact(row: Found) -> str:
     """How fast at equal or smaller error, bold where that misses what was wanted."""
-    whole, slow = row["all_steps"], row["below_5_hz"]
-    text = "at no step tried" if whole is None else f"{_compared(whole)} (at {whole['ours_dt_s']:.2g} s)"
+    whole = row["all_steps"]
+    slow = row["below_5_hz"]
+    if whole is None:
+        text = "at no step tried"
+    else:
+        text = f"{_compared(whole)} (at {whole['ours_dt_s']:.2g} s)"
     if whole is None or whole["ratio"] < row["wanted"]:
         text = f"**{text}**"
     if slow is None or slow == whole:
@@ -149,7 +156,9 @@ def _compared(found: Found) -> str:
 
 
 def _pair(errors: Found | None) -> str:
-    return "-" if errors is None else f"{errors['mean']:.1e}, {errors['std']:.1e}"
+    if errors is None:
+        return "-"
+    return f"{errors['mean']:.1e}, {errors['std']:.1e}"
 
 
 @table_of("moordyn")

@@ -71,12 +71,16 @@ def xml(model: Model, integrator: str, dt: float, hard: bool) -> str:
 
     `hard`: the loop closed as stiffly as the step bears; else with MuJoCo's defaults.
     """
-    lengths, masses = np.asarray(model.line.length), np.asarray(model.line.mass)
+    lengths = np.asarray(model.line.length)
+    masses = np.asarray(model.line.mass)
     gravity = float(model.effects[0].gravity)
     start = np.asarray(model.points[model.geometry.members[0].start].position)
     body = ""
     for i in reversed(range(len(lengths))):
-        position = f"{lengths[i - 1]:.17g} 0 0" if i else " ".join(f"{x:.17g}" for x in start)
+        if i:
+            position = f"{lengths[i - 1]:.17g} 0 0"
+        else:
+            position = " ".join(f"{x:.17g}" for x in start)
         # inertia of a link about its own end, over m L^2: a ball joint would spin freely about the link without any
         spin = 1e-8 * masses[i] * lengths[i] ** 2
         body = (
@@ -87,7 +91,10 @@ def xml(model: Model, integrator: str, dt: float, hard: bool) -> str:
     closing = ""
     if model.end_held:
         # time constant of the closing constraint over the step; below 2 MuJoCo itself raises it
-        stiff = f'solref="{2.0 * dt:g} 1" solimp="0.999999 0.999999 0.001"' if hard else ""
+        if hard:
+            stiff = f'solref="{2.0 * dt:g} 1" solimp="0.999999 0.999999 0.001"'
+        else:
+            stiff = ""
         end = " ".join(f"{x:.17g}" for x in np.asarray(model.points[model.geometry.members[0].end].position))
         closing = f'<equality><connect site1="node{len(lengths) - 1}" site2="held" {stiff}/></equality>'
         body += f'<site name="held" pos="{end}"/>'

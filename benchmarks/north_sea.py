@@ -27,7 +27,9 @@ STAGES = (
 
 
 #: Steps [s] of all rows, and further ones of the motion that is chaotic; that of the thesis.
-STEPS, FURTHER, THESIS_STEP = (0.0075, 0.00375), (0.03, 0.015), 0.03
+STEPS = (0.0075, 0.00375)
+FURTHER = (0.03, 0.015)
+THESIS_STEP = 0.03
 THESIS = "dropper-north-sea-thesis"
 #: The same under the thesis' forces: name, scene, steps, scheme.
 THESIS_ROWS = (
@@ -47,7 +49,8 @@ THESIS_ROWS = (
 
 def summary(solution: dj.Solution) -> Found:
     """Of one run link `LINK`'s angles [rad], tensions of all links [N]."""
-    polar, azimuth = solution.polar[:, LINK - 1], solution.azimuth[:, LINK - 1]
+    polar = solution.polar[:, LINK - 1]
+    azimuth = solution.azimuth[:, LINK - 1]
     frequency, size = amplitude_spectrum(solution.t, azimuth)
     tension = solution.tension[1:]
     return {

@@ -13,7 +13,8 @@ from dropper_jax.study.reference import Reference
 
 def time_runs(run: Callable[[], Any], repeats: int = 7) -> tuple[Any, float]:
     """Last result and minimum wall time [s] of `run`, which was called once before."""
-    times, result = [], None
+    times = []
+    result = None
     for _ in range(repeats):
         started = time.perf_counter()
         result = run()

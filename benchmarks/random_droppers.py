@@ -23,7 +23,8 @@ from fitting.estimate.uncertainty import degrees_of_freedom
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 GRAVITY = 9.81
 #: Peak rate [rad/s] that every third draw exceeds, and how many rigs are tried at most.
-FAST, TRIES = 40.0, 200
+FAST = 40.0
+TRIES = 200
 #: Steps of the truth per second; by a fourth-order scheme the truth is then exact to 1e-6 rad over a window.
 TRUTH_STEPS = 4800.0
 #: Kinds of draws, and what the table calls them.
@@ -84,17 +85,23 @@ class Rig:
 def draw_rig(seed: int, rng: np.random.Generator, kind: str = "plain") -> Rig:
     """The next rig of a seed."""
     links = int(rng.integers(3, 13))
-    length, mass = float(rng.uniform(0.04, 0.15)), float(rng.uniform(0.01, 0.08))
+    length = float(rng.uniform(0.04, 0.15))
+    mass = float(rng.uniform(0.01, 0.08))
     truth = np.array([mass * 10 ** rng.uniform(-1.6, -0.8) for _ in NAMES])
     lifted = min(int(rng.integers(1, 3)), links - 1)
     nodes = sorted(int(i) for i in rng.choice(np.arange(1, links), lifted, replace=False))
     lift = rng.uniform(0.3, 1.0, lifted) * links * mass * GRAVITY
     free_end = seed % 4 == 3
     # a free end hangs straight below any vertical force: it is pulled sideways
-    tilt = rng.uniform(0.5, 1.2, lifted) * rng.choice([-1, 1]) if free_end else np.zeros(lifted)
+    if free_end:
+        tilt = rng.uniform(0.5, 1.2, lifted) * rng.choice([-1, 1])
+    else:
+        tilt = np.zeros(lifted)
     gap = float(rng.uniform(0.2, 0.7)) * links * length
-    rate, duration = float(rng.choice([60, 80, 100, 120, 160, 200, 240])), float(rng.uniform(6, 14))
-    noise, low_or_high = float(rng.uniform(2e-3, 6e-3)), rng.choice([0.2, 5.0], 2)
+    rate = float(rng.choice([60, 80, 100, 120, 160, 200, 240]))
+    duration = float(rng.uniform(6, 14))
+    noise = float(rng.uniform(2e-3, 6e-3))
+    low_or_high = rng.choice([0.2, 5.0], 2)
     if kind == "slow-camera":
         rate = 30.0
     hook = {"name": "left", "position": [0.0, 0.0, 0.0]}
@@ -117,7 +124,11 @@ def draw_rig(seed: int, rng: np.random.Generator, kind: str = "plain") -> Rig:
 
 def _one(seed: int, rng: np.random.Generator, kind: str) -> Draw:
     rig = draw_rig(seed, rng, kind)
-    scene, truth, rate, duration, noise = rig.scene, rig.truth, rig.rate, rig.duration, rig.noise
+    scene = rig.scene
+    truth = rig.truth
+    rate = rig.rate
+    duration = rig.duration
+    noise = rig.noise
     motion = simulate_truth(scene, duration, rate, round(TRUTH_STEPS / rate), "rattle_4")
     trace = observe(motion, Camera(rate=rate, angle_noise=noise), seed, f"rig-{seed}")
     if kind == "missing":
@@ -148,7 +159,8 @@ def _with_still_start(trace: Trace, rng: np.random.Generator, noise: float) -> T
 def judge(d: Draw, held: float, **options: Any) -> Found:
     """A row: the default fit of a draw, held still for so long [s] before, against its truth."""
     result, times = timed(lambda: fit([d.trace], d.scene, start=d.start, **options))
-    u, solution = result.uncertainty, result.solution
+    u = result.uncertainty
+    solution = result.solution
     known = solution.windows.weight > 0
     moving = d.trace.theta[d.trace.t >= held]
     # by leverage: samples less what the fit has used up of them

@@ -104,14 +104,19 @@ def compare(run: dj.Solution, exact: dj.Solution, chaotic_from: float | None) ->
     """
     travel = max(float(np.linalg.norm(np.ptp(exact.positions, axis=0), axis=1).max()), 1e-3)
     apart = np.linalg.norm(run.positions - exact.positions, axis=2).max(axis=1) / travel
-    parted = int(np.argmax(apart > PARTED)) if np.any(apart > PARTED) else len(apart)
+    if np.any(apart > PARTED):
+        parted = int(np.argmax(apart > PARTED))
+    else:
+        parted = len(apart)
     if chaotic_from is not None:
         parted = min(parted, int(np.searchsorted(run.t, chaotic_from)))
     found: dict[str, Any] = {
         "positions": float(np.sqrt(np.mean(apart[:parted] ** 2))),
         "parted_s": None if parted == len(apart) else float(run.t[parted]),
     }
-    mean, deviation, maximum = [], [], []
+    mean = []
+    deviation = []
+    maximum = []
     largest = max(float(exact.tension_max.max()), SMALLEST)
     for line in whole_lines(run.scene):
         links = line.links

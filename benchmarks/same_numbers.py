@@ -37,12 +37,15 @@ from dropper_jax.stepping.control import advance_over
 LIMIT = 1e-12
 STATES = 20
 #: Steps of a run, and of one with more than `MANY` nodes; multiples of `STATES`.
-STEPS, FEWER, MANY = 400, 100, 40
+STEPS = 400
+FEWER = 100
+MANY = 40
 GRAVITY = 9.81
 #: Change of the first velocities whose growth is measured, over the speed.
 SMALL = 1e-10
 #: A run that has less than `REST` of the speed at its end starts again with `PUSH` of it, along y.
-REST, PUSH = 1e-4, 0.02
+REST = 1e-4
+PUSH = 0.02
 #: Differences up to this many times the noise may be rounding.
 ROUNDING = 30.0
 STEPPED = ("r", "v", "tension", "work")
@@ -114,7 +117,9 @@ def stacked(states: Sequence[Arrays]) -> dict[str, np.ndarray]:
 
 def largest(a: np.ndarray, b: np.ndarray, scale: Any) -> float:
     """Largest difference over a scale: 0 of nothing, not a number where shapes or numbers are none to compare."""
-    return float(np.max(np.abs(a - b), initial=0.0) / scale) if a.shape == b.shape else np.nan
+    if a.shape == b.shape:
+        return float(np.max(np.abs(a - b), initial=0.0) / scale)
+    return np.nan
 
 
 def differences(a: Arrays, b: Arrays, scales: Arrays) -> dict[str, float]:
@@ -187,9 +192,12 @@ def noise(case: Case, before: Sequence[dj.State], after: Arrays, scales: Arrays)
 def compare(name: str, kept: Groups) -> tuple[str, str]:
     """One scene stepped again from the states kept of it: the row's text, and the verdict."""
     case = case_of(name)._replace(dt=jnp.asarray(kept["run"]["dt"]))
-    after, scales, noise = kept["after"], kept["scale"], kept["noise"]
+    after = kept["after"]
+    scales = kept["scale"]
+    noise = kept["noise"]
     states = [rebuilt(case.start, {key: a[i] for key, a in kept["before"].items()}) for i in range(STATES)]
-    again, built = single_steps(case, states), arrays(case.start)
+    again = single_steps(case, states)
+    built = arrays(case.start)
     end, _ = march(case.stepper, case.model, states[0], case.dt, int(kept["run"]["steps"]))
     found = {
         "start": max(largest(built[f"{key}.0"], kept["start"][f"{key}.0"], scales[key]) for key in ("r", "v")),
@@ -221,7 +229,8 @@ def record_all(path: str, names: Sequence[str]) -> int:
     for name in names:
         one, times = timed(partial(record, name))
         kept |= {f"{name}/{group}/{key}": value for group, part in one.items() for key, value in part.items()}
-        steps, growth = one["run"]["steps"], one["run"]["growth"]
+        steps = one["run"]["steps"]
+        growth = one["run"]["growth"]
         retried = int(np.sum(one["after"]["retried"]))
         print(f"{name:36} {steps:4d} steps, growth {growth:8.1e}, {retried:2d} retried, {times['seconds']:4.1f} s")
     np.savez_compressed(path, **kept)

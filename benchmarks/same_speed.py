@@ -105,7 +105,8 @@ class Side:
         )
 
     def ask(self, word: str) -> float:
-        given, answered = self.process.stdin, self.process.stdout
+        given = self.process.stdin
+        answered = self.process.stdout
         given.write(word + "\n")
         given.flush()
         return float(answered.readline())
@@ -113,7 +114,8 @@ class Side:
 
 def pairs(other: Side, own: Side, word: str, count: int) -> tuple[float, float, list[float]]:
     """Median times of both and the sorted ratios of the pairs; who begins changes from pair to pair."""
-    theirs, ours = [], []
+    theirs = []
+    ours = []
     for i in range(count):
         for side, times in ((other, theirs), (own, ours))[:: 1 if i % 2 else -1]:
             times.append(side.ask(word))
@@ -156,7 +158,8 @@ def main(args) -> None:
         built, ran = measure_both(
             Side(other, name, args.plain), Side(HERE, name, args.plain), args.compilations, args.pairs
         )
-        scale, ratios = 1e6 / CASES[name]["steps"], ran[2]
+        scale = 1e6 / CASES[name]["steps"]
+        ratios = ran[2]
         quarter = len(ratios) // 4
         steps = f"{ran[0] * scale:9.2f} {ran[1] * scale:9.2f} {statistics.median(ratios):7.3f}"
         spread = f"{ratios[quarter]:6.3f}-{ratios[-1 - quarter]:.3f}"

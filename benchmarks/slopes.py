@@ -31,7 +31,8 @@ from fitting.sensitivity.problem import Study
 #: Number of random scenes.
 RANDOM = 16
 #: First of the seeds of the random scenes, and their duration [s].
-FIRST_SEED, DURATION = 5000, 8.0
+FIRST_SEED = 5000
+DURATION = 8.0
 #: Relative change of the fresh runs.
 CHANGE = 0.005
 #: Statistics, in turn.
@@ -115,7 +116,8 @@ def fresh_values(problem: Study) -> list[tuple[np.ndarray, np.ndarray]]:
     """Values (p,) of the two fresh runs of each parameter."""
     pairs = []
     for i, p in enumerate(problem.parameters):
-        low, high = np.array(problem.values), np.array(problem.values)
+        low = np.array(problem.values)
+        high = np.array(problem.values)
         low[i] = max(low[i] - CHANGE * p.scale, p.low)
         high[i] = min(high[i] + CHANGE * p.scale, p.high)
         pairs.append((low, high))
@@ -148,7 +150,8 @@ def judge(problem: Study, found: Local, along: list[float], own: list[float]) ->
     allowed = 2.0 * found.error * reach
     steps = 2.0 * np.sqrt(2.0) * np.nan_to_num(found.value_error)
     rounding = 1e-9 * abs(found.value)
-    along, own = np.array(along), np.array(own)
+    along = np.array(along)
+    own = np.array(own)
     off = np.abs(along - predicted)
     wrong = (along * predicted < 0.0) & (np.abs(predicted) > allowed) & (off > allowed + rounding)
     return {
@@ -205,7 +208,9 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, int]:
 
 #: Scene, parameter, quantities and relative changes of the picture of slopes against the size of the difference. The
 #: quantity of the study, a maximum, is the last one.
-PLATEAU_SCENE, PLATEAU_DURATION, PLATEAU_PARAMETER = "paper-case-1", 20.0, "buoy.spar.mass"
+PLATEAU_SCENE = "paper-case-1"
+PLATEAU_DURATION = 20.0
+PLATEAU_PARAMETER = "buoy.spar.mass"
 PLATEAU_QUANTITIES = ("tension.chain.mean", "tension.chain.sustained", "tension.chain.max")
 SIZES = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 6e-2)
 

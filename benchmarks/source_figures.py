@@ -80,7 +80,8 @@ def _part(curve: Curve, begin: float, end: float) -> Curve:
 
 
 def _series(figure: SourceFigure, solution: Solution, measured: Measured | None) -> list[Panel]:
-    scene, found = solution.scene, []
+    scene = solution.scene
+    found = []
     for name in figure.panels:
         if name in AXES:
             position = solution.point_path(scene.buoys[0].point)[:, AXES.index(name)]
@@ -133,7 +134,12 @@ def _grid(figure: SourceFigure, panels: list[Lines], columns: int, path: Path) -
     """Panels row by row; the measured curve in black below the others."""
     rows = -(-len(panels) // columns)
     wide = figure.kind in ("curve", "history", "spectrum")
-    size = (9.0, 3.4 if len(panels) == 1 else 2.4) if wide else (6.4, 5.6) if len(panels) == 1 else (3.1 * columns, 2.7)
+    if wide:
+        size = (9.0, 3.4 if len(panels) == 1 else 2.4)
+    elif len(panels) == 1:
+        size = (6.4, 5.6)
+    else:
+        size = (3.1 * columns, 2.7)
     if rows > 8:
         size = (9.0, 1.5)
     picture = style.new_figure(size[0], 0.7 + size[1] * rows)
@@ -141,7 +147,10 @@ def _grid(figure: SourceFigure, panels: list[Lines], columns: int, path: Path) -
     for axes, panel in zip(grid, panels, strict=False):
         colours = iter(style.CYCLE)
         for name, x, y in panel.curves:
-            look = {"color": style.DARK, "lw": 2.0, "alpha": 0.45} if name == "measured" else {"color": next(colours)}
+            if name == "measured":
+                look = {"color": style.DARK, "lw": 2.0, "alpha": 0.45}
+            else:
+                look = {"color": next(colours)}
             axes.plot(x, y, label=name or None, **({"lw": 0.6 if len(x) > 4000 else 1.1} | look))
         if panel.start:
             axes.plot(*(v[0] for v in panel.curves[0][1:]), "o", ms=5, mfc="white", mec=style.DARK)
@@ -166,8 +175,10 @@ def _entitle(picture: Figure, figure: SourceFigure) -> None:
 
 def _each(figure: SourceFigure, run: Run) -> Iterator[tuple[str, str, np.ndarray, np.ndarray]]:
     """Name of a link, name of an angle, its values and rates (k,) [rad], [rad/s], link by link."""
-    positions, velocities = run.solution.positions, run.solution.velocities
-    angles, rates = link_angles(positions, figure.zero), angle_rates(positions, velocities, figure.zero)
+    positions = run.solution.positions
+    velocities = run.solution.velocities
+    angles = link_angles(positions, figure.zero)
+    rates = angle_rates(positions, velocities, figure.zero)
     for link in [number - 1 for number in figure.links] or range(run.solution.tension.shape[1]):
         for angle in figure.angles:
             row = ("polar", "azimuth").index(angle)
@@ -345,4 +356,6 @@ def main(args) -> int:
         return 0
     folder = Path(args.plot)
     folder.mkdir(parents=True, exist_ok=True)
-    return 0 if draw(args.names, folder, args.traces) else 1
+    if draw(args.names, folder, args.traces):
+        return 0
+    return 1

@@ -124,7 +124,8 @@ def release_angles() -> Iterator[Row]:
 def north_sea() -> Iterator[Row]:
     """Table 8.5 and appendix G."""
     scene = dj.load_scene("dropper-north-sea-thesis")
-    line, waves = scene.lines[0], scene.sea.waves
+    line = scene.lines[0]
+    waves = scene.sea.waves
     yield (
         "8.5 dropper in the North Sea",
         "L 17 m, M 238 kg, N = 18 (the text: 17 pendulums), 14 kg/m, D 0.05 m",
@@ -144,7 +145,8 @@ def north_sea() -> Iterator[Row]:
 
 def paper() -> Iterator[Row]:
     """(table, number there, number here, why) of the paper."""
-    edulis, case = dj.load_scene("edulis-longline"), dj.load_scene("paper-case-1")
+    edulis = dj.load_scene("edulis-longline")
+    case = dj.load_scene("paper-case-1")
     length = {n: sum(float(np.sum(x.length)) for x in edulis.lines if n in x.name) for n in LINES}
     yield (
         "1 lines of Edulis",
@@ -213,7 +215,8 @@ def paper() -> Iterator[Row]:
 def nominal_diameters() -> Row:
     """What one diameter for volume and drag changes: Edulis' tide along and across with the drag of the nominal one."""
     line = next(x for x in dj.load_scene("edulis-longline").lines if x.name.startswith("backbone"))
-    size, weight = float(np.max(line.diameter)), float(line.mass[0] / line.length[0])
+    size = float(np.max(line.diameter))
+    weight = float(line.mass[0] / line.length[0])
     cdn = dj.load_scene("edulis-tide").value("line_type.backbone.cdn")
     changes = []
     for heading in (0.0, 0.5 * np.pi):
@@ -262,7 +265,8 @@ def measured() -> dict[str, dict[str, np.ndarray]]:
 def lab_models() -> dict[str, dj.Model]:
     """The lab dropper by kinds of its links."""
     scene = dj.load_scene("dropper-release-a")
-    line, order = scene.lines[0], [1, 0] * 3 + [1]
+    line = scene.lines[0]
+    order = [1, 0] * 3 + [1]
     swapped = {"line.0.length": line.length[order], "line.0.mass": line.mass[order]}
     scenes = {
         "simple links, A first": scene.with_values(swapped),

@@ -30,9 +30,16 @@ from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.uncertainty import uncertainty
 
-LENGTH, MASS = np.array([0.15, 0.14, 0.16, 0.15]), np.array([0.05, 0.06, 0.05, 0.05])
-END, LINEAR, QUADRATIC = np.array([0.38, 0.0]), 4e-3, 4e-3
-RATE, REST, BEGIN, DURATION, NOISE = 60.0, 1.5, 2.0, 12.0, 0.004
+LENGTH = np.array([0.15, 0.14, 0.16, 0.15])
+MASS = np.array([0.05, 0.06, 0.05, 0.05])
+END = np.array([0.38, 0.0])
+LINEAR = 4e-3
+QUADRATIC = 4e-3
+RATE = 60.0
+REST = 1.5
+BEGIN = 2.0
+DURATION = 12.0
+NOISE = 0.004
 FREE = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]
 TRUTH = np.array([LINEAR, QUADRATIC])
 SETTINGS = FitSettings(window=1.5, rest=((0.0, BEGIN - 0.1),))  # eight windows are one program's
@@ -84,7 +91,8 @@ def marker_of_a_link(rng: np.random.Generator) -> Found:
 
 
 def marker_of_a_node(rng: np.random.Generator) -> Found:
-    node, way = int(rng.integers(1, 4)), rng.uniform(0, 2 * np.pi)
+    node = int(rng.integers(1, 4))
+    way = rng.uniform(0, 2 * np.pi)
     beside = 3e-3 * abs(_share(rng)) * np.array([np.cos(way), np.sin(way)])
     return {"node": (node, beside), "free": (f"marker.node.{node}",), "name": f"marker of node {node}"}
 
@@ -117,7 +125,8 @@ def draw(kind: str, number: int) -> tuple[Draw, Trace]:
     chain = Chain(d.length, MASS[:-1], END, LINEAR, QUADRATIC)
     polar = POLAR + np.array([*rng.uniform(-0.25, 0.25, 2), 0.0, 0.0])
     missing = 0 if d.lost is None else 12
-    frame, resting = np.arange(round(DURATION * RATE)), np.arange(round(REST * RATE))
+    frame = np.arange(round(DURATION * RATE))
+    resting = np.arange(round(REST * RATE))
     fine = np.arange(-4, 4 * (len(frame) + missing) + 8) / (4 * RATE) * max(d.rate, 1.0)
     t = np.r_[0.0, fine[fine > 0]]
     spline = CubicSpline(t, chain.angles(chain.swing(polar, t)))
@@ -206,7 +215,10 @@ def one(kind: str, number: int, shared: list[Simulator]) -> Found:
     known = replace(solution.problem.known, doubt=omitted_parameter_bias(at.names, solution.problem.parameters))
     solution.problem = replace(solution.problem, known=known)
     u = uncertainty(solution)
-    kind_of_noise = "white" if solution.problem.noise is None else solution.problem.noise.kind
+    if solution.problem.noise is None:
+        kind_of_noise = "white"
+    else:
+        kind_of_noise = solution.problem.noise.kind
     names = [candidate.name for candidate in at.names]
     first = next(iter([*([] if kind_of_noise == "white" else [kind_of_noise]), *names]), "")
     return {

@@ -32,7 +32,9 @@ def table_of(*results: str, name: str = "") -> Callable[[Callable[..., Rows | st
 def stored(name: str | Path, default: Any = None) -> Any:
     """Results of a study, in `results/` or in a file of the user's; the default where there are none yet."""
     file = RESULTS / f"{name}.json" if isinstance(name, str) else name
-    return json.loads(file.read_text()) if default is None or file.exists() else default
+    if default is None or file.exists():
+        return json.loads(file.read_text())
+    return default
 
 
 def store(name: str | Path, found: Any) -> None:
@@ -51,7 +53,8 @@ def say(found: Any) -> None:
 
 def timed(work: Callable[[], Any]) -> tuple[Any, dict[str, float]]:
     """What a piece of work gives, and its time by the clock and of the processor [s]."""
-    clock, processor = time.perf_counter(), time.process_time()
+    clock = time.perf_counter()
+    processor = time.process_time()
     found = work()
     return found, {"seconds": time.perf_counter() - clock, "processor_s": time.process_time() - processor}
 
@@ -79,7 +82,10 @@ def describe() -> dict[str, object]:
 
 def _processor() -> str:
     information = Path("/proc/cpuinfo")
-    named = re.findall(r"model name\s*: (.*)", information.read_text()) if information.exists() else []
+    if information.exists():
+        named = re.findall(r"model name\s*: (.*)", information.read_text())
+    else:
+        named = []
     return next(iter(named), platform.processor() or platform.machine())
 
 
@@ -102,7 +108,9 @@ def columns(rows: Iterable[Found], *table: tuple) -> Rows:
     """
 
     def cell(row: Found, made: str | Callable[..., str], *arguments: Any) -> str:
-        return made(row, *arguments) if callable(made) else made.format(**row)
+        if callable(made):
+            return made(row, *arguments)
+        return made.format(**row)
 
     return [tuple(head for head, *_ in table), *(tuple(cell(row, *made) for _, *made in table) for row in rows)]
 

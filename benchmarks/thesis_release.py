@@ -14,7 +14,10 @@ from sweep_truths import PAIRS
 
 import dropper_jax as dj
 
-STEP, DURATION, RELEASE, GAMMA = 0.0065, 65.0, 15.0, 0.51
+STEP = 0.0065
+DURATION = 65.0
+RELEASE = 15.0
+GAMMA = 0.51
 #: Releases [s] of the scenes with a ramp, by suffix: 15 s of Figure 5.3, and the one at which the angles are met best.
 RAMPS = {"ramp": RELEASE, "ramp-14": 14.1}
 #: Dampings b_l [kg/s], b_q [kg/m] of the scenarios: none, and the thesis' choice.
@@ -51,7 +54,10 @@ def scenario(letter: str) -> Found:
     """A scenario from the ramps and from its packaged pose."""
     found = {"scenario": letter.upper()}
     for start in ("ramp", "ramp-14", "pose"):
-        name = f"dropper-release-{letter}" if start == "pose" else f"dropper-release-{letter}-{start}"
+        if start == "pose":
+            name = f"dropper-release-{letter}"
+        else:
+            name = f"dropper-release-{letter}-{start}"
         if name not in dj.scene_names():
             continue
         default = run(name, DAMPINGS[1])
@@ -81,7 +87,8 @@ class PlaneScheme:
     def sides(self, y: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Of states y (..., 3, n): centripetal accelerations and forces over mass (..., 2, n - 1), x and z."""
         theta, rate, tension = np.moveaxis(y, -2, 0)
-        cos, sin = np.cos(theta), np.sin(theta)
+        cos = np.cos(theta)
+        sin = np.sin(theta)
         bend = np.cumsum(self.length * rate**2 * np.stack([-cos, sin]), axis=-1)[..., :-1]
         force = np.diff(tension * np.stack([cos, -sin]), axis=-1)
         force[1] -= 9.81 * self.mass
@@ -90,11 +97,13 @@ class PlaneScheme:
 
     def rows(self, y: np.ndarray, old: np.ndarray, t: float) -> np.ndarray:
         """Residuals (..., 3 n) of a step from t."""
-        theta, rate = y[..., 0, :], y[..., 1, :]
+        theta = y[..., 0, :]
+        rate = y[..., 1, :]
         turned = (theta - old[0]) / self.dt - GAMMA * rate - (1 - GAMMA) * old[1]
         change = self.length * (rate - old[1]) / self.dt
         a = np.cumsum(change * np.stack([-np.sin(theta), -np.cos(theta)]), axis=-1)[..., :-1]
-        (b1, f1), (b0, f0) = self.sides(y, t + self.dt), self.sides(old, t)
+        b1, f1 = self.sides(y, t + self.dt)
+        b0, f0 = self.sides(old, t)
         before = (b0 - f0).reshape(2, *[1] * (b1.ndim - 2), -1)
         motion = a + GAMMA * (b1 - f1) + (1 - GAMMA) * before
         x, z = (np.sum(self.length * part, axis=-1) for part in (np.cos(theta), np.sin(theta)))
@@ -102,7 +111,8 @@ class PlaneScheme:
 
     def step(self, old: np.ndarray, t: float) -> np.ndarray | None:
         """The state after a step from t; None where Newton's method finds none."""
-        y, tiny = old, 1e-30
+        y = old
+        tiny = 1e-30
         for _ in range(30):
             tried = y.reshape(1, 3, -1) + 1j * tiny * np.eye(old.size).reshape(old.size, 3, -1)
             jacobian = np.imag(self.rows(tried, old, t)).T / tiny

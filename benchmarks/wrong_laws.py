@@ -24,7 +24,8 @@ from fitting.estimate.simulator import Simulator
 
 GRAVITY = 9.81
 #: Rate [rad/s] within which the dry friction of the truth turns, and of the correction of closed chains [1/s].
-TURNS, CLOSES = 5e-3, 20.0
+TURNS = 5e-3
+CLOSES = 20.0
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 #: Faults, and the law that should be named; empty where no law of the list is right.
 FAULTS = {
@@ -93,21 +94,24 @@ def slope_of(rig: Rig) -> Callable[[float, np.ndarray], np.ndarray]:
 
     M q'' + A' lam = Q - J' m J.q', with the ends of a closed chain held by A q'' = -A.q' - 2 w C' - w^2 C (Baumgarte).
     """
-    n, closed = rig.links, rig.gap is not None
+    n = rig.links
+    closed = rig.gap is not None
     nodes = n - closed
     inertia = np.full(nodes, rig.mass + rig.added_mass)
     below = np.tril(np.ones((n, n)))  # the links that a node hangs on
 
     def slope(_: float, y: np.ndarray) -> np.ndarray:
         q, rate = np.split(y, 2)
-        sine, cosine = np.sin(q[1:]), np.cos(q[1:])
+        sine = np.sin(q[1:])
+        cosine = np.cos(q[1:])
         jacobian = np.zeros((n, 2, n + 1))
         jacobian[:, 0, 0] = rig.loose is not None
         jacobian[:, 0, 1:] = below * rig.length * cosine
         jacobian[:, 1, 1:] = below * rig.length * sine
         turning = rig.length * np.stack([below @ (-sine * rate[1:] ** 2), below @ (cosine * rate[1:] ** 2)], axis=1)
         velocity = jacobian @ rate
-        own, v = jacobian[:nodes], velocity[:nodes]
+        own = jacobian[:nodes]
+        v = velocity[:nodes]
         speed = np.linalg.norm(v, axis=1, keepdims=True)
         force = -rig.b_l * v - rig.b_q * speed * v - inertia[:, None] * turning[:nodes]
         force[:, 1] -= rig.mass * GRAVITY
@@ -145,7 +149,8 @@ def pose(rig: Rig, rng: np.random.Generator) -> np.ndarray:
         return rng.uniform(0.5, 1.4) + 0.15 * rng.standard_normal(n)
     parts = [k for k in range(1, n) if abs(2 * k - n) * rig.length < 0.95 * rig.gap]
     k = int(rng.choice(parts))
-    one, two = k * rig.length, (n - k) * rig.length
+    one = k * rig.length
+    two = (n - k) * rig.length
     cosine = (one**2 + rig.gap**2 - two**2) / (2 * one * rig.gap)
     apex = one * np.array([cosine, np.sqrt(1 - cosine**2)])
     along = np.array([rig.gap, 0.0]) - apex
@@ -169,7 +174,9 @@ def draw(seed: int) -> Draw:
     """The draw of a seed."""
     rng = np.random.default_rng([seed, 59])
     fault = list(FAULTS)[seed % len(FAULTS)]
-    links, length, mass = int(rng.integers(2, 6)), rng.uniform(0.06, 0.15), rng.uniform(0.01, 0.06)
+    links = int(rng.integers(2, 6))
+    length = rng.uniform(0.06, 0.15)
+    mass = rng.uniform(0.01, 0.06)
     closed = links > 2 and rng.random() < 0.6
     gap = rng.uniform(0.4, 0.75) * links * length if closed else None
     b_l, b_q = (mass * 10 ** rng.uniform(-1.6, -0.8) for _ in NAMES)
@@ -236,7 +243,8 @@ def judge(d: Draw, trace: Trace, free: list[int], simulator: Simulator | None = 
     truth = np.array([d.rig.b_l, d.rig.b_q])[free]
     result, times = timed(lambda: fitted(d, trace, free, simulator))
     error = result.values - truth
-    wrong, first = result.laws.wrong, next(iter(result.laws.tests), None)
+    wrong = result.laws.wrong
+    first = next(iter(result.laws.tests), None)
     return {
         **{"status": result.status, "message": result.message, "warnings": result.warnings},
         **{"named": wrong.name if wrong else "", "alike": list(wrong.alike) if wrong else []},

@@ -81,7 +81,8 @@ def angle_rates(
         ValueError: unknown `zero`, or shapes that do not match.
     """
     check_choice("zero", zero, ZEROS)
-    links, rates = _links(positions, "positions"), _links(velocities, "velocities")
+    links = _links(positions, "positions")
+    rates = _links(velocities, "velocities")
     if links.shape != rates.shape:
         raise ValueError(f"velocities: shape {np.shape(velocities)}, must be that of positions, {np.shape(positions)}")
     branch = _Branch(*(part.reshape(links.shape[:-1]) for part in _follow(links.reshape(-1, *links.shape[-2:]))))
@@ -111,9 +112,13 @@ def angles_to_links(
     The inverse of `link_angles`; `np.cumsum` of the result along the links gives the nodes relative to the first one.
     """
     check_choice("zero", zero, ZEROS)
-    down = np.asarray(polar, float) if zero == "down" else np.pi / 2 - np.asarray(polar, float)
+    if zero == "down":
+        down = np.asarray(polar, float)
+    else:
+        down = np.pi / 2 - np.asarray(polar, float)
     azimuth = np.asarray(azimuth, float)
-    flat, up = np.sin(down), -np.cos(down)
+    flat = np.sin(down)
+    up = -np.cos(down)
     unit = np.stack(np.broadcast_arrays(flat * np.cos(azimuth), flat * np.sin(azimuth), up), axis=-1)
     return unit * np.asarray(length, float)[..., None]
 
@@ -204,7 +209,8 @@ def writhe(nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(links, axis=-1, keepdims=True)
     t = links / np.where(size > 0.0, size, 1.0)
     d = np.asarray(direction, float) / np.linalg.norm(direction)
-    a, b = t[:, :-1], t[:, 1:]
+    a = t[:, :-1]
+    b = t[:, 1:]
     volume = np.cross(a, b) @ d
     around = 1.0 + a @ d + b @ d + np.sum(a * b, axis=-1)
     return np.sum(2.0 * np.arctan2(volume, around), axis=1) / (2.0 * np.pi)

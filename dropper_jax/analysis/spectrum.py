@@ -28,7 +28,8 @@ def amplitude_spectrum(t: np.ndarray, x: np.ndarray, window: str = "hann") -> tu
     Raises:
         ValueError: sampling that is not uniform, values that are not finite, shapes that do not match, another window.
     """
-    t, x = np.asarray(t), np.asarray(x)
+    t = np.asarray(t)
+    x = np.asarray(x)
     check_choice("window", window, WINDOWS)
     step = _uniform_step(t)
     if x.ndim not in (1, 2) or len(x) != len(t):
@@ -36,7 +37,10 @@ def amplitude_spectrum(t: np.ndarray, x: np.ndarray, window: str = "hann") -> tu
     if not np.isfinite(x).all():
         raise ValueError("x: has values that are not finite")
     count = len(t)
-    weight = np.hanning(count + 1)[:-1] if window == "hann" else np.ones(count)
+    if window == "hann":
+        weight = np.hanning(count + 1)[:-1]
+    else:
+        weight = np.ones(count)
     centred = (x - x.mean(axis=0)) * (weight if x.ndim == 1 else weight[:, None])
     amplitude = 2 * np.abs(np.fft.rfft(centred, axis=0)) / weight.sum()
     amplitude[0] /= 2
@@ -81,7 +85,8 @@ def phase_curve(
         ValueError: no such link, another `zero` or `angle`.
     """
     check_choice("angle", angle, ANGLES)
-    positions, velocities = np.asarray(positions), np.asarray(velocities)
+    positions = np.asarray(positions)
+    velocities = np.asarray(velocities)
     links = positions.shape[1] - 1
     if not -links <= link < links:
         raise ValueError(f"link = {link}: must be from {-links} to {links - 1}")
@@ -129,7 +134,8 @@ def energy_table(solution: Energies) -> dict[str, Any]:
         the larger of the greatest kinetic energy and the range of the potential; `drift` {final, largest} [J] and
         `relative_drift`, the largest over the scale (0 where nothing moves).
     """
-    kinetic, potential = np.asarray(solution.kinetic), np.asarray(solution.potential)
+    kinetic = np.asarray(solution.kinetic)
+    potential = np.asarray(solution.potential)
     work = _work(solution)
     drift = balance_drift(solution)
     with np.errstate(invalid="ignore"):
@@ -150,5 +156,6 @@ def _work(solution: Energies) -> np.ndarray:
 
 
 def _instant(kinetic: float, potential: float) -> dict[str, float]:
-    kinetic, potential = float(kinetic), float(potential)
+    kinetic = float(kinetic)
+    potential = float(potential)
     return {"kinetic": kinetic, "potential": potential, "total": kinetic + potential}

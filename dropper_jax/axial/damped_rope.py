@@ -21,7 +21,8 @@ class DampedRope(Rope):
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        step, size = _Step.of(self, start, length, h), safe_norm(self.unstretch_broken(d1, length))
+        step = _Step.of(self, start, length, h)
+        size = safe_norm(self.unstretch_broken(d1, length))
         spring = lambda x: length / self.EA * self._unclipped_spring(step, x)  # noqa: E731
         damper = self._damper_over(step, size, spring(size))
         return taut_or_slack(spring, size, length, length / self.EA * (tension - damper))
@@ -34,7 +35,9 @@ class DampedRope(Rope):
 
     def _link_tension(self, size: jax.Array, stretching: jax.Array, length: jax.Array) -> jax.Array:
         spring = self.spring(size, length)
-        return spring if self.damping is None else spring + self.damping / length * stretching
+        if self.damping is None:
+            return spring
+        return spring + self.damping / length * stretching
 
     def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
         return Elastic._damper_over(self, step, size, spring)

@@ -12,7 +12,8 @@ from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot, safe_norm
 
-INTERNAL_DAMPING, AXIAL_RINGING = "internal_damping", "axial_ringing"
+INTERNAL_DAMPING = "internal_damping"
+AXIAL_RINGING = "axial_ringing"
 #: Highest angular frequency of a line times the step above which its vibrations are damped. From 2 on the midpoint rule
 #: turns them by more than a quarter per step. With 2 the hard case of a snapping rope, at 2.5, is off by 2.3 % in place
 #: of 1.8 %.
@@ -39,7 +40,9 @@ class Elastic(AxialLaw):
 
     @property
     def work_names(self) -> tuple[str, ...]:
-        return (AXIAL_RINGING,) if self.damping is None else (INTERNAL_DAMPING, AXIAL_RINGING)
+        if self.damping is None:
+            return (AXIAL_RINGING,)
+        return (INTERNAL_DAMPING, AXIAL_RINGING)
 
     def stiffness(self, length: jax.Array) -> jax.Array:
         return self.EA / length
@@ -55,7 +58,9 @@ class Elastic(AxialLaw):
 
     def zero_broken(self, per_link: jax.Array) -> jax.Array:
         """Values (n,) of links, zero for broken ones."""
-        return per_link if self.intact is None else self.intact * per_link
+        if self.intact is None:
+            return per_link
+        return self.intact * per_link
 
     def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
         """Tension (n,) [N] of links of length `size` (n,) [m], without damping."""
@@ -120,7 +125,9 @@ class Elastic(AxialLaw):
         """The law at one instant, (n,) [m]: of links d that stretch at d' = `rate` (n, 3) [m/s]."""
         d, stretching = self._stretching(d, rate, length)
         law = safe_norm(d) - length - length * tension / self.EA
-        return law if self.damping is None else law + self.damping / self.EA * stretching
+        if self.damping is None:
+            return law
+        return law + self.damping / self.EA * stretching
 
     def _stretching(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Link vectors as the law uses them, and rates of length (n,) [m/s]."""
@@ -137,8 +144,10 @@ class Elastic(AxialLaw):
     def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
         """Work over a step by name, scalars [J]: of the damper, never positive, and of the ringing force, which also
         stores and returns energy."""
-        step, size = _Step.of(self, start, length, h), safe_norm(self.unstretch_broken(d1, length))
-        spring, longer = self._spring_over(step, size), size - step.size
+        step = _Step.of(self, start, length, h)
+        size = safe_norm(self.unstretch_broken(d1, length))
+        spring = self._spring_over(step, size)
+        longer = size - step.size
         found = {AXIAL_RINGING: -jnp.sum((spring - self._mean(step, size)) * longer)}
         if self.damping is not None:
             found[INTERNAL_DAMPING] = -jnp.sum(self._damper_over(step, size, spring) * longer)

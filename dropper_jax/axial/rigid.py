@@ -22,7 +22,9 @@ class Rigid(AxialLaw):
 
     def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
         # springs that push would keep a line straight between points that are close together
-        return Elastic(EA=EA) if pushes else Rope(EA=EA)
+        if pushes:
+            return Elastic(EA=EA)
+        return Rope(EA=EA)
 
     def with_broken_links(self, intact: jax.Array) -> AxialLaw:
         return self  # scenes do not allow rigid links to break

@@ -27,7 +27,8 @@ def taut_or_slack(
     (primal-dual active set). The stretch of a guessed step is off by far more than links stretch, whereas its tensions
     are good.
     """
-    at, beyond = jnp.maximum(stretch(slack), 0.0), size - slack
+    at = jnp.maximum(stretch(slack), 0.0)
+    beyond = size - slack
     above = stretch(jnp.maximum(size, slack)) + jnp.minimum(beyond, 0.0)
     # weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1]
     taut = held - at + 1e-3 * (above - at) > 0.0
@@ -82,7 +83,10 @@ class Rope(Elastic):
 
         def elastic_elongation(size: jax.Array) -> jax.Array:
             spring = self.spring(size, length)
-            damper = 0.0 if self.damping is None else self.damping / length * stretching
+            if self.damping is None:
+                damper = 0.0
+            else:
+                damper = self.damping / length * stretching
             return length / self.EA * (spring + jnp.minimum(damper, spring))
 
         return taut_or_slack(elastic_elongation, safe_norm(d), self._slack(length), length * tension / self.EA)
@@ -94,7 +98,9 @@ class Rope(Elastic):
     def _link_tension(self, size: jax.Array, stretching: jax.Array, length: jax.Array) -> jax.Array:
         """Tension (n,) [N] of links of length `size` that stretch at that rate (n,) [m/s]."""
         spring = self.spring(size, length)
-        return spring if self.damping is None else spring + never_more(self.damping / length * stretching, spring)
+        if self.damping is None:
+            return spring
+        return spring + never_more(self.damping / length * stretching, spring)
 
     def _damper(self, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         return tension - self.zero_broken(self.spring(safe_norm(d), length))

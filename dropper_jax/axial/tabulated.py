@@ -42,7 +42,8 @@ class ForceTable:
             items = read_list(values, where, None, ROWS)
             return np.array([read_number(x, f"{where}.{i}", {"unit": unit}) for i, x in enumerate(items)], float)
 
-        e, force = column(strain, f"{path}.strain", "-"), column(tension, f"{path}.tension", "N")
+        e = column(strain, f"{path}.strain", "-")
+        force = column(tension, f"{path}.tension", "N")
         if len(e) < 2:
             raise refuse(f"{path}.strain", plain(e), "has too few rows", ROWS)
         if len(force) != len(e):
@@ -73,10 +74,13 @@ class ForceTable:
         Inside the table, the weighted harmonic mean of both secants, and 0 next to a level interval (Fritsch and
         Butland 1984). At the ends, the secant there, so that the curve continues straight beyond the last row.
         """
-        width, secant = np.diff(self.strain), self.secants
-        first, second = 2 * width[1:] + width[:-1], width[1:] + 2 * width[:-1]
+        width = np.diff(self.strain)
+        secant = self.secants
+        first = 2 * width[1:] + width[:-1]
+        second = width[1:] + 2 * width[:-1]
         level = (secant[1:] == 0.0) | (secant[:-1] == 0.0)
-        before, after = np.where(level, 1.0, secant[:-1]), np.where(level, 1.0, secant[1:])
+        before = np.where(level, 1.0, secant[:-1])
+        after = np.where(level, 1.0, secant[1:])
         inner = np.where(level, 0.0, (first + second) / (first / before + second / after))
         return np.concatenate([secant[:1], inner, secant[-1:]])
 
@@ -92,7 +96,8 @@ def read_tables(table: Mapping[str, Any], path: str, links: int) -> tuple[ForceT
     for key in ("strain", "tension"):
         if key not in table:
             raise SceneError(f"{path}.{key}: missing; needed: {ROWS}")
-    strain, tension = plain(table["strain"]), plain(table["tension"])
+    strain = plain(table["strain"])
+    tension = plain(table["tension"])
     nested = [isinstance(x, list) and any(isinstance(row, list) for row in x) for x in (strain, tension)]
     if not any(nested):
         return (ForceTable.read(strain, tension, path),) * links
@@ -153,7 +158,8 @@ class Tabulated(Rope):
     def _cubics(self, width: jax.Array) -> tuple[jax.Array, ...]:
         """Rise and coefficients of s, s^2, s^3 of each interval's cubic (n, k - 1), s from 0 to 1."""
         rise = self.force[:, 1:] - self.force[:, :-1]
-        first, last = width * self.slope[:, :-1], width * self.slope[:, 1:]
+        first = width * self.slope[:, :-1]
+        last = width * self.slope[:, 1:]
         return rise, first, 3 * rise - 2 * first - last, first + last - 2 * rise
 
     def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
@@ -177,7 +183,8 @@ class Tabulated(Rope):
         return jax.jvp(lambda size: self.spring(size, step.length), (at,), (jnp.ones_like(at),))[1]
 
     def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
-        length, longer = step.length, size - step.size
+        length = step.length
+        longer = size - step.size
         # relative change of length below which the mean tension is that in the middle of the change: exact to second
         # order, where a difference of energies would be lost in rounding
         little = jnp.abs(longer) < 1e-7 * length

@@ -7,7 +7,8 @@ disk.
 import os
 
 #: Environment variable, and its value for the fallbacks.
-VARIABLE, PLAIN = "DROPPER_BACKEND", "plain"
+VARIABLE = "DROPPER_BACKEND"
+PLAIN = "plain"
 #: Whether this process stores its compiled programs in the user's folder; to be set before `backend.programs` is
 #: imported, which imports JAX.
 stores_programs = False

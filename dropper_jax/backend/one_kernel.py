@@ -140,7 +140,9 @@ def separate_call(f: Callable[P, R]) -> Callable[P, R]:
     """`f` as a function of its own in the compiled program, so that its results are stored and not computed again by
     each of their readers; `f` itself if this JAX has no such calls."""
     call = None if is_plain() else _tagged_call()
-    return f if call is None else call(f, {"inlineable": "false"})
+    if call is None:
+        return f
+    return call(f, {"inlineable": "false"})
 
 
 @functools.cache
@@ -150,7 +152,9 @@ def _tagged_call() -> Callable[..., Any] | None:
             call = getattr(importlib.import_module(module), name)
         except (ImportError, AttributeError):
             continue
-        return call if name == "xla_metadata_call2" else lambda f, tag, call=call: call(f, **tag)
+        if name == "xla_metadata_call2":
+            return call
+        return lambda f, tag, call=call: call(f, **tag)
     return None
 
 

@@ -161,7 +161,10 @@ def compile_program(
         kernel: whether it becomes one kernel where possible.
     """
     stored = _stored
-    key = None if stored is None else stored.key(function, {**settings, "kernel": kernel}, values)
+    if stored is None:
+        key = None
+    else:
+        key = stored.key(function, {**settings, "kernel": kernel}, values)
     program = None if key is None else stored.load(key)
     if program is not None:
         return program
@@ -172,7 +175,10 @@ def compile_program(
 
 
 def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool) -> jax.stages.Compiled:
-    lowered, is_kernel = lower_kernel(one, values, LARGEST_KERNEL) if kernel else (None, False)
+    if kernel:
+        lowered, is_kernel = lower_kernel(one, values, LARGEST_KERNEL)
+    else:
+        lowered, is_kernel = (None, False)
     if is_kernel:
         # not if it has an operation that this version's compiler does not compile inline
         with suppress(jax.errors.JaxRuntimeError):

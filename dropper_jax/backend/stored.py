@@ -33,7 +33,8 @@ from jax.experimental import serialize_executable
 #: Packages whose names and sources the key of a program contains.
 PACKAGES = ("dropper_jax", "fitting")
 #: First bytes of a file, before the digest and the program.
-MARK, UNFINISHED = b"dropper2", ".unfinished"
+MARK = b"dropper2"
+UNFINISHED = ".unfinished"
 DIGEST = hashlib.sha256().digest_size
 #: Age [s] after which an unfinished file counts as left over from a stopped process.
 ABANDONED = 3600.0
@@ -75,7 +76,8 @@ class Folder:
             whole = file.read_bytes()
         except OSError:
             return None
-        head, content = whole[: len(MARK) + DIGEST], whole[len(MARK) + DIGEST :]
+        head = whole[: len(MARK) + DIGEST]
+        content = whole[len(MARK) + DIGEST :]
         if head != MARK + hashlib.sha256(content).digest():
             self.remove(key)
             return None
@@ -275,7 +277,9 @@ def _tree_text(tree: jax.tree_util.PyTreeDef) -> str:
     """The types of a tree and their static data, without its leaves."""
     node = tree.node_data()
     if node is None:
-        return "leaf" if tree.num_leaves else "none"
+        if tree.num_leaves:
+            return "leaf"
+        return "none"
     kind, static = node
     return _joined(_type_text(kind) + stable_text(static), map(_tree_text, tree.children()))
 

@@ -36,10 +36,12 @@ def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rh
 def _cyclic_reduction_jvp(
     primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]
 ) -> tuple[jax.Array, jax.Array]:
-    (lower, diagonal, upper, rhs), (dl, dd, du, db) = primals, tangents
+    lower, diagonal, upper, rhs = primals
+    dl, dd, du, db = tangents
     x = cyclic_reduction(lower, diagonal, upper, rhs)
     zero = jnp.zeros_like(x[:1])
-    before, after = jnp.concatenate([zero, x[:-1]]), jnp.concatenate([x[1:], zero])
+    before = jnp.concatenate([zero, x[:-1]])
+    after = jnp.concatenate([x[1:], zero])
     return x, cyclic_reduction(lower, diagonal, upper, db - dl * before - dd * x - du * after)
 
 
@@ -53,13 +55,19 @@ def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
     odd = n // 2
     even = n - odd
     pivot = 1.0 / diagonal[1::2]
-    low, up, b = lower[1::2] * pivot, upper[1::2] * pivot, rhs[1::2] * pivot
+    low = lower[1::2] * pivot
+    up = upper[1::2] * pivot
+    b = rhs[1::2] * pivot
     low0, up0, b0 = (_shift_rows(a, 1, even) for a in (low, up, b))
     low1, up1, b1 = (_shift_rows(a, 0, even) for a in (low, up, b))
-    left, right = lower[0::2], upper[0::2]
+    left = lower[0::2]
+    right = upper[0::2]
     own = diagonal[0::2] - right * low1 - left * up0
     kept = _halve_rows(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0, target)
-    following = kept[1 : odd + 1] if even > odd else _shift_rows(kept[1:], 0, odd)
+    if even > odd:
+        following = kept[1 : odd + 1]
+    else:
+        following = _shift_rows(kept[1:], 0, odd)
     between = b - low * kept[:odd] - up * following
     return jnp.stack([kept, _shift_rows(between, 0, even)], axis=1).reshape(2 * even)[:n]
 

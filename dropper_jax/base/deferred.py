@@ -30,12 +30,14 @@ class DeferredErrorFile(io.RawIOBase):
         self.refused: OSError | None = None
 
     def write(self, data: bytes) -> int:
-        left, at = memoryview(data).cast("B"), self._at
+        left = memoryview(data).cast("B")
+        at = self._at
         size = len(left)
         try:
             while left and self.refused is None:
                 wrote = os.pwrite(self._file, left, at)
-                left, at = left[wrote:], at + wrote
+                left = left[wrote:]
+                at = at + wrote
         except OSError as error:
             self.refused = error
         # larger writes are data, which are not read back after a disk error; smaller ones are stored in memory
@@ -54,7 +56,8 @@ class DeferredErrorFile(io.RawIOBase):
         count = max(min(len(view), self._size - self._at), 0)
         view[:count] = os.pread(self._file, count, self._at).ljust(count, b"\0")
         for at, data in self._pending:
-            first, last = max(at, self._at), min(at + len(data), self._at + count)
+            first = max(at, self._at)
+            last = min(at + len(data), self._at + count)
             if first < last:
                 view[first - self._at : last - self._at] = data[first - at : last - at]
         self._at += count

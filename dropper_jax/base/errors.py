@@ -57,7 +57,9 @@ def nearest(word: str, candidates: Iterable[str]) -> str:
     """A hint with the nearest valid name, or with all valid names if none is similar."""
     candidates = sorted(candidates)
     close = difflib.get_close_matches(word, candidates, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known: {', '.join(candidates)}"
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return f"known: {', '.join(candidates)}"
 
 
 #: Called with the completed fraction, 0 to 1, and a few words.

@@ -99,9 +99,15 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
 
 def unwritable(path: Path, error: Exception) -> OSError:
     """The same error with the name of the target file."""
-    number, reason = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
+    if isinstance(error, OSError):
+        number, reason = (error.errno, error.strerror)
+    else:
+        number, reason = (None, None)
     reason = " ".join(str(reason or error).split())
-    reason = reason if reason.startswith("cannot be written") else f"cannot be written: {reason}"
+    if reason.startswith("cannot be written"):
+        reason = reason
+    else:
+        reason = f"cannot be written: {reason}"
     return OSError(number, reason, str(path))
 
 
@@ -120,11 +126,13 @@ def remove_leftovers(path: Path) -> list[Path]:
 
 def leftovers(path: Path) -> list[Path]:
     """The unfinished files and folders that ended processes left for `path`."""
-    begins, written = f".{path.name}.", re.compile(rf"(\w+)-(\d+)-.*{re.escape(PART)}")
+    begins = f".{path.name}."
+    written = re.compile(rf"(\w+)-(\d+)-.*{re.escape(PART)}")
     removed = []
     with suppress(OSError):
         for name in [name for name in os.listdir(path.parent) if name.startswith(begins)]:
-            found, item = written.fullmatch(name.removeprefix(begins)), path.parent / name
+            found = written.fullmatch(name.removeprefix(begins))
+            item = path.parent / name
             if found and _is_left(item, found[1], int(found[2])):
                 removed.append(item)
     return removed
@@ -201,7 +209,10 @@ def find_referenced(text: str | Path, path: str, base: Path | None = None) -> Pa
     if "\0" in str(text):
         raise SceneError(f"{path}: {str(text)[:60]!r} is not a valid file name (contains NUL)")
     if base is None:
-        base = folder if folder is not None and (folder / text).exists() else Path()
+        if folder is not None and (folder / text).exists():
+            base = folder
+        else:
+            base = Path()
     found = base / text
     if folder is None:
         return found

@@ -47,7 +47,9 @@ def store_once(x: Tree) -> Tree:
     Members of a batch that advance side by side on the CPU compute them once: half of the operations of a step of the
     lab dropper, and 1.14 (`rattle`) to 1.28 times as fast. Other programs are not changed.
     """
-    return jax.lax.optimization_barrier(x) if jax.default_backend() == "cpu" else x
+    if jax.default_backend() == "cpu":
+        return jax.lax.optimization_barrier(x)
+    return x
 
 
 #: Decorator of small functions that programs use many times: traced once per shape, one program where called alone.
@@ -133,7 +135,9 @@ def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) ->
     if not len(where):
         return jnp.zeros((size, *values.shape[1:]), values.dtype)
     if len(where) == size and counts.max() == 1:
-        return values if (where == np.arange(size)).all() else values[np.argsort(where)]
+        if (where == np.arange(size)).all():
+            return values
+        return values[np.argsort(where)]
     order = np.argsort(where, kind="stable")
     return gather_sums(values, index_table(np.split(order, np.cumsum(counts)[:-1]), len(where)))
 

@@ -52,7 +52,9 @@ def short_text(value: Plain) -> str:
     """A value on one short line."""
     shown = 60  # maximum length of a value's text in an error line
     text = " ".join(repr(value).split())
-    return text if len(text) <= shown else text[: shown - 3] + "..."
+    if len(text) <= shown:
+        return text
+    return text[: shown - 3] + "..."
 
 
 def plain(value: Plain) -> Plain:
@@ -61,7 +63,9 @@ def plain(value: Plain) -> Plain:
         return value.tolist()
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
-    return [plain(item) for item in value] if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
 
 
 def read_table(value: Plain, path: str) -> Mapping[str, Any]:
@@ -91,7 +95,9 @@ def check_kind_keys(
 
 
 def join(path: str, key: str) -> str:
-    return f"{path}.{key}" if path else key
+    if path:
+        return f"{path}.{key}"
+    return key
 
 
 class ScenePath(str):
@@ -110,7 +116,9 @@ class ScenePath(str):
     @property
     def stem(self) -> str:
         stem, _, last = self.rpartition(".")
-        return ScenePath(stem).stem if last.isdecimal() else str(self)
+        if last.isdecimal():
+            return ScenePath(stem).stem
+        return str(self)
 
     @property
     def key(self) -> str:
@@ -118,7 +126,8 @@ class ScenePath(str):
 
     def entry_of(self, paths: Container[str]) -> tuple[str, tuple[int, ...]] | None:
         """Which of these paths it is an entry of, and the numbers of the entry; None without such a path."""
-        stem, entries = str(self), ()
+        stem = str(self)
+        entries = ()
         while stem not in paths:
             stem, _, last = stem.rpartition(".")
             if not last.isdecimal():
@@ -129,7 +138,9 @@ class ScenePath(str):
 
 def limits(declared: Mapping[str, Any]) -> str:
     """The allowed range in words, with the unit, such as `> 0 kg`; empty if there are no limits."""
-    low, high, unit = declared.get("low"), declared.get("high"), declared.get("unit", "-")
+    low = declared.get("low")
+    high = declared.get("high")
+    unit = declared.get("unit", "-")
     unit = "" if unit == "-" else f" {unit}"
     if declared.get("type") is int and high == MOST:  # not a physical limit
         high = None
@@ -137,7 +148,9 @@ def limits(declared: Mapping[str, Any]) -> str:
         return f"{'above ' if declared.get('open_low') else ''}{low:g} to {high:g}{unit}"
     if low is not None:
         return f"{'>' if declared.get('open_low') else '>='} {low:g}{unit}"
-    return f"<= {high:g}{unit}" if high is not None else ""
+    if high is not None:
+        return f"<= {high:g}{unit}"
+    return ""
 
 
 def read_number(value: Plain, path: str, declared: Mapping[str, Any], allowed: str | None = None) -> float:
@@ -150,7 +163,8 @@ def read_number(value: Plain, path: str, declared: Mapping[str, Any], allowed: s
         number = float(value)
     if not math.isfinite(number):
         raise refuse(path, value, "is not finite", allowed)
-    low, high = declared.get("low"), declared.get("high")
+    low = declared.get("low")
+    high = declared.get("high")
     below = low is not None and (number < low or (declared.get("open_low") and number == low))
     if below or (high is not None and number > high):
         raise refuse(path, value, "is out of range", allowed)
@@ -159,7 +173,9 @@ def read_number(value: Plain, path: str, declared: Mapping[str, Any], allowed: s
 
 def _in_unit(declared: Mapping[str, Any]) -> str:
     unit = declared.get("unit", "-")
-    return "" if unit == "-" else f"in {unit}"
+    if unit == "-":
+        return ""
+    return f"in {unit}"
 
 
 def read_integer(value: Plain, path: str, low: int | None = None, high: int | None = None) -> int:
@@ -235,7 +251,8 @@ def _read_numbers(value: Plain, path: str, declared: Mapping[str, Any], count: i
 def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | int | bool | tuple[Any, ...]:
     """A text, whole number, truth value, or tuple of whole numbers, of texts (declared as `list`), or of pairs of
     texts."""
-    kind, choices = declared.get("type"), declared.get("choices")
+    kind = declared.get("type")
+    choices = declared.get("choices")
     if kind in (Pairs, tuple, list):
         items = enumerate(read_list(value, path, None, LISTS[kind]))
         if kind is tuple:
@@ -265,12 +282,16 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
     Raises:
         SceneError: for the first key or value that cannot be used.
     """
-    table, declared = read_table(table, path), declared_fields(cls)
+    table = read_table(table, path)
+    declared = declared_fields(cls)
     check_keys(table, declared, path)
     values = {}
     for key, field in declared.items():
         if key in table:
-            read = partial(read_parameter, counts=counts) if field.metadata["kind"] == "parameter" else read_option
+            if field.metadata["kind"] == "parameter":
+                read = partial(read_parameter, counts=counts)
+            else:
+                read = read_option
             values[field.name] = read(table[key], join(path, key), field.metadata)
         elif field.default is dataclasses.MISSING:
             raise SceneError(f"{join(path, key)}: missing; needed: {_describe_missing(field)}")

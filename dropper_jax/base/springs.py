@@ -20,7 +20,8 @@ from dropper_jax.base.numerics import positive_part, trace_once
 @trace_once
 def mean_positive_part(e0: jax.Array, e1: jax.Array) -> jax.Array:
     """Mean of max(e, 0) between e0 and e1: `(s1^2 - s0^2)/(2 (e1 - e0))`, s = max(e, 0), without cancellation."""
-    pulled, way = positive_part(e0) + positive_part(e1), jnp.abs(e0) + jnp.abs(e1)
+    pulled = positive_part(e0) + positive_part(e1)
+    way = jnp.abs(e0) + jnp.abs(e1)
     return 0.5 * pulled * (pulled / jnp.where(way > 0.0, way, 1.0))
 
 
@@ -36,10 +37,12 @@ def lag(before: jax.Array, after: jax.Array, expected: jax.Array, rest: jax.Arra
     not that of a sign determined by rounding. Changes up to `rest` count as zero, those above 4 times as motion. The
     force is blended between them: a step cannot solve a jump that is larger than its tolerance.
     """
-    change, ahead = after - before, 0.5 * (after - expected)
+    change = after - before
+    ahead = 0.5 * (after - expected)
     smaller = jnp.where(jnp.abs(ahead) <= jnp.abs(change), ahead, change)
     moving = jnp.where(change * ahead > 0.0, smaller, 0.0)
-    size, width = jnp.maximum(jnp.abs(change), jnp.abs(ahead)), 3.0 * rest
+    size = jnp.maximum(jnp.abs(change), jnp.abs(ahead))
+    width = 3.0 * rest
     still = jnp.clip((rest + width - size) / jnp.where(width > 0.0, width, 1.0), 0.0, 1.0)
     still = jnp.where(width > 0.0, still, size <= 0.0)
     return 0.5 * (still * ahead + (1.0 - still) * moving)

@@ -116,7 +116,8 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray
 
 def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
     """Paths at which two requests, as plain values, differ, with both values."""
-    one, other = dict(_flat(json.loads(json.dumps(here)))), dict(_flat(there))
+    one = dict(_flat(json.loads(json.dumps(here))))
+    other = dict(_flat(there))
     return [
         f"{path} = {_short(other.get(path))} there, {_short(one.get(path))} here"
         for path in sorted({*one, *other})
@@ -137,5 +138,7 @@ def _flat(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:
 
 def _short(value: Plain) -> str:
     if not isinstance(value, list) or len(value) <= 3:
-        return "nothing" if value is None else f"{value}"
+        if value is None:
+            return "nothing"
+        return f"{value}"
     return f"[{value[0]}, {value[1]}, ... {value[-1]}] ({len(value)} values)"

@@ -27,7 +27,8 @@ from dropper_jax.cli.faults import (
 from dropper_jax.cli.options import OK
 
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
-XLA_LOG, FATAL = "TF_CPP_MIN_LOG_LEVEL", "3"
+XLA_LOG = "TF_CPP_MIN_LOG_LEVEL"
+FATAL = "3"
 
 
 def prepare() -> None:

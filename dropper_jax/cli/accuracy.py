@@ -139,7 +139,10 @@ def _loads(found: dict[str, Any]) -> str:
         return f"loads: {found['skipped']}"
     rows = [LOADS_HEAD, *(_load_cells(row) for row in found["rows"])]
     finest = found["reference_dt"]
-    against = "half of each step" if finest is None else f"steps of {finest:.4g} s"
+    if finest is None:
+        against = "half of each step"
+    else:
+        against = f"steps of {finest:.4g} s"
     head = f"errors of the loads of the worst line, against {against}:"
     return "\n".join([head, table(rows), *(item["text"] for item in found["advice"])])
 
@@ -186,4 +189,6 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _short(value: float | None, form: str) -> str:
-    return "-" if value is None else form.format(value)
+    if value is None:
+        return "-"
+    return form.format(value)

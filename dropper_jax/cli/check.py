@@ -57,7 +57,9 @@ def examine(scene: Scene) -> dict[str, Any]:
     from dropper_jax.scene import whole_lines
 
     grown = overgrown(scene)
-    model, wet = bare_model(grown), wet_weights(scene)  # without wakes, which need equilibria
+    # without wakes, which need equilibria
+    model = bare_model(grown)
+    wet = wet_weights(scene)
     stepper = stepper_of(model, scene.run)
     lines = [
         {
@@ -71,7 +73,10 @@ def examine(scene: Scene) -> dict[str, Any]:
     ]
     points = [point for point in scene.points if point.is_free]
     mass, volume = (sum(float(getattr(p, key) or 0.0) for p in points) for key in ("mass", "volume"))
-    lift = 0.0 if scene.sea is None else scene.sea.gravity * (scene.sea.density * volume - mass)
+    if scene.sea is None:
+        lift = 0.0
+    else:
+        lift = scene.sea.gravity * (scene.sea.density * volume - mass)
     return {
         "lines": lines,
         "points": {"free": len(points), "mass_kg": mass, "lift_n": lift},
@@ -102,9 +107,11 @@ def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
         ("line", "links", "length [m]", "mass [kg]", "weight [N]" if scene.sea is None else "weight in water [N]"),
         *((row["line"], str(row["links"]), *(f"{row[key]:.5g}" for key in keys)) for row in found["lines"]),
     ]
-    parts, step = found["compiled"], found["suggested_dt_s"]
+    parts = found["compiled"]
+    step = found["suggested_dt_s"]
     shape = f"{parts['links']} links, {parts['free_nodes']} free nodes, {parts['bodies']} rigid bodies"
-    own, pairs = found["points"], []
+    own = found["points"]
+    pairs = []
     if own["mass_kg"] or own["lift_n"]:
         weighs = f"; lines weigh {sum(row['wet_weight_n'] for row in found['lines']):.4g} N in water"
         lift = f"their net lift submerged is {own['lift_n']:.4g} N"

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 help = "release the lab dropper and calibrate its damping from synthetic traces; pictures, animation, report"
 
 GROUP = "dropper.demo"
-SCENE, DURATION = "dropper-release-a", 50.0
+SCENE = "dropper-release-a"
+DURATION = 50.0
 
 
 @dataclass(frozen=True)

@@ -78,5 +78,8 @@ def run(args: argparse.Namespace) -> int:
         more |= {"end_forces_n": list(found.end_forces), "end_angles_deg": list(found.end_angles)}
         text.append(("forces on the line's end points", "{:.6g} N and {:.6g} N".format(*found.end_forces)))
         text.append(("angles of the line there, upwards", "{:.2f} and {:.2f} deg".format(*found.end_angles)))
-    failure = None if found.status == "ok" else (found.status, f"{found.status}: {found.message}")
+    if found.status == "ok":
+        failure = None
+    else:
+        failure = (found.status, f"{found.status}: {found.message}")
     return deliver(args.json, done_object(scene=scene.name, **more), listing(text), args.out, failure)

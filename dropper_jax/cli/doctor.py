@@ -32,7 +32,10 @@ def run(args: argparse.Namespace) -> int:
 
     found = examine(args.repeats)
     failed = [check["name"] for check in found["checks"] if not check["ok"]]
-    failure = ("unhealthy", f"failed checks: {', '.join(failed)}") if failed else None
+    if failed:
+        failure = ("unhealthy", f"failed checks: {', '.join(failed)}")
+    else:
+        failure = None
     return print_result(args.json, done_object(**found), text(found), failure)
 
 
@@ -42,7 +45,8 @@ def text(found: dict[str, Any]) -> str:
     for extra, packages in found["versions"].items():
         named = ", ".join(f"{name} {version or 'is not installed'}" for name, version in packages.items())
         pairs.append(("versions" if extra == "needed" else f"extra {extra}", named))
-    system, cache = found["system"], found["cache"]
+    system = found["system"]
+    cache = found["cache"]
     kept = f"{cache['folder']}: {cache['programs']} programs, {in_words(cache['bytes'])}"
     pairs += [
         ("system", f"{system['platform']}, {system['cores']} cores, free memory {in_words(system['memory_bytes'])}"),

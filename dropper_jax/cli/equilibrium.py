@@ -71,12 +71,16 @@ def run(args: argparse.Namespace) -> int:
         pose(scene, found, picture(args.plot, "pose"))
         if args.plot.is_dir():
             along_lines(scene, np.asarray(found.positions), np.asarray(found.tension), picture(args.plot, "along"))
-    values, text = _object(scene, found, angles, bent), _text(lines, found, angles, bent)
+    values = _object(scene, found, angles, bent)
+    text = _text(lines, found, angles, bent)
     if not failed:
         loads = [_loads(values["held_load_n"])] if scene.branched else []
         last = f"ok: scaled residual {found.residual:.1e}"
         text = "\n".join([text, *loads, _end_forces(values), *weights_table(scene), last])
-    failure = (found.status, f"{found.status}: {found.message}") if failed else None
+    if failed:
+        failure = (found.status, f"{found.status}: {found.message}")
+    else:
+        failure = None
     return deliver(args.json, {**values, "warnings": remarks}, text, args.out, failure)
 
 
@@ -90,7 +94,10 @@ def _tide(scene: Scene, args: argparse.Namespace) -> int:
         from dropper_jax.study.pictures import tide
 
         tide(scene.name, found["rows"], picture(args.plot, "tide"))
-    failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle") if failed else None
+    if failed:
+        failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle")
+    else:
+        failure = None
     return deliver(args.json, done_object(scene=scene.name, **found), _tide_text(found), args.out, failure)
 
 
@@ -148,7 +155,8 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, be
 def _end_forces(found: dict[str, Any]) -> str:
     """Forces on the end points of lines, including the weight of the part of the end link at the point, and
     the angles of the end links above the horizontal."""
-    forces, angles = found["end_forces_n"], found["end_angles_deg"]
+    forces = found["end_forces_n"]
+    angles = found["end_angles_deg"]
     rows = [("line", "force on first point [N]", "angle up [deg]", "force on last point [N]", "angle up [deg]")]
     for name, both in forces.items():
         pairs = zip(both.values(), angles[name].values(), strict=True)
@@ -160,7 +168,9 @@ def _loads(found: dict[str, np.ndarray]) -> str:
     """Forces of the lines on the fixed points."""
     rows = [("fixed point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
     for name, load in found.items():
-        across, up, size = np.hypot(load[0], load[1]), load[2], np.linalg.norm(load)
+        across = np.hypot(load[0], load[1])
+        up = load[2]
+        size = np.linalg.norm(load)
         angle = "-" if size == 0 else f"{np.degrees(np.arctan2(up, across)):.2f}"
         rows.append((name, f"{across:.5g}", f"{up:.5g}", f"{size:.5g}", angle))
     return table(rows)

@@ -21,7 +21,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import FAILED, INTERRUPTED, INVALID_INPUT, STOPPED, failure_object, print_json, print_line
 
 #: Messages of JAX on an unavailable platform, and on memory.
-NO_BACKEND, NO_MEMORY = "Unable to initialize backend", ("RESOURCE_EXHAUSTED", "Out of memory")
+NO_BACKEND = "Unable to initialize backend"
+NO_MEMORY = ("RESOURCE_EXHAUSTED", "Out of memory")
 #: Errors of a stream that cannot be written.
 REFUSALS = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF, errno.EFBIG)
 #: Errors of a disk that cannot be written, which are not errors of the input.

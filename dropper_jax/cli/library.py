@@ -35,7 +35,8 @@ def run(args: argparse.Namespace) -> int:
             {"family": name, "size": f.size, "unit": f.unit, "low": f.low, "high": f.high, "source": f.source}
             for name, f in FAMILIES.items()
         ]
-        crops, published = crop_values(), published_crops()
+        crops = crop_values()
+        published = published_crops()
         text = f"{listing(rows)}\n\n{_crops(crops)}\n\n{_published_table(published)}"
         return print_result(args.json, done_object(parts=found, crops=crops, published_crops=published), text)
     name = args.name.removeprefix(PREFIX)

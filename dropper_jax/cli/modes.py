@@ -87,7 +87,10 @@ def _number_of(name: str, scene: Scene) -> int:
     """Index of a body of the scene."""
     names = [body.name for body in scene.bodies]
     if name not in names:
-        allowed = nearest(name, names) if names else "the scene has no [[body]]; leave --of out"
+        if names:
+            allowed = nearest(name, names)
+        else:
+            allowed = "the scene has no [[body]]; leave --of out"
         raise SceneError(f"--of: {name!r} is not a body; {allowed}")
     return names.index(name)
 
@@ -109,7 +112,9 @@ def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
                 "  ".join(f"{x:.2f}" for x in share),
             )
         )
-    return table(rows) if modes.bodies is None else f"{table(rows)}\n{_bodies(scene, modes, found['number'])}"
+    if modes.bodies is None:
+        return table(rows)
+    return f"{table(rows)}\n{_bodies(scene, modes, found['number'])}"
 
 
 def _bodies(scene: Scene, modes: Modes, numbers: np.ndarray) -> str:

@@ -46,7 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    directions, distances = _values(args.direction, "--direction"), _values(args.distance, "--distance")
+    directions = _values(args.direction, "--direction")
+    distances = _values(args.distance, "--distance")
     if distances[0] < 0.0:
         raise SceneError(f"--distance: {args.distance!r} is below 0; allowed: distances of at least 0 m")
     directions = np.unique(directions % 360.0)
@@ -62,8 +63,14 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study import pictures
 
         pictures.offsets(scene.name, rows, picture(args.plot, "offset"))
-    where = "" if failed is None else "no equilibrium at {distance_m:g} m, {direction_deg:g} deg".format(**failed)
-    failure = None if failed is None else (failed["status"], f"{failed['status']}: {where}")
+    if failed is None:
+        where = ""
+    else:
+        where = "no equilibrium at {distance_m:g} m, {direction_deg:g} deg".format(**failed)
+    if failed is None:
+        failure = None
+    else:
+        failure = (failed["status"], f"{failed['status']}: {where}")
     return deliver(args.json, done_object(scene=scene.name, points=points, rows=rows), _text(rows), args.out, failure)
 
 

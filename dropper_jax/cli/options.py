@@ -209,7 +209,9 @@ def number(text: str) -> float:
 
 def step_length(text: str) -> float | str:
     """A time step on the command line: a number, or `auto`."""
-    return AUTO if text == AUTO else number(text)
+    if text == AUTO:
+        return AUTO
+    return number(text)
 
 
 def read_numbers(
@@ -313,7 +315,9 @@ def print_result(as_json: bool, found: dict[str, Any], text: str = "", failure: 
     if failure is None:
         return OK
     print_line(f"error: {failure[1]}")
-    return INTERRUPTED if failure == STOPPED else FAILED
+    if failure == STOPPED:
+        return INTERRUPTED
+    return FAILED
 
 
 def shorten(text: str) -> str:
@@ -341,7 +345,9 @@ def failure_object(status: str, message: str) -> dict[str, Any]:
 
 def with_failure(found: dict[str, Any], failure: Failure | None) -> dict[str, Any]:
     """A JSON object with the status and the message of what failed."""
-    return found if failure is None else {**found, **failure_object(*failure)}
+    if failure is None:
+        return found
+    return {**found, **failure_object(*failure)}
 
 
 def done_object(**values: Any) -> dict[str, Any]:
@@ -366,7 +372,9 @@ def progress(quiet: bool = False) -> Callable[[float, str], None] | None:
     """A function `(fraction, text)` that shows progress: a bar on a terminal, a few lines elsewhere, None if quiet."""
     if quiet:
         return None
-    return _bar() if sys.stderr.isatty() else _lines()
+    if sys.stderr.isatty():
+        return _bar()
+    return _lines()
 
 
 def row_printer(head: Sequence[str], quiet: bool = False) -> Callable[[Sequence[str]], None]:

@@ -52,7 +52,10 @@ def save_or_report(solution: Solution, out: Path | None) -> str | None:
             solution.save(out)
             return None
         except (SceneError, OSError) as error:
-            reason = f"{error.filename}: {error.strerror}" if isinstance(error, OSError) else str(error)
+            if isinstance(error, OSError):
+                reason = f"{error.filename}: {error.strerror}"
+            else:
+                reason = str(error)
         reason = " ".join(reason.split())
         with suppress(OSError):
             folder = Path(tempfile.mkdtemp(prefix="dropper-"))
@@ -124,7 +127,9 @@ def weights_table(scene: Scene) -> list[str]:
     from dropper_jax.run.growth import line_weights, weight_cells
 
     rows = line_weights(scene)
-    return ["", table(weight_cells(rows))] if rows else []
+    if rows:
+        return ["", table(weight_cells(rows))]
+    return []
 
 
 def plot_target(text: str, option: str) -> Path | None:
@@ -162,7 +167,8 @@ def draw(solution: Solution, target: Path) -> list[Path]:
         plots.snapshot(solution, target)
         return [target]
     target.mkdir(parents=True, exist_ok=True)
-    scene, run = solution.scene, readable(solution)
+    scene = solution.scene
+    run = readable(solution)
     pictures = {
         **PICTURES,
         **(WATER_PICTURES if scene.sea else {}),

@@ -76,7 +76,9 @@ def run(args: argparse.Namespace) -> int:
     print_result(args.json, found, markdown(found, [{} for _ in solutions]))
     for failure in failures:
         print_line(f"error: {failure}")
-    return FAILED if failures else OK
+    if failures:
+        return FAILED
+    return OK
 
 
 def _load(files: list[str], args: argparse.Namespace) -> dict[str, Solution]:

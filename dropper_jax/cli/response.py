@@ -54,7 +54,10 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study import pictures
 
         pictures.responses(scene.name, rows, picture(args.plot, "response"))
-    failure = (failed, f"{failed}: a run did not complete") if failed else None
+    if failed:
+        failure = (failed, f"{failed}: a run did not complete")
+    else:
+        failure = None
     return deliver(args.json, done_object(scene=scene.name, rows=rows), _text(rows), args.out, failure)
 
 

@@ -85,10 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="continue from the end of a saved run, for --duration more seconds (default: the remaining time of an "
         "interrupted run, else as long again); SCENE may be left out",
     )
-    save_as, film = (
-        partial(output_file, suffixes=RUN_SUFFIXES, folders=(".zarr",)),
-        partial(output_file, suffixes=FILMS),
-    )
+    save_as = partial(output_file, suffixes=RUN_SUFFIXES, folders=(".zarr",))
+    film = partial(output_file, suffixes=FILMS)
     outputs = {
         "--out": (save_as, "FILE", "save the solution, as .npz, .nc (netCDF, extra io) or .zarr (extra sweep)"),
         "--tables": (
@@ -134,7 +132,10 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy or 0.01:g} (--accuracy)")
         args.dt = None
         args.accuracy = args.accuracy or 0.01
-    scene = read_scene(args, OVERRIDES, notes=False) if before is None else _further(args, before)
+    if before is None:
+        scene = read_scene(args, OVERRIDES, notes=False)
+    else:
+        scene = _further(args, before)
 
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import check_packages
@@ -204,11 +205,15 @@ def _further(args: argparse.Namespace, before: Solution) -> Scene:
 
 
 def _steps(solution: Solution) -> str:
-    used, end = solution.settings, f"{solution.t[-1]:g} s"
+    used = solution.settings
+    end = f"{solution.t[-1]:g} s"
     if "refused_steps" not in used:
         return f"{used['steps']} steps of {used['dt']:g} s to {end}"
     refused = f"{used['refused_steps']} more rejected"
-    limited = f", {used['shortest_steps']} of the shortest length with a larger error" if used["shortest_steps"] else ""
+    if used["shortest_steps"]:
+        limited = f", {used['shortest_steps']} of the shortest length with a larger error"
+    else:
+        limited = ""
     held = f"{used['steps']} steps with an accuracy of {used['accuracy']:g} to {end}"
     return f"{held}, {refused}{limited}; saved every {used['dt']:g} s"
 
@@ -307,7 +312,10 @@ def _errors(solution: Solution) -> list[str]:
 def _about_errors(found: dict[str, Any]) -> list[str]:
     """Sources of the errors of the largest load, and other influences on it."""
     worst = max((row["maximum"] for row in found["loads"]), key=lambda load: load["value"])
-    of_links = "links not known" if worst["links"] is None else f"{worst['links']:.2g} N by the links"
+    if worst["links"] is None:
+        of_links = "links not known"
+    else:
+        of_links = f"{worst['links']:.2g} N by the links"
     lines = [
         f"+-: limit of the errors of step and links together; of the maximum load {worst['step']:.2g} N by the step, "
         f"{of_links}"
@@ -327,7 +335,8 @@ def _about_errors(found: dict[str, Any]) -> list[str]:
 def _tensions(solution: Solution) -> list[str]:
     """Tensions of the first, the last and all links; of a system of lines by line, the most loaded of many."""
     whole = solution.tension_summary()
-    parts, shown = {"first link": whole["first"], "last link": whole["last"]}, None
+    parts = {"first link": whole["first"], "last link": whole["last"]}
+    shown = None
     if solution.scene.branched:
         parts = solution.line_tensions()
         shown = most_loaded(parts, lambda values: values["max"])
@@ -366,7 +375,10 @@ def _extent_cells(values: Mapping[str, float], mean: bool = True) -> list[str]:
     def seconds(key: str) -> str:
         return f"{values[key]:.6g}"
 
-    middle, final = (newtons("mean"), newtons("final")) if mean else ("-", "-")
+    if mean:
+        middle, final = (newtons("mean"), newtons("final"))
+    else:
+        middle, final = ("-", "-")
     return [newtons("min"), seconds("min_s"), middle, newtons("max"), seconds("max_s"), final]
 
 

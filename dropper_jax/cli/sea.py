@@ -55,7 +55,9 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.sea.make import make_sea
     from dropper_jax.study.sea_facts import sea_facts
 
-    found, regimes, flow = sea_facts(scene), args.regimes, args.flow
+    found = sea_facts(scene)
+    regimes = args.regimes
+    flow = args.flow
     if args.plot and scene.sea.waves is not None:
         regimes = regimes or picture(args.plot, "regimes")
     if args.plot and has_wakes(scene) and args.plot.suffix == "":
@@ -84,7 +86,10 @@ def _wake_lines(found: dict[str, Any]) -> list[str]:
     rows += [(row["line"], "{min:.3g} to {max:.3g}".format(**row["share"])) for row in found["wakes"]["lines"]]
     balance = found["wakes"]["balance"]
     note = f"momentum deficit behind all lines over their drag: {balance:.3f}"
-    more = "" if balance > 0.99 else "; the farm is too dense for wakes alone: water would flow around it"
+    if balance > 0.99:
+        more = ""
+    else:
+        more = "; the farm is too dense for wakes alone: water would flow around it"
     return ["", table(rows), note + more]
 
 
@@ -94,7 +99,10 @@ def _draw(name: str, found: dict[str, Any], gravity: float, picture: Path) -> No
     waves = found["waves"]
     if waves is None:
         raise SceneError(f"--regimes: scene {name!r} has no waves. Use a scene with [sea.waves]")
-    height, period = ("height_m", "period_s") if waves["kind"] == "regular" else SIGNIFICANT
+    if waves["kind"] == "regular":
+        height, period = ("height_m", "period_s")
+    else:
+        height, period = SIGNIFICANT
     regimes([(name, waves[height], waves[period], found["depth_m"])], gravity, picture)
 
 

@@ -41,7 +41,10 @@ def run(args: argparse.Namespace) -> int:
         rows.append(evaluate(case, args.short, not args.short))
     say(1.0, "done")
     missed = [row["name"] for row in rows if not row["ok"]]
-    failure = ("not_converged", f"limits exceeded: {', '.join(missed)}") if missed else None
+    if missed:
+        failure = ("not_converged", f"limits exceeded: {', '.join(missed)}")
+    else:
+        failure = None
     return deliver(args.json, done_object(cases=rows), text(rows), args.out, failure)
 
 

@@ -90,7 +90,9 @@ class Bending(Effect):
         stiffness = jnp.broadcast_to(self.EI, k.line.length.shape)
         each = 0.25 * (stiffness[first] + stiffness[last]) / length
         intact = k.line.axial.intact
-        return each if intact is None else intact[first] * intact[last] * each
+        if intact is None:
+            return each
+        return intact[first] * intact[last] * each
 
     def _clamps(self, model: ModelView) -> tuple[np.ndarray, jax.Array | None]:
         """Links at clamped points (clamps,), and the directions (clamps, 3) that they would have without bending."""
@@ -113,7 +115,8 @@ class Bending(Effect):
         return np.concatenate([inner, np.stack([graph.first[at], graph.first[at], graph.last[at]], axis=1)])
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
-        first, (at, leaving) = k.model.geometry.previous_links, self._clamps(k.model)
+        first = k.model.geometry.previous_links
+        at, leaving = self._clamps(k.model)
         stiffness = self._stiffness(k, first, first + 1)
         if self.clamped:
             stiffness = jnp.concatenate([stiffness, self._stiffness(k, at, at)])

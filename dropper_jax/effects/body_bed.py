@@ -85,20 +85,23 @@ class BodyBedFriction(BodyBed):
 
     def slips(self, model: ModelView, r: jax.Array, v: jax.Array) -> jax.Array:
         """Velocities (2 c + s, 3) [m/s] along the seabed of the contact points; linear in v (free nodes, 3)."""
-        ends, moved = self.pieces.axes(model, r), self.pieces.axes(model, v)
+        ends = self.pieces.axes(model, r)
+        moved = self.pieces.axes(model, v)
         along = ends[:, 1] - ends[:, 0]
         along = along / safe_norm(along)[:, None]
         # from the centre of the circle down along its plane, to its edge
         down = along * along[:, 2:] - jnp.array([0.0, 0.0, 1.0], r.dtype)
         arm = self.pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL**2)[:, None]
         turned = self._rotation_velocity(model, r, v, self.pieces.cylinder_of, arm)
-        positions, found = [ends[:, 0], ends[:, 1]], [moved[:, 0] + turned, moved[:, 1] + turned]
+        positions = [ends[:, 0], ends[:, 1]]
+        found = [moved[:, 0] + turned, moved[:, 1] + turned]
         if self.pieces.sphere_of:
             positions.append(self.pieces.centres(model, r))
             arm = -self.pieces.ball[:, None] * jnp.array([0.0, 0.0, 1.0], r.dtype)
             turned = self._rotation_velocity(model, r, v, self.pieces.sphere_of, arm)
             found.append(self.pieces.centres(model, v) + turned)
-        up, velocity = self.bed.upward(jnp.concatenate(positions)), jnp.concatenate(found)
+        up = self.bed.upward(jnp.concatenate(positions))
+        velocity = jnp.concatenate(found)
         return velocity - dot(velocity, up)[:, None] * up
 
     def _rotation_velocity(

@@ -14,7 +14,8 @@ from dropper_jax.effects.hydrostatics import Cylinders, sphere_energy, sphere_vo
 from dropper_jax.model import Effect, Kinematics, ModelView
 
 #: Gauss-Legendre points and weights over the displacement of a step.
-POINTS, WEIGHTS = 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0]), np.array([5.0, 8.0, 5.0]) / 18.0
+POINTS = 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
+WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 
 
 @component
@@ -62,15 +63,19 @@ class Pieces:
     def wet(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
         """Submerged volumes (c + s,) [m^3]."""
         own = self.cut(model, r, level).volume()
-        return jnp.concatenate([own, self._balls(model, r, level)]) if self.sphere_of else own
+        if self.sphere_of:
+            return jnp.concatenate([own, self._balls(model, r, level)])
+        return own
 
     def _balls(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
         return sphere_volume(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
 
     def push(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
         """Buoyancy divided by rho g on the free nodes (free, 3) [m^3]: minus the gradient of the energy."""
-        free, corners = model.free_nodes, self.body_nodes(model, self.cylinder_of)
-        ends, found = self.cut(model, r, level).push(), jnp.zeros_like(r)
+        free = model.free_nodes
+        corners = self.body_nodes(model, self.cylinder_of)
+        ends = self.cut(model, r, level).push()
+        found = jnp.zeros_like(r)
         if self.cylinder_of:
             found = scatter_to_corners(np.concatenate([corners, corners]), _both(self.ends), _both(ends), free)
         if not self.sphere_of:
@@ -82,7 +87,9 @@ class Pieces:
         """Centres of the cylinders' axes and of the spheres (c + s, 3)."""
         axes = self.axes(model, r)
         middle = 0.5 * (axes[:, 0] + axes[:, 1])
-        return jnp.concatenate([middle, self.centres(model, r)]) if self.sphere_of else middle
+        if self.sphere_of:
+            return jnp.concatenate([middle, self.centres(model, r)])
+        return middle
 
     def spread(self, model: ModelView, force: jax.Array) -> jax.Array:
         """Forces (c + s, 3) [N] at the centres, distributed to the free nodes (free, 3)."""
@@ -127,7 +134,8 @@ class BodyBuoyancy(Effect):
         return jnp.zeros(len(self.pieces.cylinder_of) + len(self.pieces.sphere_of), k.r.dtype)
 
     def force(self, k: Kinematics) -> jax.Array:
-        model, size = k.model, k.model.sea.density * k.model.sea.gravity
+        model = k.model
+        size = k.model.sea.density * k.model.sea.gravity
         push = lambda r: size * self.pieces.push(model, r, self._level(k))  # noqa: E731
         if k.h is None:
             return push(k.r)

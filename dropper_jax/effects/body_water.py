@@ -86,12 +86,16 @@ class BodyWater(Effect):
 
     def _drag_sizes(self) -> tuple[jax.Array, jax.Array]:
         """Frontal areas (p,) [m^2] and volumes (p,) [m^3] of the pieces."""
-        radius, length, ball = self.pieces.radius, self.pieces.length, self.pieces.ball
+        radius = self.pieces.radius
+        length = self.pieces.length
+        ball = self.pieces.ball
         frontal = jnp.concatenate([2.0 * radius * length, jnp.pi * ball**2])
         return frontal, jnp.concatenate([jnp.pi * radius**2 * length, 4.0 / 3.0 * jnp.pi * ball**3])
 
     def force(self, k: Kinematics) -> jax.Array:
-        model, around, pieces = k.model, k.prepared(self), self.pieces
+        model = k.model
+        around = k.prepared(self)
+        pieces = self.pieces
         density = model.sea.density
         along, out, wet, under = self._cut(k)
         u = self._across(along, around.velocity - pieces.middles(model, k.v))
@@ -117,11 +121,16 @@ class BodyWater(Effect):
         """
 
         def find_water() -> tuple[jax.Array, ...]:
-            level, end_level = (k.prepared(self).level, k.prepared(self).end_level) if levels is None else levels
+            if levels is None:
+                level, end_level = (k.prepared(self).level, k.prepared(self).end_level)
+            else:
+                level, end_level = levels
             along, out = self._axes(k)
             return along, out, self.pieces.wet(k.model, k.r, level), self._under(k, out, end_level)
 
-        return k.compute_once(self.name, find_water) if levels is None else find_water()
+        if levels is None:
+            return k.compute_once(self.name, find_water)
+        return find_water()
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         density = k.model.sea.density
@@ -134,7 +143,8 @@ class BodyWater(Effect):
         return total + self._at_ends(k.model, (end_mass * dot(self._ends(k.model, a), out))[:, None] * out)
 
     def kinetic(self, k: Kinematics) -> jax.Array:
-        sea, positions = k.model.sea, self.pieces.middles(k.model, k.r)
+        sea = k.model.sea
+        positions = self.pieces.middles(k.model, k.r)
         levels = sea.elevation(positions, k.t), sea.elevation(self._ends(k.model, k.r), k.t)
         along, out, wet, under = self._cut(k, levels)
         across = self._across(along, self.pieces.middles(k.model, k.v))

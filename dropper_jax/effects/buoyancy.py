@@ -58,11 +58,14 @@ class Buoyancy(Effect):
 
 def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
-    line, sea, gravity = scene.line, scene.sea, scene.gravity
+    line = scene.line
+    sea = scene.sea
+    gravity = scene.gravity
     volume = (line.mass * gravity - np.asarray(wet_weight, float)) / (sea.density * sea.gravity)
     if np.any(volume <= 0.0):
         worst = int(np.argmin(volume))
-        dry, wet = line.mass[worst] * gravity, np.broadcast_to(wet_weight, volume.shape)[worst]
+        dry = line.mass[worst] * gravity
+        wet = np.broadcast_to(wet_weight, volume.shape)[worst]
         raise SceneError(
             f"effects.buoyancy.wet_weight: {wet:g} N of link {worst + 1} is not below its dry weight; "
             f"allowed: < {dry:g} N"
@@ -102,4 +105,6 @@ def displaced_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
 
 def drag_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
     """Diameters of the links for drag and added mass [m]: the outer ones, or those of the displaced volume."""
-    return displaced_diameter(line, scene) if line.outer_diameter is None else line.outer_diameter
+    if line.outer_diameter is None:
+        return displaced_diameter(line, scene)
+    return line.outer_diameter

@@ -40,10 +40,14 @@ class Bars:
     """
 
     def __init__(self, effect: Touching, model: ModelView) -> None:
-        length, radius = model.line.length, jnp.broadcast_to(effect.radius, model.line.length.shape)
+        length = model.line.length
+        radius = jnp.broadcast_to(effect.radius, model.line.length.shape)
         first, second = _links(model.geometry, effect.beside)
         link, bar = _links_and_bars(model.geometry, effect.along)
-        axis = effect.bars[bar] if len(bar) else jnp.zeros((0, 2, 3), length.dtype)
+        if len(bar):
+            axis = effect.bars[bar]
+        else:
+            axis = jnp.zeros((0, 2, 3), length.dtype)
         across = axis[:, 1] - axis[:, 0]
         other = effect.bar_radius[bar] if len(bar) else jnp.zeros(0, length.dtype)
         self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + other])

@@ -36,14 +36,19 @@ class CoupledMotion(Effect):
 
     def of(self, name: str) -> Effect:
         i = self.points.index(name)
-        bends = None if self.accelerations is None else self.accelerations[:, i : i + 1]
+        if self.accelerations is None:
+            bends = None
+        else:
+            bends = self.accelerations[:, i : i + 1]
         cut = {key: getattr(self, key)[:, i : i + 1] for key in ("places", "velocities")}
         return replace(self, points=(name,), home=self.home[i : i + 1], accelerations=bends, **cut)
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
-        s, h = (t - self.begin) / self.width, self.width
-        (x0, x1), (v0, v1) = self.places[:, 0], self.velocities[:, 0]
+        s = (t - self.begin) / self.width
+        h = self.width
+        x0, x1 = self.places[:, 0]
+        v0, v1 = self.velocities[:, 0]
         far = x1 - x0
         if self.accelerations is None:
             moved = s * s * (3 - 2 * s) * far + h * (s * (1 - s) ** 2 * v0 - s * s * (1 - s) * v1)
@@ -60,5 +65,6 @@ class CoupledMotion(Effect):
         cls, points: tuple[str, ...], positions: np.ndarray, velocities: np.ndarray, bent: bool
     ) -> CoupledMotion:
         """Points that leave their positions (c, 3) [m] at time 0 with velocities [m/s]; `bent` with accelerations."""
-        ends, rates = np.stack([positions, positions + velocities]), np.stack([velocities, velocities])
+        ends = np.stack([positions, positions + velocities])
+        rates = np.stack([velocities, velocities])
         return cls(np.array(0.0), np.array(1.0), positions, ends, rates, np.zeros_like(ends) if bent else None, points)

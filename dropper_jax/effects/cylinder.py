@@ -67,7 +67,8 @@ def rough_drag(kc: np.ndarray, roughness: np.ndarray, current: np.ndarray) -> np
 
 def rough_added_mass(kc: np.ndarray, roughness: np.ndarray) -> np.ndarray:
     """C_A at KC (...) and k/D (...); 1 without waves."""
-    kc, steady = np.asarray(kc, float), steady_drag(roughness)
+    kc = np.asarray(kc, float)
+    steady = steady_drag(roughness)
     finite = np.where(np.isfinite(kc), kc, 0.0)
     return np.where(finite < 3.0, 1.0, np.maximum(1.0 - 0.044 * (finite - 3.0), 0.6 - (steady - 0.65)))
 
@@ -97,14 +98,16 @@ def check_source(path: str, values: Mapping[str, Any], key: str, word: str) -> N
     Args:
         key: the coefficient, `cdn` or `can`; its table is `table_{key}`.
     """
-    source, table = values["coefficients"], f"table_{key}"
+    source = values["coefficients"]
+    table = f"table_{key}"
     if source == "given":
         if values[key] is None and key == "cdn":
             raise SceneError(f"{path}.{key}: missing; needed: {word}, >= 0")
         return
     if source != "table":
         return
-    kc, rows = values["table_kc"], values[table]
+    kc = values["table_kc"]
+    rows = values[table]
     if kc is None or rows is None or len(kc) != len(rows) or len(kc) < 2 or np.any(np.diff(kc) <= 0):
         raise SceneError(f"{path}.table_kc: needs at least 2 rising values, as many as `{table}`")
     if values["table_re"] is not None and (len(values["table_re"]) != 2 or np.diff(values["table_re"]) <= 0):

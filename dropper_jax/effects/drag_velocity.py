@@ -29,7 +29,8 @@ def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
     if k.before is None:
         return k.v
     u = drag_velocity(k, decay)
-    along, size = dot(u, k.v), dot(k.v, k.v)
+    along = dot(u, k.v)
+    size = dot(k.v, k.v)
     against = (along < 0.0) & (size > 1e3 * jnp.finfo(size.dtype).tiny)
     return u - (jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0))[:, None] * k.v
 

@@ -57,10 +57,14 @@ class EndMotion(HeldMotion):
         """Displacement (3,) [m] at time t [s]."""
         if self.time is not None:
             row = interpolate_quintic(t, self.time, self.displacement)
-            return row if self.ramp is None else self._apply_ramp(t - self.time[0], row, self.displacement[0])
+            if self.ramp is None:
+                return row
+            return self._apply_ramp(t - self.time[0], row, self.displacement[0])
         phase = 0.0 if self.phase is None else self.phase
         motion = self.amplitude * jnp.sin(2 * jnp.pi * t / self.period + phase)
-        return motion if self.ramp is None else self._apply_ramp(t, motion, jnp.zeros_like(motion))
+        if self.ramp is None:
+            return motion
+        return self._apply_ramp(t, motion, jnp.zeros_like(motion))
 
     def _apply_ramp(self, since: jax.Array, full: jax.Array, first: jax.Array) -> jax.Array:
         u = jnp.clip(since / self.ramp, 0.0, 1.0)
@@ -70,14 +74,24 @@ class EndMotion(HeldMotion):
     def kinks(self) -> jax.Array | None:
         if self.time is not None:
             return self.time[jnp.array([0, -1] if self.ramp is None else [-1])]
-        return jnp.zeros(1, self.amplitude.dtype) if self.ramp is None else None
+        if self.ramp is None:
+            return jnp.zeros(1, self.amplitude.dtype)
+        return None
 
     @property
     def corners(self) -> jax.Array | None:
         """All rows of a table, at which the third derivative jumps, and both ends of a ramp."""
-        begin = jnp.zeros((), self.amplitude.dtype) if self.time is None else self.time[0]
-        ramp = jnp.ravel(begin) if self.ramp is None else jnp.stack([begin, begin + self.ramp])
-        return ramp if self.time is None else jnp.concatenate([self.time, ramp])
+        if self.time is None:
+            begin = jnp.zeros((), self.amplitude.dtype)
+        else:
+            begin = self.time[0]
+        if self.ramp is None:
+            ramp = jnp.ravel(begin)
+        else:
+            ramp = jnp.stack([begin, begin + self.ramp])
+        if self.time is None:
+            return ramp
+        return jnp.concatenate([self.time, ramp])
 
 
 @trace_once
@@ -90,14 +104,24 @@ def interpolate_quintic(t: jax.Array, time: jax.Array, values: jax.Array) -> jax
     s = (t - time[i]) / width
     q = 1 - s
     # the three basis functions of the left row at s equal those of the right row at 1 - s, except for the slope's sign
-    position, slope, bend = (
-        lambda s, q: q**3 * (1 + 3 * s + 6 * s * s),
-        lambda s, q: q**3 * s * (1 + 3 * s),
-        lambda s, q: 0.5 * q**3 * s * s,
+    left = _position(s, q) * values[i] + width * _slope(s, q) * slopes[i] + width**2 * _bend(s, q) * bends[i]
+    after = i + 1
+    right = (
+        _position(q, s) * values[after] - width * _slope(q, s) * slopes[after] + width**2 * _bend(q, s) * bends[after]
     )
-    left = position(s, q) * values[i] + width * slope(s, q) * slopes[i] + width**2 * bend(s, q) * bends[i]
-    right = position(q, s) * values[i + 1] - width * slope(q, s) * slopes[i + 1] + width**2 * bend(q, s) * bends[i + 1]
     return left + right
+
+
+def _position(s: jax.Array, q: jax.Array) -> jax.Array:
+    return q**3 * (1 + 3 * s + 6 * s * s)
+
+
+def _slope(s: jax.Array, q: jax.Array) -> jax.Array:
+    return q**3 * s * (1 + 3 * s)
+
+
+def _bend(s: jax.Array, q: jax.Array) -> jax.Array:
+    return 0.5 * q**3 * s * s
 
 
 def _derivatives(time: jax.Array, values: jax.Array) -> tuple[jax.Array, jax.Array]:

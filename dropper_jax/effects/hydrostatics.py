@@ -23,7 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 
 #: Gauss-Legendre points and weights on 0 to 1.
-POINTS, WEIGHTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0, np.polynomial.legendre.leggauss(6)[1] / 2.0
+POINTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0
+WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
 
 
 def _cut(t: jax.Array, b: jax.Array) -> tuple[jax.Array, ...]:
@@ -141,7 +142,8 @@ class Cylinders(NamedTuple):
         across = (ends[:, 1, :2] - ends[:, 0, :2]) / length[:, None]
         # minimum half height of a section divided by its radius: an upright cylinder has level sections
         half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + 1e-6**2)
-        first, last = level - ends[:, 0, 2], level - ends[:, 1, 2]
+        first = level - ends[:, 0, 2]
+        last = level - ends[:, 1, 2]
         # sections whose depths differ by less than this part of their half height along a piece are integrated
         # numerically
         flat = jnp.abs(last - first) < 0.25 * half
@@ -172,8 +174,10 @@ class Cylinders(NamedTuple):
 
     def push(self) -> jax.Array:
         """Buoyancy divided by rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""
-        points, mean = self.at_points(), self._rise(_along)
-        (first, last), width = self.at_ends(section), _width(*points)
+        points = self.at_points()
+        mean = self._rise(_along)
+        first, last = self.at_ends(section)
+        width = _width(*points)
         by_first = jnp.where(self.flat, width @ (WEIGHTS * (1 - POINTS)), (mean - first) / self.change)
         by_last = jnp.where(self.flat, width @ (WEIGHTS * POINTS), (last - mean) / self.change)
         by_half = jnp.where(self.flat, _tilt(*points) @ WEIGHTS, self._rise(_along_tilt))

@@ -55,7 +55,9 @@ class JointFriction(Law):
     def components(self) -> int:
         if self.dry is None:
             return 0
-        return 3 if self.axis is None else 1
+        if self.axis is None:
+            return 3
+        return 1
 
     def _pin(self) -> jax.Array:
         return self.axis / safe_norm(self.axis)
@@ -66,7 +68,9 @@ class JointFriction(Law):
         zero = jnp.zeros_like(rates[:1])
         joints = k.model.geometry.links + k.model.geometry.ends - 1
         relative = jnp.concatenate([rates, zero])[:joints] - jnp.concatenate([zero, rates])[:joints]
-        return relative if self.axis is None else (relative @ self._pin())[:, None]
+        if self.axis is None:
+            return relative
+        return (relative @ self._pin())[:, None]
 
     def torque_force(self, k: Kinematics, torque: jax.Array) -> jax.Array:
         """Nodal forces (nodes, 3) [N] of joint torques (joints, c) [N m]."""
@@ -77,7 +81,9 @@ class JointFriction(Law):
         return -k.model.gather(cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None])
 
     def _per_joint(self, value: jax.Array, joints: int) -> jax.Array:
-        return jnp.broadcast_to(value, (joints,)) if value.ndim == 0 else value[:joints]
+        if value.ndim == 0:
+            return jnp.broadcast_to(value, (joints,))
+        return value[:joints]
 
     def force(self, k: Kinematics) -> jax.Array | None:
         if self.viscous is None:
@@ -89,7 +95,8 @@ class JointFriction(Law):
         return self.torque_force(k, z)
 
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
-        limit, rate = self._limit(z), self.relative_rates(k)
+        limit = self._limit(z)
+        rate = self.relative_rates(k)
         rho = self._rho(k, h)
         exact = z - self._project(z - 2 * rho * rate, limit)
         if easing is None:

@@ -87,7 +87,8 @@ class LineContact(Effect):
 
     @classmethod
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        lines, values = _lines_of(scene), dict(values)
+        lines = _lines_of(scene)
+        values = dict(values)
         if values["radius"] is None:
             each = [np.zeros(n.links) if n.diameter is None else 0.5 * n.diameter for n in scene.lines]
             values["radius"] = np.concatenate(each)
@@ -103,7 +104,10 @@ class LineContact(Effect):
                 buoy = buoys[name]
                 low, high = (np.array([0.0, 0.0, z - buoy.attachment]) for z in (0.0, buoy.height))
                 bars.append((lines[line], -1 - index[buoy.point], low, high, 0.5 * buoy.diameter))
-        kind = LinksInContact if values["damping"] > 0.0 or values["friction"] > 0.0 else LinksPushed
+        if values["damping"] > 0.0 or values["friction"] > 0.0:
+            kind = LinksInContact
+        else:
+            kind = LinksPushed
         mixed = [_mixture(scene, owner, np.array([start, end])) for _, owner, start, end, _ in bars]
         return kind(
             **values,
@@ -142,7 +146,8 @@ class LinksInContact(LineContact):
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
         bars = Bars(self, k.model)
-        p, speed = bars.axes(r), bars.mix_velocities(v)
+        p = bars.axes(r)
+        speed = bars.mix_velocities(v)
         near = nearest_points(p, bars.reach, bars.spread)
         _, push = contact_force(near.distance, bars.reach, self.stiffness)
         force = near.shares[..., None] * (push[..., None] * near.separation)[..., None, :]
@@ -180,7 +185,8 @@ class LinksInContact(LineContact):
         return near.shares[..., None] * (damper[..., None] * unit - rub[..., None] * sliding)[..., None, :]
 
     def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
-        bars, nodes = Bars(self, before.model), self.piece_nodes(before.model)
+        bars = Bars(self, before.model)
+        nodes = self.piece_nodes(before.model)
         start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
         way = relative_motion(start, end)
         distance = nearest_points(start, bars.reach, bars.spread).distance

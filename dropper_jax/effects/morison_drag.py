@@ -87,7 +87,9 @@ class MorisonDrag(Effect):
 
     @property
     def reach(self) -> int:
-        return 0 if self.tangents == "frozen" else 1
+        if self.tangents == "frozen":
+            return 0
+        return 1
 
     def _decay(self, k: Kinematics, skin: jax.Array) -> jax.Array:
         """Rate at which drag alone would stop nodes (nodes, 1) [1/s], from the relative speed at the start of the
@@ -97,7 +99,8 @@ class MorisonDrag(Effect):
         return (2.0 * coefficient * speed / k.model.node_mass)[:, None]
 
     def force(self, k: Kinematics) -> jax.Array:
-        water, line = k.water, k.line
+        water = k.water
+        line = k.line
         tangents = water.tangents if self.tangents == "frozen" else k.tangents
         skin = 0.5 * k.model.sea.density * line.drag_diameter * line.length
         relative = water.motion.velocity - drag_velocity(k, self._decay(k, skin))

@@ -33,7 +33,10 @@ class _InertiaForce(Effect):
 
     def force(self, k: Kinematics) -> jax.Array:
         water = k.water
-        change = water.material if self.needs_material else water.motion.acceleration
+        if self.needs_material:
+            change = water.material
+        else:
+            change = water.motion.acceleration
         total = jnp.zeros_like(k.r)
         for part in k.line.parts():
             across, along = split(part.at(change), part.take(water.tangents))
@@ -106,7 +109,9 @@ class MorisonInertia(_InertiaForce):
 
     @property
     def reach(self) -> int:
-        return 0 if self.added_mass == "morison" else 1
+        if self.added_mass == "morison":
+            return 0
+        return 1
 
     @property
     def turns(self) -> bool:
@@ -139,8 +144,10 @@ class MorisonInertia(_InertiaForce):
 
     def _lagrangian(self, k: Kinematics, a: jax.Array) -> jax.Array:
         """The same for added mass that conserves energy; k is the middle of a step of length k.h."""
-        h, length = k.h, k.line.length[:, None]
-        before, after = k.v - 0.5 * h * a, k.v + 0.5 * h * a
+        h = k.h
+        length = k.line.length[:, None]
+        before = k.v - 0.5 * h * a
+        after = k.v + 0.5 * h * a
         middle = k.links / length
         turn = 0.5 * h * k.link_velocities / length
         dot = lambda p, q: jnp.sum(p * q, axis=-1, keepdims=True)  # noqa: E731
@@ -157,7 +164,8 @@ class MorisonInertia(_InertiaForce):
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         """Kinetic energy of the added mass at a plain instant [J]."""
-        sea, line = k.model.sea, k.line
+        sea = k.model.sea
+        line = k.line
         elevation = sea.elevation(k.r, k.t)
         total = jnp.zeros((), k.r.dtype)
         for part in k.line.parts():

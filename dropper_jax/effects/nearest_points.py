@@ -38,9 +38,14 @@ def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest
     Args:
         p: ends of the axes (..., 4, 3) [m]; reach: sum of the radii (...,) [m]; spread: (...,) [m^2].
     """
-    u, w, off = p[..., 1, :] - p[..., 0, :], p[..., 3, :] - p[..., 2, :], p[..., 0, :] - p[..., 2, :]
-    a, b, c = dot(u, u) + spread, dot(u, w), dot(w, w) + spread
-    e, f = 0.5 * spread - dot(u, off), 0.5 * spread + dot(w, off)
+    u = p[..., 1, :] - p[..., 0, :]
+    w = p[..., 3, :] - p[..., 2, :]
+    off = p[..., 0, :] - p[..., 2, :]
+    a = dot(u, u) + spread
+    b = dot(u, w)
+    c = dot(w, w) + spread
+    e = 0.5 * spread - dot(u, off)
+    f = 0.5 * spread + dot(w, off)
     s = jnp.clip((e * c + b * f) / (a * c - b * b), 0.0, 1.0)
     t = jnp.clip((b * s + f) / c, 0.0, 1.0)
     s = jnp.clip((b * t + e) / a, 0.0, 1.0)
@@ -56,7 +61,8 @@ def contact_force(distance: jax.Array, reach: jax.Array, stiffness: jax.Array) -
 
     A spring k at first touch; with d of at least R/100 the axes meet at 49 k R^2.
     """
-    deep, ratio = jnp.maximum(reach - distance, 0.0), reach / distance
+    deep = jnp.maximum(reach - distance, 0.0)
+    ratio = reach / distance
     return 0.5 * stiffness * deep**2 * ratio, stiffness * deep * ratio * (1.0 + 0.5 * deep / distance)
 
 

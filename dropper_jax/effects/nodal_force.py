@@ -69,14 +69,22 @@ class NodalForce(Effect):
         if self.time is not None:
             return jnp.interp(t, self.time, self.scale)
         begin = 0.0 if self.start is None else self.start
-        s = jnp.where(t >= begin, 1.0, 0.0) if self.rise is None else jnp.clip((t - begin) / self.rise, 0.0, 1.0)
-        return s if self.release is None else jnp.where(t < self.release, s, 0.0)
+        if self.rise is None:
+            s = jnp.where(t >= begin, 1.0, 0.0)
+        else:
+            s = jnp.clip((t - begin) / self.rise, 0.0, 1.0)
+        if self.release is None:
+            return s
+        return jnp.where(t < self.release, s, 0.0)
 
     @property
     def corners(self) -> jax.Array | None:
         if self.time is not None:
             return self.time
-        begin = jnp.zeros((), self.force_n.dtype) if self.start is None else self.start
+        if self.start is None:
+            begin = jnp.zeros((), self.force_n.dtype)
+        else:
+            begin = self.start
         found = [begin, None if self.rise is None else begin + self.rise, self.release]
         return jnp.stack([t for t in found if t is not None])
 

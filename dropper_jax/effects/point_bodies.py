@@ -68,7 +68,8 @@ class PointBodies(Effect):
         down = jnp.array([0.0, 0.0, -1.0], k.r.dtype)
         total = (self.mass * self.gravity)[:, None] * down
         if self.wet:
-            water, displaced = k.water.motion, self._wet_mass(k, k.water.motion.elevation[nodes])
+            water = k.water.motion
+            displaced = self._wet_mass(k, k.water.motion.elevation[nodes])
             share = displaced / jnp.where(self.volume > 0, k.model.sea.density * self.volume, 1.0)
             share = jnp.where(self.volume > 0, share, 1.0)
             u = water.velocity[nodes] - k.v[nodes]

@@ -30,7 +30,8 @@ class QuadraticDamping(Effect):
     )
 
     def force(self, k: Kinematics) -> jax.Array:
-        b_q, v = per_node(self.b_q, k.free), k.v
+        b_q = per_node(self.b_q, k.free)
+        v = k.v
         if k.before is not None:
             v = still_drag_velocity(k, 2.0 * b_q * self._speed(k.before) / k.model.node_mass[:, None])
             if self.form == "componentwise":  # each direction is damped separately
@@ -38,4 +39,6 @@ class QuadraticDamping(Effect):
         return -b_q * self._speed(v) * v
 
     def _speed(self, v: jax.Array) -> jax.Array:
-        return jnp.abs(v) if self.form == "componentwise" else safe_norm(v)[:, None]
+        if self.form == "componentwise":
+            return jnp.abs(v)
+        return safe_norm(v)[:, None]

@@ -59,7 +59,8 @@ class RecordedMotion(Effect):
         return name in self.points
 
     def of(self, name: str) -> Effect:
-        i, count = self.points.index(name), self.time.shape[0]
+        i = self.points.index(name)
+        count = self.time.shape[0]
         return replace(
             self, points=(name,), home=self.home[i : i + 1], positions=self.positions[i * count : (i + 1) * count]
         )

@@ -111,7 +111,8 @@ class RigidBodies(HolonomicConstraint):
     def gap(self, model: ModelView, r: jax.Array) -> jax.Array:
         """`(|d|^2 - L^2)/(2 L)` of the edges, distances of attached points from their positions and of bodies from pins
         [m]."""
-        corners, length = r[self.body_nodes(model)], self.lengths()
+        corners = r[self.body_nodes(model)]
+        length = self.lengths()
         edge = corners[:, SECOND] - corners[:, FIRST]
         gaps = [((dot(edge, edge) - length**2) / (2.0 * length)).ravel()]
         if self.owner:
@@ -166,7 +167,9 @@ class RigidBodies(HolonomicConstraint):
     def point_mass(self, model: ModelView) -> jax.Array:
         own = jnp.diagonal(self.mass_matrix(), axis1=1, axis2=2).ravel()
         found = scatter_add(self.body_nodes(model).ravel(), own, model.free_nodes)
-        return found + scatter_add(self.seats(model), self._carried_mass(), model.free_nodes) if self.owner else found
+        if self.owner:
+            return found + scatter_add(self.seats(model), self._carried_mass(), model.free_nodes)
+        return found
 
     def coupled(self, model: ModelView, a: jax.Array) -> jax.Array:
         corners = self.body_nodes(model)

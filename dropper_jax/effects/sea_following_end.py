@@ -56,7 +56,9 @@ class SeaFollowingEnd(HeldMotion):
         return self.settled
 
     def _factor(self, value: jax.Array, omega: jax.Array) -> jax.Array:
-        return value if jnp.ndim(value) == 0 else jnp.interp(omega, self.omega, value)
+        if jnp.ndim(value) == 0:
+            return value
+        return jnp.interp(omega, self.omega, value)
 
     def displace(self, t: jax.Array, sea: Sea) -> jax.Array:
         """Displacement (3,) [m] at time t [s]."""

@@ -109,13 +109,16 @@ class Seabed(Effect):
         `effect` has prepared their downward speed at the start of the step.
         """
         if k.h is None:
-            spring, rate = self.stiffness * jnp.maximum(deep, 0.0), down
+            spring = self.stiffness * jnp.maximum(deep, 0.0)
+            rate = down
         else:
-            before, after = deep - 0.5 * k.h * down, deep + 0.5 * k.h * down
+            before = deep - 0.5 * k.h * down
+            after = deep + 0.5 * k.h * down
             pressed = jnp.maximum(before, 0.0), jnp.maximum(after, 0.0)
             expected = jnp.maximum(before + k.h * k.prepared(effect), 0.0)
             mean = mean_positive_part(before, after) + lag(*pressed, expected, REST)
-            spring, rate = jnp.maximum(self.stiffness * mean, 0.0), (pressed[1] - pressed[0]) / k.h
+            spring = jnp.maximum(self.stiffness * mean, 0.0)
+            rate = (pressed[1] - pressed[0]) / k.h
         return spring + never_more(self.damping * rate, spring)
 
     def force(self, k: Kinematics) -> jax.Array:
@@ -128,8 +131,10 @@ def _shares(knots: jax.Array, x: jax.Array, rounded: float) -> tuple[jax.Array, 
     last = knots.shape[0] - 1
     i = jnp.clip(jnp.searchsorted(knots, x, side="right") - 1, 0, last - 1)
     near = jnp.where(2.0 * x > knots[i] + knots[i + 1], i + 1, i)
-    before, after = jnp.maximum(near - 1, 0), jnp.minimum(near + 1, last)
-    left, right = knots[near] - knots[before], knots[after] - knots[near]
+    before = jnp.maximum(near - 1, 0)
+    after = jnp.minimum(near + 1, last)
+    left = knots[near] - knots[before]
+    right = knots[after] - knots[near]
     width = rounded * jnp.minimum(left, right)  # no rounding at the edges
     one = jnp.ones_like(width)
     up = _ramp(x - knots[near], width) / jnp.where(right > 0.0, right, one)

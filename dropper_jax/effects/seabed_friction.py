@@ -115,12 +115,18 @@ class SeabedFriction(Law):
 
     def _trial(self, k: Kinematics, z: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
         """`p = z - rho v_mid` (nodes, 2) [N], or proportional to `-v_mid`, and its magnitude (nodes, 1)."""
-        p = self._creep(k) if self.of_state else z - (k.model.node_mass / h)[:, None] * _along_bed(k, k.v)
+        if self.of_state:
+            p = self._creep(k)
+        else:
+            p = z - (k.model.node_mass / h)[:, None] * _along_bed(k, k.v)
         return p, _size(p)
 
     def _creep(self, k: Kinematics) -> jax.Array:
         """Friction (nodes, 2) [N] of a law that grows with speed, before its limit."""
-        rate = self.damping if self.law == "moordyn" else _find_seabed(k).normal(k)[:, None] / self.speed
+        if self.law == "moordyn":
+            rate = self.damping
+        else:
+            rate = _find_seabed(k).normal(k)[:, None] / self.speed
         return -self.kinetic * rate * _along_bed(k, k.v)
 
     def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:

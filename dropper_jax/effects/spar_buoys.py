@@ -15,7 +15,8 @@ from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.sea import Sea
 
 #: Gauss-Legendre points and weights over the draught: three integrate a wave over 10 m to 1e-4.
-NODES, WEIGHTS = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5.0, 8.0, 5.0]) / 18.0
+NODES = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)])
+WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 #: Part of the height over which the buoy's ends enter and leave the water smoothly.
 EDGE = 0.02
 
@@ -81,8 +82,10 @@ class SparBuoys(Effect):
         return _between((elevation - base) / self.height) * self.height
 
     def prepare(self, k: Kinematics) -> Around:
-        r, sea = k.r[self.nodes(k.model)], k.model.sea
-        base, elevation = r[:, 2] - self.attachment, sea.elevation(r, k.t)
+        r = k.r[self.nodes(k.model)]
+        sea = k.model.sea
+        base = r[:, 2] - self.attachment
+        elevation = sea.elevation(r, k.t)
         heights = base[:, None] + self.draught(base, elevation)[:, None] * NODES
         across = (jnp.broadcast_to(r[:, i : i + 1], heights.shape) for i in (0, 1))
         positions = jnp.stack([*across, heights], axis=-1)
@@ -90,7 +93,9 @@ class SparBuoys(Effect):
         return Around(elevation, motion.velocity.reshape(positions.shape), motion.acceleration.reshape(positions.shape))
 
     def force(self, k: Kinematics) -> jax.Array:
-        nodes, sea, around = self.nodes(k.model), k.model.sea, k.prepared(self)
+        nodes = self.nodes(k.model)
+        sea = k.model.sea
+        around = k.prepared(self)
         v = k.v[nodes]
         wet = self.draught(k.r[nodes, 2] - self.attachment, around.elevation)
         # hydrostatics, Froude-Krylov force and weight

@@ -59,12 +59,14 @@ class ThesisWaveForce(Effect):
 
     def force(self, k: Kinematics) -> jax.Array:
         inertia, drag = self._coefficients(k)
-        u, change = k.prepared(self).velocity[0], k.prepared(self).acceleration[0]
+        u = k.prepared(self).velocity[0]
+        change = k.prepared(self).acceleration[0]
         return inertia * change + drag * (jnp.abs(u) * u)
 
     def _coefficients(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
         """Mass [kg] by the acceleration and drag [kg/m] by the squared velocity of the water, each (nodes, 1)."""
-        line, density = k.line, k.model.sea.density
+        line = k.line
+        density = k.model.sea.density
         inertia = line.node_share(density * line.volume * self.c_m)
         return inertia[:, None], line.node_share(0.5 * density * line.diameter * line.length * self.c_d)[:, None]
 
@@ -83,7 +85,8 @@ class RelativeThesisWaveForce(ThesisWaveForce):
     constant: ClassVar[bool] = False
 
     def force(self, k: Kinematics) -> jax.Array:
-        water, (inertia, drag) = k.prepared(self), self._coefficients(k)
+        water = k.prepared(self)
+        inertia, drag = self._coefficients(k)
         decay = 2.0 * drag * jnp.abs(water.velocity - (k.v if k.before is None else k.before))
         relative = water.velocity - drag_velocity(k, decay / k.model.node_mass[:, None])
         return inertia * water.acceleration + drag * jnp.abs(relative) * relative

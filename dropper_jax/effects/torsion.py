@@ -85,7 +85,8 @@ class Torsion(Effect):
 
     def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Twist:
         phi, rate = self.twist
-        model, where = after.model, Where(after.model.geometry, self)
+        model = after.model
+        where = Where(after.model.geometry, self)
         inertia, stiffness, damping = self._along(model)
         load = where.last * self.torque + where.at_nodes(-self._strain_torque(before, after))
         # w = (phi1 - phi0)/h:  (2 I/h + h K/2 + C) w = 2 I/h phi0' - K phi0 + load
@@ -107,7 +108,8 @@ class Torsion(Effect):
 
     def _along(self, model: ModelView) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Inertia of nodes (nodes,) [kg m^2], stiffness and damping of links (n,) [N m/rad], [N m s/rad]."""
-        length, where = model.line.length, Where(model.geometry, self)
+        length = model.line.length
+        where = Where(model.geometry, self)
         half = 0.5 * self.polar_inertia * length
         return where.sums(half, half), self.GJ / length, self.damping / length
 
@@ -162,7 +164,8 @@ class Where:
         for i, (member, span) in enumerate(zip(geometry.members, geometry.spans, strict=True)):
             if effect.lines and member.name not in effect.lines:
                 continue
-            first, last = span.start + i, span.stop + i
+            first = span.start + i
+            last = span.stop + i
             self.twists[span] = 1.0
             self.held[first : last + 1] = False
             self.held[first], self.held[last] = effect.first == "held", effect.last == "held"
@@ -188,7 +191,8 @@ class Where:
         """x of `(diagonal + K) x = right`, K of springs `between` the nodes of links (n,), with x = goal at prescribed
         nodes."""
         between = self.twists * between
-        low, up = self.sums(jnp.zeros_like(between), -between), self.sums(-between, jnp.zeros_like(between))
+        low = self.sums(jnp.zeros_like(between), -between)
+        up = self.sums(-between, jnp.zeros_like(between))
         free = ~self.held
         own = jnp.where(free, diagonal + self.sums(between, between), 1.0)
         right = jnp.where(free, right, goal)

@@ -26,7 +26,8 @@ def rigid_displacement(motion: jax.Array, arm: jax.Array, heading: jax.Array) ->
     x, z = cy * x + sy * z, cy * z - sy * x
     x, y = cz * x - sz * y, sz * x + cz * y
     x, y, z = motion[:3] + jnp.stack([x, y, z]) - arm
-    c, s = jnp.cos(heading), jnp.sin(heading)
+    c = jnp.cos(heading)
+    s = jnp.sin(heading)
     return jnp.stack([c * x - s * y, s * x + c * y, z])
 
 
@@ -59,7 +60,8 @@ class VesselInWaves(Effect):
         waves = sea.waves
         phases = waves.phases(self.place[:1], self.place[1:2], t)[0]
         size = (waves.rise(t)[0] * waves.amplitude)[:, None]
-        cos, sin = jnp.cos(phases)[:, None], jnp.sin(phases)[:, None]
+        cos = jnp.cos(phases)[:, None]
+        sin = jnp.sin(phases)[:, None]
         return rigid_displacement(
             jnp.sum(size * (cos * self.real + sin * self.imaginary), axis=0), self.arm, self.heading
         )

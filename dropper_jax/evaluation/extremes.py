@@ -47,7 +47,8 @@ def fit_gumbel(maxima: np.ndarray) -> Gumbel:
 def _fit(ordered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mode and scale of sorted samples (..., n)."""
     n = ordered.shape[-1]
-    b0, b1 = ordered.mean(axis=-1), ordered @ (np.arange(n) / (n - 1)) / n
+    b0 = ordered.mean(axis=-1)
+    b1 = ordered @ (np.arange(n) / (n - 1)) / n
     scale = (2 * b1 - b0) / np.log(2.0)
     return b0 - EULER * scale, scale
 
@@ -141,7 +142,10 @@ def snap_events(
         if not after.size:
             break  # slack to the end of the record
         end = begin + int(after[0])
-        start = t[begin] if begin == 0 else _crossing(t, tension, begin - 1, slack)
+        if begin == 0:
+            start = t[begin]
+        else:
+            start = _crossing(t, tension, begin - 1, slack)
         stop = _crossing(t, tension, end - 1, slack)
         again = np.flatnonzero(low[end:])
         until = end + int(again[0]) if again.size else len(t)
@@ -151,7 +155,10 @@ def snap_events(
         first = end + int(over[0])
         peak = end + int(np.argmax(largest[end:until]))
         # a peak between two samples below the threshold passes it at an unknown time before
-        over_at = _crossing(t, tension, first - 1, snap) if tension[first] > snap else largest_at[first]
+        if tension[first] > snap:
+            over_at = _crossing(t, tension, first - 1, snap)
+        else:
+            over_at = largest_at[first]
         found.append(Snap(*map(float, (start, stop, over_at, largest[peak], largest_at[peak]))))
     return found
 
@@ -159,7 +166,9 @@ def snap_events(
 def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float:
     """Time at which the tension passes `level` between samples i and i + 1."""
     rise = tension[i + 1] - tension[i]
-    return t[i] if rise == 0 else t[i] + (level - tension[i]) / rise * (t[i + 1] - t[i])
+    if rise == 0:
+        return t[i]
+    return t[i] + (level - tension[i]) / rise * (t[i + 1] - t[i])
 
 
 def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
@@ -170,7 +179,10 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
     listed = 10  # events listed per line, the largest first
     found = []
     for where in record.written_lines:
-        s, counts, share, events = arc(where.spec.length), [], [], []
+        s = arc(where.spec.length)
+        counts = []
+        share = []
+        events = []
         for j in range(where.spec.links):
             tension = record.tension[:, where.links.start + j]
             mean = max(float(tension.mean()), 0.0)

@@ -115,7 +115,10 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         lost = "by an earlier version: peaks between samples are not included"
         notes.append(f"{solution.saved_rows}: {lost if solution.tension_max is None else known}")
     tension = np.asarray(solution.tension[rows], float)
-    square = tension**2 if solution.tension_square is None else np.asarray(solution.tension_square[rows], float)
+    if solution.tension_square is None:
+        square = tension**2
+    else:
+        square = np.asarray(solution.tension_square[rows], float)
     extremes = {
         signal: Extremes(*(np.asarray(a[rows], float) for a in solution.step_extremes(signal))) for signal in SIGNALS
     }

@@ -40,7 +40,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
-            value, option = getattr(self, field.name), field.metadata["option"]
+            value = getattr(self, field.name)
+            option = field.metadata["option"]
             if value is None:
                 continue
             positive = field.name in ("breaking_load", "safety_factor", "curve_k", "curve_m", "storm", "snap")

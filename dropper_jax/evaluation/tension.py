@@ -57,7 +57,8 @@ def _force_peaks(extremes: Extremes) -> dict[str, float]:
 def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any]:
     percentiles = (1, 5, 25, 50, 75, 95, 99)
     spec = where.spec
-    tension, s = record.tension[:, where.links], arc(spec.length)
+    tension = record.tension[:, where.links]
+    s = arc(spec.length)
     square = record.square[:, where.links]
     least, largest, least_at, largest_at = (a[:, where.links] for a in record.extremes["tension"])
     high, low = (np.unravel_index(i, tension.shape) for i in (np.argmax(largest), np.argmin(least)))
@@ -107,7 +108,9 @@ def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
     """Breaking load (n,) [N] of the links of a line: that of the line, else the setting, else None."""
     if spec.breaking_load is not None:
         return np.asarray(spec.breaking_load, float)
-    return None if settings.breaking_load is None else np.full(spec.links, settings.breaking_load)
+    if settings.breaking_load is None:
+        return None
+    return np.full(spec.links, settings.breaking_load)
 
 
 def anchors(record: Record) -> list[dict[str, Any]]:
@@ -122,7 +125,9 @@ def anchors(record: Record) -> list[dict[str, Any]]:
     peaks = load_extremes(record)
     for name, extremes in peaks.items():
         load = point_load(record, name)
-        across, up, size = np.hypot(load[:, 0], load[:, 1]), load[:, 2], np.linalg.norm(load, axis=1)
+        across = np.hypot(load[:, 0], load[:, 1])
+        up = load[:, 2]
+        size = np.linalg.norm(load, axis=1)
         top = int(np.argmax(extremes.largest[:, 2]))
         most = {"max_s": float(extremes.largest_at[top, 2])}
         loaded = size >= max(0.01 * size.mean(), 1e-12)
@@ -143,8 +148,10 @@ def anchors(record: Record) -> list[dict[str, Any]]:
 
 def load_extremes(record: Record) -> dict[str, Extremes]:
     """Extremes (q, 3) [N] of the horizontal, vertical and total load of each fixed point; zero where no line ends."""
-    found, loaded = record.extremes["point_load"], held_points(record.scene)
-    zero, times = np.zeros((len(record.t_tension), 3)), np.tile(record.t_tension[:, None], 3)
+    found = record.extremes["point_load"]
+    loaded = held_points(record.scene)
+    zero = np.zeros((len(record.t_tension), 3))
+    times = np.tile(record.t_tension[:, None], 3)
     none = Extremes(zero, zero, times, times)
     return {
         point.name: Extremes(*(a[:, loaded.index(point.name)] for a in found)) if point.name in loaded else none
@@ -164,7 +171,8 @@ def _uplift(extremes: Extremes, row: int) -> float:
     An extreme of the vertical or the horizontal part at the time of the maximum load gives it; if neither is at this
     time, it is that of both maxima.
     """
-    size, when = extremes.largest[row, 2], extremes.largest_at[row, 2]
+    size = extremes.largest[row, 2]
+    when = extremes.largest_at[row, 2]
     ups = (extremes.largest[row, 1], extremes.largest_at[row, 1]), (extremes.least[row, 1], extremes.least_at[row, 1])
     for up, at in ups:
         if at == when and size > 0.0:
@@ -249,13 +257,18 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
     The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load.
     """
     # maximum number of counted links of a line for runs of very many links: the counting is plain Python
-    found, every = [], record.tension.shape[1] <= 200
+    found = []
+    every = record.tension.shape[1] <= 200
     least = RANGE_ROUNDING * float(np.abs(record.tension).max())
     for where in record.written_lines:
         spec = where.spec
-        s, load = arc(spec.length), breaking_load(spec, settings)
+        s = arc(spec.length)
+        load = breaking_load(spec, settings)
         deviation = record.tension[:, where.links].std(axis=0)
-        picked = range(spec.links) if every else sorted({0, int(np.argmax(deviation)), spec.links - 1})
+        if every:
+            picked = range(spec.links)
+        else:
+            picked = sorted({0, int(np.argmax(deviation)), spec.links - 1})
         counted = [cycles(record.tension[:, where.links.start + j]) for j in picked]
         counted = [c[c[:, 0] > least] for c in counted]
         found.append(
@@ -282,7 +295,9 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
 
 def _equivalent(counted: np.ndarray, m: float) -> float:
     total = counted[:, 2].sum()
-    return float((np.sum(counted[:, 2] * counted[:, 0] ** m) / total) ** (1 / m)) if total > 0 else 0.0
+    if total > 0:
+        return float((np.sum(counted[:, 2] * counted[:, 0] ** m) / total) ** (1 / m))
+    return 0.0
 
 
 def _damages(record: Record, values: list[float] | None, why_not: str) -> dict[str, Any]:

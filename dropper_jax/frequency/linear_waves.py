@@ -87,7 +87,9 @@ def check_no_bodies(model: Model) -> None:
 @cached_jit()
 def linearise(still: Model, pose: State) -> LinearMotion:
     """The matrices about an equilibrium without waves."""
-    line, none, ends = still.line, jnp.zeros_like(pose.r), still.ends(pose.t)
+    line = still.line
+    none = jnp.zeros_like(pose.r)
+    ends = still.ends(pose.t)
 
     def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> jax.Array:
         k = still.instant(pose.r + x, v, pose.t, ends)
@@ -95,7 +97,8 @@ def linearise(still: Model, pose: State) -> LinearMotion:
         direction = line.axial.direction(k.links, k.links, k.links, line.length)
         return still.inertia(k, a) - still.force(k) - still.tension_force(tension, direction)
 
-    linear, tangent = jax.linearize(rows, none, none, none)[1], Tangent.of(still)
+    linear = jax.linearize(rows, none, none, none)[1]
+    tangent = Tangent.of(still)
     of = lambda shares: tangent.matrix(lambda d: linear(*(share * d for share in shares)), none)  # noqa: E731
     tension = lambda d, rate: jnp.sum(line.axial.tension(d, rate, line.length))  # noqa: E731
     links = still.links(pose.r, ends)
@@ -257,10 +260,13 @@ def tension_deviation(model: Model, pose: State, loads: jax.Array | None = None)
     waves = None if model.sea is None else model.sea.waves
     if waves is None or waves.size < 2:
         raise SceneError("sea.waves: is not an irregular linear sea. Use kind 'spectrum'")
-    still, friction = rest(model), outward(model)
+    still = rest(model)
+    friction = outward(model)
     if friction is not None:
         still = with_static_seabed_friction(still, pose, friction.kinetic)[0]
-    linear, dragging, of_waves = linearise(still, pose), dragging_effects(still), wave_loads(still, pose, waves)
+    linear = linearise(still, pose)
+    dragging = dragging_effects(still)
+    of_waves = wave_loads(still, pose, waves)
     rate = 1j * waves.omega[:, None, None]
 
     def drag_of(drag: jax.Array, number: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
@@ -275,7 +281,8 @@ def tension_deviation(model: Model, pose: State, loads: jax.Array | None = None)
         lambda _, start: jax.lax.stop_gradient(iterate_drag(drag_of, start, 1e-12)[0]),
         lambda linear, b: jax.lax.custom_linear_solve(linear, b, _krylov, _krylov),
     )
-    x, (_, shift) = respond(still, linear, drag, of_waves, waves.omega), drag_of(drag)
+    x = respond(still, linear, drag, of_waves, waves.omega)
+    _, shift = drag_of(drag)
     tension = tension_changes(still, linear, x, rate * x) + of_waves.tension
     moved = static_shift(still, linear, waves.omega, shift)[None]
     mean = pose.tension + tension_changes(still, linear, moved, jnp.zeros_like(moved))[0]

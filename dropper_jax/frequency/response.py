@@ -78,7 +78,10 @@ class FrequencyResponse:
         """Lines that do not stay taut in some state, and an inaccurate basis."""
         loose = [name for name, low in zip(self.lines, np.any(self.slack, axis=0), strict=True) if low]
         more = f" and {len(loose) - 5} more" if len(loose) > 5 else ""
-        found = [f"lines that go slack: {', '.join(loose[:5])}{more}: not linear here, run in time"] if loose else []
+        if loose:
+            found = [f"lines that go slack: {', '.join(loose[:5])}{more}: not linear here, run in time"]
+        else:
+            found = []
         # largest error of the basis that stays below that of the linearisation
         if self.basis_error > 0.02:
             found.append(
@@ -140,13 +143,18 @@ def frequency_response(
     model, still, pose = _tangent_model(model, static_pose(scene, model), loads)
     if pose.status != "ok":
         raise SceneError(f"start: {pose.message}")
-    lines, links = whole_lines(scene), _end_links(scene)
+    lines = whole_lines(scene)
+    links = _end_links(scene)
     ends = [(line.name, list(line.stops.values())[at]) for line in lines for at in (0, -1)]
     points = [i for i, point in enumerate(scene.points) if point.is_free]
     nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
     solved, error = solve_states(still, pose.state, waves, links, nodes)
-    static, tension, motion = np.asarray(pose.tension), np.asarray(solved.tension), np.asarray(solved.motion)
-    mean, deviation, omega = static + np.asarray(solved.shift), np.asarray(solved.deviation), np.asarray(waves.omega)
+    static = np.asarray(pose.tension)
+    tension = np.asarray(solved.tension)
+    motion = np.asarray(solved.motion)
+    mean = static + np.asarray(solved.shift)
+    deviation = np.asarray(solved.deviation)
+    omega = np.asarray(waves.omega)
     rate = np.sqrt(0.5 * np.sum(np.abs(omega[:, :, None] * tension) ** 2, axis=1))
     period = 2.0 * np.pi * deviation[:, links] / np.maximum(rate, 1e-300)
     peak = np.sqrt(2.0 * np.log(np.maximum(duration / np.maximum(period, 1e-300), 1.0)))
@@ -208,7 +216,8 @@ def run_in_time(
     duration = start + frequencies / 3.5 * tp  # the components are between 0.5 and 4 peak frequencies
     solution = simulate(scene.with_equal_steps(), duration=duration, save_every=4, throw=True)
     inside = solution.t_tension > start
-    t, tension = solution.t_tension[inside], solution.tension[inside][:, _end_links(scene)]
+    t = solution.t_tension[inside]
+    tension = solution.tension[inside][:, _end_links(scene)]
     trend = np.stack([np.ones_like(t), t - np.mean(t)], axis=1)
     left = tension - trend @ np.linalg.lstsq(trend, tension, rcond=None)[0]
     return np.mean(tension, axis=0), np.std(left, axis=0)
@@ -226,7 +235,8 @@ def _tangent_model(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[M
         stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / 1e-4)
         model = with_axial(model, model.line.axial.springs(stiffness))
         pose = equilibrium(model, loads, near=pose.state)
-    still, friction = rest(model), outward(model)
+    still = rest(model)
+    friction = outward(model)
     if friction is not None and pose.status == "ok":
         still = with_static_seabed_friction(still, pose.state, friction.kinetic)[0]
     return model, still, pose
@@ -236,11 +246,15 @@ def _waves(
     spec: SeaSpec, sea_states: ArrayLike | None, direction: float | None, frequencies: int
 ) -> tuple[np.ndarray, Waves]:
     """Height and period of each state, and its waves, with a leading axis of the states."""
-    current = None if spec.current is None or spec.wave_current == "none" else make_current(spec.current)
+    if spec.current is None or spec.wave_current == "none":
+        current = None
+    else:
+        current = make_current(spec.current)
 
     def waves_of(given: WaveSpec) -> Waves:
         drawn = wave_components(given, spec.depth, spec.gravity)
-        action, approximate = spec.wave_current == "action", spec.dispersion == "fenton"
+        action = spec.wave_current == "action"
+        approximate = spec.dispersion == "fenton"
         return waves_on(
             drawn, spec.depth, spec.gravity, current=current, conserve_action=action, approximate=approximate
         )
@@ -264,6 +278,12 @@ def _waves(
 def _spectrum(spec: SeaSpec, direction: float | None, frequencies: int) -> WaveSpec:
     """The waves of sea states, without their height and period."""
     if direction is None:
-        direction = 0.0 if spec.waves is None else float(np.mean(spec.waves.direction))
-    base = WaveSpec(kind="spectrum") if spec.waves is None else replace(spec.waves, kind="spectrum")
+        if spec.waves is None:
+            direction = 0.0
+        else:
+            direction = float(np.mean(spec.waves.direction))
+    if spec.waves is None:
+        base = WaveSpec(kind="spectrum")
+    else:
+        base = replace(spec.waves, kind="spectrum")
     return replace(base, frequencies="even", count=frequencies, direction=direction)

@@ -107,12 +107,14 @@ def _batch(
     omega: jax.Array,
 ) -> _Solved:
     """Several states in the basis, one after another; `picked` are links and nodes."""
-    (links, nodes), parts = picked, basis.motions
+    links, nodes = picked
+    parts = basis.motions
     along = lambda d: jnp.einsum("ani,nij,bnj->ab", parts, d, parts)  # noqa: E731
 
     def solve(state: tuple[WaveLoads, jax.Array]) -> _Solved:
         loads, omega = state
-        rate, w = 1j * omega[:, None], omega[:, None, None]
+        rate = 1j * omega[:, None]
+        w = omega[:, None, None]
         push = jnp.einsum("ani,cni->ca", parts, loads.force)
 
         def motions(drag: jax.Array) -> jax.Array:
@@ -144,7 +146,9 @@ def solve_states(
         waves: with a leading axis of the states.
         links, nodes: whose amplitudes are returned.
     """
-    linear, dragging, every = linearise(still, pose), dragging_effects(still), np.asarray(waves.omega)
+    linear = linearise(still, pose)
+    dragging = dragging_effects(still)
+    every = np.asarray(waves.omega)
     # states per call of the compiled program, so that any number of states uses the same one
     size = 8
 
@@ -153,7 +157,8 @@ def solve_states(
         return jax.tree.map(lambda x: x[np.resize(states, size)], waves)
 
     # the basis: responses of the lowest, highest, shortest and longest seas, with the drag of fixed nodes and a tenth
-    height, length = np.linalg.norm(waves.amplitude, axis=1), -np.mean(every, axis=1)
+    height = np.linalg.norm(waves.amplitude, axis=1)
+    length = -np.mean(every, axis=1)
     chosen = np.unique([pick(x) for x in (height, length) for pick in (np.argmin, np.argmax)])
     loads = jax.tree.map(np.asarray, _jit_loads(still, pose, chunk(chosen)))
     loads = [jax.tree.map(lambda x, i=i: x[i], loads) for i in range(len(chosen))]

@@ -48,6 +48,7 @@ def _options(schemes: Mapping[str, type[Integrator]]) -> dict[str, Mapping[str, 
     for scheme in schemes.values():
         for name, one in scheme.options().items():
             other = found.get(name, one)
-            low, high = min(one["low"], other["low"]), max(one["high"], other["high"])
+            low = min(one["low"], other["low"])
+            high = max(one["high"], other["high"])
             found[name] = {**one, "low": low, "high": high, "open_low": one["open_low"] and other["open_low"]}
     return found

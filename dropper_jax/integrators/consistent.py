@@ -110,7 +110,8 @@ def instant(k: Kinematics, end_acceleration: jax.Array | None = None) -> tuple[j
 
 
 def _solve_projection(problem: ProjectionProblem) -> Unknowns:
-    k, model = problem.k, problem.model
+    k = problem.k
+    model = problem.model
     u = Unknowns(jnp.zeros_like(k.r), jnp.zeros_like(k.line.length))
     coupled = k.line.compound or (problem.added and couples_inertia(model))
     solver = SOLVERS["network" if model.geometry.branched else "banded" if coupled else "condensed"]
@@ -124,7 +125,8 @@ def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
     if kinks is None or model.line.axial.elastic:
         return None
     near = 1e-6 * jnp.abs(h)
-    low, high = jnp.minimum(t, t + h) - near, jnp.maximum(t, t + h) + near
+    low = jnp.minimum(t, t + h) - near
+    high = jnp.maximum(t, t + h) + near
     return jnp.any((kinks >= low) & (kinks <= high))
 
 

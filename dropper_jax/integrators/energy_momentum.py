@@ -54,7 +54,9 @@ class EnergyMomentum(Implicit):
 
     def begin(self, model: Model, s: State) -> State:
         """The state with velocities that are consistent with links between moving ends."""
-        return replace(s, v=consistent_velocity(model, s.r, s.v, s.t)) if model.moving else s
+        if model.moving:
+            return replace(s, v=consistent_velocity(model, s.r, s.v, s.t))
+        return s
 
     def change_step(self, model: Model, s: State, h: jax.Array) -> State:
         ends = model.ends(s.t)
@@ -84,7 +86,8 @@ class MidpointProblem(StepProblem):
         self.ends = ends1
         self.end_acceleration = None
         if model.moving:
-            middle, moved = (1 - gamma) * ends0.positions + gamma * ends1.positions, ends1.positions - ends0.positions
+            middle = (1 - gamma) * ends0.positions + gamma * ends1.positions
+            moved = ends1.positions - ends0.positions
             self.ends = Ends(middle, moved / h)
             self.end_acceleration = (ends1.velocities - ends0.velocities) / h
             self.end_mean_velocity = 0.5 * (ends0.velocities + ends1.velocities)
@@ -92,7 +95,8 @@ class MidpointProblem(StepProblem):
         self.prepared = model.prepare(model.kinematics(s.r + gamma * h * s.v, s.v, self.t_mid, self.ends))
 
     def _link_start(self) -> LinkStart:
-        model, s = self.model, self.s
+        model = self.model
+        s = self.s
         if model.line.axial.rigid(model.line.links).all():
             return LinkStart(self.links0, None)
         rate = model.rates(s.v, self.ends0)
@@ -108,9 +112,11 @@ class MidpointProblem(StepProblem):
         return Unknowns(s.acceleration * (self.gamma * self.h**2), s.tension, s.law)
 
     def instant(self, x: jax.Array) -> Kinematics:
-        s, h = self.s, self.h
+        s = self.s
+        h = self.h
         v = s.v + x / h
-        r, over = s.r + self.gamma * h * v, {"prepared": self.prepared, "h": h, "before": s.v}
+        r = s.r + self.gamma * h * v
+        over = {"prepared": self.prepared, "h": h, "before": s.v}
         return self.model.kinematics(r, v, self.t_mid, self.ends, **over)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
@@ -140,7 +146,8 @@ class MidpointProblem(StepProblem):
         rows = tuple(law.law_residual(mid, unknown, self.h, self.easing) for law, unknown in pairs)
         if not constraints:
             return force, rows
-        middle, end = mid.r + (0.5 - self.gamma) * self.h * mid.v, mid.r + (1.0 - self.gamma) * self.h * mid.v
+        middle = mid.r + (0.5 - self.gamma) * self.h * mid.v
+        end = mid.r + (1.0 - self.gamma) * self.h * mid.v
         force = force + sum(
             constraint.constraint_force(model, middle, multipliers) for constraint, multipliers in constraints
         )
@@ -151,7 +158,8 @@ class MidpointProblem(StepProblem):
         return y[:, None] * self._directions(d), line.axial.residual(self.start, d, y, line.length, self.h)
 
     def finish(self, u: Unknowns) -> State:
-        s, h = self.s, self.h
+        s = self.s
+        h = self.h
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
         v1, impulse, struck = self._after_jumps(r1, v1)
@@ -166,12 +174,18 @@ class MidpointProblem(StepProblem):
 
     def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:
         """Velocity (nodes, 3) [m/s] at the end, and the energy taken by stopping stuck joints or nodes, by name [J]."""
-        s, h, model = self.s, self.h, self.model
+        s = self.s
+        h = self.h
+        model = self.model
         v1 = s.v + u.x / (self.gamma * h)
         if not model.laws:
             return v1, {}
-        middle, after = self.instant(u.x), model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
-        stop = stop_held_nodes if all(law.node_local for law in model.laws) else stop_held_joints
+        middle = self.instant(u.x)
+        after = model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
+        if all(law.node_local for law in model.laws):
+            stop = stop_held_nodes
+        else:
+            stop = stop_held_joints
         v1, taken = stop(model, u.z[: len(model.laws)], middle, after, h)
         return v1, {model.laws[0].name: taken}
 
@@ -206,7 +220,8 @@ class MidpointProblem(StepProblem):
 
     def _sawtooth(self, r1: jax.Array, v1: jax.Array) -> jax.Array:
         """Maximum rate of stretch that changes sign at every step, divided by the fastest link's speed, a scalar."""
-        model, h = self.model, self.h
+        model = self.model
+        h = self.h
         k = model.kinematics(r1, v1, self.s.t + h, self.ends1)
         change = model.geometry.differences((v1 - self.s.v) / h, self.end_acceleration)
         rate = jnp.sum(k.links * k.link_velocities, -1) - 0.25 * h**2 * jnp.sum(k.link_velocities * change, -1)
@@ -215,8 +230,11 @@ class MidpointProblem(StepProblem):
 
     def _work(self, u: Unknowns, stopped: Works, struck: Works) -> jax.Array:
         """Work (k,) [J] over the step, in the order of `work_names`."""
-        model, line, h = self.model, self.model.line, self.h
-        k, links1 = self.instant(u.x), self.link_vectors(u.x)
+        model = self.model
+        line = self.model.line
+        h = self.h
+        k = self.instant(u.x)
+        links1 = self.link_vectors(u.x)
         forces = model.working_forces(k)
         for law, z in zip(model.laws, u.z, strict=False):  # multipliers of constraints do no work
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
@@ -232,7 +250,9 @@ class MidpointProblem(StepProblem):
 
         `1/2 v' M_a' v` over the step, in the form that closes the balance to rounding error.
         """
-        model, s, h = self.model, self.s, self.h
+        model = self.model
+        s = self.s
+        h = self.h
         x = u.x
         before = model.kinematics(s.r, s.v, s.t, self.ends0)
         after = model.kinematics(s.r + (h * s.v + x), s.v + x / (self.gamma * h), s.t + h, self.ends1)
@@ -242,7 +262,8 @@ class MidpointProblem(StepProblem):
     def _end_powers(self, u: Unknowns, directions: jax.Array, k: Kinematics) -> dict[str, jax.Array]:
         """Power of moving ends by name, scalar [W]: the force that holds each end (own weight aside) times its
         velocity."""
-        model, line = self.model, self.model.line
+        model = self.model
+        line = self.model.line
         powers = model.end_powers(u.y[:, None] * directions, self.ends, k)
         if not (line.compound and powers):
             return powers
@@ -250,7 +271,9 @@ class MidpointProblem(StepProblem):
         # change of their kinetic energy, while tensions work along the end's path
         first, coupling, last = line.blocks()
         a = u.x / (self.gamma * self.h**2)
-        acc, mean, free = self.end_acceleration, self.end_mean_velocity, model.free_nodes
+        acc = self.end_acceleration
+        mean = self.end_mean_velocity
+        free = model.free_nodes
         hold = first[0] * acc[0] + (coupling[0] * a[0] if free else 0.0)
         powers[MOVING_ENDS] += jnp.sum(hold * mean[0])
         if model.end_held:

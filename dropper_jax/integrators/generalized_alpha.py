@@ -105,7 +105,10 @@ class GeneralizedAlpha(Implicit):
 
     def equations(self, model: Model, s: State, h: jax.Array) -> GeneralizedAlphaProblem:
         # a state that another function has made: each step computes the accelerations at its start
-        start = s if s.carries_acceleration else replace(self.begin(model, s), carries_acceleration=False)
+        if s.carries_acceleration:
+            start = s
+        else:
+            start = replace(self.begin(model, s), carries_acceleration=False)
         return GeneralizedAlphaProblem(model, start, h, self.rho_infinity)
 
 
@@ -120,7 +123,8 @@ class GeneralizedAlphaProblem(StepProblem):
         self.links0 = model.links(s.r, self.ends0)
         at_f = model.ends(self.t_f)
         # fixed ends on the straight line between their positions, as for all nodes, so that links are blends of links
-        before, after = self.ends0.positions, self.ends1.positions
+        before = self.ends0.positions
+        after = self.ends1.positions
         self.ends = Ends(before + self.new_f * (after - before), at_f.velocities)
         self.end_acceleration = model.end_acceleration(s.t + self.new_a * h) if model.moving else None
         zero = jnp.zeros_like(s.r)
@@ -138,7 +142,8 @@ class GeneralizedAlphaProblem(StepProblem):
         return s.v + self.h * ((1.0 - self.gamma) * s.acceleration + self.gamma * self._acceleration(x))
 
     def _kinematics(self, x: jax.Array, **prepared: Any) -> Kinematics:
-        s, share = self.s, self.new_f
+        s = self.s
+        share = self.new_f
         v = s.v + share * (self._velocity(x) - s.v)
         return self.model.kinematics(s.r + share * (self.h * s.v + x), v, self.t_f, self.ends, **prepared)
 
@@ -151,7 +156,8 @@ class GeneralizedAlphaProblem(StepProblem):
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         """Inertia minus forces (nodes, 3) [N], without tensions, and the rows of laws."""
-        k, old = self.instant(x), self.s.acceleration
+        k = self.instant(x)
+        old = self.s.acceleration
         a = old + self.new_a * (self._acceleration(x) - old)
         rows = self.model.inertia(k, a, self.end_acceleration) - self.model.force(k)
         laws = tuple(zip(self.model.laws, z, strict=True))
@@ -169,13 +175,17 @@ class GeneralizedAlphaProblem(StepProblem):
         return self.links0 + self.new_f * (links1 - self.links0), rates + gain * (links1 - links)
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        axial, length = self.model.line.axial, self.model.line.length
+        axial = self.model.line.axial
+        length = self.model.line.length
         d, rate = self._links_at_f(d)
         return (y / safe_norm(d))[:, None] * d, axial.instant(d, rate, y, length)
 
     def finish(self, u: Unknowns) -> State:
-        s, h = self.s, self.h
-        r1, v1, a1 = s.r + (h * s.v + u.x), self._velocity(u.x), self._acceleration(u.x)
+        s = self.s
+        h = self.h
+        r1 = s.r + (h * s.v + u.x)
+        v1 = self._velocity(u.x)
+        a1 = self._acceleration(u.x)
         v1, a1, stopped = self._stop_held(u, r1, v1, a1)
         return self.end_state(
             r=r1, v=v1, tension=u.y, acceleration=a1, law=u.z, work=lambda: h * self._powers(u, stopped / h)
@@ -200,7 +210,8 @@ class GeneralizedAlphaProblem(StepProblem):
 
     def _powers(self, u: Unknowns, stopping: jax.Array) -> jax.Array:
         """Mean powers (k,) [W] over the step: forces at t_f times the nodes' motion, and the stopping of nodes."""
-        k, old = self.instant(u.x), self.s.acceleration
+        k = self.instant(u.x)
+        old = self.s.acceleration
         a = old + self.new_a * (self._acceleration(u.x) - old)
         k = k.with_velocity(self.s.v + u.x / self.h)
         laws = {law.name: jnp.sum(law.law_force(k, z) * k.v) for law, z in zip(self.model.laws, u.z, strict=True)}

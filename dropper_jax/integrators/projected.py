@@ -47,19 +47,25 @@ class Moving(NamedTuple):
 def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -> Moving:
     """Accelerations and tensions of the line at one instant, and powers (empty unless `track`)."""
     k = model.instant(r, v, t)
-    unit, inverse = k.links / model.line.length[:, None], 1.0 / model.node_mass
+    unit = k.links / model.line.length[:, None]
+    inverse = 1.0 / model.node_mass
     loose = model.force(k) * inverse[:, None]
     ends = model.end_acceleration(t) if model.moving else None
     rate = k.link_velocities
     rhs = dot(unit, model.geometry.differences(loose, ends)) + dot(rate, rate) / model.line.length
     tension = _solve_multipliers(unit, inverse, rhs)
-    power = _powers(model, k, tension[:, None] * unit) if track and work_names(model) else jnp.zeros(0, r.dtype)
+    if track and work_names(model):
+        power = _powers(model, k, tension[:, None] * unit)
+    else:
+        power = jnp.zeros(0, r.dtype)
     return Moving(loose + model.tension_force(tension, unit) * inverse[:, None], tension, power)
 
 
 def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Positions after one Newton correction of the lengths, and velocities (nodes, 3) that stretch no link there."""
-    ends, length, inverse = model.ends(t), model.line.length, 1.0 / model.node_mass
+    ends = model.ends(t)
+    length = model.line.length
+    inverse = 1.0 / model.node_mass
     unit = model.links(r, ends) / length[:, None]
     gap = 0.5 * length * (dot(unit, unit) - 1.0)
     r = r + model.tension_force(_solve_multipliers(unit, inverse, gap), unit) * inverse[:, None]
@@ -74,7 +80,8 @@ def apply_jump(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[
 
 
 def _impact_change(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
-    ends, inverse = model.ends(t), 1.0 / model.node_mass
+    ends = model.ends(t)
+    inverse = 1.0 / model.node_mass
     unit = model.links(r, ends) / model.line.length[:, None]
     impulse = _solve_multipliers(unit, inverse, dot(unit, model.rates(v, ends)))
     return model.tension_force(impulse, unit) * inverse[:, None], impulse[:, None] * unit
@@ -138,7 +145,8 @@ class ProjectedRungeKutta(Embedded):
         rows = jnp.asarray(table, dtype)
         # the last time is beyond the end of the step, at which it is cut
         times = jnp.asarray([*table.sum(axis=1)[:stages], 2.0], dtype)
-        low, high = time_just_after(s.t), time_just_after(s.t + h, -1.0)
+        low = time_just_after(s.t)
+        high = time_just_after(s.t + h, -1.0)
         start = _flat(s.r, s.v, s.work)
 
         def end(y: jax.Array) -> jax.Array:

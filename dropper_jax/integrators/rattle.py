@@ -55,7 +55,8 @@ class RattleProblem(SpeedProblem):
         return self.model.kinematics(s.r, v, s.t, self.ends0, prepared=self.prepared)
 
     def _end_kinematics(self, v: jax.Array) -> Kinematics:
-        s, h = self.s, self.h
+        s = self.s
+        h = self.h
         return self.model.instant(s.r + h * v, v, s.t + h, self.ends1)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
@@ -66,7 +67,8 @@ class RattleProblem(SpeedProblem):
         return y[:, None] * self.pull0, line.axial.at_rest(self.waiting + self.h * d, y, line.length)
 
     def finish(self, u: Unknowns) -> State:
-        model, h = self.model, self.h
+        model = self.model
+        h = self.h
         after = self._end_kinematics(u.x)
         pull1 = self.unit_forces(after.links)
         loose = u.x + 0.5 * h * model.force(after) / self.mass[:, None]
@@ -89,8 +91,10 @@ class RattleProblem(SpeedProblem):
         return solve_tridiagonal(*matrix, dot(direction, self.model.rates(v, self.ends1)))
 
     def _work(self, u: Unknowns, after: Kinematics, pull1: jax.Array, mu: jax.Array) -> jax.Array:
-        model, h = self.model, self.h
-        then, now = model.working_forces(self._start_kinematics(u.x)), model.working_forces(after)
+        model = self.model
+        h = self.h
+        then = model.working_forces(self._start_kinematics(u.x))
+        now = model.working_forces(after)
         works = {name: 0.5 * h * jnp.sum((then[name] + now[name]) * u.x) for name in now}
         halves = ((u.y, self.pull0, self.ends0), (mu, pull1, self.ends1))
         ends = [model.end_powers(y[:, None] * direction, rates) for y, direction, rates in halves]

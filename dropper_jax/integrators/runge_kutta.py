@@ -26,13 +26,17 @@ def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -
     force = model.force(k) + model.tension_force(tension, k.tangents) + sum(laws.values())
     a = accelerations(model, k, force, t)
     works = {name: jnp.sum(force * v) for name, force in laws.items()}
-    power = powers(model, k, tension, a, works) if track else jnp.zeros(0, r.dtype)
+    if track:
+        power = powers(model, k, tension, a, works)
+    else:
+        power = jnp.zeros(0, r.dtype)
     return (v, a, power), tension
 
 
 def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -> jax.Array:
     """Accelerations (nodes, 3) [m/s^2] under nodal forces (nodes, 3) [N]; not where `couples_inertia`."""
-    line, free = model.line, model.free_nodes
+    line = model.line
+    free = model.free_nodes
     if model.having(AddedMass):  # each node has its own mass matrix
         blocks = local_jacobian(lambda a: model.inertia(k, a), jnp.zeros_like(force))
         return apply(inverse(blocks), force)
@@ -71,7 +75,10 @@ def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
     r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
     k = model.kinematics(r, v, s.t + h)
     tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
-    own = model.advance_internal_state(model.kinematics(s.r, s.v, s.t), k, tension, h) if s.own else s.own
+    if s.own:
+        own = model.advance_internal_state(model.kinematics(s.r, s.v, s.t), k, tension, h)
+    else:
+        own = s.own
     after = {"r": r, "v": v, "tension": tension, "t": s.t + h, "acceleration": slope[1], "work": work, "own": own}
     return replace(s, angles=None, **after)
 

@@ -38,7 +38,9 @@ class SemiImplicitEuler(Implicit):
     condensable: ClassVar[bool] = True
 
     def form_for(self, model: Model) -> Integrator:
-        return ElasticSemiImplicitEuler() if model.line.axial.elastic else self
+        if model.line.axial.elastic:
+            return ElasticSemiImplicitEuler()
+        return self
 
     def refuse(self, model: Model) -> str | None:
         return point_masses_only(model) or super().refuse(model)
@@ -80,7 +82,8 @@ class SemiImplicitProblem(SpeedProblem):
         return y[:, None] * self.pull0, line.axial.at_rest(self.waiting + self.h * d, y, line.length)
 
     def finish(self, u: Unknowns) -> State:
-        s, h = self.s, self.h
+        s = self.s
+        h = self.h
         return self.end_state(
             r=s.r + h * u.x,
             v=u.x,
@@ -90,7 +93,8 @@ class SemiImplicitProblem(SpeedProblem):
         )
 
     def _work(self, u: Unknowns) -> jax.Array:
-        model, h = self.model, self.h
+        model = self.model
+        h = self.h
         works = {name: h * jnp.sum(force * u.x) for name, force in model.working_forces(self.before).items()}
         ends = model.end_powers(u.y[:, None] * self.pull0, self.ends1, self.before)
         return book_works(model, works, {name: h * power for name, power in ends.items()})

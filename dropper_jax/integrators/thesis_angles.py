@@ -110,7 +110,8 @@ class AnglesProblem(StepProblem):
 
     def _motion(self, x: jax.Array, t: jax.Array, ends: Ends, tension: jax.Array) -> Motion:
         length = self.model.line.length[:, None]
-        angles, rate = (x[:, 0], x[:, 1]), (x[:, 2], x[:, 3])
+        angles = (x[:, 0], x[:, 1])
+        rate = (x[:, 2], x[:, 3])
 
         def velocity(theta: jax.Array, phi: jax.Array) -> jax.Array:
             return jax.jvp(_unit, (theta, phi), rate)[1]
@@ -124,7 +125,10 @@ class AnglesProblem(StepProblem):
         return Motion(k, r[-1], b, self.model.force(k) + self.model.tension_force(tension, unit))
 
     def residual(self, u: Unknowns) -> Unknowns:
-        model, s, h, gamma = self.model, self.s, self.h, self.gamma
+        model = self.model
+        s = self.s
+        h = self.h
+        gamma = self.gamma
         free = model.free_nodes
         old = jnp.stack(s.angles, -1)
         kinematic = (u.x[:, :2] - old[:, :2]) / h - gamma * u.x[:, 2:] - (1 - gamma) * old[:, 2:]
@@ -163,9 +167,12 @@ class AnglesProblem(StepProblem):
         )
 
     def _work(self, before: Kinematics, after: Kinematics) -> jax.Array:
-        model, gamma, h = self.model, self.gamma, self.h
+        model = self.model
+        gamma = self.gamma
+        h = self.h
         mean = gamma * after.v + (1 - gamma) * before.v
-        then, now = model.working_forces(before), model.working_forces(after)
+        then = model.working_forces(before)
+        now = model.working_forces(after)
         return book_works(
             model, {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now}
         )

@@ -63,7 +63,8 @@ class ThetaProblem(SpeedProblem):
         return Unknowns(self.h * self.s.acceleration, self.s.tension)
 
     def _end_kinematics(self, x: jax.Array) -> Kinematics:
-        s, h = self.s, self.h
+        s = self.s
+        h = self.h
         r1 = s.r + h * (s.v + self.gamma * x)
         return self.model.kinematics(r1, s.v + x, s.t + h, self.ends1, prepared=self.prepared)
 
@@ -74,7 +75,9 @@ class ThetaProblem(SpeedProblem):
         return rows, ()
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        line, gamma, h = self.model.line, self.gamma, self.h
+        line = self.model.line
+        gamma = self.gamma
+        h = self.h
         if self.explicit:
             speed = dot(self.unit_forces(self.coasting.links), self.coasting.link_velocities + d)
             return y[:, None] * self.pull0, h * speed
@@ -94,9 +97,13 @@ class ThetaProblem(SpeedProblem):
 
     def _work(self, u: Unknowns, after: Kinematics) -> jax.Array:
         """Weighted power of both ends (k,) [J]; first order like the scheme."""
-        model, gamma, h, before = self.model, self.gamma, self.h, self.before
+        model = self.model
+        gamma = self.gamma
+        h = self.h
+        before = self.before
         mean = gamma * after.v + (1 - gamma) * before.v
-        then, now = model.working_forces(before), model.working_forces(after)
+        then = model.working_forces(before)
+        now = model.working_forces(after)
         works = {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now}
         ends = model.end_powers(u.y[:, None] * self.unit_forces(after.links), self.ends1, after)
         return book_works(model, works, {name: h * power for name, power in ends.items()})

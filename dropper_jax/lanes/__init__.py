@@ -77,7 +77,9 @@ CALLS = {
 
 def close_jaxpr(program: core.Jaxpr | core.ClosedJaxpr) -> core.ClosedJaxpr:
     """The function of a call, with its constants."""
-    return program if hasattr(program, "consts") else core.ClosedJaxpr(program, ())
+    if hasattr(program, "consts"):
+        return program
+    return core.ClosedJaxpr(program, ())
 
 
 def _which(program: core.ClosedJaxpr, many: Sequence[bool]) -> list[bool]:
@@ -93,7 +95,8 @@ def _which(program: core.ClosedJaxpr, many: Sequence[bool]) -> list[bool]:
 
 
 def _which_of(eqn: core.JaxprEqn, many: list[bool]) -> list[bool]:
-    name, p = eqn.primitive.name, eqn.params
+    name = eqn.primitive.name
+    p = eqn.params
     if not any(many):
         return [False] * len(eqn.outvars)
     if name in CALLS:
@@ -129,7 +132,8 @@ def which_scanned(p: dict[str, Any], many: list[bool]) -> list[bool]:
 
 def which_looped(p: dict[str, Any], many: list[bool]) -> tuple[list[bool], bool]:
     """For the carry and the test: if members disagree on when to stop, the whole carry has members."""
-    tests, bodies = p["cond_nconsts"], p["body_nconsts"]
+    tests = p["cond_nconsts"]
+    bodies = p["body_nconsts"]
     carry = many[tests + bodies :]
     while True:
         test = _which(p["cond_jaxpr"], [*many[:tests], *carry])[0]
@@ -171,7 +175,9 @@ class Interpreter:
         known |= dict(zip(jaxpr.invars, inputs, strict=True))
 
         def read(atom: Atom) -> Value:
-            return Value(atom.val, False) if isinstance(atom, core.Literal) else known[atom]
+            if isinstance(atom, core.Literal):
+                return Value(atom.val, False)
+            return known[atom]
 
         for eqn in jaxpr.eqns:
             try:
@@ -182,7 +188,8 @@ class Interpreter:
         return [read(a) for a in jaxpr.outvars]
 
     def operation(self, eqn: core.JaxprEqn, inputs: list[Value]) -> list[Value]:
-        name, p = eqn.primitive.name, eqn.params
+        name = eqn.primitive.name
+        p = eqn.params
         if name in CALLS:
             return self.run(close_jaxpr(p[CALLS[name]]), inputs)
         if not any(v.many for v in inputs):
@@ -195,7 +202,10 @@ class Interpreter:
         if name in ELEMENTWISE:
             shape = eqn.outvars[0].aval.shape
             return [Value(eqn.primitive.bind(*(lined_up(v, shape, self.members) for v in inputs), **p), True)]
-        found = STRUCTURAL[name](p, self.members, inputs) if name in STRUCTURAL else None
+        if name in STRUCTURAL:
+            found = STRUCTURAL[name](p, self.members, inputs)
+        else:
+            found = None
         if found is not None:
             return [Value(found, True)]
         first = [jnp.moveaxis(v.array, -1, 0) if v.many else v.array for v in inputs]
@@ -219,7 +229,8 @@ class Interpreter:
         return as_values([*end, *saved], out)
 
     def _while(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
-        tests, bodies = p["cond_nconsts"], p["body_nconsts"]
+        tests = p["cond_nconsts"]
+        bodies = p["body_nconsts"]
         many, disagree = which_looped(p, [v.many for v in inputs])
 
         def going(carry: list[Any]) -> jax.Array:
@@ -238,7 +249,8 @@ class Interpreter:
         return as_values(end, many)
 
     def _cond(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
-        index, given = inputs[0], inputs[1:]
+        index = inputs[0]
+        given = inputs[1:]
         if index.many:  # members take different branches: all branches are run
             found = [[spread(v, self.members) for v in self.run(b, given)] for b in p["branches"]]
             which = jnp.asarray(index.array, jnp.int32)
@@ -267,7 +279,9 @@ def as_values(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:
 def alone(eqn: core.JaxprEqn, inputs: Sequence[Any]) -> list[Any]:
     """The operation itself, on inputs without members."""
     found = eqn.primitive.bind(*inputs, **eqn.params)
-    return list(found) if eqn.primitive.multiple_results else [found]
+    if eqn.primitive.multiple_results:
+        return list(found)
+    return [found]
 
 
 __all__ = ["lanes"]

@@ -28,7 +28,9 @@ Rule = Callable[[dict[str, Any], int, list[Value]], jax.Array | None]
 def spread(v: Value, members: int) -> jax.Array:
     """The array with the member axis, repeated if it had none."""
     x = jnp.asarray(v.array)
-    return x if v.many else jnp.broadcast_to(x[..., None], (*x.shape, members))
+    if v.many:
+        return x
+    return jnp.broadcast_to(x[..., None], (*x.shape, members))
 
 
 def lined_up(v: Value, shape: tuple[int, ...], members: int) -> jax.Array:
@@ -53,7 +55,9 @@ def _slice(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
 
 def _pad(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
     x, value = inputs
-    return None if value.many else lax.pad(spread(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
+    if value.many:
+        return None
+    return lax.pad(spread(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
 
 
 def _concatenate(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
@@ -65,7 +69,9 @@ def _stack(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
 
 
 def _reshape(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
-    return lax.reshape(inputs[0].array, (*p["new_sizes"], members)) if p["dimensions"] is None else None
+    if p["dimensions"] is None:
+        return lax.reshape(inputs[0].array, (*p["new_sizes"], members))
+    return None
 
 
 def _transpose(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
@@ -76,7 +82,8 @@ def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
     """Reduction over some axes as a tree of elementwise operations, which still run over the members."""
 
     def rule(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
-        x, axes = inputs[0].array, tuple(p["axes"])
+        x = inputs[0].array
+        axes = tuple(p["axes"])
         kept = [i for i in range(x.ndim) if i not in axes]
         x = lax.transpose(x, (*axes, *kept))
         x = x.reshape(-1, *x.shape[len(axes) :])

@@ -41,7 +41,8 @@ def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> Iterator[Check]
     """Check that a line starts at a fixed point, and that links between two fixed ends can close: no side of the
     polygon exceeds the sum of the others."""
     check_ends((line,), points)
-    start, end = point_named(points, line.start), point_named(points, line.end)
+    start = point_named(points, line.start)
+    end = point_named(points, line.end)
     yield (
         start.is_free,
         f"point.{points.index(start)}.kind: {start.kind!r} cannot be the start of a rigid line; allowed: fixed",
@@ -70,7 +71,8 @@ def check_system(
     check_names("buoy", buoys)
     for i, line in enumerate(lines):
         if line.rigid:
-            start, end = point_named(points, line.start), point_named(points, line.end)
+            start = point_named(points, line.start)
+            end = point_named(points, line.end)
             if not (start.is_free or end.is_free):
                 check_span(line, f"line.{i}", start, end)
         yield (
@@ -207,7 +209,10 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
     """Whether the tension caused by a start at `speed`, speed times `sqrt(EA m)`, is significant compared with
     `mu w`."""
     friction = scene.effects["seabed_friction"]
-    mu = friction["kinetic"] if friction["static"] is None else friction["static"]
+    if friction["static"] is None:
+        mu = friction["kinetic"]
+    else:
+        mu = friction["static"]
     moving = [line for line in scene.lines if {line.start, line.end} & moved]
     # tension of a shock relative to the friction of the full line below which the tension retained by friction is
     # negligible; that of a rigid line is unbounded

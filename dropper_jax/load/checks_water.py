@@ -94,7 +94,8 @@ def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
         longest = max(line.total for line in scene.lines)
         return middle, float(np.max(np.linalg.norm(positions - middle, axis=1)) + longest)
     line = scene.lines[0]
-    first, last = scene.point(line.start), scene.point(line.end)
+    first = scene.point(line.start)
+    last = scene.point(line.end)
     if not last.is_free:
         return 0.5 * (first.position + last.position), 0.5 * line.total
     return first.position, line.total
@@ -144,10 +145,14 @@ def _breaking(scene: SceneData, sea: Sea) -> Iterator[str]:
     if sea.waves.bound:
         yield from _finite(scene, sea.waves)
         return
-    amplitude, k = np.asarray(sea.waves.amplitude, float), np.asarray(sea.waves.wave_number, float)
-    height, number, what = 2.0 * amplitude[0], k[0], "wave height"
+    amplitude = np.asarray(sea.waves.amplitude, float)
+    k = np.asarray(sea.waves.wave_number, float)
+    height = 2.0 * amplitude[0]
+    number = k[0]
+    what = "wave height"
     if amplitude.size > 1:
-        height, what = 4.0 * np.sqrt(0.5 * np.sum(amplitude**2)), "significant wave height"
+        height = 4.0 * np.sqrt(0.5 * np.sum(amplitude**2))
+        what = "significant wave height"
         number = k[int(np.argmin(np.abs(np.asarray(sea.waves.omega) - _mean_frequency(sea))))]
     share = height / scene.sea.depth
     # steepest waves before breaking: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth in shallow water
@@ -167,7 +172,8 @@ def _breaking(scene: SceneData, sea: Sea) -> Iterator[str]:
 
 def mean_period(sea: Sea) -> float:
     """`Tz = 2 pi sqrt(m0/m2)` [s] of the sea's waves."""
-    energy, omega = np.asarray(sea.waves.amplitude, float) ** 2, np.asarray(sea.waves.omega, float)
+    energy = np.asarray(sea.waves.amplitude, float) ** 2
+    omega = np.asarray(sea.waves.omega, float)
     return float(2 * np.pi * np.sqrt(np.sum(energy) / max(np.sum(energy * omega**2), 1e-300)))
 
 
@@ -181,18 +187,19 @@ def steepest_sea(tz: float, gravity: float) -> float:
 
 def _finite(scene: SceneData, waves: BoundWaves) -> Iterator[str]:
     """A warning for a wave of finite height close to breaking (higher ones are rejected), or outside its theory."""
-    height, length, depth = float(waves.height), float(waves.shortest), scene.sea.depth
+    height = float(waves.height)
+    length = float(waves.shortest)
+    depth = scene.sea.depth
     limit = highest(length, depth)
     # fraction of the maximum wave height above which a wave of finite height is reported as close to breaking
     if height > 0.9 * limit:
         yield f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m"
     long = length >= STOKES_LENGTH * depth
     if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
-        why = (
-            f"its length is {length / depth:.3g} depths"
-            if long
-            else f"it is {height / limit:.2g} of the maximum height"
-        )
+        if long:
+            why = f"its length is {length / depth:.3g} depths"
+        else:
+            why = f"it is {height / limit:.2g} of the maximum height"
         yield (
             f"sea.waves.theory: 'stokes5' is inaccurate for this wave, {why} (at most {STOKES_LENGTH:g} depths and "
             f"{STOKES_HEIGHT:g} of the maximum height). Use 'stream'"
@@ -212,7 +219,9 @@ def repeat_time(omega: np.ndarray) -> float:
         return float("inf")
     share = steps / steps.min()
     even = np.max(np.abs(share - np.round(share))) < 1e-6
-    return float(2 * np.pi / steps.min()) if even else float("inf")
+    if even:
+        return float(2 * np.pi / steps.min())
+    return float("inf")
 
 
 def _interpolation(sea: Sea) -> Iterator[str]:
@@ -236,7 +245,10 @@ def _shortest(sea: Sea) -> float:
     k = np.asarray(sea.waves.wave_number, float)
     longest_first = np.argsort(k)
     energy = np.cumsum(np.broadcast_to(np.asarray(sea.waves.amplitude, float), k.shape)[longest_first] ** 2)
-    last = int(np.searchsorted(energy, ENERGY_SHARE * energy[-1])) if energy[-1] > 0.0 else -1
+    if energy[-1] > 0.0:
+        last = int(np.searchsorted(energy, ENERGY_SHARE * energy[-1]))
+    else:
+        last = -1
     return float(2 * np.pi / k[longest_first[last]])
 
 
@@ -248,7 +260,10 @@ def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
     shortest = _shortest(sea)
     widest = int(np.argmax(diameter))
     ends = np.cumsum([line.links for line in scene.lines])
-    line = int(np.searchsorted(ends, widest, side="right")) if np.ndim(diameter) else 0
+    if np.ndim(diameter):
+        line = int(np.searchsorted(ends, widest, side="right"))
+    else:
+        line = 0
     sizes = {f"line.{scene.lines[line].name if scene.branched else line}": float(np.max(diameter))}
     if scene.buoys:
         buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
@@ -313,7 +328,10 @@ def bed_height(scene: SceneData, positions: np.ndarray) -> np.ndarray | None:
         return None
     values = scene.effects["seabed"]
     if values["bed_x"] is None:
-        depth = values["depth"] if values["depth"] is not None else scene.sea.depth
+        if values["depth"] is not None:
+            depth = values["depth"]
+        else:
+            depth = scene.sea.depth
         return np.full(positions.shape[:-1], -float(depth))
     bed = EFFECTS["seabed"].build(values, scene)
     return np.asarray(bed.bed_height(positions.reshape(-1, 3), rounded=0.0)).reshape(positions.shape[:-1])

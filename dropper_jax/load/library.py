@@ -27,15 +27,20 @@ from dropper_jax.base.errors import SceneError, nearest
 PREFIX = "library:"
 #: Density of foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal
 #: area (subcritical: Hoerner 1965, Fluid-dynamic drag), added mass of a sphere (Lamb 1932, article 92).
-FLOAT_DENSITY, FLOAT_DRAG, FLOAT_ADDED_MASS = 80.0, 0.5, 0.5
+FLOAT_DENSITY = 80.0
+FLOAT_DRAG = 0.5
+FLOAT_ADDED_MASS = 0.5
 #: Damping ratio of a link (internal damping over critical): numerical, not a property of the part; as in packaged
 #: scenes.
 PART_DAMPING = 0.1
 #: The paper's sock of fully grown mussels [kg/m], the density assumed in `edulis-longline` [kg/m^3], and the months to
 #: full growth: the cycle with thinning-out of Galician ropes.
-SOCK, SOCK_DENSITY, SOCK_MONTHS = 21.8, 1300.0, 15.0
+SOCK = 21.8
+SOCK_DENSITY = 1300.0
+SOCK_MONTHS = 15.0
 #: Bare rope in a sock [kg/m] and [m] (assumed).
-CORE_MASS, CORE_DIAMETER = 0.1, 0.012
+CORE_MASS = 0.1
+CORE_DIAMETER = 0.012
 #: Density of the sea water in `crop_values` [kg/m^3].
 SEA_WATER = 1025.0
 ORCAFLEX = "Orcina, OrcaFlex help, Chain"

@@ -84,14 +84,19 @@ class LineType:
         more = law_constants(law) if law in list(LAWS) else []  # an unknown law is rejected with the other fields
         given = {key: own.pop(key) for key in more if key in own}
         kind = cls(**read_fields(cls, own, path, {}))
-        values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1}) if more else {}
+        if more:
+            values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1})
+        else:
+            values = {}
         kind.check(path)
         return dataclasses.replace(kind, constants={key: values[key] for key in more if values[key] is not None})
 
     @property
     def table(self) -> ForceTable | None:
         """The table of a tabulated type."""
-        return None if self.strain is None else ForceTable(self.strain, self.tension)
+        if self.strain is None:
+            return None
+        return ForceTable(self.strain, self.tension)
 
     def internal_damping(self, link: float) -> float:
         """BA [N s] of links of this length [m]: as given, or `ratio * link * sqrt(EA m)`, m per metre (as MoorDyn).
@@ -217,7 +222,8 @@ def _sections(line: dict[str, Any], path: str, types: dict[str, LineType]) -> li
         items = read_list(line.pop("sections"), f"{path}.sections", None, "a list of {type, length, links}")
         paths = [f"{path}.sections.{i}" for i in range(len(items))]
     else:
-        items, paths = [{key: line.pop(key) for key in ("type", "length", "links") if key in line}], [path]
+        items = [{key: line.pop(key) for key in ("type", "length", "links") if key in line}]
+        paths = [path]
     if not items:
         raise refuse(f"{path}.sections", items, "is empty", "at least one {type, length, links}")
     return [_section(item, where, types) for item, where in zip(items, paths, strict=True)]
@@ -285,7 +291,8 @@ def _stop(item: Plain, path: str, line: str, total: float) -> tuple[float, str]:
 
 def _between(sections: list[Section], low: float, high: float) -> list[Section]:
     """The part of the sections from arc length `low` to `high` [m]."""
-    found, begin = [], 0.0
+    found = []
+    begin = 0.0
     for section in sections:
         length = min(high, begin + section.length) - max(low, begin)
         if length > 1e-9 * section.length:

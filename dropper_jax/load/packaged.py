@@ -111,10 +111,13 @@ def _table_6(table: dict[str, Any], file: str) -> dict[str, Any]:
 
 
 def _ramp(table: dict[str, Any], file: str, release: float) -> dict[str, Any]:
-    begin, start = RAMP_START, table["start"]
-    force, of = start["release_force"], "the packaged release, because the thesis gives none"
+    begin = RAMP_START
+    start = table["start"]
+    force = start["release_force"]
+    of = "the packaged release, because the thesis gives none"
     if file in RAMPS:
-        force, of = [[0.0, 0.0, RAMPS[file] * (release - begin)]], "thesis appendix E"
+        force = [[0.0, 0.0, RAMPS[file] * (release - begin)]]
+        of = "thesis appendix E"
     ramp = {"nodes": start["release_nodes"], "force_n": force, "start": begin, "rise": release - begin}
     return _variant(
         table,
@@ -188,7 +191,9 @@ def pitching(table: dict[str, Any], centre: float = CENTRE) -> dict[str, Any]:
 
 def _body(buoy: dict[str, Any], point: list[float], centre: float) -> dict[str, Any]:
     ballast = 0.25  # height of the ballast above the base [m]; the hull's mass is spread over its height
-    mass, height, diameter = buoy["mass"], buoy["height"], buoy["diameter"]
+    mass = buoy["mass"]
+    height = buoy["height"]
+    diameter = buoy["diameter"]
     hull = mass * (centre - ballast) / (0.5 * height - ballast)
     across = hull * (height**2 / 12.0 + (0.5 * height - centre) ** 2) + (mass - hull) * (centre - ballast) ** 2
     attachment = buoy.get("attachment", 0.0)
@@ -226,7 +231,8 @@ def find_scene(source: str | Path, depth: float | None = None) -> tuple[dict[str
         found = packaged_scene(source), source
     else:
         path = Path(source)
-        data, kind = _read_file(path), path.suffix.lower()
+        data = _read_file(path)
+        kind = path.suffix.lower()
         if kind in (".yaml", ".yml") or (kind != ".toml" and looks_like_moordyn(data.decode(errors="replace"))):
             return _read_mooring(path, depth), path.stem
         found = parse_toml(data, str(path)), path.stem

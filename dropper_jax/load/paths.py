@@ -106,7 +106,9 @@ def describe(path: str) -> Mapping[str, Any]:
     for pattern, _, cls in declared_sections():
         if cls is not None and re.fullmatch(re.escape(pattern).replace(r"\*", r"[^.]+"), section):
             field = declared_fields(cls).get(key)
-            return {} if field is None else field.metadata
+            if field is None:
+                return {}
+            return field.metadata
     return {}
 
 
@@ -196,7 +198,10 @@ def _find_parent(
     stem, entries = found
     *parents, key = steps[stem]
     for step in parents:
-        table = table[step] if isinstance(table, list) else table.setdefault(step, {})
+        if isinstance(table, list):
+            table = table[step]
+        else:
+            table = table.setdefault(step, {})
     for number in entries:
         items = table.get(key) if isinstance(table, dict) else table[key]
         if not isinstance(items, list):
@@ -205,7 +210,8 @@ def _find_parent(
             )
         if number >= len(items):
             raise SceneError(f"{path}: entry {number} does not exist; allowed: 0 to {len(items) - 1}")
-        table, key = items, number
+        table = items
+        key = number
     return table, key
 
 

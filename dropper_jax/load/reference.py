@@ -75,7 +75,9 @@ class Section:
     keys: tuple[Key, ...]
 
 
-TEXT, NUMBER, TABLE = {"type": "string"}, {"type": ["number", "string"]}, {"type": "object"}
+TEXT = {"type": "string"}
+NUMBER = {"type": ["number", "string"]}
+TABLE = {"type": "object"}
 LIST = {"type": "array"}
 
 
@@ -187,12 +189,19 @@ def _section(path: str, head: str, cls: type | None) -> Section:
 def _declared_keys(path: str, cls: type) -> Iterable[Key]:
     """Keys declared by a class."""
     for key, field in declared_fields(cls).items():
-        about, name = field.metadata, f"{path}.{key}"
+        about = field.metadata
+        name = f"{path}.{key}"
         number = about["kind"] == "parameter"
-        allowed = limits({**about, "unit": "-"}) if number or about.get("type") is int else ""
+        if number or about.get("type") is int:
+            allowed = limits({**about, "unit": "-"})
+        else:
+            allowed = ""
         if about.get("choices"):
             allowed = ", ".join(map(str, about["choices"]))
-        kind = SHAPES[about["shape"]] if number else TYPES.get(about.get("type"), "text")
+        if number:
+            kind = SHAPES[about["shape"]]
+        else:
+            kind = TYPES.get(about.get("type"), "text")
         yield Key(name, about["meaning"], kind, about.get("unit", "-"), allowed, _default(field), _schema(about))
 
 

@@ -64,13 +64,15 @@ def with_one_gravity(table: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         SceneError: two values.
     """
-    effects, sea = table.get("effects"), table.get("sea")
+    effects = table.get("effects")
+    sea = table.get("sea")
     if not isinstance(effects, Mapping) or not isinstance(sea, Mapping):
         return dict(table)
     weight = effects.get("weight")
     if not isinstance(weight, Mapping):
         return dict(table)
-    given, water = weight.get("gravity"), sea.get("gravity")
+    given = weight.get("gravity")
+    water = sea.get("gravity")
     if given is None and water is not None:
         return {**table, "effects": {**effects, "weight": {**weight, "gravity": water}}}
     weightless = given == 0.0 and "waves" in sea and "buoyancy" not in effects
@@ -125,7 +127,9 @@ def with_library_points(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _points(items: Plain, path: str) -> Plain:
-    return [_point(item, f"{path}.{i}.type") for i, item in enumerate(items)] if isinstance(items, list) else items
+    if isinstance(items, list):
+        return [_point(item, f"{path}.{i}.type") for i, item in enumerate(items)]
+    return items
 
 
 def _point(item: Plain, path: str) -> Plain:
@@ -150,7 +154,9 @@ def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> dic
 
 def _tables(items: Plain) -> list[Any]:
     """The tables of a list; entries that are not tables are rejected later, with their names."""
-    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []
+    if isinstance(items, list):
+        return [item for item in items if isinstance(item, Mapping)]
+    return []
 
 
 def with_point_types(table: dict[str, Any], types: Plain) -> dict[str, Any]:

@@ -68,7 +68,8 @@ CLOSED_TOLERANCE = 1e-4
 
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
     """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for a static start."""
-    line, start = scene.lines[0], scene.start
+    line = scene.lines[0]
+    start = scene.start
     if start.is_static:
         return None
     if start.kind == "positions":
@@ -84,7 +85,8 @@ def closed_start(scene: SceneData) -> StartSpec:
     The smallest change of the polar and azimuth angles is used. Other starts, and angles with a larger mismatch, are
     returned unchanged and rejected by `check_pose`.
     """
-    line, start = scene.lines[0], scene.start
+    line = scene.lines[0]
+    start = scene.start
     end = scene.point(line.end)
     if start.kind != "angles" or end.is_free:
         return start
@@ -221,7 +223,10 @@ class Scene(SceneData):
         )
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)
         check_scene(scene)
-        scene = scene if branched else dataclasses.replace(scene, start=closed_start(scene))
+        if branched:
+            scene = scene
+        else:
+            scene = dataclasses.replace(scene, start=closed_start(scene))
         pose = None if branched else given_pose(scene)
         if pose is not None:
             check_pose(scene, *pose)
@@ -230,7 +235,9 @@ class Scene(SceneData):
 
     def as_written(self) -> dict[str, Any]:
         """Plain values as `to_dict`, with line types, sections and attached points in their original form."""
-        return self.to_dict() if self.written is None else self.written.table(self.to_dict())
+        if self.written is None:
+            return self.to_dict()
+        return self.written.table(self.to_dict())
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
@@ -282,7 +289,9 @@ class Scene(SceneData):
 
     def with_equal_steps(self) -> Scene:
         """The scene with equal steps of `run.step` in place of an accuracy, for studies that need them."""
-        return self if self.run.accuracy is None else self.with_values({"run.dt": self.run.step})
+        if self.run.accuracy is None:
+            return self
+        return self.with_values({"run.dt": self.run.step})
 
     def _with_steps_for(self, run: dict[str, Any]) -> dict[str, Any]:
         """The table of `[run]`, with equal steps if its scheme has no estimate of the error of a step."""
@@ -297,20 +306,20 @@ class Scene(SceneData):
         """The scene with values changed: parameters before all others, including those of earlier changes."""
         given = {path: value for path, value in values.items() if ScenePath(path).section == "parameters"}
         changes = {path: value for path, value in values.items() if path not in given}
-        scene, template = self, self.template.with_changes(given, changes)
+        scene = self
+        template = self.template.with_changes(given, changes)
         if given:
-            scene, changes = Scene.from_dict(template.table, self.name), template.changes
+            scene = Scene.from_dict(template.table, self.name)
+            changes = template.changes
         scene = dataclasses.replace(scene, template=None)
         return dataclasses.replace(scene.with_values(changes) if changes else scene, template=template)
 
     @property
     def parameter_paths(self) -> list[str]:
         """Paths of the numbers of `[parameters]`."""
-        return (
-            []
-            if self.template is None
-            else [f"parameters.{name}" for name in self.template.table.get("parameters", {})]
-        )
+        if self.template is None:
+            return []
+        return [f"parameters.{name}" for name in self.template.table.get("parameters", {})]
 
     def value(self, path: str) -> Plain:
         """The plain value at a path, as used by `with_values`.
@@ -322,7 +331,9 @@ class Scene(SceneData):
             return float(self.template.value(path))
         table = self.as_written()
         written = locate_written(table)
-        return get(table, path, written) if is_written(table, path, written) else get(self.to_dict(), path)
+        if is_written(table, path, written):
+            return get(table, path, written)
+        return get(self.to_dict(), path)
 
 
 def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:

@@ -166,7 +166,9 @@ class Template:
         lists = [table[section] for section in REPEATED if isinstance(table.get(section), list)]
         items = [item for items in lists for item in items if isinstance(item, Mapping)]
         own = any({"repeat", "float"} & set(item) for item in items) or any(key in table for key in TEMPLATE_KEYS)
-        return cls(copy.deepcopy(dict(table))) if own else None
+        if own:
+            return cls(copy.deepcopy(dict(table)))
+        return None
 
     def with_changes(self, parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> Template:
         """The template with other values of parameters, by path, and further changes of the plain scene.
@@ -265,7 +267,8 @@ def _parameter_name(path: str, parameters: Mapping[str, Any]) -> str:
 def _transform_point(point: Mapping[str, Any], origin: list[float], heading: float, path: str) -> list[float]:
     where = f"{path}, point {point['name']}"
     x, y, z = (read_number(v, where, {"unit": "m"}) for v in read_list(point.get("position"), where, 3, "3 numbers"))
-    cos, sin = math.cos(heading), math.sin(heading)
+    cos = math.cos(heading)
+    sin = math.sin(heading)
     return [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y, origin[2] + z]
 
 
@@ -284,7 +287,8 @@ def _repetitions(item: Mapping[str, Any], path: str, names: Names) -> Iterator[N
     if "repeat" not in item:
         return iter([names])
     repeat = read_table(item["repeat"], f"{path}.repeat")
-    ranges, count = [], 1
+    ranges = []
+    count = 1
     for key, value in repeat.items():
         if not NAME.match(key) or key in names:
             raise SceneError(
@@ -337,4 +341,6 @@ def _repeat_item(item: Plain, names: Names, path: str) -> Iterator[Plain]:
 
 
 def _text(number: Number) -> str:
-    return f"{number:g}" if isinstance(number, float) else str(number)
+    if isinstance(number, float):
+        return f"{number:g}"
+    return str(number)

@@ -52,7 +52,8 @@ def _words(one: jax.ShapeDtypeStruct) -> str:
 
 
 def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
-    free, links = model.free_nodes, model.geometry.links
+    free = model.free_nodes
+    links = model.geometry.links
     number, per_node, per_link, vectors = (_array(model, *shape) for shape in ((), (free,), (links,), (free, 3)))
     own = jax.eval_shape(model.initial_internal_state)
 

@@ -120,7 +120,9 @@ class Law(Effect, ABC):
 
     def rows(self, model: ModelView) -> int:
         """Number of rows of z."""
-        return model.free_nodes if self.node_local else model.geometry.links + model.geometry.ends - 1
+        if self.node_local:
+            return model.free_nodes
+        return model.geometry.links + model.geometry.ends - 1
 
     @abstractmethod
     def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
@@ -220,4 +222,6 @@ class HolonomicConstraint(Effect, ABC):
 def per_node(value: jax.Array, nodes: int) -> jax.Array:
     """A number or one value per node (n,) as a column that multiplies (nodes, 3); the entry of a fixed end is
     dropped."""
-    return value if jnp.ndim(value) == 0 else value[:nodes, None]
+    if jnp.ndim(value) == 0:
+        return value
+    return value[:nodes, None]

@@ -52,7 +52,9 @@ class PathPart(Part):
             return per_link
         taken = per_link[self.first : self.first + self.nodes]
         lacking = self.nodes - taken.shape[0]
-        return jnp.concatenate([taken, jnp.zeros_like(per_link[:lacking])]) if lacking else taken
+        if lacking:
+            return jnp.concatenate([taken, jnp.zeros_like(per_link[:lacking])])
+        return taken
 
     def at(self, nodal: jax.Array) -> jax.Array:
         return nodal
@@ -81,7 +83,9 @@ class Ends(NamedTuple):
     @property
     def end(self) -> jax.Array | None:
         """End point of a single line (3,) [m]; None if that end is free."""
-        return self.positions[1] if self.positions.shape[0] > 1 else None
+        if self.positions.shape[0] > 1:
+            return self.positions[1]
+        return None
 
 
 class Member(NamedTuple):

@@ -38,7 +38,9 @@ class LinkEnd(Part):
         return nodal[self._node]
 
     def collect(self, rows: jax.Array) -> jax.Array:
-        return self.graph.from_last(rows) if self.last else self.graph.from_first(rows)
+        if self.last:
+            return self.graph.from_last(rows)
+        return self.graph.from_first(rows)
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,12 @@ class Graph:
         found: dict[str, list[np.ndarray]] = {name: [] for name in names}
         for member, span in zip(self.members, self.spans, strict=True):
             stem, _, piece = member.name.rpartition("-")
-            own = member.name if member.name in found else stem if piece.isdecimal() else member.name
+            if member.name in found:
+                own = member.name
+            elif piece.isdecimal():
+                own = stem
+            else:
+                own = member.name
             if own in found:
                 found[own].append(np.arange(self.links)[span])
         return {name: np.concatenate(parts) for name, parts in found.items()}
@@ -126,7 +133,8 @@ class Graph:
     @cached_property
     def paths(self) -> tuple[np.ndarray, ...]:
         """Numbers of each line's nodes (links + 1,) among all nodes, both ends included."""
-        node, ends = self.point_node, np.cumsum([m.links - 1 for m in self.members])
+        node = self.point_node
+        ends = np.cumsum([m.links - 1 for m in self.members])
         return tuple(
             np.array([node[m.start], *range(end - m.links + 1, end), node[m.end]], int)
             for m, end in zip(self.members, ends, strict=True)
@@ -182,13 +190,17 @@ class Graph:
     def from_first(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their first nodes."""
         inner = value[self.previous_links + 1]
-        return jnp.concatenate([inner, gather_sums(value, self.leaving)]) if len(self.free_points) else inner
+        if len(self.free_points):
+            return jnp.concatenate([inner, gather_sums(value, self.leaving)])
+        return inner
 
     @partial(jax.jit, static_argnums=0, inline=True)
     def from_last(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their last nodes."""
         inner = value[self.previous_links]
-        return jnp.concatenate([inner, gather_sums(value, self.arriving)]) if len(self.free_points) else inner
+        if len(self.free_points):
+            return jnp.concatenate([inner, gather_sums(value, self.arriving)])
+        return inner
 
     def gather(self, link_force: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the links' tension forces (n, ...): + on their first node, - on their
@@ -199,9 +211,12 @@ class Graph:
         """The same on the fixed points (held, ...)."""
         rows = []
         for node in self.point_node[self.held_points]:
-            leaving, arriving = np.flatnonzero(self.first == node), np.flatnonzero(self.last == node)
+            leaving = np.flatnonzero(self.first == node)
+            arriving = np.flatnonzero(self.last == node)
             rows.append(jnp.sum(link_force[leaving], axis=0) - jnp.sum(link_force[arriving], axis=0))
-        return jnp.stack(rows) if rows else jnp.zeros((0, 3), link_force.dtype)
+        if rows:
+            return jnp.stack(rows)
+        return jnp.zeros((0, 3), link_force.dtype)
 
     def share_to_nodes(self, value: jax.Array) -> jax.Array:
         """Values that links have or carry (n,), on the free nodes (free,) that they are assigned to."""
@@ -236,7 +251,9 @@ class Graph:
 
     def values_or_zero(self, value: jax.Array | None, like: jax.Array) -> jax.Array:
         """Values of the fixed points, zero if None, in the form of the nodal field `like`."""
-        return jnp.zeros((self.ends, *like.shape[1:]), like.dtype) if value is None else value
+        if value is None:
+            return jnp.zeros((self.ends, *like.shape[1:]), like.dtype)
+        return value
 
     def node(self, line: str | int, j: int) -> int:
         """Number among the free nodes of node j of a line, from 0, its first point.

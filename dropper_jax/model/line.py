@@ -87,7 +87,9 @@ class Line:
     @property
     def drag_diameter(self) -> jax.Array:
         """Diameter for drag and added mass of each link (n,) [m]."""
-        return self.diameter if self.outer_diameter is None else self.outer_diameter
+        if self.outer_diameter is None:
+            return self.diameter
+        return self.outer_diameter
 
     @property
     def second_moment(self) -> jax.Array:
@@ -130,14 +132,17 @@ class Line:
         """Which fraction of the links' water forces acts on which free node (see `effects.submerged.wet_share`)."""
         if not self.compound:
             return self.geometry.parts()
-        ratio, free = self.centre_of_mass / self.length, self.geometry.free
+        ratio = self.centre_of_mass / self.length
+        free = self.geometry.free
         near = PathPart(1.0, 1, free)
         return PathPart(ratio[:free], 0, free), replace(near, share=near.take(1.0 - ratio))
 
     def inertia_force(self, a: jax.Array, ends: jax.Array | None) -> jax.Array:
         """M a on the free nodes (free, 3) of compound links, for accelerations of nodes and ends (None: 0)."""
         _, coupling, _ = self.blocks()
-        held, zero, free = self.geometry.values_or_zero(ends, a), jnp.zeros_like(a[:1]), a.shape[0]
+        held = self.geometry.values_or_zero(ends, a)
+        zero = jnp.zeros_like(a[:1])
+        free = a.shape[0]
         before = jnp.concatenate([held[:1], a[:-1]])
         after = jnp.concatenate([a[1:], held[1:] if held.shape[0] > 1 else zero])
         next_coupling = jnp.concatenate([coupling[1:], jnp.zeros_like(coupling[:1])])[:free]

@@ -75,14 +75,18 @@ class Model:
     def kinks(self) -> jax.Array | None:
         """Times (k,) [s] at which fixed points jump in velocity or acceleration; None if they never do."""
         found = [jnp.ravel(e.kinks) for e in self.having(Displacement) if e.kinks is not None]
-        return jnp.concatenate(found) if found else None
+        if found:
+            return jnp.concatenate(found)
+        return None
 
     @property
     def corners(self) -> jax.Array | None:
         """Times (k,) [s] at which an effect is not smooth in time; None if all are smooth."""
         found = [jnp.ravel(e.corners) for e in self.effects if e.corners is not None]
         found += [] if self.sea is None else self.sea.corners
-        return jnp.concatenate(found) if found else None
+        if found:
+            return jnp.concatenate(found)
+        return None
 
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot (see `model.slots`), in order."""
@@ -148,7 +152,9 @@ class Model:
 
     def _held_positions(self, time: jax.Array) -> jax.Array:
         held = [self._position(int(i), time) for i in self.geometry.held_points]
-        return jnp.stack(held) if held else jnp.zeros((0, 3), self.dtype)
+        if held:
+            return jnp.stack(held)
+        return jnp.zeros((0, 3), self.dtype)
 
     def ends(self, t: jax.Array) -> Ends:
         """Positions and velocities of the fixed points at time t."""
@@ -180,7 +186,10 @@ class Model:
 
     def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
         """All nodes, line after line, both ends of each included (n + lines, 3); with `rates` their velocities."""
-        held = self.geometry.values_or_zero(ends.velocities, r) if rates else ends.positions
+        if rates:
+            held = self.geometry.values_or_zero(ends.velocities, r)
+        else:
+            held = ends.positions
         return self.geometry.nodes(r, held)
 
     def gather(self, pull: jax.Array) -> jax.Array:
@@ -214,7 +223,10 @@ class Model:
 
     def nodal_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
         """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
-        own = self.line.inertia_force(a, ends) if self.line.compound else self.node_mass[:, None] * a
+        if self.line.compound:
+            own = self.line.inertia_force(a, ends)
+        else:
+            own = self.node_mass[:, None] * a
         return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
 
     def end_powers(self, pull: jax.Array, rates: Ends, k: Kinematics | None = None) -> dict[str, jax.Array]:
@@ -286,7 +298,10 @@ class Model:
         first, coupling, last = self.line.blocks()
         held = k.ends.velocities
         extra = 0.5 * first[0] * jnp.sum(held[0] ** 2)
-        extra = extra + coupling[0] * jnp.sum(held[0] * k.v[0]) if k.free else extra
+        if k.free:
+            extra = extra + coupling[0] * jnp.sum(held[0] * k.v[0])
+        else:
+            extra = extra
         if held.shape[0] > 1:
             extra = extra + 0.5 * last[-1] * jnp.sum(held[1] ** 2)
             extra = extra + coupling[-1] * jnp.sum(held[1] * k.v[-1])

@@ -146,7 +146,10 @@ class _Stage:
         self.step = int(np.ceil(np.diff(frames).max(initial=1)))
         flat = view.planar(positions)
         water = _surface_cuts(run, positions, frames)
-        limits = view.box(_with_water(positions, water)) if run.scene is None else system.limits(run, positions)
+        if run.scene is None:
+            limits = view.box(_with_water(positions, water))
+        else:
+            limits = system.limits(run, positions)
         self.figure = style.new_figure(*view.figure_size(limits, LONGEST), layout=None)
         self.axes = _axes(self.figure, limits, flat)
         self._movers(run, flat, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
@@ -155,9 +158,10 @@ class _Stage:
         self.canvas.draw()
         self.screen = self._project(positions, flat)
         self.held.set_data(*self._project(system.held_positions(run, positions, positions[0]), flat).T)
-        surface = (
-            system.surface_lines(run, limits, flat, self.t[frames]) if water is None else water[:, : 1 if flat else 2]
-        )
+        if water is None:
+            surface = system.surface_lines(run, limits, flat, self.t[frames])
+        else:
+            surface = water[:, : 1 if flat else 2]
         self._surroundings(positions, surface, frames, flat)
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
         self.palette = _palette(run)
@@ -191,7 +195,8 @@ class _Stage:
 
     def _surroundings(self, positions: np.ndarray, surface: np.ndarray | None, frames: np.ndarray, flat: bool) -> None:
         """Lines of the surface, and buoys and bodies of a system, at the frames, in screen coordinates."""
-        run, right = self.run, system.right_of(self.axes, flat)
+        run = self.run
+        right = system.right_of(self.axes, flat)
         self.surfaces = {} if surface is None else dict(zip(frames, self._project(surface, flat), strict=True))
         self.floats = {}
         if run.buoys:
@@ -269,7 +274,9 @@ def _palette(run: Run) -> Image.Image:
 def _solid(run: Run) -> tuple[str, ...]:
     """Additional colours besides those of the tension."""
     own = (style.CYCLE[5], style.CYCLE[0], style.ALERT)
-    return own if run.scene is None else (*own, system.BUOY, system.BED)
+    if run.scene is None:
+        return own
+    return (*own, system.BUOY, system.BED)
 
 
 def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:

@@ -49,7 +49,8 @@ def tracked_nodes(run: Run) -> dict[str, int]:
     node that moves most."""
     way = travel(run)
     if run.scene is None:
-        last, lively = run.positions.shape[1] - 1, int(np.argmax(way))
+        last = run.positions.shape[1] - 1
+        lively = int(np.argmax(way))
         found = {f"node {lively}": lively}
         if way[last] > 0.0 and last != lively:
             found["free end"] = last
@@ -69,15 +70,21 @@ def _surface(run: Run, path: np.ndarray, name: str) -> list[Panel]:
     """Elevation [m] over the mean position of a path (k, 3); empty without waves."""
     position = path.mean(axis=0)
     title = f"surface elevation above the mean position of {name}"
-    eta = np.zeros(1) if run.surface is None else run.surface(position[None], run.t)[:, 0]
+    if run.surface is None:
+        eta = np.zeros(1)
+    else:
+        eta = run.surface(position[None], run.t)[:, 0]
     panel = Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
-    return [panel] if np.ptp(eta) > 0 else []
+    if np.ptp(eta) > 0:
+        return [panel]
+    return []
 
 
 @style.with_style
 def angle_traces(run: Run, path: str | Path) -> Path:
     """Polar angle [rad] of every link against time, positive below the horizontal; in space also the azimuth."""
-    t, positions = run.t, run.positions
+    t = run.t
+    positions = run.positions
     polar, azimuth = run.angles()
     columns = [("polar angle [rad]", polar)]
     if not view.planar(positions):
@@ -91,7 +98,8 @@ def phase_space(run: Run, path: str | Path) -> Path:
 
     They are evenly spaced in one line; of several lines they are those that move most.
     """
-    (angle, _), (rate, _) = run.angles(), run.angle_rates()
+    angle, _ = run.angles()
+    rate, _ = run.angle_rates()
     long = len(angle) > 4000
 
     def draw(axes: Axes, link: int) -> None:
@@ -120,11 +128,15 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     decades = 4
     if run.scene is not None:
         return _system_spectra(run, path)
-    t, positions = run.t, run.positions
+    t = run.t
+    positions = run.positions
     flat = view.planar(positions)
     uniform = _uniform(t)
     unit = directions(run)
-    series = {"polar angle": run.angles()[0]} if flat else {f"{x} component": unit[..., i] for i, x in enumerate("xy")}
+    if flat:
+        series = {"polar angle": run.angles()[0]}
+    else:
+        series = {f"{x} component": unit[..., i] for i, x in enumerate("xy")}
     if uniform < 2:
         spectra = {name: (np.zeros(1), np.zeros((1, run.tension.shape[1]))) for name in series}
     else:
@@ -148,7 +160,10 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
         axes.set_xlim(0, last)
 
     labels = ("frequency [Hz]", "amplitude [rad]" if flat else "amplitude [-]")
-    what = "amplitude spectrum of the link angles" if flat else "amplitude spectrum of the link directions"
+    if flat:
+        what = "amplitude spectrum of the link angles"
+    else:
+        what = "amplitude spectrum of the link directions"
     return panels.grid(run, path, what, chosen_links(run, panels.MOST), draw, labels, share=True)
 
 
@@ -189,7 +204,8 @@ def _heave_ratio(spectra: list[Panel]) -> list[Panel]:
 
     Powers are averaged over nine frequencies first: the ratio of single ones scatters in irregular waves.
     """
-    by_label, band = {panel.label: panel.curves for panel in spectra}, np.full(9, 1 / 9)
+    by_label = {panel.label: panel.curves for panel in spectra}
+    band = np.full(9, 1 / 9)
     if not {"surface [m]", "z [m]"} <= by_label.keys() or len(by_label["z [m]"][0].values) < 2 * len(band):
         return []
     power = [np.convolve(curve.values**2, band, "same") for curve in by_label["surface [m]"] + by_label["z [m]"]]
@@ -206,7 +222,9 @@ def _uniform(t: np.ndarray) -> int:
     """Number of samples to use, without a shorter last step at the end of the run."""
     if len(t) < 3:
         return len(t)
-    return len(t) if abs((t[-1] - t[-2]) - (t[1] - t[0])) < 1e-3 * (t[1] - t[0]) else len(t) - 1
+    if abs((t[-1] - t[-2]) - (t[1] - t[0])) < 1e-3 * (t[1] - t[0]):
+        return len(t)
+    return len(t) - 1
 
 
 def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:

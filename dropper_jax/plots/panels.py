@@ -90,7 +90,10 @@ def _map(t: np.ndarray, columns: Columns, run: Run, centred: bool) -> Figure:
     mean."""
     links = columns[0][1].shape[1]
     figure = style.new_figure(8.5, 1.0 + 3.0 * len(columns))
-    edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]]) if len(t) > 1 else np.array([t[0], t[0] + 1.0])
+    if len(t) > 1:
+        edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]])
+    else:
+        edges = np.array([t[0], t[0] + 1.0])
     for axes, (label, values) in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
         look = {"cmap": "viridis"}
         if centred:
@@ -114,7 +117,10 @@ def _link_axis(axes: Axes, run: Run, letter: str = "y") -> None:
         axis.set_label_text("link")
         axis.set_major_locator(MaxNLocator(8, integer=True))
         return
-    edge, colour = (axes.axhline, "white") if letter == "y" else (axes.axvline, "#E3E5E8")
+    if letter == "y":
+        edge, colour = (axes.axhline, "white")
+    else:
+        edge, colour = (axes.axvline, "#E3E5E8")
     for line in run.written_lines[1:]:
         edge(line.links.start + 0.5, color=colour, lw=1.0)
     # maximum number of lines that are named along an axis, in smaller letters than up to `MOST`
@@ -141,7 +147,10 @@ def grid(
     # A little wider than high: 7 links make 2 rows of 4, 9 make 3 of 3.
     rows = max(1, round(0.85 * math.sqrt(len(chosen))))
     columns = math.ceil(len(chosen) / rows)
-    width, height = (6.0, 4.5) if len(chosen) == 1 else (2.9 * columns + 0.3, 2.4 * rows + 0.9)
+    if len(chosen) == 1:
+        width, height = (6.0, 4.5)
+    else:
+        width, height = (2.9 * columns + 0.3, 2.4 * rows + 0.9)
     figure = style.new_figure(max(width, 6.0), height)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share).ravel()
     for axes, link in zip(panels, chosen, strict=False):
@@ -169,7 +178,8 @@ def _nothing(run: Run, path: str | Path, what: str) -> Path:
 
 
 #: Intervals of an envelope, and cycles of a zoom.
-INTERVALS, CYCLES = 320, 8
+INTERVALS = 320
+CYCLES = 8
 #: Dashes of the later of two curves that look like one, so that both are visible.
 DASHES = (0.0, (4.0, 4.0))
 
@@ -200,7 +210,10 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     Both have the same scale, and so have panels of one unit and of similar ranges.
     """
     # number of turning points above which a panel shows an envelope: 200 waves of five pixels each are still visible
-    zoom = None if sum(turns(c.values) > 400 for p in panels for c in p.curves) == 0 else zoom_of(panels)
+    if sum(turns(c.values) > 400 for p in panels for c in p.curves) == 0:
+        zoom = None
+    else:
+        zoom = zoom_of(panels)
     figure = style.new_figure(8.5 if zoom is None else 11.5, 1.2 + 1.75 * len(panels))
     columns = 1 if zoom is None else 2
     ratios = [1.0] if zoom is None else [1.55, 1.0]
@@ -332,7 +345,8 @@ def turns(values: np.ndarray) -> int:
 def zoom_of(panels: list[Panel]) -> tuple[float, float]:
     """Part of the time [s] around the maximum of the first panel, a few of its cycles long."""
     first = max(panels[0].curves, key=lambda c: float(np.nanmax(c.values if c.high is None else c.high)))
-    t, values = first.t, first.values
+    t = first.t
+    values = first.values
     span = float(t[-1] - t[0])
     period = max((cycle(c.t, c.values) for panel in panels for c in panel.curves), default=span)
     width = min(max(CYCLES * period, 20 * span / max(len(t) - 1, 1)), span / 3)
@@ -345,4 +359,6 @@ def cycle(t: np.ndarray, values: np.ndarray) -> float:
     """Mean time between upward crossings of the mean [s]; 0 if there are fewer than two."""
     above = values > np.nanmean(values)
     up = np.flatnonzero(above[1:] & ~above[:-1])
-    return float(t[up[-1]] - t[up[0]]) / (len(up) - 1) if len(up) > 1 else 0.0
+    if len(up) > 1:
+        return float(t[up[-1]] - t[up[0]]) / (len(up) - 1)
+    return 0.0

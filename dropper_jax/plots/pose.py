@@ -42,7 +42,8 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     Returns:
         path of the picture; its suffix chooses the format.
     """
-    t, positions = run.t, run.positions
+    t = run.t
+    positions = run.positions
     now = run.peak if time is None else int(np.argmin(np.abs(t - time)))
     flat = view.planar(positions)
     # with more lines than this, only one configuration is drawn, since more could not be distinguished
@@ -50,7 +51,10 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     past = [] if crowded else _past(positions, now)
     drawn = limits(run, positions[[0, *past, now]])
     figure = style.new_figure(*view.figure_size(drawn), layout="constrained" if flat else None)
-    axes = view.flat_axes(figure, 111, drawn) if flat else view.space_axes(figure, drawn)
+    if flat:
+        axes = view.flat_axes(figure, 111, drawn)
+    else:
+        axes = view.space_axes(figure, drawn)
 
     def draw(nodes: np.ndarray, *args: Any, **kwargs: Any) -> None:
         axes.plot(*(nodes[:, [0, 2]] if flat else nodes).T, *args, **kwargs)
@@ -75,7 +79,10 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     joints = bare_joints(run, positions[now])
     if len(joints) and not crowded:
         draw(joints, ls="", marker="D", ms=5, mfc=style.CYCLE[4], mec=style.DARK, label="free point")
-    where = {"ax": axes, "shrink": 0.75, "pad": 0.03} if flat else {"cax": view.bar_axes(figure)}
+    if flat:
+        where = {"ax": axes, "shrink": 0.75, "pad": 0.03}
+    else:
+        where = {"cax": view.bar_axes(figure)}
     style.tension_bar(figure, links, links.get_array(), **where)
     figure.legend(loc="outside lower left" if flat else "lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
     return style.finish(figure, run, "position and tension" + (f" at t = {t[now]:.4g} s" if len(t) > 1 else ""), path)
@@ -88,7 +95,8 @@ def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float, flat: bo
     if surface is None:
         return
     if flat:
-        x, z = surface[0, 0, :, 0], surface[0, 0, :, 2]
+        x = surface[0, 0, :, 0]
+        z = surface[0, 0, :, 2]
         axes.fill_between(x, drawn[2, 0], z, color=WATER, lw=0, zorder=0.3)
         axes.plot(x, z, color=SURFACE, lw=1.2, zorder=0.6)
         return
@@ -97,7 +105,8 @@ def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float, flat: bo
 
 def _bold_links(axes: Axes, run: Run, index: int, flat: bool) -> ScalarMappable:
     """Links of a sample coloured by their tension, the maximum of its steps."""
-    nodes, tension = run.positions[index], run.max_tension[index]
+    nodes = run.positions[index]
+    tension = run.max_tension[index]
     segments = run.segments(nodes)
     look = {
         "array": tension,
@@ -106,7 +115,10 @@ def _bold_links(axes: Axes, run: Run, index: int, flat: bool) -> ScalarMappable:
         "linewidths": 4.0 * style.bold(run),
         "capstyle": "round",
     }
-    links = LineCollection(segments[..., [0, 2]], **look) if flat else Line3DCollection(segments, **look)
+    if flat:
+        links = LineCollection(segments[..., [0, 2]], **look)
+    else:
+        links = Line3DCollection(segments, **look)
     axes.add_collection(links, **({"autolim": False} if flat else {}))
     _buoys(axes, run, nodes, flat)
     draw_bodies(axes, run.bodies, index, flat)
@@ -118,7 +130,10 @@ def _buoys(axes: Axes, run: Run, nodes: np.ndarray, flat: bool) -> None:
         return
     corners = outlines(run, nodes, right_of(axes, flat))
     look = {"facecolors": BUOY, "edgecolors": style.DARK, "linewidths": 0.8}
-    shapes = PolyCollection(corners[..., [0, 2]], zorder=2.5, **look) if flat else Poly3DCollection(corners, **look)
+    if flat:
+        shapes = PolyCollection(corners[..., [0, 2]], zorder=2.5, **look)
+    else:
+        shapes = Poly3DCollection(corners, **look)
     axes.add_collection(shapes, **({"autolim": False} if flat else {}))
 
 

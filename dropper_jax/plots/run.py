@@ -33,7 +33,8 @@ class Shape(NamedTuple):
 
     def rings(self) -> np.ndarray:
         """Circles (rings, SIDES, 3) [m] in the body's axes whose hull is the shape."""
-        start, end = np.array(self.start), np.array(self.end)
+        start = np.array(self.start)
+        end = np.array(self.end)
         along = end - start
         length = float(np.linalg.norm(along))
         along = along / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
@@ -93,7 +94,9 @@ def bodies_of(solution: Solution, last: int) -> Bodies | None:
 
 
 #: Limits of rounding: angles [rad]; tensions relative to the maximum; displacements relative to the size of the scene.
-ANGLE, TENSION, TRAVEL = 1e-7, 1e-6, 1e-7
+ANGLE = 1e-7
+TENSION = 1e-6
+TRAVEL = 1e-7
 
 
 def swing(run: Run) -> np.ndarray:
@@ -213,7 +216,9 @@ class Run:
     @property
     def written_lines(self) -> tuple[LineSlice | WholeLine, ...]:
         """The lines as in the scene, pieces between attached points together."""
-        return self.lines if self.scene is None else whole_lines(self.scene)
+        if self.scene is None:
+            return self.lines
+        return whole_lines(self.scene)
 
     @property
     def labels(self) -> list[str]:

@@ -25,7 +25,9 @@ def force_unit(*values: np.ndarray | float | Iterable[float]) -> tuple[str, floa
     """Unit and its size [N] for all forces [N] of a figure."""
     known = np.concatenate([np.ravel(np.asarray(v, float)) for v in values])
     # maximum tension [N] above which a figure is in kN
-    return ("kN", 1e3) if np.abs(known[np.isfinite(known)]).max(initial=0.0) >= 5e3 else ("N", 1.0)
+    if np.abs(known[np.isfinite(known)]).max(initial=0.0) >= 5e3:
+        return ("kN", 1e3)
+    return ("N", 1.0)
 
 
 #: Palette of Okabe and Ito, which colour-blind readers can distinguish.
@@ -109,7 +111,9 @@ def how(run: Run) -> tuple[str, str]:
         text = f"{text}, accuracy {run.accuracy:g}"
     elif run.dt:  # an equilibrium has no step
         text = f"{text}, dt = {run.dt:g} s"
-    return (text, FAINT) if run.status == "ok" else (f"{text}, ended with {run.status}", ALERT)
+    if run.status == "ok":
+        return (text, FAINT)
+    return (f"{text}, ended with {run.status}", ALERT)
 
 
 def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
@@ -163,7 +167,9 @@ def _height(axes: Axes) -> float:
 
 def marker(t: np.ndarray) -> str | None:
     """Draw runs of a few samples with points, since a line of one point is invisible."""
-    return "o" if len(t) < 5 else None
+    if len(t) < 5:
+        return "o"
+    return None
 
 
 def dot(run: Run) -> float:
@@ -171,12 +177,18 @@ def dot(run: Run) -> float:
     nodes = run.positions.shape[1]
     if nodes <= 40 or len(run.lines) == 1:
         return 4.0
-    return 2.0 if nodes <= 200 else 0.0
+    if nodes <= 200:
+        return 2.0
+    return 0.0
 
 
 def bold(run: Run) -> float:
     """Fraction of the usual width of links, smaller for many lines."""
-    return 1.0 if len(run.lines) == 1 else 0.75 if len(run.lines) <= 12 else 0.4
+    if len(run.lines) == 1:
+        return 1.0
+    if len(run.lines) <= 12:
+        return 0.75
+    return 0.4
 
 
 @functools.cache
@@ -190,7 +202,8 @@ def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **wh
     """Colour bar of tensions (...) [N] in N or kN: pointed if they exceed `tension_norm`, the maximum in its label."""
     known = tension[np.isfinite(tension)]
     low, high = (np.min(known), np.max(known)) if known.size else (0.0, 0.0)
-    below, above = bool(low < links.norm.vmin), bool(high > links.norm.vmax)
+    below = bool(low < links.norm.vmin)
+    above = bool(high > links.norm.vmax)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max", (False, False): "neither"}[below, above]
     unit, size = force_unit(known)
     label = f"tension [{unit}]" + (f", maximum {high / size:.4g}" if above else "")
@@ -209,5 +222,6 @@ def tension_norm(tension: np.ndarray) -> Normalize:
     low, high = np.percentile(known, (1, 99) if known.size >= 1000 else (0, 100))
     if high - low <= 1e-9 * max(abs(low), abs(high)):
         pad = 0.05 * max(abs(low), abs(high)) or 1.0
-        low, high = low - pad, high + pad
+        low = low - pad
+        high = high + pad
     return Normalize(low, high, clip=True)

@@ -14,7 +14,8 @@ from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import SIDES, Bodies, Run
 
-COLOUR, EDGE = style.CYCLE[4], "#A87400"
+COLOUR = style.CYCLE[4]
+EDGE = "#A87400"
 
 
 def draw_bodies(axes: Axes, bodies: Bodies | None, index: int, flat: bool, axis: int = 0, grow: bool = False) -> None:
@@ -68,7 +69,10 @@ def body_motion(run: Run, path: str | Path) -> Path:
     return style.finish(figure, run, "motion of the bodies", path)
 
 
-BUOY, WATER, SURFACE, BED = style.CYCLE[4], "#DCEBF5", style.CYCLE[5], "#D8CBB4"
+BUOY = style.CYCLE[4]
+WATER = "#DCEBF5"
+SURFACE = style.CYCLE[5]
+BED = "#D8CBB4"
 
 
 def limits(run: Run, positions: np.ndarray) -> np.ndarray:
@@ -82,7 +86,8 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
         shown += [base, base + [0.0, 0.0, buoy.height]]
     if run.bodies is not None and run.bodies.shapes:
         shown.append(run.bodies.extent_points())
-    low, high = nodes.min(axis=0), nodes.max(axis=0)
+    low = nodes.min(axis=0)
+    high = nodes.max(axis=0)
     # the surface and the seabed are in the picture if they are within this distance of the lines, in sizes of the lines
     near = 0.5 * (high - low).max()
     middle = 0.5 * (low + high)
@@ -95,7 +100,9 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
 
 def held_positions(run: Run, positions: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """Positions (m, 3) of the fixed points in one configuration; of a single line those of its ends that never move."""
-    return view.fixed_ends(positions) if run.scene is None else nodes[list(run.held)]
+    if run.scene is None:
+        return view.fixed_ends(positions)
+    return nodes[list(run.held)]
 
 
 def bare_joints(run: Run, nodes: np.ndarray) -> np.ndarray:
@@ -108,7 +115,8 @@ def outlines(run: Run, nodes: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Corners (buoys, 4, 3) [m] of each buoy's upright section, seen in a view whose right is `right` (3,)."""
     found = np.zeros((len(run.buoys), 4, 3))
     for corners, buoy in zip(found, run.buoys, strict=True):
-        base, side = nodes[buoy.node] - [0.0, 0.0, buoy.attachment], 0.5 * buoy.diameter * right
+        base = nodes[buoy.node] - [0.0, 0.0, buoy.attachment]
+        side = 0.5 * buoy.diameter * right
         top = base + [0.0, 0.0, buoy.height]
         corners[:] = base - side, base + side, top + side, top - side
     return found

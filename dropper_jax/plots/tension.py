@@ -22,7 +22,9 @@ def energy_balance(run: Run, path: str | Path) -> Path:
 
     The sum is constant for an exact solution; below it, the absolute drift on a logarithmic axis.
     """
-    t, kinetic, work = run.t, run.kinetic, run.work
+    t = run.t
+    kinetic = run.kinetic
+    work = run.work
     potential = run.potential - run.potential.min()
     figure = style.new_figure(8.5, 5.8)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1))
@@ -111,7 +113,9 @@ UNLOADED = 0.01
 
 def _begin(run: Run) -> int:
     """First sample to draw: the tension at the start belongs to no step."""
-    return 1 if len(run.t) > 2 else 0
+    if len(run.t) > 2:
+        return 1
+    return 0
 
 
 def _largest(run: Run, unit: str, size: float) -> Panel:
@@ -124,7 +128,8 @@ def _largest(run: Run, unit: str, size: float) -> Panel:
 
 def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     kept = slice(_begin(run), None)
-    t, tension = run.t_tension[kept], run.tension[kept]
+    t = run.t_tension[kept]
+    tension = run.tension[kept]
     loads = {
         name: np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
         for name in held_points(run.scene)
@@ -140,7 +145,10 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     curves = [Curve(name, t, loads[name] / size, low=ranges[name][0], high=ranges[name][1]) for name in names]
     title = _count_title("force on each fixed point", len(names), len(loads))
     unloaded = sum(top <= least for top in tops.values())
-    more = f"; {unloaded} below {UNLOADED:.0%} of the maximum" if unloaded else ""
+    if unloaded:
+        more = f"; {unloaded} below {UNLOADED:.0%} of the maximum"
+    else:
+        more = ""
     return Panel(f"force [{unit}]", curves or [Curve("", t, np.zeros(len(t)))], title + more)
 
 
@@ -170,4 +178,6 @@ def ends_panel(run: Run) -> Panel:
 
 
 def _count_title(what: str, shown: int, total: int) -> str:
-    return what if shown == total else f"{what}; {shown} of {total}"
+    if shown == total:
+        return what
+    return f"{what}; {shown} of {total}"

@@ -15,7 +15,8 @@ from mpl_toolkits.mplot3d import Axes3D, axis3d, proj3d
 FLAT = 1e-9
 #: Longest side of the drawn box, and space for labels, title and colour bar around a view in space, left, right, bottom
 #: and top [inch].
-LONGEST, SPACE_MARGINS = 6.5, (0.35, 1.75, 0.75, 0.45)
+LONGEST = 6.5
+SPACE_MARGINS = (0.35, 1.75, 0.75, 0.45)
 #: Distance of the name of an axis in space from its tick labels [inch].
 NAME_GAP = 0.06
 
@@ -32,7 +33,8 @@ def size(positions: np.ndarray) -> float:
 
 def box(positions: np.ndarray, min_ratio: float = 0.4) -> np.ndarray:
     """Limits (3, 2) [m] with a margin around all nodes; no side is shorter than `min_ratio` of the longest."""
-    low, high = positions.reshape(-1, 3).min(axis=0), positions.reshape(-1, 3).max(axis=0)
+    low = positions.reshape(-1, 3).min(axis=0)
+    high = positions.reshape(-1, 3).max(axis=0)
     side = (high - low).max() or 1.0
     # margin around the nodes, and minimum width or height of a picture, as fractions of the larger extent
     half = np.maximum((high - low) / 2 + 0.06 * side, min_ratio * side / 2)

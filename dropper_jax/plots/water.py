@@ -78,7 +78,8 @@ def _line(axes: Axes, at: float, text: str) -> None:
 @style.plot_style()
 def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     """Current [m/s] at the mean height of the lines, along and across it, with the lines' links [m]."""
-    wakes, e = found.wakes, found.wakes.elements
+    wakes = found.wakes
+    e = found.wakes.elements
     weight = e.drag * e.area + 1e-12
     height = float(np.sum(weight * e.z) / np.sum(weight))
     size = max(float(np.ptp(e.x)), float(np.ptp(e.y)), 10.0)
@@ -97,7 +98,8 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     return style.save(figure, path)
 
 
-WATER, SURFACE = system.WATER, system.SURFACE
+WATER = system.WATER
+SURFACE = system.SURFACE
 #: Number of points along the surface of a picture.
 POINTS = 240
 
@@ -136,13 +138,20 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
     """
     index = run.peak if time is None else int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
-    low, high = nodes.min(axis=0), nodes.max(axis=0)
-    middle, half = 0.5 * (low + high), 0.55 * max((high - low).max(), 1.0)
+    low = nodes.min(axis=0)
+    high = nodes.max(axis=0)
+    middle = 0.5 * (low + high)
+    half = 0.55 * max((high - low).max(), 1.0)
     # ratio of height to length below which both views of a system are drawn one above the other
     low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < 0.35 * 2 * half
     flat = run.scene is not None and view.planar(run.positions)
     figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
-    shape = (1, 1) if flat else (2, 1) if low_and_long else (1, 2)
+    if flat:
+        shape = (1, 1)
+    elif low_and_long:
+        shape = (2, 1)
+    else:
+        shape = (1, 2)
     for axis, axes in enumerate(figure.subplots(*shape, sharey=True, squeeze=False).ravel()):
         along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
         positions = np.tile(middle, (POINTS, 1))
@@ -190,7 +199,10 @@ def response(run: Run, scene: Scene, path: str | Path, link: int | None = None) 
     Default: the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
     angles = run.angles()
-    index = _lively(run) if link is None else min(link, run.tension.shape[1]) - 1
+    if link is None:
+        index = _lively(run)
+    else:
+        index = min(link, run.tension.shape[1]) - 1
     eta = elevations(scene, np.zeros((1, 3)), run.t)[:, 0]
     turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]
     figure = style.new_figure(9.5, 7.6)
@@ -201,7 +213,8 @@ def response(run: Run, scene: Scene, path: str | Path, link: int | None = None) 
     style.time_axis(top, run.t)
     spectra = figure.add_subplot(grid[1, :])
     for row, i in enumerate(turning):
-        value, name = angles[i][:, index], ("polar", "azimuth")[i]
+        value = angles[i][:, index]
+        name = ("polar", "azimuth")[i]
         frequency, size = amplitude_spectrum(run.t, value - value.mean())
         spectra.semilogx(frequency[1:], size[1:], color=style.CYCLE[i], label=name)
         space = figure.add_subplot(grid[2, row])
@@ -214,8 +227,11 @@ def response(run: Run, scene: Scene, path: str | Path, link: int | None = None) 
 
 def _lively(run: Run) -> int:
     """The link whose response is drawn."""
-    swings, tenth = swing(run), min(10, run.tension.shape[1]) - 1
-    return tenth if len(run.written_lines) == 1 and swings[tenth] > ANGLE else int(np.argmax(swings))
+    swings = swing(run)
+    tenth = min(10, run.tension.shape[1]) - 1
+    if len(run.written_lines) == 1 and swings[tenth] > ANGLE:
+        return tenth
+    return int(np.argmax(swings))
 
 
 @_with_sea
@@ -252,14 +268,19 @@ def tension_envelope(run: Run, scene: Scene, path: str | Path) -> Path:
     else:
         figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
     total = len(run.written_lines)
-    few = "" if len(shown) == total else f" of the {len(shown)} most loaded lines of {total}"
+    if len(shown) == total:
+        few = ""
+    else:
+        few = f" of the {len(shown)} most loaded lines of {total}"
     return style.finish(figure, run, f"tension envelope{few}", path)
 
 
 def _envelope(axes: Axes, s: np.ndarray, tension: np.ndarray, least: np.ndarray, largest: np.ndarray) -> None:
     """Tension (k, n) against the arc length (n,) of the middle of each link [m]."""
     if len(tension) > 1:
-        tension, least, largest = tension[1:], least[1:], largest[1:]
+        tension = tension[1:]
+        least = least[1:]
+        largest = largest[1:]
     axes.fill_between(s, least.min(axis=0), largest.max(axis=0), color=WATER, label="minimum to maximum")
     for part, shade in ((5, 0.35), (25, 0.6)):
         low, high = np.percentile(tension, (part, 100 - part), axis=0)

@@ -35,7 +35,8 @@ def report_run(solution: Solution, settings: Settings | None = None) -> dict[str
     settings = settings or Settings()
     part = record(solution, settings.skip)
     used = solution.settings
-    tension, snap = line_tensions(part, settings), line_snaps(part, settings)
+    tension = line_tensions(part, settings)
+    snap = line_snaps(part, settings)
     try:
         fatigue = line_fatigue(part, settings)
     except SceneError as error:  # the package of an extra is missing: the rest of the report is valid
@@ -168,7 +169,9 @@ def _extremes(runs: list[dict[str, Any]], differ: list[str], settings: Settings)
         for name, peaks in _peaks(runs).items()
     }
     why = {item.get("skipped") for item in found.values()}
-    return {"skipped": why.pop()} if len(why) == 1 and None not in why else found
+    if len(why) == 1 and None not in why:
+        return {"skipped": why.pop()}
+    return found
 
 
 def bed_contact(record: Record, settings: Settings) -> list[dict[str, Any]] | dict[str, str]:

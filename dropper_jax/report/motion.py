@@ -23,7 +23,10 @@ def watch_circles(record: Record) -> list[dict[str, Any]]:
             continue
         mean = path.mean(axis=0)
         about = np.hypot(*(path - mean)[:, :2].T)
-        static = record.solution.point_path(point.name)[0] if record.static_start else None
+        if record.static_start:
+            static = record.solution.point_path(point.name)[0]
+        else:
+            static = None
         found.append(
             {
                 "point": point.name,
@@ -125,7 +128,9 @@ def _describe_distance(record: Record, index: int, distance: float, near: dict[s
 def _touching(record: Record, a: int, b: int) -> float | None:
     """Half the sum of the maximum diameters [m], the distance of axes in contact; None if a line has no diameter."""
     both = [record.written_lines[i].spec.diameter for i in (a, b)]
-    return None if any(d is None for d in both) else float(0.5 * sum(np.max(d) for d in both))
+    if any(d is None for d in both):
+        return None
+    return float(0.5 * sum(np.max(d) for d in both))
 
 
 def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
@@ -135,11 +140,13 @@ def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
         return None
     first, second = (record.positions[:, record.written_lines[index].nodes] for index in (a, b))
     # pairs of links and instants that are compared at once: 1e6 need some tens of MB
-    step, best = max(1, 100_000 // i.size), None
+    step = max(1, 100_000 // i.size)
+    best = None
     looked = np.arange(0, len(record.t), looks_every(record))
     for k in range(0, len(looked), step):
         part = looked[k : k + step]
-        p, q = first[part], second[part]
+        p = first[part]
+        q = second[part]
         distance = segment_distance(p[:, i], p[:, i + 1], q[:, j], q[:, j + 1])
         at = np.unravel_index(np.argmin(distance), distance.shape)
         if best is None or distance[at] < best["distance"]:
@@ -169,9 +176,14 @@ def segment_distance(p0: np.ndarray, p1: np.ndarray, q0: np.ndarray, q1: np.ndar
     The nearest positions are both inside the segments, or one of them is an end. The result is the minimum of the
     common perpendicular, if its feet are inside, and of the four distances from an end to the other segment.
     """
-    u, v, w = p1 - p0, q1 - q0, p0 - q0
-    a, b, c = _dot(u, u), _dot(u, v), _dot(v, v)
-    d, e = _dot(u, w), _dot(v, w)
+    u = p1 - p0
+    v = q1 - q0
+    w = p0 - q0
+    a = _dot(u, u)
+    b = _dot(u, v)
+    c = _dot(v, v)
+    d = _dot(u, w)
+    e = _dot(v, w)
     det = a * c - b * b
     crossed = det > 1e-12 * a * c
     s = np.where(crossed, b * e - c * d, -1.0) / np.where(crossed, det, 1.0)

@@ -49,12 +49,15 @@ def choose_samples(run: Run, sea: Sea | None, most: int) -> Shown:
     """
     t = run.t
     period = 0.0 if sea is None else wave_period(sea, run)
-    first, last, notes = 0, len(t) - 1, []
+    first = 0
+    last = len(t) - 1
+    notes = []
     span = most * period / IN_A_WAVE
     if 0.0 < span < t[-1] - t[0]:
         peak = t[int(np.argmax(np.nan_to_num(run.max_tension).max(axis=1)))]
         begin = min(max(peak - span / 2, t[0]), t[-1] - span)
-        first, last = int(np.searchsorted(t, begin)), int(np.searchsorted(t, begin + span, side="right")) - 1
+        first = int(np.searchsorted(t, begin))
+        last = int(np.searchsorted(t, begin + span, side="right")) - 1
         notes.append(f"shown: {t[first]:.4g} to {t[last]:.4g} s of {t[-1]:.4g} s, around the maximum tension")
     frames = first + even(last - first + 1, most)
     gap = float(np.diff(t[frames]).max(initial=0.0))
@@ -76,12 +79,15 @@ def _surface_times(begin: float, end: float, period: float) -> np.ndarray:
 
 def wave_period(sea: Sea, run: Run) -> float:
     """Mean period between upward crossings of the surface over the middle of the lines [s]; 0 without waves."""
-    begin, end = float(run.t[0]), float(run.t[-1])
+    begin = float(run.t[0])
+    end = float(run.t[-1])
     # time over which the mean period of the waves is counted [s], and the number of samples
     times = np.linspace(begin, begin + max(min(end - begin, 600.0), 60.0), 2400)
     middle = run.positions.mean(axis=(0, 1))
     eta = np.asarray(elevation(sea, np.array([[middle[0], middle[1], 0.0]]), times))[:, 0]
-    return cycle(times, eta) if np.ptp(eta) > 1e-6 else 0.0
+    if np.ptp(eta) > 1e-6:
+        return cycle(times, eta)
+    return 0.0
 
 
 def elevation(sea: Sea, positions: np.ndarray, times: np.ndarray) -> jax.Array:
@@ -148,7 +154,10 @@ def _part(name: str) -> str:
 
 
 def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> dict[str, Any]:
-    sea = None if solution.scene.sea is None else build_model(solution.scene, "float64").sea
+    if solution.scene.sea is None:
+        sea = None
+    else:
+        sea = build_model(solution.scene, "float64").sea
     part = choose_samples(run, sea, FRAMES)
     kept = part.frames
     norm = style.tension_norm(run.tension)
@@ -202,7 +211,9 @@ def _held_nodes(solution: Solution, run: Run) -> list[int]:
         return list(run.held)
     line = solution.scene.lines[0]
     last = run.positions.shape[1] - 1
-    return [0] if solution.scene.point(line.end).is_free else [0, last]
+    if solution.scene.point(line.end).is_free:
+        return [0]
+    return [0, last]
 
 
 def _bed_grid(run: Run) -> dict[str, Any] | None:
@@ -211,7 +222,8 @@ def _bed_grid(run: Run) -> dict[str, Any] | None:
     bed_points = 13
     if run.scene is None:
         return None
-    low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
+    low = run.positions.min(axis=(0, 1))
+    high = run.positions.max(axis=(0, 1))
     # half width of the seabed in the unit of the configuration's size
     step = _round_step(2 * 0.75 * max(float((high - low).max()), 1.0) / (bed_points - 1))
     around = np.arange(bed_points) - bed_points // 2
@@ -232,21 +244,30 @@ def _round_step(lower: float) -> float:
 def _diameter(solution: Solution) -> list[float] | None:
     """Diameter of each link [m]; None if a line has no diameter."""
     found = [line.diameter for line in solution.scene.lines]
-    return None if any(d is None for d in found) else np.concatenate(found).tolist()
+    if any(d is None for d in found):
+        return None
+    return np.concatenate(found).tolist()
 
 
 def _middle(nodes: slice | np.ndarray) -> int:
     """The node in the middle of a line."""
-    indices = np.arange(nodes.start, nodes.stop) if isinstance(nodes, slice) else nodes
+    if isinstance(nodes, slice):
+        indices = np.arange(nodes.start, nodes.stop)
+    else:
+        indices = nodes
     return int(indices[len(indices) // 2])
 
 
 def _flows(solution: Solution, sea: Sea) -> list[dict[str, Any]]:
     """Waves and current for their arrows: the direction of travel [rad] at the surface, and a text with their size."""
-    waves, found = solution.scene.sea.waves, []
+    waves = solution.scene.sea.waves
+    found = []
     if waves is not None:
         many = np.ndim(waves.amplitude) > 0
-        hs = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude))) if many else waves.hs
+        if many:
+            hs = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude)))
+        else:
+            hs = waves.hs
         given = {"Hs": hs, "Tp": waves.tp, "H": waves.height, "amplitude": waves.amplitude, "T": waves.period}
         unit = {"Tp": "s", "T": "s"}
         sizes = [f"{name} {x:.3g} {unit.get(name, 'm')}" for name, x in given.items() if np.ndim(x) == 0 and x]
@@ -268,7 +289,8 @@ def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
     """Depth, a square grid of positions and the elevation there at times [s], in whole steps of `step` [m]."""
     # points per side of the water surface
     surface_points = 19
-    low, high = run.positions.min(axis=(0, 1)), run.positions.max(axis=(0, 1))
+    low = run.positions.min(axis=(0, 1))
+    high = run.positions.max(axis=(0, 1))
     # half width of the surface in sizes of the motion of the line
     reach = 0.9 * max(float((high - low).max()), 1.0)
     x, y = (np.linspace(m - reach, m + reach, surface_points) for m in 0.5 * (low + high)[:2])

@@ -79,7 +79,9 @@ def _worst(lines: list[dict[str, Any]], key: str) -> dict[str, Any] | None:
     """The line with the maximum value; None if no line has a value."""
     some = [line for line in lines if line.get(key) is not None]
     worst = max(some, key=lambda line: line[key], default=None)
-    return None if worst is None else {"line": worst["line"], key: worst[key]}
+    if worst is None:
+        return None
+    return {"line": worst["line"], key: worst[key]}
 
 
 @empty_unless_rows
@@ -103,7 +105,9 @@ def _part_row(part: dict[str, Any]) -> Cells:
 
 def _with_line_name(part: dict[str, Any], worst: dict[str, Any], text: str) -> str:
     """A value with its line, if the part has more than one."""
-    return f"{worst['line']}: {text}" if part["lines"] > 1 else text
+    if part["lines"] > 1:
+        return f"{worst['line']}: {text}"
+    return text
 
 
 def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
@@ -112,7 +116,8 @@ def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
     A mussel drops off if the acceleration of its node exceeds `SeasonSpec.holding`. `mass_at_risk_kg` is the crop on
     links with a node above this limit, `share_beyond` the fraction of nodes and samples above it.
     """
-    scene, season = record.scene, record.scene.season
+    scene = record.scene
+    season = record.scene.season
     if season is None and all(line.growth is None for line in scene.lines):
         return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
     full = overgrown(scene)
@@ -154,7 +159,8 @@ def crop_text(found: list[dict[str, Any]]) -> list[str]:
 
 
 def _crop_row(row: dict[str, Any]) -> Cells:
-    off, shares = row["drop_off"], ("-", "-", "-")
+    off = row["drop_off"]
+    shares = ("-", "-", "-")
     if off is not None:
         reached = f"{off['largest_m_per_s2']:.3g} / {off['limit_m_per_s2']:.3g}"
         shares = (reached, f"{100 * off['share_beyond']:.3g}", f"{off['mass_at_risk_kg']:.4g}")
@@ -169,7 +175,8 @@ def _crop_row(row: dict[str, Any]) -> Cells:
 
 
 #: Motions in the order of `body_position` and `body_attitude`.
-MOVES, TURNS = ("surge", "sway", "heave"), ("roll", "pitch", "yaw")
+MOVES = ("surge", "sway", "heave")
+TURNS = ("roll", "pitch", "yaw")
 
 
 def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
@@ -183,7 +190,8 @@ def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
     kept = np.isin(run.t, record.t)
     found = []
     for i, body in enumerate(record.scene.bodies):
-        position, turn = run.body_position[kept, i], run.body_attitude[kept, i]
+        position = run.body_position[kept, i]
+        turn = run.body_attitude[kept, i]
         tilt = np.arccos(np.clip(np.cos(turn[:, 0]) * np.cos(turn[:, 1]), -1.0, 1.0))
         moves = {f"{name}_m": spread(position[:, j]) for j, name in enumerate(MOVES)}
         turns = {f"{name}_deg": spread(DEGREE * turn[:, j]) for j, name in enumerate(TURNS)}

@@ -25,7 +25,9 @@ SHOWN_ROUNDING = 1e-6
 
 def section(values: list[dict[str, Any]] | dict[str, str], write: Callable[[list[dict[str, Any]]], str]) -> str:
     """The table that `write` makes of a section, or the reason why it is left out."""
-    return f"Left out: {values['skipped']}." if isinstance(values, dict) else write(values)
+    if isinstance(values, dict):
+        return f"Left out: {values['skipped']}."
+    return write(values)
 
 
 def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list[str]]:
@@ -33,7 +35,9 @@ def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list
 
     @wraps(write)
     def section_of(found: list[dict[str, Any]] | dict[str, str] | None) -> list[str]:
-        return write(found) if isinstance(found, list) else []
+        if isinstance(found, list):
+            return write(found)
+        return []
 
     return section_of
 
@@ -71,7 +75,10 @@ def largest_table(
 
 
 def _names(names: list[str]) -> str:
-    more = f" and {len(names) - SECTION_ROWS} more" if len(names) > SECTION_ROWS else ""
+    if len(names) > SECTION_ROWS:
+        more = f" and {len(names) - SECTION_ROWS} more"
+    else:
+        more = ""
     return ", ".join(names[:SECTION_ROWS]) + more
 
 
@@ -107,7 +114,9 @@ def _tension_row(line: dict[str, Any]) -> Cells:
 def _most_probable(line: dict[str, Any]) -> str:
     """The most probable maximum, unless the tensions are not Gaussian, as it assumes."""
     kurtosis = line["excess_kurtosis"]
-    return newton(line["most_probable_n"]) if abs(kurtosis) <= NOT_GAUSSIAN else f"- (excess kurtosis {kurtosis:.2g})"
+    if abs(kurtosis) <= NOT_GAUSSIAN:
+        return newton(line["most_probable_n"])
+    return f"- (excess kurtosis {kurtosis:.2g})"
 
 
 def _mean_and_peak(line: dict[str, Any], end: str) -> str:
@@ -134,7 +143,9 @@ def _missing(what: str, lines: list[dict[str, Any]], why: dict[str, str]) -> str
 def anchors(anchors: list[dict[str, Any]]) -> str:
     text = largest_table(anchors, _load_of_anchor, _anchor_row, what="points")
     rows = [_holding_row(a) for a in largest(anchors, _load_of_anchor) if a.get("holding") is not None]
-    return f"{text}\n\n{table_of(rows)}" if rows else text
+    if rows:
+        return f"{text}\n\n{table_of(rows)}"
+    return text
 
 
 def _load_of_anchor(anchor: dict[str, Any]) -> float:
@@ -142,7 +153,8 @@ def _load_of_anchor(anchor: dict[str, Any]) -> float:
 
 
 def _anchor_row(anchor: dict[str, Any]) -> Cells:
-    angle, most = anchor["uplift_rad"], anchor["uplift_at_largest_load_rad"]
+    angle = anchor["uplift_rad"]
+    most = anchor["uplift_at_largest_load_rad"]
     return {
         "point": anchor["point"],
         "horizontal, mean / max [N]": _range(anchor["horizontal_n"], newton, ("mean", "max")),
@@ -181,10 +193,14 @@ def _holding_row(anchor: dict[str, Any]) -> Cells:
 
 def snaps(lines: list[dict[str, Any]]) -> str:
     """Slack and snaps of lines that stretch, compression of rigid ones."""
-    key, parts = "largest_share_slack", []
+    key = "largest_share_slack"
+    parts = []
     for rigid, never, what in ((False, "Never slack", "slack"), (True, "Never in compression", "compression")):
         some = [line for line in lines if line["rigid"] == rigid]
-        every = "all lines" if len(some) == len(lines) else f"all {'rigid' if rigid else 'elastic'} lines"
+        if len(some) == len(lines):
+            every = "all lines"
+        else:
+            every = f"all {'rigid' if rigid else 'elastic'} lines"
         if some:
             row = partial(_snap_row, what=what)
             parts.append(_table_and_others(never, some, key, 0.0, _largest_snap, row, every))
@@ -192,7 +208,9 @@ def snaps(lines: list[dict[str, Any]]) -> str:
 
 
 def _largest_snap(line: dict[str, Any]) -> float:
-    return line["shown"][0]["peak_n"] if line["shown"] else 0.0
+    if line["shown"]:
+        return line["shown"][0]["peak_n"]
+    return 0.0
 
 
 def _snap_row(line: dict[str, Any], what: str) -> Cells:
@@ -265,7 +283,9 @@ def water(section: dict[str, Any]) -> str:
         return f"Left out: {section['skipped']}."
     text = largest_table(section["lines"], lambda line: -min(line["least_depth_m"]), _depth_row, "highest")
     buoys = [_draught_row(buoy) for buoy in section["buoys"]]
-    return f"{text}\n\n{table_of(buoys)}" if buoys else text
+    if buoys:
+        return f"{text}\n\n{table_of(buoys)}"
+    return text
 
 
 def _depth_row(line: dict[str, Any]) -> Cells:
@@ -307,11 +327,18 @@ def distance(lines: list[dict[str, Any]]) -> str:
 
 
 def _distance_row(line: dict[str, Any]) -> Cells:
-    near, touch = line["least_distance_m"], line["diameters_m"] if line["nearest"] else None
-    text, touches = "no links without a common point", "-"
+    near = line["least_distance_m"]
+    touch = line["diameters_m"] if line["nearest"] else None
+    text = "no links without a common point"
+    touches = "-"
     if line["nearest"] is not None:
         text = f"{near:.3f} at {line['at_m']:.1f} m and {line['nearest_at_m']:.1f} m, {line['t_s']:.2f} s"
-        touches = "no diameter" if touch is None else "yes" if near <= touch else "no"
+        if touch is None:
+            touches = "no diameter"
+        elif near <= touch:
+            touches = "yes"
+        else:
+            touches = "no"
     return {
         "line": line["line"],
         "nearest line": line["nearest"] or "none",
@@ -338,7 +365,9 @@ def newton(value: float) -> str:
     """A load [N] to four digits or whole newtons."""
     if abs(value) < SHOWN_ROUNDING:
         return "0"
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    if abs(value) >= 1000:
+        return f"{value:.0f}"
+    return f"{value:.4g}"
 
 
 def table_of(rows: Sequence[Cells]) -> str:

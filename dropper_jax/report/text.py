@@ -55,7 +55,9 @@ def _overview(runs: list[dict[str, Any]]) -> str:
 
 def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
     def picture(name: str) -> str:
-        return f"![{name.replace('_', ' ')}]({files[name]})" if name in files else ""
+        if name in files:
+            return f"![{name.replace('_', ' ')}]({files[name]})"
+        return ""
 
     notes = (*run["notes"], f"Mass of links: {link_mass_words(run['link_mass_nodes'])}.")
     return [
@@ -135,7 +137,10 @@ def _spread(section: dict[str, Any]) -> str:
     ]
     for name, v in section["values"].items():
         cells = [v["min"], v["mean"], v["max"], *v["by_run"][: len(own)]]
-        label = f"largest {name}" if name.startswith(("tension of", "load of")) else name
+        if name.startswith(("tension of", "load of")):
+            label = f"largest {name}"
+        else:
+            label = name
         rows.append([label, *(f"{x:.4g}" for x in cells)])
     return table(["loads in N", "least", "mean", "largest", *own], rows)
 
@@ -145,7 +150,10 @@ def _extremes(section: dict[str, Any]) -> str:
         return f"Left out: {section['skipped']}."
     rows = []
     for name, one in section.items():
-        keys = () if "skipped" in one else ("most_probable", "mean", "percentile_90")
+        if "skipped" in one:
+            keys = ()
+        else:
+            keys = ("most_probable", "mean", "percentile_90")
         rows.append([name, *([_with_interval(one, key) for key in keys] or (one["skipped"], "-", "-"))])
     level = next((one["confidence"] for one in section.values() if "confidence" in one), None)
     what = "" if level is None else f" [N], {100 * level:g} % interval"

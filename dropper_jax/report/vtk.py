@@ -78,7 +78,8 @@ def _lines(solution: Solution, k: int) -> str:
 
 
 def _buoys(solution: Solution, k: int) -> str:
-    positions, diameter = [], []
+    positions = []
+    diameter = []
     for buoy in solution.scene.buoys:
         base = solution.point_path(buoy.point)[k] - [0.0, 0.0, buoy.attachment]
         positions += [base, base + [0.0, 0.0, buoy.height]]
@@ -116,5 +117,8 @@ def _array(name: str, values: np.ndarray) -> str:
     kind, dtype = TYPES[values.dtype.kind]
     content = np.ascontiguousarray(values, dtype).tobytes()
     code = base64.b64encode(struct.pack("<I", len(content)) + content).decode()
-    width = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
+    if values.ndim == 2:
+        width = f' NumberOfComponents="{values.shape[1]}"'
+    else:
+        width = ""
     return f'<DataArray type="{kind}" Name="{name}"{width} format="binary">{code}</DataArray>'

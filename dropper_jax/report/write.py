@@ -40,7 +40,8 @@ def write_report(
     Returns:
         path of report.md.
     """
-    folder, settings = folder_without(folder, REPORT), settings or Settings()
+    folder = folder_without(folder, REPORT)
+    settings = settings or Settings()
     pictures = []
     for number, (solution, values) in enumerate(zip(solutions.values(), found["runs"], strict=True), start=1):
         target = folder if len(solutions) == 1 else folder / f"run-{number}"
@@ -56,7 +57,8 @@ def write_report(
 #: Maximum number of lines, anchors or points in one picture, each with its own colour; of more, those with the largest
 #: load or motion.
 MOST = len(style.CYCLE)
-BAND, INNER = "#DCEBF5", "#56B4E9"
+BAND = "#DCEBF5"
+INNER = "#56B4E9"
 
 
 @style.plot_style()
@@ -85,7 +87,10 @@ def _finish(
     figure: Figure, part: Record, what: str, shown: Sequence[object], every: Sequence[object], path: Path
 ) -> Path:
     """Write the picture; its title has the numbers of items if some are not shown."""
-    more = "" if len(shown) == len(every) else f", {len(shown)} of {len(every)} (the largest)"
+    if len(shown) == len(every):
+        more = ""
+    else:
+        more = f", {len(shown)} of {len(every)} (the largest)"
     return style.finish(figure, readable(part.solution), what + more, path)
 
 
@@ -106,7 +111,8 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
     figure, panels = _panels(len(lines), 3.0)
     unit, scale = force_unit([line["largest"]["n"] for line in lines])
     for axes, line in zip(panels, lines, strict=True):
-        s, percentiles = np.asarray(line["arc_length_m"]), line["percentiles_n"]
+        s = np.asarray(line["arc_length_m"])
+        percentiles = line["percentiles_n"]
         mark = {"marker": "o", "ms": 3} if len(s) <= 60 else {}
         axes.fill_between(s, line["min_n"] / scale, line["max_n"] / scale, color=BAND, label="minimum to maximum")
         for low, high, shade in ((5, 95, 0.35), (25, 75, 0.6)):
@@ -144,7 +150,10 @@ def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
         axes.axhline(0.0, color=style.FAINT, lw=0.7)
         axes.set_ylabel(f"load [{unit}]")
         held = anchor["holding"]
-        used = "" if held is None else f", maximum utilisation {held['utilisation']['max']:.2f}"
+        if held is None:
+            used = ""
+        else:
+            used = f", maximum utilisation {held['utilisation']['max']:.2f}"
         axes.set_title(anchor["point"] + used, loc="left")
         style.time_axis(axes, part.t)
     style.share_scales(panels)
@@ -182,7 +191,8 @@ def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
     columns = -(-len(points) // 2)
     figure = style.new_figure(4.0 + 2.4 * columns, 4.6)
     left, right = figure.subfigures(1, 2, width_ratios=(2.4 * columns, 4.0))
-    plans, height = left.subplots(1 if len(points) == 1 else 2, columns, squeeze=False).ravel(), right.subplots()
+    plans = left.subplots(1 if len(points) == 1 else 2, columns, squeeze=False).ravel()
+    height = right.subplots()
     widest = max(p["radius_max_m"] for p in points) or 1.0
     for plan in plans[len(points) :]:
         plan.set_visible(False)
@@ -251,7 +261,9 @@ def _constant(section: tuple[Any, str, float], columns: list[int]) -> float | No
     """The value of a fraction [%] that is constant along the lines; None if it varies or is not a fraction."""
     lines, key, scale = section
     values = scale * np.concatenate([np.atleast_1d(np.asarray(lines[i][key], float)) for i in columns])
-    return float(values[0]) if scale == 100.0 and np.ptp(values) == 0 else None
+    if scale == 100.0 and np.ptp(values) == 0:
+        return float(values[0])
+    return None
 
 
 @style.plot_style()
@@ -264,7 +276,8 @@ def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
     unit, scale = force_unit([extremes[name]["percentile_90"] for name in names])
     for axes, name in zip(panels, names, strict=True):
         one = extremes[name]
-        fit, n = Gumbel(one["gumbel_mode"], one["gumbel_scale"]), one["runs"]
+        fit = Gumbel(one["gumbel_mode"], one["gumbel_scale"])
+        n = one["runs"]
         plotting_position = (np.arange(n) + 0.56) / (n + 0.12)  # Gringorten's plotting position of a Gumbel sample
         axes.plot(
             -np.log(-np.log(plotting_position)), np.sort(one["maxima"]) / scale, "o", color=style.DARK, label="runs"

@@ -79,7 +79,9 @@ class StepProblem:
     ) -> State:
         """The state at the end of the step from its positions and velocities (nodes, 3), tensions (n,) and work
         (k,)."""
-        model, s, t = self.model, self.s, self.s.t + self.h
+        model = self.model
+        s = self.s
+        t = self.s.t + self.h
         own = s.own
         if own:
             own = model.advance_internal_state(
@@ -90,7 +92,8 @@ class StepProblem:
 
     def row_scale(self) -> Unknowns:
         """Sizes of the rows: max(m g, m L/h^2) on nodes, L on links, and those of the laws."""
-        model, h = self.model, self.h
+        model = self.model
+        h = self.h
         line = model.line
         force = model.node_mass * jnp.maximum(GRAVITY_SCALE, model.node_length / h**2)
         laws = zip(model.laws, self.s.law, strict=False)  # then multipliers

@@ -127,7 +127,10 @@ class Implicit(Integrator, ABC):
 
     def refuse(self, model: Model) -> str | None:
         if model.geometry.branched and not self.networkable:
-            elastic = ", rk2, rk4, semi_implicit_euler" if model.line.axial.elastic else ""
+            if model.line.axial.elastic:
+                elastic = ", rk2, rk4, semi_implicit_euler"
+            else:
+                elastic = ""
             return f"it runs single lines only; use energy_momentum, theta_midpoint{elastic}"
         if model.line.failures is not None and not self.networkable:
             return "it has no links that break; use energy_momentum, theta_midpoint, rk2 or rk4"

@@ -142,7 +142,9 @@ class Newton:
     @property
     def solver_name(self) -> str:
         """Name of the solver in `[run]`; `none` without one."""
-        return "none" if self.solver is None else self.solver.name
+        if self.solver is None:
+            return "none"
+        return self.solver.name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,7 +172,9 @@ class Stepper(Newton):
 
     def limit(self, model: Model) -> float:
         """Maximum scaled row of a converged step."""
-        return TOLERANCE[str(jnp.dtype(model.dtype))] if self.tolerance is None else self.tolerance
+        if self.tolerance is None:
+            return TOLERANCE[str(jnp.dtype(model.dtype))]
+        return self.tolerance
 
 
 def largest_row(rows: Unknowns, scale: Unknowns) -> jax.Array:
@@ -229,7 +233,8 @@ def correct_until_enough(
     method: Newton, problem: Problem, tolerance: jax.Array | float, filtering: Filter | None = None
 ) -> Corrections:
     """Newton's method with `enough`; `filtering` uses its last matrix once more."""
-    guess, scale = problem.guess(), problem.row_scale()
+    guess = problem.guess()
+    scale = problem.row_scale()
 
     def unsolved(c: Corrections) -> jax.Array:
         # a NaN compares false: no correction removes it
@@ -238,7 +243,10 @@ def correct_until_enough(
         return (c.count < method.least) | wanted
 
     def correct(matrix: Linear, c: Corrections) -> Corrections:
-        fraction = jnp.asarray(0.5, c.now.dtype) ** c.halved if method.shortened else 1.0
+        if method.shortened:
+            fraction = jnp.asarray(0.5, c.now.dtype) ** c.halved
+        else:
+            fraction = 1.0
         u = subtract(c.u, matrix.apply(c.rows), fraction)
         rows = store_once(problem.residual(u))
         after = Corrections(u, rows, largest_row(rows, scale), c.now, c.count + 1, jnp.zeros_like(c.halved), c.filtered)
@@ -249,7 +257,8 @@ def correct_until_enough(
         return jax.tree.map(partial(jnp.where, worse), shorter, after)
 
     def correct_with_one_matrix(c: Corrections) -> Corrections:
-        matrix, first = method.solver.linearise(problem, c.u), c.count
+        matrix = method.solver.linearise(problem, c.u)
+        first = c.count
 
         def serves(c: Corrections) -> jax.Array:
             # rows below the tolerance fall slowly because they are rounding, which no other matrix removes
@@ -264,7 +273,8 @@ def correct_until_enough(
 
     # The guess is evaluated by a correction of zero, so that the rows are in the program once: with a second copy
     # systems of lines compile up to twice as long.
-    far, none = jnp.full((), jnp.inf, guess.x.dtype), jnp.zeros((), jnp.int32)
+    far = jnp.full((), jnp.inf, guess.x.dtype)
+    none = jnp.zeros((), jnp.int32)
     filtered = None if filtering is None else jnp.zeros_like(guess.x)
     start = Corrections(guess, jax.tree.map(jnp.zeros_like, guess), far, far, none - 1, none, filtered)
     return jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
@@ -292,7 +302,8 @@ def eased(solver: Solver, problem: Any) -> tuple[Unknowns, jax.Array]:
 def solve(stepper: Stepper, theta: Theta) -> tuple[Unknowns, jax.Array]:
     """The solution of a step, and its largest scaled row; not differentiated."""
     model, s, h = jax.lax.stop_gradient(theta)
-    problem, tolerance = stepper.integrator.problem(model, s, h), stepper.limit(model)
+    problem = stepper.integrator.problem(model, s, h)
+    tolerance = stepper.limit(model)
     return _ease_if_needed(stepper, problem, *newton(stepper, problem, tolerance), tolerance)
 
 
@@ -422,7 +433,8 @@ def step_and_filter(
         s1, row, filtered = step_and_filter(stepper, before, replace(s, parted=None), h, filtering)
         return break_links(model, before, s, s1), row, filtered
     theta = model, s, h
-    problem, tolerance = stepper.integrator.problem(*theta), stepper.limit(model)
+    problem = stepper.integrator.problem(*theta)
+    tolerance = stepper.limit(model)
     end = correct_until_enough(stepper, problem, tolerance, filtering)
     u, row = _ease_if_needed(stepper, problem, end.u, end.now, tolerance)
     return *finish_step(stepper, theta, u, row), end.filtered

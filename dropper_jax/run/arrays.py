@@ -174,11 +174,14 @@ def _vessel_effect(
     if vessel.rao is None:
         return VesselByTable(vessel.time, vessel.motion, position, np.array(vessel.heading), point=name)
     # fraction of the wave energy that the RAO table must cover, and how far waves may be outside its headings [rad]
-    covered, margin = 0.95, 0.05
+    covered = 0.95
+    margin = 0.05
     waves = sea.waves
-    omega, amplitude = np.asarray(waves.omega, float), np.asarray(waves.amplitude, float)
+    omega = np.asarray(waves.omega, float)
+    amplitude = np.asarray(waves.amplitude, float)
     course = np.broadcast_to(np.asarray(waves.direction, float), omega.shape) - vessel.heading
-    table, energy = vessel.rao.full_circle(), amplitude**2
+    table = vessel.rao.full_circle()
+    energy = amplitude**2
     heading = table.nearest_turn(course)
     inside = (omega >= table.frequency[0] * (1 - 1e-9)) & (omega <= table.frequency[-1] * (1 + 1e-9))
     if np.sum(energy[inside]) < covered * np.sum(energy):
@@ -211,7 +214,10 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
     points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
     effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
     corners, rigid = make_bodies(scene, index)
-    sea = None if scene.sea is None else make_sea(scene.sea, line_reach(scene))
+    if scene.sea is None:
+        sea = None
+    else:
+        sea = make_sea(scene.sea, line_reach(scene))
     line = _line(scene, index, len(corners))
     model = Model(
         (*points, *corners), (line,), (*effects, *_bodies(scene, index), *rigid, *make_vessels(scene, sea)), sea
@@ -243,7 +249,9 @@ def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Graph:
     far = scene.link_mass_nodes
     members = tuple(Member(n.name, n.links, index[n.start], index[n.end], far[n.name] == "far") for n in scene.lines)
     held = tuple(not p.is_free for p in scene.points)
-    return Graph(members, held + (False,) * corners) if scene.branched else Path(members, held)
+    if scene.branched:
+        return Graph(members, held + (False,) * corners)
+    return Path(members, held)
 
 
 def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
@@ -253,7 +261,10 @@ def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
     if loaded:
         arrays = {key: np.array([getattr(p, key) or 0.0 for p in loaded]) for key in PointSpec.BODY}
         wet = scene.sea is not None
-        cls = WetPointBodies if wet and np.any(arrays["volume"] * arrays["added_mass"]) else PointBodies
+        if wet and np.any(arrays["volume"] * arrays["added_mass"]):
+            cls = WetPointBodies
+        else:
+            cls = PointBodies
         found.append(cls(**arrays, gravity=scene.gravity, points=tuple(index[p.name] for p in loaded), wet=wet))
     if scene.buoys:
         keys = ("mass", "diameter", "height", "attachment", "cdn", "cdt", "can", "cat")
@@ -304,7 +315,10 @@ def make_failures(scene: SceneData) -> Failures | None:
     for row, spec in zip(load, scene.failures, strict=True):
         i = next(i for i, line in enumerate(scene.lines) if line.name == spec.line)
         line = scene.lines[i]
-        own = line.breaking_load if spec.load is None and spec.time is None else spec.load
+        if spec.load is None and spec.time is None:
+            own = line.breaking_load
+        else:
+            own = spec.load
         if own is not None:
             row[starts[i] : starts[i + 1]] = own
         named.append(-1 if spec.link is None else int(starts[i]) + spec.link - 1)

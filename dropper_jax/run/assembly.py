@@ -65,7 +65,8 @@ def build_solution(
     rows: InMemory,
 ) -> Kind:
     """The result of a run: its observed states, steps, final state and warnings."""
-    run, carry = outcome.trajectory, outcome.carry
+    run = outcome.trajectory
+    carry = outcome.carry
     solution = _observe_run(kind, scene, stepper, model, first, since, run, extra, rows)
     solution = _with_step_extremes(solution, run.extremes, stepper.limit(model), rows)
     if isinstance(outcome.beside, Within):
@@ -91,7 +92,8 @@ def _observe_run(
 ) -> Kind:
     every = scene.run.save_every
     dt = scene.run.interval / every
-    start, before = first.row, int(first.carry.steps_done)
+    start = first.row
+    before = int(first.carry.steps_done)
     good = _good_saves(run)
     bad_step = int(run.first_bad[-1])
     kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
@@ -106,7 +108,8 @@ def _observe_run(
     middle = (1.0 - stepper.integrator.tension_time) * dt
     names = ledger(stepper, model, scene.run)
     work = join(start.work, kept.work)
-    status, first_bad = "ok", None
+    status = "ok"
+    first_bad = None
     if bad_step >= 0:
         residual = float(run.residual[min((bad_step - before) // every, len(run.residual) - 1)])
         status, reason = _reason(residual, stepper, model)
@@ -169,7 +172,9 @@ def ledger(stepper: Stepper, model: Model, run: RunSpec) -> tuple[str, ...]:
     if not stepper.track_work:
         return ()
     names = work_names(model)
-    return (*names, STEP_CHANGES) if run.accuracy is not None and books_changes(stepper, model) else names
+    if run.accuracy is not None and books_changes(stepper, model):
+        return (*names, STEP_CHANGES)
+    return names
 
 
 class _Observed(NamedTuple):
@@ -211,7 +216,8 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, tolerance: fl
     """
     if extremes is None:
         return solution
-    scene, good = solution.scene, len(solution.t) - 1
+    scene = solution.scene
+    good = len(solution.t) - 1
     start = solution.t[:1], solution.positions[:1], solution.t_tension[:1], solution.tension[:1]
     found = {}
     for signal, own in extremes_by_signal(scene, extremes).items():
@@ -283,7 +289,9 @@ def _explicit(stepper: Stepper, model: Model) -> str:
 def _good_saves(run: Trajectory) -> int:
     """Saved times before the first failed step."""
     bad = np.flatnonzero(run.first_bad >= 0)
-    return int(bad[0]) if bad.size else len(run.first_bad)
+    if bad.size:
+        return int(bad[0])
+    return len(run.first_bad)
 
 
 def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
@@ -292,7 +300,10 @@ def _reason(residual: float, stepper: Stepper, model: Model) -> tuple[str, str]:
     if not np.isfinite(residual):
         return "non_finite", f"the step gave non-finite values{_explicit(stepper, model)}"
     if residual >= TOO_FAR:
-        parts = f", in the shortest of {2**stepper.halvings} substeps" if stepper.integrator.implicit else ""
+        if stepper.integrator.implicit:
+            parts = f", in the shortest of {2**stepper.halvings} substeps"
+        else:
+            parts = ""
         return "retry_exhausted", f"lines in contact moved by more than half their radius{parts}; take a smaller step"
     if residual <= limit:
         return "not_converged", f"constraint drift: the length of a link has changed by more than {DRIFT_LIMIT:.0%}"

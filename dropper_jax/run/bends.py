@@ -20,9 +20,13 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
     Args:
         positions: all nodes (k, nodes, 3) [m]; twist, rate: (k, nodes) [rad], [rad/s].
     """
-    given, links = scene.effects["torsion"], sum(line.links for line in scene.lines)
+    given = scene.effects["torsion"]
+    links = sum(line.links for line in scene.lines)
     stiffness, damping = (np.broadcast_to(given[key], links) for key in ("GJ", "damping"))
-    coupling = None if given["coupling"] is None else np.broadcast_to(given["coupling"], links)
+    if given["coupling"] is None:
+        coupling = None
+    else:
+        coupling = np.broadcast_to(given["coupling"], links)
     found = np.zeros((len(positions), links))
     for line, where in _twisting_lines(scene):
         at = where.links
@@ -36,7 +40,8 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
 
 def _twisting_lines(scene: Scene) -> list[tuple[LineSpec, LineSlice]]:
     """The lines with torsion, and their nodes and links."""
-    names, pairs = scene.effects["torsion"]["lines"], zip(scene.lines, line_slices(scene), strict=True)
+    names = scene.effects["torsion"]["lines"]
+    pairs = zip(scene.lines, line_slices(scene), strict=True)
     return [(line, where) for line, where in pairs if not names or line.name in names]
 
 
@@ -53,7 +58,8 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
     twisting = np.broadcast_to(given["GJ"], sum(line.links for line in scene.lines))
     stiffness = bending_stiffness(scene) if bends(scene) else None
     for line, where in _twisting_lines(scene):
-        turning, pulled = np.abs(torque[:, where.links]), np.maximum(tension[:, where.links], 0.0)
+        turning = np.abs(torque[:, where.links])
+        pulled = np.maximum(tension[:, where.links], 0.0)
         if stiffness is not None:
             most = 2.0 * np.sqrt(stiffness[where.links] * pulled)
             worst = np.unravel_index(np.argmax(turning - most), turning.shape)
@@ -97,7 +103,8 @@ def curvature(scene: Scene, positions: np.ndarray) -> np.ndarray:
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         links = np.diff(positions[:, where.nodes], axis=1)
         size = np.linalg.norm(links, axis=-1, keepdims=True)
-        q, length = links / np.where(size > 0.0, size, 1.0), np.asarray(line.length, float)
+        q = links / np.where(size > 0.0, size, 1.0)
+        length = np.asarray(line.length, float)
         own = found[:, where.nodes]
         own[:, 1:-1] = np.linalg.norm(q[:, 1:] - q[:, :-1], axis=-1) / (0.5 * (length[1:] + length[:-1]))
         for node, link, name, sign in ((0, 0, line.start, 1.0), (-1, -1, line.end, -1.0)):
@@ -110,7 +117,8 @@ def bending_moment(
     scene: Scene, positions: np.ndarray, t: np.ndarray, broken: tuple[dict[str, Any], ...]
 ) -> np.ndarray:
     """`M = EI kappa` (k, nodes) [N m]; zero next to a broken link."""
-    kappa, stiffness = curvature(scene, positions), bending_stiffness(scene)
+    kappa = curvature(scene, positions)
+    stiffness = bending_stiffness(scene)
     for where in line_slices(scene):
         each = stiffness[where.links]
         kappa[:, where.nodes] *= np.concatenate([each[:1], 0.5 * (each[1:] + each[:-1]), each[-1:]])
@@ -138,7 +146,8 @@ def bending_summary(
     """
     found = {}
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        own, bent = moment[:, where.nodes], float(np.max(kappa[:, where.nodes]))
+        own = moment[:, where.nodes]
+        bent = float(np.max(kappa[:, where.nodes]))
         when, node = np.unravel_index(np.argmax(own), own.shape)
         # curvature below which a radius is that of a straight line [1/m]
         found[line.name] = {

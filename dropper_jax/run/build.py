@@ -34,7 +34,10 @@ def link_directions(polar: jax.Array, azimuth: jax.Array, zero: str) -> jax.Arra
 
     horizontal: (cos p cos a, cos p sin a, -sin p), the thesis' (4.3)-(4.5); down: (sin p cos a, sin p sin a, -cos p).
     """
-    across, drop = (jnp.cos(polar), jnp.sin(polar)) if zero == "horizontal" else (jnp.sin(polar), jnp.cos(polar))
+    if zero == "horizontal":
+        across, drop = (jnp.cos(polar), jnp.sin(polar))
+    else:
+        across, drop = (jnp.sin(polar), jnp.cos(polar))
     return jnp.stack([across * jnp.cos(azimuth), across * jnp.sin(azimuth), -drop], axis=-1)
 
 
@@ -97,8 +100,14 @@ def between_points(model: Model, near: State | None = None, there: bool = False)
     positions = [model.points[int(i)].position for i in model.geometry.free_points]
     if not held.free_nodes:
         return state(model, jnp.stack(positions))
-    beside = None if near is None else state(held, near.r[: held.free_nodes], tension=near.tension)
-    s = _equilibrium_state(held, None) if beside is None else settle(held, beside, there=there)
+    if near is None:
+        beside = None
+    else:
+        beside = state(held, near.r[: held.free_nodes], tension=near.tension)
+    if beside is None:
+        s = _equilibrium_state(held, None)
+    else:
+        s = settle(held, beside, there=there)
     r = jnp.concatenate([s.r, jnp.stack(positions)]) if positions else s.r
     return state(model, r, tension=s.tension)
 

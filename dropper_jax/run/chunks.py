@@ -38,13 +38,17 @@ def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None)
     if scratch is None:
         # copies of all saved states in memory at once (measured), if nothing is stored on disk
         # memory of JAX and its programs [bytes]
-        left, need, where = available_memory(), 5 * size + 600_000_000, "memory"
+        left = available_memory()
+        need = 5 * size + 600_000_000
+        where = "memory"
         way = (
             "a larger run.save_every, a shorter run.duration, or `dropper run --out FILE.nc`, which stores them on disk"
         )
     else:
         # copies on disk: the raw states, the observed states, and the output file
-        left, need, where = shutil.disk_usage(scratch).free, 3 * size, "disk"
+        left = shutil.disk_usage(scratch).free
+        need = 3 * size
+        where = "disk"
         way = "a larger run.save_every, or a shorter run.duration"
     # fraction of the free memory that a run may use
     if need > 0.9 * left:
@@ -72,9 +76,11 @@ def _extremes_bytes(model: Model, run: RunSpec) -> int:
 #: Minimum number of chunks of a run that has at least this number of saves.
 MIN_CHUNKS = 32
 #: Target time of a chunk [s], and the maximum ratio of its length to that of the previous one.
-SECONDS, LONGER = 1.0, 8
+SECONDS = 1.0
+LONGER = 8
 #: Maximum number of saves and of bytes of a chunk.
-MOST_SAVES, CHUNK_BYTES = 1024, 16_000_000
+MOST_SAVES = 1024
+CHUNK_BYTES = 16_000_000
 #: Saves of a chunk with steps of variable length: one of these, so that runs of other lengths share the program.
 CHUNK_SIZES = (1, 2, 16, 128, 1024)
 
@@ -160,7 +166,10 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
         return advance(carry, left, dt, accuracy)
 
     def companion(finer: bool) -> Companion:
-        other = run.accuracy / FACTOR if finer else min(run.accuracy * FACTOR, 1.0)
+        if finer:
+            other = run.accuracy / FACTOR
+        else:
+            other = min(run.accuracy * FACTOR, 1.0)
         # steps end at the saved times: with the interval of the run those of both would be equal where it is short
         interval = 0.5 * dt if finer else 2.0 * dt
 
@@ -237,9 +246,13 @@ def run_chunks(
     Args:
         rows: store for the chunks; default: in memory.
     """
-    carry, done, rows = run.carry, 0, InMemory() if rows is None else rows
+    carry = run.carry
+    done = 0
+    rows = InMemory() if rows is None else rows
     at = carry, done  # of what is kept: one name, so that a stop leaves both as they belong together
-    started, interrupted, refused = time.perf_counter(), False, ""
+    started = time.perf_counter()
+    interrupted = False
+    refused = ""
     try:
         while done < saves:
             carry, piece = run.go_on(carry, saves - done)
@@ -253,7 +266,10 @@ def run_chunks(
         interrupted = True
         if not at[1]:
             raise
-        refused = "" if isinstance(error, KeyboardInterrupt) else f"stopped: {error.strerror or error}"
+        if isinstance(error, KeyboardInterrupt):
+            refused = ""
+        else:
+            refused = f"stopped: {error.strerror or error}"
     run_s = time.perf_counter() - started
     carry, done = at
     joined, beside = rows.read(done)

@@ -84,7 +84,10 @@ def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer:
         return replace(solution, warnings=(*solution.warnings, note))
     warnings = tuple(_warnings(found, solution))
     unusable = solution.scene.run.accuracy is None and _worst(found, solution) > UNUSABLE
-    status = TOO_LONG if solution.status == "ok" and unusable else solution.status
+    if solution.status == "ok" and unusable:
+        status = TOO_LONG
+    else:
+        status = solution.status
     settings = {**solution.settings, "stated_errors": found}
     return replace(solution, settings=settings, status=status, warnings=(*solution.warnings, *warnings))
 
@@ -97,7 +100,8 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
         deviation_n, deviation_error_n, maximum_n, maximum_error_n}; `positions`: RMS distance of the worst node as a
         fraction of the travel, until `chaotic_from_s`; None at rest; `angles_rad`: see `_angle_error`.
     """
-    rows, beside = outcome.trajectory, outcome.beside
+    rows = outcome.trajectory
+    beside = outcome.beside
     every = 1 if companion.finer else 2
     run = rows.r[every - 1 :: every]
     parts = []
@@ -134,14 +138,22 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
 def _factor(solution: Samples, finer: bool) -> float:
     """Error of the run over its difference from the companion."""
     is_controlled = "refused_steps" in solution.settings
-    gain = FACTOR if is_controlled else 2.0 ** INTEGRATORS[solution.scene.run.integrator].order
-    return gain / (gain - 1.0) if finer else 1.0 / (gain - 1.0)
+    if is_controlled:
+        gain = FACTOR
+    else:
+        gain = 2.0 ** INTEGRATORS[solution.scene.run.integrator].order
+    if finer:
+        return gain / (gain - 1.0)
+    return 1.0 / (gain - 1.0)
 
 
 def _tensions(rows: Trajectory, beside: Any) -> Tensions:
     links = rows.tension.shape[1]
     square = beside.square if isinstance(beside, Within) else rows.tension**2
-    top = rows.tension if rows.extremes is None else rows.extremes.largest[:, :links]
+    if rows.extremes is None:
+        top = rows.tension
+    else:
+        top = rows.extremes.largest[:, :links]
     return Tensions(np.mean(rows.tension, axis=0), np.mean(square, axis=0), np.max(top, axis=0))
 
 
@@ -172,7 +184,9 @@ def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) ->
 def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
     """Maximum extent [m] of a node's path (k, nodes, 3); None for a run at rest."""
     travel = float(np.max(np.linalg.norm(np.ptp(nodes, axis=0), axis=1)))
-    return travel if travel > TRAVEL_AT_REST * max(line.total for line in solution.scene.lines) else None
+    if travel > TRAVEL_AT_REST * max(line.total for line in solution.scene.lines):
+        return travel
+    return None
 
 
 def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
@@ -183,7 +197,9 @@ def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
     swing = int(np.argmax(shift > 0.5 * np.max(shift)))
     resolved = int(np.argmax(separation > CHAOS_RESOLVED))
     off = int(np.argmax(separation > SEPARATED))
-    return resolved if resolved > SWINGS * swing and off < SUDDEN * resolved else None
+    if resolved > SWINGS * swing and off < SUDDEN * resolved:
+        return resolved
+    return None
 
 
 def _turned(solution: Samples, apart: np.ndarray) -> np.ndarray:

@@ -94,8 +94,14 @@ class Coupled:
         Raises:
             SceneError: no equilibrium found, values that are not finite or not of this shape.
         """
-        all_positions = self._home if positions is None else self._read("positions", positions)
-        rates = np.zeros_like(all_positions) if velocities is None else self._read("velocities", velocities)
+        if positions is None:
+            all_positions = self._home
+        else:
+            all_positions = self._read("positions", positions)
+        if velocities is None:
+            rates = np.zeros_like(all_positions)
+        else:
+            rates = self._read("velocities", velocities)
         self._lines = coupled_lines(self._moved_to(all_positions), self.points, rates, self.accelerations)
         return self._accept(self._lines.init())
 
@@ -118,7 +124,10 @@ class Coupled:
         if (accelerations is not None) != self.accelerations:
             raise SceneError("accelerations: need Coupled(accelerations=True); allowed: in every step or in none")
         read = [self._read("positions", positions), self._read("velocities", velocities)]
-        bends = np.zeros_like(read[0]) if accelerations is None else self._read("accelerations", accelerations)
+        if accelerations is None:
+            bends = np.zeros_like(read[0])
+        else:
+            bends = self._read("accelerations", accelerations)
         count = max(1, math.ceil(dt / self.scene.run.step - 1e-9))
         if count > most:
             why = f"is {count:.3g} inner steps of {self.scene.run.step:g} s"
@@ -147,7 +156,10 @@ class Coupled:
         """
         if self._saved is None:
             self.init()
-        arrays = saved if isinstance(saved, dict) else self._read_file(Path(saved))
+        if isinstance(saved, dict):
+            arrays = saved
+        else:
+            arrays = self._read_file(Path(saved))
         return self._accept(restore_carry(self._state(), arrays))
 
     @property
@@ -166,7 +178,8 @@ class Coupled:
     @property
     def positions(self) -> np.ndarray:
         """All nodes, line after line, both ends of each included (n + lines, 3) [m]."""
-        s, motion = self._state().progress.state, self._state().motion
+        s = self._state().progress.state
+        motion = self._state().motion
         model = self._lines.moving(motion, motion, s.t, 1.0).model
         return np.asarray(model.nodes(s.r, model.ends(s.t)))
 
@@ -228,7 +241,8 @@ class Coupled:
     def _read_file(self, path: Path) -> dict[str, np.ndarray]:
         try:
             meta, arrays = read_archive(path)
-            scene, points = Scene.from_dict(meta["scene"]), tuple(meta["points"])
+            scene = Scene.from_dict(meta["scene"])
+            points = tuple(meta["points"])
         except OSError as error:
             raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
         except Exception:  # any error of a file in another format

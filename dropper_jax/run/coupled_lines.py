@@ -72,7 +72,8 @@ class CoupledLines:
 
     def init(self, start: State | None = None) -> CoupledState:
         """The state at t = 0, from `start` (default: that of the scene) with the points where the scene has them."""
-        motion, start = self._motion, self.start if start is None else start
+        motion = self._motion
+        start = self.start if start is None else start
         progress = begin(self.stepper, self.model, start)
         at_rest = PointMotion(motion.home, motion.velocities[0], jnp.zeros_like(motion.home))
         return CoupledState(progress, at_rest, _forces(self, progress.state))
@@ -160,7 +161,10 @@ def coupled_lines(
     if any(e.moves(name) for e in model.having(Displacement) for name in points):
         raise SceneError("points: already moved by an effect of the scene; allowed: fixed points")
     home = np.array([scene.point(name).position for name in points])
-    rates = np.zeros_like(home) if velocities is None else np.asarray(velocities, float)
+    if velocities is None:
+        rates = np.zeros_like(home)
+    else:
+        rates = np.asarray(velocities, float)
     motion = CoupledMotion.uniform(points, home, rates, accelerations)
     model = replace(model, effects=(*model.effects, motion)).cast(model.dtype)
     return CoupledLines(model, initial_state(model, scene.start), stepper_of(model, scene.run))
@@ -226,7 +230,8 @@ def half_link_mass(free: Model, points: tuple[int, ...]) -> jax.Array:
 def _effect_forces(geometry: Any, free: Model, s: State, positions: jax.Array, velocities: jax.Array) -> jax.Array:
     """The effects' forces (nodes, 3) [N] on the nodes of the freed model."""
     nodes = np.concatenate([np.arange(geometry.inner), geometry.point_node[free.geometry.free_points]])
-    r, v = geometry.everywhere(s.r, positions)[nodes], geometry.everywhere(s.v, velocities)[nodes]
+    r = geometry.everywhere(s.r, positions)[nodes]
+    v = geometry.everywhere(s.v, velocities)[nodes]
     return free.force(free.instant(r, v, s.t))
 
 

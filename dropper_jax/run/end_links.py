@@ -74,7 +74,8 @@ class End(NamedTuple):
 def line_ends(scene: Scene) -> Iterator[End]:
     """Both ends of every line of a scene."""
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        first, last = where.nodes.start, where.nodes.stop - 1
+        first = where.nodes.start
+        last = where.nodes.stop - 1
         yield End(line.start, first, first + 1, where.links.start, False)
         yield End(line.end, last, last - 1, where.links.stop - 1, True)
 
@@ -94,7 +95,8 @@ class EndLinks:
     @cached_property
     def weight(self) -> np.ndarray:
         """Weight (n,) [N] of each link in air; its weight in water if that is given."""
-        line, weight = self.scene.line, self.scene.effects.get("weight")
+        line = self.scene.line
+        weight = self.scene.effects.get("weight")
         if weight is None:
             return np.zeros(line.links)
         if weight["wet_weight"] is not None:
@@ -104,8 +106,13 @@ class EndLinks:
     @cached_property
     def diameter(self) -> np.ndarray:
         """Diameter (n,) [m] of the volume of each link that has buoyancy; zero without buoyancy."""
-        diameter = displaced_diameter(self.scene.line, self.scene) if "buoyancy" in self.scene.effects else None
-        return np.zeros_like(self.weight) if diameter is None else np.broadcast_to(diameter, self.weight.shape)
+        if "buoyancy" in self.scene.effects:
+            diameter = displaced_diameter(self.scene.line, self.scene)
+        else:
+            diameter = None
+        if diameter is None:
+            return np.zeros_like(self.weight)
+        return np.broadcast_to(diameter, self.weight.shape)
 
     @cached_property
     def lift(self) -> np.ndarray:
@@ -167,7 +174,9 @@ def load_on_fixed_point(
         links: those that end there; signs: 1 for links that start there, -1 for links that end there.
         r: free nodes (nodes, 3) [m]; tension: of all links (n,) [N]; t: time [s].
     """
-    own, starts, graph = np.array(links), np.array(signs) > 0.0, model.geometry
+    own = np.array(links)
+    starts = np.array(signs) > 0.0
+    graph = model.geometry
     nodes = graph.everywhere(r, model.ends(t).positions)
     return jnp.sum(end_forces_of_model(model, own, starts, nodes, tension, t), axis=0)
 
@@ -181,18 +190,26 @@ def end_forces_of_model(
         links: the end links (m,); starts: whether each link starts at its point or ends there (m,).
         nodes: all nodes, free ones first (see `Graph.everywhere`) [m]; tension: of all links (n,) [N]; t: time [s].
     """
-    line, graph = model.line, model.geometry
+    line = model.line
+    graph = model.geometry
     ends = graph.first[links], graph.last[links]
-    at, inner = nodes[np.where(starts, *ends)], nodes[np.where(starts, *reversed(ends))]
+    at = nodes[np.where(starts, *ends)]
+    inner = nodes[np.where(starts, *reversed(ends))]
     along = inner - at
     direction = along / safe_norm(along)[:, None]
     near = jnp.broadcast_to(jnp.asarray(line.near_share, nodes.dtype), line.length.shape)[links]
     share = jnp.where(starts, near, 1.0 - near)
     effects: dict[str, Any] = {effect.name: effect for effect in model.effects}
-    weight = share * effects["weight"].per_link(line)[links] if "weight" in effects else jnp.zeros_like(share)
+    if "weight" in effects:
+        weight = share * effects["weight"].per_link(line)[links]
+    else:
+        weight = jnp.zeros_like(share)
     if "buoyancy" in effects and model.sea is not None and line.diameter is not None:
         diameter = jnp.broadcast_to(line.diameter, line.length.shape)[links]
         wet = wet_fraction(model.sea.elevation(at, t), at, direction, share * line.length[links], diameter)
         weight = weight - share * effects["buoyancy"].per_link(model)[links] * wet
-    lies = at[:, 2] < effects["seabed"].bed_height(at, rounded=0.0) + ON_BED if "seabed" in effects else False
+    if "seabed" in effects:
+        lies = at[:, 2] < effects["seabed"].bed_height(at, rounded=0.0) + ON_BED
+    else:
+        lies = False
     return force_on_point(direction, tension[links], weight, lies, jnp)

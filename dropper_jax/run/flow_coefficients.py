@@ -72,13 +72,17 @@ def link_flow(scene: Scene) -> Flow:
     diameter = drag_diameter(scene.line, scene) * np.ones(len(tangent))
     sigma, current = _across(model.sea, 0.5 * (starts + ends), tangent)
     speed = np.sqrt(2.0) * sigma
-    kc = np.full(len(sigma), np.inf) if model.sea.waves is None else speed * _period(model.sea) / diameter
+    if model.sea.waves is None:
+        kc = np.full(len(sigma), np.inf)
+    else:
+        kc = speed * _period(model.sea) / diameter
     re = np.sqrt(current**2 + sigma**2) * diameter / VISCOSITY
     share = current / np.maximum(current + speed, 1e-12)
     rough = relative_roughness(scene)
     found = {}
     for name in follows(scene):
-        values, key = scene.effects[name], FOLLOWING[name]
+        values = scene.effects[name]
+        key = FOLLOWING[name]
         if values["coefficients"] == "table":
             found[name] = from_table(f"effects.{name}", kc, re, values, f"table_{key}")
         else:
@@ -87,7 +91,9 @@ def link_flow(scene: Scene) -> Flow:
 
 
 def _period(sea: Sea) -> float:
-    return float(2 * np.pi / sea.waves.omega[0]) if sea.waves.size == 1 or sea.waves.bound else mean_period(sea)
+    if sea.waves.size == 1 or sea.waves.bound:
+        return float(2 * np.pi / sea.waves.omega[0])
+    return mean_period(sea)
 
 
 def _across(sea: Sea, positions: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -51,7 +51,8 @@ def write_fmu(
     Raises:
         SceneError: pythonfmu3 is missing, points that cannot be coupled, names that become equal.
     """
-    package, path = _package(), Path(path)
+    package = _package()
+    path = Path(path)
     if path.suffix.lower() != ".fmu":
         raise SceneError(f"path: {str(path)!r} has another suffix; allowed: .fmu")
     loaded = load_scene(scene)
@@ -96,7 +97,8 @@ class Unit:
 
     def _register(self) -> None:
         kinds = _package()
-        causality, varies = kinds.Fmi3Causality, {"variability": kinds.Fmi3Variability.continuous}
+        causality = kinds.Fmi3Causality
+        varies = {"variability": kinds.Fmi3Variability.continuous}
         self.register_variable(kinds.Float64("time", causality=causality.independent, **varies))
         for i, name in enumerate(plain_names(self.lines.points)):
             for level, letter, unit in ((0, "", "m"), (1, "v", "m/s")):

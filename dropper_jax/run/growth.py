@@ -200,7 +200,10 @@ def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, in
     """Name, first and last node, and links of each line."""
     for line in lines:
         nodes = line.nodes
-        first, last = (nodes.start, nodes.stop - 1) if isinstance(nodes, slice) else (int(nodes[0]), int(nodes[-1]))
+        if isinstance(nodes, slice):
+            first, last = (nodes.start, nodes.stop - 1)
+        else:
+            first, last = (int(nodes[0]), int(nodes[-1]))
         yield line.name, first, last, line.links
 
 
@@ -216,11 +219,13 @@ def line_weights(scene: Scene) -> list[dict[str, Any]]:
     diameter = displaced_diameter(scene.line, scene)
     if diameter is None:
         return []
-    volume, weights = 0.25 * np.pi * diameter**2 * scene.line.length, wet_weights(scene)
+    volume = 0.25 * np.pi * diameter**2 * scene.line.length
+    weights = wet_weights(scene)
     types = {line.get("name"): str(line.get("type", "")) for line in bare.as_written()["line"]}
     rows: dict[tuple[float, ...], dict[str, Any]] = {}
     for line, own in zip(whole_lines(scene), whole_lines(bare), strict=True):
-        length, mass = line.spec.total, float(np.sum(line.spec.mass))
+        length = line.spec.total
+        mass = float(np.sum(line.spec.mass))
         displaced = scene.sea.density * float(np.sum(volume[line.links]))
         wet = float(np.sum(weights[line.links]))
         key = tuple(float(f"{value / length:.6g}") for value in (mass, displaced, wet))
@@ -243,7 +248,9 @@ def line_weights(scene: Scene) -> list[dict[str, Any]]:
 
 
 def lines_in_words(names: list[str]) -> str:
-    return ", ".join(names) if len(names) <= 3 else f"{names[0]}, {names[1]} and {len(names) - 2} more"
+    if len(names) <= 3:
+        return ", ".join(names)
+    return f"{names[0]}, {names[1]} and {len(names) - 2} more"
 
 
 def weight_cells(rows: list[dict[str, Any]]) -> list[tuple[str, ...]]:

@@ -52,7 +52,8 @@ def derive_variables(solution: Samples) -> Variables:
 
 def coordinates(solution: Samples) -> Variables:
     """Coordinates: arc length of nodes and links, names of fixed points, lines and ends."""
-    nodes, links = [], []
+    nodes = []
+    links = []
     node_names: list[str] = []
     link_names: list[str] = []
     for line in whole_lines(solution.scene):
@@ -93,7 +94,9 @@ def select_line(dataset: xarray.Dataset, name: str) -> xarray.Dataset:
         if f"{kind}_link" in dataset.coords and name in dataset[f"{kind}_link"].values:
             kept = {key: np.flatnonzero(dataset[f"{kind}_{key}"].values == name) for key in ("node", "link")}
             found = dataset.isel(kept)
-            return found.sel(line=name) if name in dataset["line"].values else found
+            if name in dataset["line"].values:
+                return found.sel(line=name)
+            return found
     raise SceneError(f"line: {name!r} is not a line; {nearest(name, [str(n) for n in dataset['line'].values])}")
 
 
@@ -201,7 +204,10 @@ def _wrong_about(meta: Mapping[str, Any]) -> Iterator[str]:
             continue
         if not isinstance(value, kind) or isinstance(value, bool):
             yield f"{key} is {type(value).__name__} in its provenance"
-    settings = meta["settings"] if isinstance(meta.get("settings"), dict) else {}
+    if isinstance(meta.get("settings"), dict):
+        settings = meta["settings"]
+    else:
+        settings = {}
     for key, may_be_zero in NUMBERS.items():
         value = settings.get(key, 1)
         known = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf
@@ -227,7 +233,8 @@ def _wrong_about(meta: Mapping[str, Any]) -> Iterator[str]:
 def _wrong_arrays(solution: Samples) -> Iterator[str]:
     """The error in the arrays, in words: types, shapes, times that do not increase, impossible values."""
     lines = line_slices(solution.scene)
-    nodes, links = lines[-1].nodes.stop, lines[-1].links.stop
+    nodes = lines[-1].nodes.stop
+    links = lines[-1].links.stop
     t = solution.t
     if t.ndim != 1 or not t.size or t.dtype.kind != "f":
         yield f"t has the shape {t.shape} and kind {t.dtype}"

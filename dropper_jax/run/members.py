@@ -39,7 +39,8 @@ def check_steps(members: Mapping[str, Scene], say: Progress = silent, **settings
     Args:
         settings: of the runs, as for `simulate`.
     """
-    status, warnings = "ok", []
+    status = "ok"
+    warnings = []
     for name, scene in members.items():
         say(1.0, f"checking the step: {name}")
         try:

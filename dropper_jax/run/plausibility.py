@@ -28,14 +28,16 @@ LONGEST_LINE = 50.0
 #: A loop between points that are close together hangs down: its length is also compared with this number of depths.
 LOOP_DEPTHS = 3.0
 #: Density of steel, and one that no metal has, even as a chain with the diameter of its bar [kg/m^3].
-STEEL, DENSEST = 7850.0, 30_000.0
+STEEL = 7850.0
+DENSEST = 30_000.0
 #: Ratio of thickness to length of a link without diameter, as a bar of steel of its mass; one of g for kg is 30 times
 #: as thick as it should be.
 THICKEST = 0.5
 #: Strain of a line at rest above which it is too short, if it has no breaking load (that of `pose_remarks`).
 LARGEST_STRAIN = 0.1
 #: Height of an anchor above the seabed that a block or a screw may have: at least 1 m, or this fraction of the depth.
-ANCHOR_HEIGHT, ANCHOR_SHARE = 1.0, 0.05
+ANCHOR_HEIGHT = 1.0
+ANCHOR_SHARE = 0.05
 #: Fraction of the given height of a float over its anchor at which it must at least float.
 GUESSED_HEIGHT = 0.5
 #: Height above the surface, as a fraction of the depth, that fairleads of ships and platforms do not reach.
@@ -72,7 +74,9 @@ def plausibility_warnings(scene: Scene, at_rest: bool = False) -> tuple[str, ...
 def with_cause(error: SceneError, scene: Scene) -> SceneError:
     """The error of a start, after the doubtful value that most likely caused it, if there is one."""
     causes = plausibility_warnings(scene)
-    return SceneError(f"{causes[0]}; {error}") if causes else error
+    if causes:
+        return SceneError(f"{causes[0]}; {error}")
+    return error
 
 
 def fastest_current(scene: Scene) -> float:
@@ -80,7 +84,10 @@ def fastest_current(scene: Scene) -> float:
     current = None if scene.sea is None else scene.sea.current
     if current is None:
         return 0.0
-    speeds = np.linalg.norm(current.velocities, axis=1) if current.kind == "table" else np.abs(current.speed)
+    if current.kind == "table":
+        speeds = np.linalg.norm(current.velocities, axis=1)
+    else:
+        speeds = np.abs(current.speed)
     factor = 1.0
     if current.amplitude is not None:
         factor = float(np.sum(np.abs(current.amplitude)))
@@ -212,15 +219,19 @@ def _heights(scene: Scene, points: list[PointSpec], flat: float) -> dict[str, fl
 
 
 def _range(values: list[float]) -> str:
-    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
-    return low if low == high else f"{low} to {high}"
+    low = f"{min(values):.3g}"
+    high = f"{max(values):.3g}"
+    if low == high:
+        return low
+    return f"{low} to {high}"
 
 
 def _check_lift(scene: Scene) -> Iterator[str]:
     """Floats that cannot carry what hangs on them: masses, lines without a fixed end, and parts of the moorings."""
     if scene.sea is None or "weight" not in scene.effects:
         return
-    depth, weights = scene.sea.depth, wet_weights(scene)
+    depth = scene.sea.depth
+    weights = wet_weights(scene)
     whole = [float(np.sum(weights[where.links])) for where in line_slices(scene)]
     sinking = []
     for system in _connected(scene):
@@ -235,7 +246,10 @@ def _check_lift(scene: Scene) -> Iterator[str]:
             sinking.append((own, lines))
     if sinking:
         own, lines = min(sinking, key=lambda pair: pair[0] - pair[1])
-        more = f" (and {len(sinking) - 1} more systems)" if len(sinking) > 1 else ""
+        if len(sinking) > 1:
+            more = f" (and {len(sinking) - 1} more systems)"
+        else:
+            more = ""
         yield (
             f"floats: their net lift with all masses is {own:.4g} N, and lines of {lines:.4g} N hang on them{more}: "
             "the system sinks until it lies on the seabed; check volumes and masses"
@@ -249,7 +263,9 @@ def _carried_share(scene: Scene, line: LineSpec, weight: float) -> float:
         return 1.0
     # a mooring hangs at least straight down from its float, whose depth is a first guess
     height = abs(float(ends[1].position[2] - ends[0].position[2]))
-    return GUESSED_HEIGHT * min(height / line.total, 1.0) if any(point.is_free for point in ends) else 0.0
+    if any(point.is_free for point in ends):
+        return GUESSED_HEIGHT * min(height / line.total, 1.0)
+    return 0.0
 
 
 # --- lines ---
@@ -331,7 +347,10 @@ def _check_spans(scene: Scene, only_broken: bool) -> Iterator[str]:
             f"{lines_in_words(list(names))}: {path.length:.4g} m of lines between {path.ends[0]!r} and "
             f"{path.ends[1]!r}, {path.distance:.4g} m apart"
         )
-    above = f"above the breaking load of {strong:.4g} N" if broken else f"stretched by more than {LARGEST_STRAIN:.0%}"
+    if broken:
+        above = f"above the breaking load of {strong:.4g} N"
+    else:
+        above = f"stretched by more than {LARGEST_STRAIN:.0%}"
     yield f"{what}: about {tension:.3g} N at rest, {above}; check lengths and positions"
 
 

@@ -99,7 +99,8 @@ def _std(x: jax.Array) -> jax.Array:
 
 
 #: Length [s] of the means of `sustained`, and of the storm of `mpm`, three hours.
-SUSTAINED_TIME, STORM_TIME = 0.2, 10800.0
+SUSTAINED_TIME = 0.2
+STORM_TIME = 10800.0
 
 
 @trace_once
@@ -125,7 +126,10 @@ def _most_probable_maximum(x: jax.Array, interval: jax.Array | float) -> jax.Arr
     """
     mean = jnp.mean(x, axis=0)
     variance = jnp.mean((x - mean) ** 2, axis=0)
-    rate = jnp.mean((jnp.diff(x, axis=0) / interval) ** 2, axis=0) if len(x) > 1 else jnp.zeros_like(mean)
+    if len(x) > 1:
+        rate = jnp.mean((jnp.diff(x, axis=0) / interval) ** 2, axis=0)
+    else:
+        rate = jnp.zeros_like(mean)
     varies = (variance > 0.0) & (rate > 0.0)
     crossings = STORM_TIME / (2.0 * jnp.pi) * _root(jnp.where(varies, rate / jnp.where(varies, variance, 1.0), 1.0))
     height = _root(2.0 * jnp.log(jnp.maximum(crossings, 1.0)))
@@ -141,7 +145,9 @@ def excess_kurtosis(x: np.ndarray) -> float:
     member = x[:, np.argmax(np.std(x, axis=0))]
     shift = member - np.mean(member)
     variance = np.mean(shift**2)
-    return float(np.mean(shift**4) / variance**2 - 3.0) if variance > 0.0 else 0.0
+    if variance > 0.0:
+        return float(np.mean(shift**4) / variance**2 - 3.0)
+    return 0.0
 
 
 #: The statistic of the start alone: for a static start only statics is computed, without a run.
@@ -182,7 +188,9 @@ def statistic(name: str, x: jax.Array, interval: jax.Array | float, over_steps: 
     """
     if over_steps and name in OVER_STEPS:
         return OVER_STEPS[name](x)
-    return IN_TIME[name](x, interval) if name in IN_TIME else STATISTICS[name](x)
+    if name in IN_TIME:
+        return IN_TIME[name](x, interval)
+    return STATISTICS[name](x)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,7 +217,9 @@ class Quantity:
 
     @property
     def unit(self) -> str:
-        return "rad" if self.direction == "uplift" else SIGNALS[self.signal][0]
+        if self.direction == "uplift":
+            return "rad"
+        return SIGNALS[self.signal][0]
 
     @property
     def at_rest(self) -> bool:
@@ -234,7 +244,10 @@ class Quantity:
         """The number at one instant, a static pose."""
         if self.signal == PERIOD:
             return natural_periods(model, s, self.members[0] + 1)[-1]
-        still = model if model.sea is None else dataclasses.replace(model, sea=model.sea.without_waves())
+        if model.sea is None:
+            still = model
+        else:
+            still = dataclasses.replace(model, sea=model.sea.without_waves())
         return statistic(self.statistic, self.instant(still, s.r, s.r, s.v, s.tension, s.t, s.parted)[None], 1.0)
 
     def instant(
@@ -259,13 +272,16 @@ class Quantity:
             links = model.links(r, model.ends(t))
             found = jnp.arctan2(-links[:, 2], horizontal_norm(links))
         elif self.signal == "curvature":
-            links, length = model.links(r, model.ends(t)), model.line.length
+            links = model.links(r, model.ends(t))
+            length = model.line.length
             along = links / safe_norm(links)[:, None]
             found = safe_norm(along[1:] - along[:-1]) / (0.5 * (length[1:] + length[:-1]))
         else:
             found = self._of_nodes(model, start, r, t)
         found = found if self.members is None else found[np.array(self.members)]
-        return found * np.array(self.signs) if self.signs else found
+        if self.signs:
+            return found * np.array(self.signs)
+        return found
 
     def _of_nodes(self, model: Model, start: jax.Array, r: jax.Array, t: jax.Array) -> jax.Array:
         if self.members is not None and max(self.members) >= len(r):
@@ -274,12 +290,15 @@ class Quantity:
             return safe_norm(r - start)
         if self.signal == "offset":
             return horizontal_norm(r - model.points[self.point].position)
-        return -r[:, 2] if self.signal == "depth" else r[:, "xyz".index(self.signal)]
+        if self.signal == "depth":
+            return -r[:, 2]
+        return r[:, "xyz".index(self.signal)]
 
     def _anchor_load(self, model: Model, r: jax.Array, tension: jax.Array, t: jax.Array) -> jax.Array:
         """Force of the lines on a fixed point [N], or its angle [rad]."""
         force = load_on_fixed_point(model, self.members or (), self.signs, r, tension, t)
-        across, up = horizontal_norm(force), force[2]
+        across = horizontal_norm(force)
+        up = force[2]
         if self.direction == "uplift":
             return jnp.arctan2(up, across)
         return {"horizontal": across, "vertical": up, "total": safe_norm(force)}[self.direction]
@@ -406,7 +425,8 @@ class _Parser:
         self._number_of(line, self.model.geometry.line_names(), "line")
         own = self.model.geometry.line_links([line])[line]
         near = [(member, span) for member, span in self._members() if span.start in own]
-        first, last = ((int(own[0]),), -1.0), ((int(own[-1]),), 1.0)
+        first = ((int(own[0]),), -1.0)
+        last = ((int(own[-1]),), 1.0)
         ends = {self.points[near[0][0].start]: first, self.points[near[-1][0].end]: last}
         held = [name for name in ends if self.model.geometry.held[self.points.index(name)]]
         named = {"first": first, "last": last}

@@ -65,7 +65,10 @@ def killed_run(folder: Path) -> Solution:
             raise SceneError("it continued another run. Use --continue from that run again")
         first, since = initial_carry(stepper, model, scene, None)
         carry = first.carry
-    beside = Within(*(0.0,) * len(Within._fields)) if isinstance(first.carry, Adaptive) else None
+    if isinstance(first.carry, Adaptive):
+        beside = Within(*(0.0,) * len(Within._fields))
+    else:
+        beside = None
     plain = Trajectory(*(0.0,) * 8, first.row.parted, first.row.own), beside
     extremes = None
     # rows by an earlier version have no extremes
@@ -74,12 +77,15 @@ def killed_run(folder: Path) -> Solution:
     rows.with_structure((plain[0]._replace(extremes=extremes), beside))
     outcome = RunOutcome(*rows.read(scene.run.rows), carry, 0.0, interrupted=True)
     solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
-    return solution if rows.last else replace(solution, last={})
+    if rows.last:
+        return solution
+    return replace(solution, last={})
 
 
 def _free_name(path: Path) -> Path:
     """The path, or an unused name next to it."""
-    found, number = path, 1
+    found = path
+    number = 1
     while found.exists():
         found = path.with_name(f"{path.stem}-killed{'' if number == 1 else f'-{number}'}{path.suffix}")
         number += 1

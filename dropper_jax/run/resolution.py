@@ -144,7 +144,8 @@ def with_quality_checks(solution: Kind) -> Kind:
     every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
     found = limit_warnings(_tensions(solution)) if every_step else []
     found += limit_warnings(_snatches(solution))
-    drift, scale = solution.energy_drift, max(solution.energy_scale, _negligible(solution))
+    drift = solution.energy_drift
+    scale = max(solution.energy_scale, _negligible(solution))
     status = solution.status
     if used.get("track_work", True) and drift > failing * scale:
         found.insert(0, f"energy balance error {drift:.3g} J (reference {scale:.3g} J). Use a smaller step")
@@ -175,7 +176,8 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
             compression_to_tension_steps: number of steps, summed over the links, in which an elastic link changes from
             slack to taut, and a rigid one from compression to tension. None unless every step is saved.
     """
-    used, period = solution.settings, periods(solution.scene).get("axial")
+    used = solution.settings
+    period = periods(solution.scene).get("axial")
     # steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`
     facts: dict[str, float | int | None] = {
         "axial_period_s": period,
@@ -187,7 +189,8 @@ def step_facts(solution: Samples) -> dict[str, float | int | None]:
     }
     if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:
         return facts
-    turns, taut = [0.0], solution.tension[1:] > 0.0
+    turns = [0.0]
+    taut = solution.tension[1:] > 0.0
     with np.errstate(invalid="ignore"):  # a run that failed may end with infinite positions
         for where in solution.lines:
             links = np.diff(solution.positions[:, where.nodes], axis=1)
@@ -234,7 +237,8 @@ def limit_warnings(found: Iterator[tuple[str, float, str]]) -> list[str]:
     """The warnings of (fault, its size, text), in order: all of a few lines, else the `MOST_WARNINGS` largest of each
     fault and the number of the others."""
     rows = list(found)
-    kept, more = [], []
+    kept = []
+    more = []
     for fault in dict.fromkeys(row[0] for row in rows):
         own = sorted((i for i, row in enumerate(rows) if row[0] == fault), key=lambda i: -rows[i][1])
         kept += own[:MOST_WARNINGS]
@@ -276,7 +280,10 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
         worst = float(np.max(np.where(slack, np.max(largest[1:, where.links], axis=0, initial=0.0), 0.0)))
         # ratio to the static tension above which a previously slack line has a snatch load
         if rest > 0.0 and worst > 10.0 * rest:
-            before, what = ("compression", "peaks") if line.rigid else ("slack", "peaks are snatch loads and")
+            if line.rigid:
+                before, what = ("compression", "peaks")
+            else:
+                before, what = ("slack", "peaks are snatch loads and")
             text = (
                 f"{line.name}: changes from {before} to {worst:.4g} N, {worst / rest:.3g} times its static tension: "
                 f"{what} may be chaotic. Use --errors"
@@ -293,7 +300,9 @@ def unresolved_peak(tension: np.ndarray) -> tuple[int, int] | None:
     # a peak is unresolved if the tension one step before and after is lower by this fraction on average. That is a
     # half-sine of less than three steps. Its maximum is low by 5 % (tension is a mean over the step) to 13 % (if the
     # maximum is between two steps).
-    return (int(step), int(link)) if around[1] - 0.5 * (around[0] + around[2]) > 0.5 * around[1] else None
+    if around[1] - 0.5 * (around[0] + around[2]) > 0.5 * around[1]:
+        return (int(step), int(link))
+    return None
 
 
 def _pulse_share(tension: np.ndarray) -> float:

@@ -33,7 +33,8 @@ from dropper_jax.stepping.adaptive import Adaptive
 from dropper_jax.stepping.integrate import Progress, Trajectory
 
 #: File with the number of complete states and the last one; file with what is needed to build a solution from them.
-MARK, ABOUT = "complete.npz", "run.npz"
+MARK = "complete.npz"
+ABOUT = "run.npz"
 #: Number of states processed at once if all would be too many.
 BLOCK_STATES = 4096
 

@@ -156,7 +156,9 @@ class Samples:
     def axial_ringing_share(self) -> float:
         """The same as a fraction of all dissipated work."""
         total = float(np.sum(np.maximum(-self.work[-1], 0.0)))
-        return self.axial_ringing / total if total else 0.0
+        if total:
+            return self.axial_ringing / total
+        return 0.0
 
     @property
     def energy_scale(self) -> float:
@@ -190,12 +192,16 @@ class Samples:
     @cached_property
     def curvature(self) -> np.ndarray | None:
         """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `run.bends`); else None."""
-        return curvature(self.scene, self.positions) if bends(self.scene) else None
+        if bends(self.scene):
+            return curvature(self.scene, self.positions)
+        return None
 
     @cached_property
     def bending_moment(self) -> np.ndarray | None:
         """Bending moment (k, nodes) [N m] if lines have bending stiffness; else None."""
-        return bending_moment(self.scene, self.positions, self.t, self.broken) if bends(self.scene) else None
+        if bends(self.scene):
+            return bending_moment(self.scene, self.positions, self.t, self.broken)
+        return None
 
     @property
     def twist(self) -> np.ndarray | None:
@@ -220,7 +226,9 @@ class Samples:
     @property
     def realtime_factor(self) -> float:
         """Simulated time over wall time without compilation."""
-        return float(self.t[-1] - self.t[0]) / self.run_s if self.run_s > 0 else math.nan
+        if self.run_s > 0:
+            return float(self.t[-1] - self.t[0]) / self.run_s
+        return math.nan
 
     @property
     def failure(self) -> str:
@@ -309,7 +317,9 @@ class Samples:
         if self.scene.run.accuracy is not None:
             return f"saved tensions are means over {self.settings['dt']:g} s"
         every = self.settings.get("save_every", 1)
-        return "" if every == 1 else f"every {every}th step is saved"
+        if every == 1:
+            return ""
+        return f"every {every}th step is saved"
 
     def _tension_extents(self, parts: dict[str, slice]) -> dict[str, dict[str, float]]:
         found = self.step_extremes("tension")
@@ -356,7 +366,8 @@ def extent(values: np.ndarray, extremes: Extremes | None = None) -> dict[str, fl
     """
     found = {"min": np.min(values), "mean": np.mean(values), "max": np.max(values), "final": np.mean(values[-1])}
     if extremes is not None:
-        low, high = np.argmin(extremes.least), np.argmax(extremes.largest)
+        low = np.argmin(extremes.least)
+        high = np.argmax(extremes.largest)
         found |= {"min": extremes.least.flat[low], "max": extremes.largest.flat[high]}
         found |= {"min_s": extremes.least_at.flat[low], "max_s": extremes.largest_at.flat[high]}
     return {key: float(value) + 0.0 for key, value in found.items()}

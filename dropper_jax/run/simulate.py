@@ -169,7 +169,9 @@ class Solution(Samples):
         """Default time [s] of a continued run: the remaining time, or its duration again."""
         whole = float(self.settings["duration"])
         left = whole - float(self.t[-1] - self.t[0])
-        return float(f"{left:.12g}") if left > 1e-9 * whole else whole
+        if left > 1e-9 * whole:
+            return float(f"{left:.12g}")
+        return whole
 
     def _stepping(self) -> dict[str, Any]:
         """The settings of the stepping that `simulate` takes."""
@@ -262,7 +264,10 @@ def simulate(
     folder = None if scratch is None else Path(scratch)
     check_memory(model, first.row, run, folder)
     about = {"scene": scene.as_written(), "settings": settings, "since": list(since)}
-    rows = InMemory() if folder is None else OnDisk(folder, about, name_leaves(first))
+    if folder is None:
+        rows = InMemory()
+    else:
+        rows = OnDisk(folder, about, name_leaves(first))
     started = time.perf_counter()
     watch = step_signals(scene, stepper.integrator.tension_time)
     compiled = compile_run(stepper, model, first.carry, run, watch)
@@ -295,7 +300,8 @@ def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution
         if scene.start.is_static:
             check_stretch(scene, np.asarray(node_positions(model, s)))
         return _end_at(stepper, model, s, run), TimeOrigin()
-    last, used = restore_end(stepper, model, run, before.last), before.settings
+    last = restore_end(stepper, model, run, before.last)
+    used = before.settings
     since = TimeOrigin(*(before.continues or {"origin_s": 0.0, "saves": 0}).values())
     since = since._replace(saves=since.saves + len(before.t) - 1)
     if (run.interval, run.save_every) != (used["dt"] * used["save_every"], used["save_every"]):

@@ -72,7 +72,8 @@ def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:
     if scene.run.save_every == 1 and scene.run.accuracy is None:
         return None
     slices = line_slices(scene)
-    first, last = [where.links.start for where in slices], [where.links.stop - 1 for where in slices]
+    first = [where.links.start for where in slices]
+    last = [where.links.stop - 1 for where in slices]
     lines = [line.links for line in whole_lines(scene)]
     whole = [(first.index(own.start), len(first) + last.index(own.stop - 1)) for own in lines]
     names = [line.start for line in scene.lines] + [line.end for line in scene.lines]
@@ -95,7 +96,10 @@ def saved_signal(
         if signal == "end_force":
             return _end_forces(scene, t, positions, t_tension, tension)
         loads = [point_load(scene, name, t, positions, t_tension, tension) for name in held_points(scene)]
-        vectors = np.stack(loads, axis=1) if loads else np.zeros((len(tension), 0, 3))
+        if loads:
+            vectors = np.stack(loads, axis=1)
+        else:
+            vectors = np.zeros((len(tension), 0, 3))
         parts = np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2], np.linalg.norm(vectors, axis=-1)
         return np.stack(parts, axis=-1)
 
@@ -129,5 +133,7 @@ def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:
 
 def signal_shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
     """The shape of each of the `SIGNALS` at one time."""
-    links, lines, points = sum(line.links for line in scene.lines), len(whole_lines(scene)), len(held_points(scene))
+    links = sum(line.links for line in scene.lines)
+    lines = len(whole_lines(scene))
+    points = len(held_points(scene))
     return {"tension": (links,), "end_force": (lines, 2), "point_load": (points, len(LOADS))}

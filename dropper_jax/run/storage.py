@@ -126,7 +126,8 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
         SceneError: one line, if packages or the file are missing, or it is not a saved run.
     """
     path = Path(path)
-    suffix, found = path.suffix.lower(), None
+    suffix = path.suffix.lower()
+    found = None
     check_packages(path)
     refuse_pipe(path, "run")
     with _without_complaints():
@@ -240,7 +241,9 @@ def _node_coordinates(solution: Samples) -> dict[str, Any]:
 
 def _bodies(solution: Samples) -> dict[str, Any]:
     names = np.array([body.name for body in solution.scene.bodies], dtype=str)
-    return {"body": ("body", names, {"long_name": "rigid body"})} if names.size else {}
+    if names.size:
+        return {"body": ("body", names, {"long_name": "rigid body"})}
+    return {}
 
 
 def _attributes(solution: Samples) -> dict[str, Any]:

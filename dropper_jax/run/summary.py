@@ -113,7 +113,10 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", 
 def write_tensions(solution: Samples, path: str | Path) -> Path:
     """Tensions: columns `t [s], tension_1..n [N]` (`tension_LINE/1` for several lines); t is the time of the
     tension. A comment says which steps the rows are, if not all."""
-    stated = f"unit=N; {solution.saved_rows}" if solution.saved_rows else "unit=N"
+    if solution.saved_rows:
+        stated = f"unit=N; {solution.saved_rows}"
+    else:
+        stated = "unit=N"
     return _write(solution, path, stated, solution.t_tension, {"tension": solution.tension})
 
 

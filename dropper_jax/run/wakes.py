@@ -99,7 +99,9 @@ class Wakes:
         dense."""
         total = float(np.sum(self.drag))
         end = float(np.max(self.elements.x)) + 10.0 * float(np.max(self.elements.diameter))
-        return self.plane(end).momentum / total if total > 0.0 else 1.0
+        if total > 0.0:
+            return self.plane(end).momentum / total
+        return 1.0
 
     def _phases(self, widest: float) -> tuple[float, np.ndarray]:
         """Step of the wave number [1/m] and cos, sin (n, 2, modes) of the phase of each element in the Fourier modes.
@@ -124,17 +126,24 @@ class Wakes:
         """
         e = self.elements
         (first,) = np.nonzero(e.x < x - BEHIND * e.diameter)
-        away, size = x - e.x[first], (e.drag * e.diameter)[first]
+        away = x - e.x[first]
+        size = (e.drag * e.diameter)[first]
         grown = (START * size) ** 2 + WAKE_GROWTH * size * away + (self.turbulence * away) ** 2
         wide = np.sqrt(grown + e.wide[first] ** 2 / (2 * np.pi))
         order = np.argsort(wide)
-        first, wide = first[order], wide[order]
+        first = first[order]
+        wide = wide[order]
         high = np.sqrt(grown[order] + e.high[first] ** 2 / (2 * np.pi))
-        y, z, u, thrust = e.y[first], e.z[first], self.met[first], self.drag[first]
+        y = e.y[first]
+        z = e.z[first]
+        u = self.met[first]
+        thrust = self.drag[first]
         step, phases = self._phases(wide[-1] if len(wide) else 1.0)
         narrow = int(np.searchsorted(wide, self.reach / (step * self.modes)))
         nodes, weight = _heights(self.heights, self.depth)
-        share, one, profiles = np.empty(len(wide)), np.empty(len(wide)), np.empty((narrow, len(nodes)))
+        share = np.empty(len(wide))
+        one = np.empty(len(wide))
+        profiles = np.empty((narrow, len(nodes)))
         of_narrow, of_wide = np.zeros((2, 2, self.modes, len(nodes)))
         bounds = [*range(0, narrow, self.chunk), *range(narrow, len(wide), self.chunk), len(wide)]
         for start, stop in itertools.pairwise(bounds):
@@ -160,14 +169,20 @@ class Wakes:
         # with U_s = b sum_i c_i a_i g_i h_i, b = 1/U_c, momentum is a quadratic equation of b
         wanted = float(np.sum(share * one))
         left = (self.speed * wanted) ** 2 - 4.0 * square * wanted
-        scale = (self.speed * wanted - np.sqrt(max(left, 0.0))) / (2.0 * square) if square > 0.0 else 1.0
+        if square > 0.0:
+            scale = (self.speed * wanted - np.sqrt(max(left, 0.0))) / (2.0 * square)
+        else:
+            scale = 1.0
         momentum = self.speed * scale * wanted - scale**2 * square
         return Plane(y, z, wide, high, scale * share, self.depth, momentum)
 
     def _pair_sum(self, y: np.ndarray, wide: np.ndarray, profile: np.ndarray) -> float:
         """`int U_s^2 dA` of wakes with profiles (n, nz) over the depth, over all pairs within reach across it."""
         order = np.argsort(y)
-        y, wide, profile, total = y[order], wide[order], profile[order], 0.0
+        y = y[order]
+        wide = wide[order]
+        profile = profile[order]
+        total = 0.0
         for start in range(0, len(y), self.chunk):
             stop = min(start + self.chunk, len(y))
             end = int(np.searchsorted(y, y[stop - 1] + np.sqrt(2.0) * self.reach * np.max(wide)))
@@ -213,7 +228,9 @@ def solve_wakes(elements: Elements, speed: float, depth: float, turbulence: floa
     """
     count = len(elements.x)
     wakes = Wakes(elements, float(speed), float(depth), turbulence, np.full(count, float(speed)), np.zeros(count))
-    order, at, starts = np.argsort(elements.x, kind="stable"), -np.inf, []
+    order = np.argsort(elements.x, kind="stable")
+    at = -np.inf
+    starts = []
     for k, i in enumerate(order):
         if elements.x[i] > at + 0.5 * BEHIND * elements.diameter[i]:  # elements next to each other share a plane
             at = elements.x[i]
@@ -299,7 +316,8 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     nodes = static_pose(bare, model).positions
     first = np.concatenate([nodes[line.nodes][:-1] for line in lines])
     last = np.concatenate([nodes[line.nodes][1:] for line in lines])
-    middle, along = 0.5 * (first + last), last - first
+    middle = 0.5 * (first + last)
+    along = last - first
     weight = np.linalg.norm(along, axis=1) * drag_diameter(scene.line, scene)
     height = float(np.sum(weight * middle[:, 2]) / np.sum(weight))
     stream = np.asarray(model.sea.current.profile(jnp.asarray([height]), model.sea.depth))[0, :2]
@@ -320,19 +338,25 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         drag=_coefficient(scene) * np.ones(len(middle)),
     )
     # default turbulence intensity of the current (assumed)
-    turbulence = 0.05 if drag["turbulence"] is None else float(drag["turbulence"])
+    if drag["turbulence"] is None:
+        turbulence = 0.05
+    else:
+        turbulence = float(drag["turbulence"])
     wakes = solve_wakes(elements, speed, scene.sea.depth, turbulence)
     return SceneWakes(wakes, wakes.met / speed, tuple(lines), float(np.arctan2(stream[1], stream[0])), middle)
 
 
 def _coefficient(scene: Scene) -> np.ndarray:
     drag = scene.effects["morison_drag"]
-    return steady_drag(relative_roughness(scene)) if drag["cdn"] is None else np.asarray(drag["cdn"], float)
+    if drag["cdn"] is None:
+        return steady_drag(relative_roughness(scene))
+    return np.asarray(drag["cdn"], float)
 
 
 def wake_facts(found: SceneWakes) -> dict[str, Any]:
     """Fractions of the current by line, total drag over that without wakes, and the momentum balance."""
-    e, wakes = found.wakes.elements, found.wakes
+    e = found.wakes.elements
+    wakes = found.wakes
     alone = 0.5 * np.sum(e.drag * e.area) * wakes.speed**2
     return {
         "current_m_per_s": wakes.speed,

@@ -175,7 +175,9 @@ class BodySpec(DeclaredSection):
         """Longest side of the box around its shapes [m]."""
         positions = [p for c in self.cylinders for p in (c.start, c.end)]
         positions += [s.centre + 0.5 * s.diameter * sign for s in self.spheres for sign in (-1.0, 1.0)]
-        return float(np.max([*np.ptp(positions, axis=0), *(s.diameter for s in self.shapes)])) if positions else 0.0
+        if positions:
+            return float(np.max([*np.ptp(positions, axis=0), *(s.diameter for s in self.shapes)]))
+        return 0.0
 
     def distance(self, position: np.ndarray) -> float:
         """Distance of a position (3,) from its shapes [m]; 0 for a body without shapes."""
@@ -200,7 +202,8 @@ class BodySpec(DeclaredSection):
 
 def rotation(attitude: np.ndarray) -> np.ndarray:
     """`Rz(yaw) Ry(pitch) Rx(roll)` (3, 3)."""
-    (sx, sy, sz), (cx, cy, cz) = np.sin(attitude), np.cos(attitude)
+    sx, sy, sz = np.sin(attitude)
+    cx, cy, cz = np.cos(attitude)
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
     about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])

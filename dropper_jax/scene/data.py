@@ -74,7 +74,9 @@ class SceneData:
         weight = self.effects.get("weight")
         if weight is not None:
             return float(weight["gravity"])
-        return GRAVITY if self.sea is None else float(self.sea.gravity)
+        if self.sea is None:
+            return GRAVITY
+        return float(self.sea.gravity)
 
     @property
     def branched(self) -> bool:

@@ -229,10 +229,15 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
         values = [getattr(line, key) for line in lines]
         if instead and any(value is not None for value in values):
             values = [other if value is None else value for value, other in zip(values, instead, strict=True)]
-        return None if any(value is None for value in values) else np.concatenate(values)
+        if any(value is None for value in values):
+            return None
+        return np.concatenate(values)
 
     arrays = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA")
-    keys = lines[0].constants if len({line.axial_law for line in lines}) == 1 else ()
+    if len({line.axial_law for line in lines}) == 1:
+        keys = lines[0].constants
+    else:
+        keys = ()
     tables = [line.tables for line in lines]
     return dataclasses.replace(
         lines[0],
@@ -264,7 +269,8 @@ def _read_axial(table: Plain, path: str, links: int) -> dict[str, Any]:
         stiffness = np.array([t.stiffness for t in tables])
         return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "tables": tables}
     values = read_fields(LAWS[law], table, path, {"link": links})
-    stiffness, damping = values.pop("EA", None), values.pop("damping", None)
+    stiffness = values.pop("EA", None)
+    damping = values.pop("damping", None)
     constants = {key: value for key, value in values.items() if value is not None}
     return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "constants": constants}
 
@@ -275,7 +281,9 @@ def _per_link(value: Plain, links: int) -> np.ndarray:
 
 def _one_or_all(value: Plain) -> Plain:
     """One number if all entries of a list are equal, so that the number of links can be changed."""
-    return value[0] if isinstance(value, list) and value and value.count(value[0]) == len(value) else value
+    if isinstance(value, list) and value and value.count(value[0]) == len(value):
+        return value[0]
+    return value
 
 
 @dataclasses.dataclass(frozen=True)

@@ -97,7 +97,9 @@ KINDS = {"dead_weight": ("weight", "friction"), "tested": ("capacity",), "screw"
 #: Keys that only one kind has, and which of these are optional.
 OPTIONAL = {"screw": ("strength", "friction_angle", "soil_weight", "bearing_factor", "lateral")}
 #: Bearing of a deep plate in clay over its undrained strength; minimum depth and spacing of plates in diameters.
-CLAY, SCREW_DEPTH, SPACING = 9.0, 5.0, 3.0
+CLAY = 9.0
+SCREW_DEPTH = 5.0
+SPACING = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -207,7 +209,9 @@ class AnchorSpec(DeclaredSection):
         """
         across, rising, any_direction = self.capacities
         up = np.maximum(upward, 0.0)
-        return np.hypot(horizontal, up) / across if any_direction else horizontal / across + up / rising
+        if any_direction:
+            return np.hypot(horizontal, up) / across
+        return horizontal / across + up / rising
 
     @property
     def capacities(self) -> tuple[float, float, bool]:

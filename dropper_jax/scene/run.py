@@ -80,12 +80,16 @@ class RunSpec:
         """Time [s] between saved states."""
         if self.accuracy is None:
             return self.step * self.save_every
-        return self.suggested_interval if self.save_interval is None else self.save_interval
+        if self.save_interval is None:
+            return self.suggested_interval
+        return self.save_interval
 
     @property
     def rows(self) -> int:
         """Number of saved states after the start."""
-        return self.saves if self.accuracy is None else math.ceil(self.duration / self.interval - 1e-9)
+        if self.accuracy is None:
+            return self.saves
+        return math.ceil(self.duration / self.interval - 1e-9)
 
     @property
     def saves(self) -> int:
@@ -101,7 +105,9 @@ class RunSpec:
     @property
     def steps_in_words(self) -> str:
         """How the steps are chosen."""
-        return f"steps of {self.step:g} s" if self.accuracy is None else f"accuracy {self.accuracy:g}"
+        if self.accuracy is None:
+            return f"steps of {self.step:g} s"
+        return f"accuracy {self.accuracy:g}"
 
     @classmethod
     def read(cls, table: Plain, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
@@ -125,10 +131,15 @@ class RunSpec:
         if self.accuracy is None and self.dt is None:
             return dataclasses.replace(self, accuracy=DEFAULT_ACCURACY)
         if self.accuracy is None:
-            return self if self.save_interval is None else self._with_whole_steps(path)
+            if self.save_interval is None:
+                return self
+            return self._with_whole_steps(path)
         if self.dt is None:
             return self
-        interval = self.dt * self.save_every if self.save_interval is None else self.save_interval
+        if self.save_interval is None:
+            interval = self.dt * self.save_every
+        else:
+            interval = self.save_interval
         source_dt = self.dt if self.source_dt is None else self.source_dt
         return dataclasses.replace(self, dt=None, source_dt=source_dt, save_every=1, save_interval=interval)
 
@@ -298,5 +309,8 @@ def _check_rows(rows: np.ndarray | None, path: str, count: int, what: str, which
 
 def directions(polar: np.ndarray, azimuth: np.ndarray, zero: str) -> np.ndarray:
     """Unit vectors of links (n, 3) from their angles [rad] (see `StartSpec`)."""
-    along, down = (np.cos(polar), np.sin(polar)) if zero == "horizontal" else (np.sin(polar), np.cos(polar))
+    if zero == "horizontal":
+        along, down = (np.cos(polar), np.sin(polar))
+    else:
+        along, down = (np.sin(polar), np.cos(polar))
     return np.stack([along * np.cos(azimuth), along * np.sin(azimuth), -down], axis=-1)

@@ -76,10 +76,14 @@ class RaoSpec:
 
     def _rows(self, given: dict[str, Any], key: str, path: str) -> np.ndarray:
         """Values of one motion (headings, frequencies)."""
-        count, wanted = len(self.headings), len(self.frequency)
+        count = len(self.headings)
+        wanted = len(self.frequency)
         if key not in given:
             return np.zeros((count, wanted))
-        rows = given[key] if isinstance(given[key], list | np.ndarray) else [given[key]]
+        if isinstance(given[key], list | np.ndarray):
+            rows = given[key]
+        else:
+            rows = [given[key]]
         rows = rows if len(rows) and np.ndim(rows[0]) else [rows]
         if len(rows) != count:
             raise SceneError(f"{path}.{key}: has {len(rows)} rows; allowed: {count}, one for each of `headings`")
@@ -191,7 +195,8 @@ class VesselSpec:
     @property
     def rotation(self) -> np.ndarray:
         """Its axes in the scene's (3, 3), at its mean position."""
-        c, s = np.cos(self.heading), np.sin(self.heading)
+        c = np.cos(self.heading)
+        s = np.sin(self.heading)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def world(self, position: np.ndarray) -> np.ndarray:

@@ -74,7 +74,9 @@ class Current:
         """s(t): a table, linear between its times and constant outside, or the sum of constituents."""
         if self.amplitude is not None:
             return harmonic(t, self.amplitude, self.period, self.phase)
-        return jnp.ones_like(self.speed) if self.time is None else jnp.interp(t, self.time, self.factor)
+        if self.time is None:
+            return jnp.ones_like(self.speed)
+        return jnp.interp(t, self.time, self.factor)
 
     def profile(self, z: jax.Array, depth: jax.Array) -> jax.Array:
         """Velocity (..., 3) [m/s] at heights z (...) [m], before s(t)."""
@@ -82,7 +84,10 @@ class Current:
         if self.kind == "table":
             return jnp.stack([jnp.interp(z, self.heights, self.velocities[:, i]) for i in range(3)], axis=-1)
         size = self.speed * (jnp.ones_like(z) if self.kind == "uniform" else self._power(z, depth))
-        course = self.direction if self.veer is None else self.direction - self.veer * z
+        if self.veer is None:
+            course = self.direction
+        else:
+            course = self.direction - self.veer * z
         return jnp.stack([size * jnp.cos(course), size * jnp.sin(course), jnp.zeros_like(z)], axis=-1)
 
     def _power(self, z: jax.Array, depth: jax.Array) -> jax.Array:

@@ -47,7 +47,8 @@ class GridWaves(Waves):
     def _amplitudes(self, t: jax.Array) -> tuple[jax.Array, jax.Array]:
         """c(t) and c'(t), (m,) each."""
         angle = self.phase - self.omega * t
-        cos, sin = jnp.cos(angle), jnp.sin(angle)
+        cos = jnp.cos(angle)
+        sin = jnp.sin(angle)
         both = jnp.stack([jnp.concatenate([cos, sin]), jnp.concatenate([self.omega * sin, -self.omega * cos])])
         return tuple(both @ self.projection.T)
 
@@ -80,7 +81,8 @@ class GridWaves(Waves):
         weight = wi[:, :, None] * wj[:, None, :]
         local = jnp.einsum("nijm,nij->nm", patch, weight).reshape(-1, 2, width // 2)
         level, rising = jnp.einsum("ndm,qm->dqn", local, c)
-        cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
+        cos = jnp.cos(self.direction)
+        sin = jnp.sin(self.direction)
         return jnp.stack([level * cos, level * sin, rising], axis=-1)
 
     def motion(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> Motion:
@@ -96,14 +98,18 @@ class GridWaves(Waves):
 
 def _cubic(x: jax.Array) -> jax.Array:
     """Weights of the points 0, 1, 2, 3 at x (n,), Lagrange: (n, 4)."""
-    a, b, c, d = x, x - 1.0, x - 2.0, x - 3.0
+    a = x
+    b = x - 1.0
+    c = x - 2.0
+    d = x - 3.0
     return jnp.stack([-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0], axis=-1)
 
 
 def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
     """Shapes and grid for long-crested `waves` between `low` and `high` (2,) [m] in s and z; runs once, on the host."""
     k = np.asarray(waves.wave_number, float)
-    asked, highest = low, 1.5 * float(waves.significant_height)
+    asked = low
+    highest = 1.5 * float(waves.significant_height)
     low = np.array([low[0], max(low[1] - highest, -depth)])  # stretching moves positions under a crest downwards
     # grid step times the maximum wave number: the error of cubics is (0.35)^4 3/128 = 3.5e-4 of this component
     count = np.maximum(np.ceil((high - low) * k.max() / 0.35).astype(int), 4) + 4
@@ -115,7 +121,8 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     left, values, right = np.linalg.svd(table, full_matrices=False)
     # singular values below this fraction of the maximum are left out
     rank = int(np.sum(values > 2e-5 * values[0]))
-    left, projection = left[:, :rank], values[:rank, None] * right[:rank]
+    left = left[:, :rank]
+    projection = values[:rank, None] * right[:rank]
     points = count[0] * count[1]
     u, w = (left[i * points : (i + 1) * points].reshape(*count, rank) for i in range(2))
     made = GridWaves(
@@ -132,10 +139,12 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
 
 def _fields(waves: Waves, depth: float, s: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, ...]:
     """Elevation (ns, 2c), u and w (ns, nz, 2c) per unit of cosine and sine of `e - w t`."""
-    k, size = np.asarray(waves.wave_number, float), np.asarray(waves.amplitude, float)
+    k = np.asarray(waves.wave_number, float)
+    size = np.asarray(waves.amplitude, float)
     speed = size * np.asarray(waves.omega if waves.intrinsic is None else waves.intrinsic, float)
     across, upright = (np.asarray(a, float) for a in waves.profiles(jnp.asarray(z), depth))
-    cos, sin = np.cos(np.outer(s, k)), np.sin(np.outer(s, k))
+    cos = np.cos(np.outer(s, k))
+    sin = np.sin(np.outer(s, k))
     surface = np.concatenate([size * cos, -size * sin], axis=1)
     level = np.concatenate([cos[:, None] * (speed * across), -sin[:, None] * (speed * across)], axis=2)
     rising = np.concatenate([sin[:, None] * (speed * upright), cos[:, None] * (speed * upright)], axis=2)
@@ -232,12 +241,14 @@ def bound_waves(
         current: part of the mean Eulerian velocity that the current of the sea already includes [m/s].
     """
     small = 1e-9  # harmonics with a crest velocity below this fraction of that of the first are left out
-    k, order = wave.wave_number, np.arange(1, wave.order + 1)
+    k = wave.wave_number
+    order = np.arange(1, wave.order + 1)
     tanh = np.tanh(order * k * wave.depth)
     size = np.abs(wave.speed) * np.exp(order * k * wave.crest)
     kept = max(int(np.max(np.flatnonzero(size > small * size[0]))), 1) + 1
     kept = max(kept, int(np.max(np.flatnonzero(np.abs(wave.surface) > small * wave.height))) + 1)
-    order, drift = order[:kept], wave.eulerian - current
+    order = order[:kept]
+    drift = wave.eulerian - current
     return BoundWaves(
         amplitude=jnp.asarray(wave.surface[:kept]),
         omega=jnp.asarray(2.0 * np.pi / wave.period * order),

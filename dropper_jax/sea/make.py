@@ -82,8 +82,14 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
     given = spec.waves
     if given.kind != "regular" or given.theory == "linear":
         return None
-    current = make_current(spec.current) if current is None and spec.current is not None else current
-    mean = _along(spec, current, _linear_number(spec, given)) if spec.wave_current == "doppler" else 0.0
+    if current is None and spec.current is not None:
+        current = make_current(spec.current)
+    else:
+        current = current
+    if spec.wave_current == "doppler":
+        mean = _along(spec, current, _linear_number(spec, given))
+    else:
+        mean = 0.0
     return _solve_wave(
         given.theory,
         float(2.0 * np.max(given.size)),
@@ -100,7 +106,9 @@ def main_period(spec: SeaSpec) -> float:
     """Period [s] of the regular waves of a sea, for every form of input."""
     wave = finite_wave(spec)
     omega = wave_components(spec.waves, spec.depth, spec.gravity).omega
-    return float(2.0 * np.pi / omega[0]) if wave is None else wave.period
+    if wave is None:
+        return float(2.0 * np.pi / omega[0])
+    return wave.period
 
 
 def _linear_number(spec: SeaSpec, given: WaveSpec) -> float:
@@ -114,7 +122,8 @@ def _along(spec: SeaSpec, current: Current | None, k: float) -> float:
     """The current that carries waves of number k [rad/m] along their direction [m/s]; zero without `wave_current`."""
     if current is None or spec.wave_current != "doppler":
         return 0.0
-    course, depth = jnp.asarray([float(spec.waves.direction)]), jnp.asarray(spec.depth)
+    course = jnp.asarray([float(spec.waves.direction)])
+    depth = jnp.asarray(spec.depth)
     return float(effective_current(jnp.asarray([k]), depth, lambda z: current.along(z, course, depth))[0])
 
 
@@ -147,7 +156,9 @@ def _solve_wave(
     if theory == "auto":
         theory = fitting_theory(height, wave.length, depth)
     if theory in ("stream", "linear"):
-        return wave if theory == "stream" else None
+        if theory == "stream":
+            return wave
+        return None
     try:
         return stokes5(height, depth, gravity, **size)
     except ValueError as error:
@@ -181,7 +192,10 @@ def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
 
 def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: float) -> GridWaves:
     if waves.direction.ndim or spec.stretching == "none":
-        what = "one direction" if waves.direction.ndim else "sea.stretching constant or wheeler"
+        if waves.direction.ndim:
+            what = "one direction"
+        else:
+            what = "sea.stretching constant or wheeler"
         raise SceneError(f"sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with {what}")
     along = float(middle[:2] @ [np.cos(spec.waves.direction), np.sin(spec.waves.direction)])
     radius = 1.2 * radius  # reach of an interpolated sea over that of the line: margin for stretch and moving ends
@@ -206,7 +220,9 @@ def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array
             directions=spec.directions,
             seed=spec.seed,
         )
-        return drawn if spec.spreading is not None else drawn._replace(direction=jnp.asarray(spec.direction))
+        if spec.spreading is not None:
+            return drawn
+        return drawn._replace(direction=jnp.asarray(spec.direction))
     period = np.atleast_1d(spec.period).astype(float)
     if spec.period is None:
         period = np.array([2 * np.pi / float(frequency(jnp.asarray(2 * np.pi / spec.length), depth, gravity))])
@@ -237,8 +253,10 @@ def waves_on(
         conserve_action: amplitudes are those in still water and change on the current.
         approximate: Fenton's wave numbers instead of exact ones.
     """
-    depth, gravity = jnp.asarray(depth), jnp.asarray(gravity)
-    amplitude, intrinsic = drawn.amplitude, None
+    depth = jnp.asarray(depth)
+    gravity = jnp.asarray(gravity)
+    amplitude = drawn.amplitude
+    intrinsic = None
     if current is None:
         k = (fenton if approximate else wave_number)(drawn.omega, depth, gravity)
     else:

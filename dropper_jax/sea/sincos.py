@@ -40,14 +40,17 @@ def _sincos(x: jax.Array) -> tuple[jax.Array, jax.Array]:
     for part in HALF_PI[x.dtype.itemsize]:
         r = r - turns * part
     square = r * r
-    sin, cos = jnp.full_like(r, SIN[-1]), jnp.full_like(r, COS[-1])
+    sin = jnp.full_like(r, SIN[-1])
+    cos = jnp.full_like(r, COS[-1])
     for a, b in zip(SIN[-2::-1], COS[-2::-1], strict=True):
-        sin, cos = sin * square + a, cos * square + b
+        sin = sin * square + a
+        cos = cos * square + b
     sin = r + r * square * sin
     cos = 1.0 - 0.5 * square + square * square * cos
     quarter = turns - 4.0 * jnp.floor(0.25 * turns)
     odd = (quarter == 1.0) | (quarter == 3.0)
-    first, second = jnp.where(odd, cos, sin), jnp.where(odd, sin, cos)
+    first = jnp.where(odd, cos, sin)
+    second = jnp.where(odd, sin, cos)
     return jnp.where(quarter >= 2.0, -first, first), jnp.where((quarter == 1.0) | (quarter == 2.0), -second, second)
 
 

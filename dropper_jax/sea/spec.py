@@ -126,7 +126,9 @@ class WaveSpec(DeclaredSection):
     @property
     def size(self) -> Any:
         """Amplitude [m], one or one per component, if it or the height is given."""
-        return 0.5 * self.height if self.height is not None else self.amplitude
+        if self.height is not None:
+            return 0.5 * self.height
+        return self.amplitude
 
     def table(self) -> dict[str, Any]:
         # keys that linear waves do not have are written only if given
@@ -140,7 +142,10 @@ def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
     for key in ("amplitude", "period"):
         if values[key] is not None:
             raise SceneError(f"{path}.{key}: given twice, here and in the file; allowed: one of the two")
-    read = read_elevation if values["kind"] == "elevation" else read_components
+    if values["kind"] == "elevation":
+        read = read_elevation
+    else:
+        read = read_components
     return {"kind": "components", "file": None, **read(find_referenced(values["file"], f"{path}.file"), f"{path}.file")}
 
 
@@ -187,7 +192,10 @@ class LevelSpec(Level, DeclaredSection):
     @property
     def lowest(self) -> float:
         """A level [m] below which it never falls."""
-        tide = 0.0 if self.amplitude is None else float(np.sum(np.abs(self.amplitude)))
+        if self.amplitude is None:
+            tide = 0.0
+        else:
+            tide = float(np.sum(np.abs(self.amplitude)))
         return self.offset - tide + (0.0 if self.height is None else float(np.min(self.height)))
 
 
@@ -211,7 +219,8 @@ def _check_constituents(values: dict[str, Any], path: str) -> Iterator[Check]:
 @raises_first
 def _check_pair(values: dict[str, Any], path: str, axis: str, other: str, needed: bool) -> Iterator[Check]:
     """Check two tables of equal length over a rising axis, both or none."""
-    a, b = values[axis], values[other]
+    a = values[axis]
+    b = values[other]
     yield (
         (a is None) != (b is None) or (a is not None and not needed) or (a is None and needed),
         f"{path}: `{axis}` and `{other}` belong together (kind 'table' for heights); one is missing",
@@ -302,7 +311,8 @@ def sea_names() -> tuple[str, ...]:
 
 def read_packaged(name: Plain, path: str) -> dict[str, Any]:
     """The table of a packaged sea; its component file is next to it."""
-    name, known = read_text(name, path), sea_names()
+    name = read_text(name, path)
+    known = sea_names()
     if name not in known:
         raise SceneError(f"{path}: {name!r} is not a packaged sea; {nearest(name, known)}")
     table = tomllib.loads((_folder() / f"{name}.toml").read_text())

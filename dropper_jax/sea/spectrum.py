@@ -206,9 +206,13 @@ def components(
     """
     rng = np.random.default_rng(seed)
     x, share = bins(1.0 if spectrum == "pierson_moskowitz" else gamma, count, frequencies, rng)
-    x, share = np.repeat(x, directions), np.repeat(share / directions, directions)
+    x = np.repeat(x, directions)
+    share = np.repeat(share / directions, directions)
     phase = rng.uniform(0.0, 2 * np.pi, x.size)
-    offset = np.zeros(x.size) if spreading is None else spread(spreading, x.size, rng)
+    if spreading is None:
+        offset = np.zeros(x.size)
+    else:
+        offset = spread(spreading, x.size, rng)
     omega = 2 * jnp.pi / jnp.asarray(tp) * x
     energy = jnp.asarray(share)
     if spectrum == "tma":

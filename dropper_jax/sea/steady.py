@@ -26,7 +26,8 @@ CRITERIA = ("euler", "stokes")
 #: limit).
 LINEAR = 0.01
 #: Stokes V is valid up to this fraction of the highest wave and below this length over depth.
-STOKES_HEIGHT, STOKES_LENGTH = 0.5, 6.0
+STOKES_HEIGHT = 0.5
+STOKES_LENGTH = 6.0
 
 
 class SteadyWave(NamedTuple):
@@ -93,7 +94,8 @@ class SteadyWave(NamedTuple):
 def profiles(k: float, depth: float, z: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
     """`cosh jk(z + d)/cosh jkd` and the same of sinh, (n, order) each, free of overflow."""
     jk = k * np.arange(1, order + 1)
-    up, down = np.exp(np.multiply.outer(z, jk)), np.exp(-np.multiply.outer(z + 2.0 * depth, jk))
+    up = np.exp(np.multiply.outer(z, jk))
+    down = np.exp(-np.multiply.outer(z + 2.0 * depth, jk))
     scale = 1.0 / (1.0 + np.exp(-2.0 * jk * depth))
     return (up + down) * scale, (up - down) * scale
 
@@ -121,7 +123,9 @@ def fitting_theory(height: float, length: float, depth: float) -> str:
     if second_harmonic(height, length, depth) < LINEAR:
         return "linear"
     short = length < STOKES_LENGTH * depth
-    return "stokes5" if short and height <= STOKES_HEIGHT * highest(length, depth) else "stream"
+    if short and height <= STOKES_HEIGHT * highest(length, depth):
+        return "stokes5"
+    return "stream"
 
 
 #: Above this kd the water is deep to rounding; the coefficients are evaluated there without overflow.
@@ -149,9 +153,13 @@ def stokes5(
     if length is None:
         length = _length(height, depth, gravity, period, current, criterion)
     k = 2.0 * np.pi / length
-    e, kd = 0.5 * k * height, k * depth
+    e = 0.5 * k * height
+    kd = k * depth
     flow, flux, head = _integrals(e, kd, k, depth, gravity)
-    eulerian = current if criterion == "euler" else current + flux / depth - flow
+    if criterion == "euler":
+        eulerian = current
+    else:
+        eulerian = current + flux / depth - flow
     celerity = flow + eulerian
     return SteadyWave(
         theory="stokes5",
@@ -175,7 +183,10 @@ def _length(height: float, depth: float, gravity: float, period: float, current:
 
     def excess(k: float) -> float:
         flow, flux, _ = _integrals(0.5 * k * height, k * depth, k, depth, gravity)
-        celerity = flow + current if criterion == "euler" else current + flux / depth
+        if criterion == "euler":
+            celerity = flow + current
+        else:
+            celerity = current + flux / depth
         return k * celerity - 2.0 * np.pi / period
 
     omega = 2.0 * np.pi / period
@@ -194,7 +205,8 @@ def _length(height: float, depth: float, gravity: float, period: float, current:
 def _integrals(e: float, kd: float, k: float, depth: float, gravity: float) -> tuple[float, float, float]:
     """Mean speed in the frame of the wave [m/s], volume flux there [m^2/s], Bernoulli's constant minus g d
     [m^2/s^2]."""
-    s, th = _sech(kd), np.tanh(kd)
+    s = _sech(kd)
+    th = np.tanh(kd)
     c0 = np.sqrt(th)
     c2 = c0 * (2 + 7 * s**2) / (4 * (1 - s) ** 2)
     c4 = c0 * (4 + 32 * s - 116 * s**2 - 400 * s**3 - 71 * s**4 + 146 * s**5) / (32 * (1 - s) ** 5)
@@ -213,7 +225,8 @@ def _sech(kd: float) -> float:
 
 def _surface(e: float, kd: float) -> np.ndarray:
     """k E_j, (5,)."""
-    s, coth = _sech(kd), 1.0 / np.tanh(kd)
+    s = _sech(kd)
+    coth = 1.0 / np.tanh(kd)
     b22 = coth * (1 + 2 * s) / (2 * (1 - s))
     b31 = -3 * (1 + 3 * s + 3 * s**2 + 2 * s**3) / (8 * (1 - s) ** 3)
     b42 = coth * (6 - 26 * s - 182 * s**2 - 204 * s**3 - 25 * s**4 + 26 * s**5) / (6 * (3 + 2 * s) * (1 - s) ** 4)
@@ -234,8 +247,10 @@ def _surface(e: float, kd: float) -> np.ndarray:
 
 def _speed(e: float, kd: float) -> np.ndarray:
     """U_j sqrt(k/g), (5,): `C0 j sum_i e^i A_ij cosh jkd`."""
-    s, deep = _sech(kd), min(kd, DEEP_WATER)
-    sh, c0 = np.sinh(deep), np.sqrt(np.tanh(kd))
+    s = _sech(kd)
+    deep = min(kd, DEEP_WATER)
+    sh = np.sinh(deep)
+    c0 = np.sqrt(np.tanh(kd))
     common = (3 + 2 * s) * (1 - s) ** 6
     a11 = 1 / sh
     a22 = 3 * s**2 / (2 * (1 - s) ** 2)

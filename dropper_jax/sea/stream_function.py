@@ -49,23 +49,29 @@ def stream_function(
     """
     # sequence of orders
     orders_tried = (10, 14, 20, 28, 40, 56, 80)
-    speed, time = np.sqrt(gravity * depth), np.sqrt(depth / gravity)
+    speed = np.sqrt(gravity * depth)
+    time = np.sqrt(depth / gravity)
     problem = _Problem(
         None if period is None else period / time,
         None if length is None else length / depth,
         current / speed,
         criterion,
     )
-    orders = orders_tried if order is None else (*(n for n in orders_tried if n < order), order)
+    if order is None:
+        orders = orders_tried
+    else:
+        orders = (*(n for n in orders_tried if n < order), order)
     x = _climb_orders(problem, height / depth, orders, depth)
-    found, error = x, problem.between(x)
+    found = x
+    error = problem.between(x)
     for n in (n for n in orders if n > _order(x)):
         # relative tolerance of the surface conditions between the points
         if order is None and error < 1e-6:
             break
         finer = _newton(problem, _refine_harmonics(found, n), height / depth)
         if finer is not None:
-            found, error = finer, problem.between(finer)
+            found = finer
+            error = problem.between(finer)
     if (error > 1e-3) if order is None else (_order(found) < order):
         raise NotSolved(height, depth * 2.0 * np.pi / found[0], depth)
     k, eta, v, flow, flux, head = _parts(found)
@@ -106,17 +112,22 @@ class _Problem:
         self.period, self.length, self.current, self.criterion = period, length, current, criterion
 
     def eulerian(self, flow: np.ndarray, flux: np.ndarray) -> np.ndarray:
-        return self.current if self.criterion == "euler" else self.current + flux - flow
+        if self.criterion == "euler":
+            return self.current
+        return self.current + flux - flow
 
     def surface(self, x: np.ndarray, eta: np.ndarray, angle: np.ndarray) -> np.ndarray:
         """Residual of both conditions (2, m, ...) at phases (m,) with the surface at eta (m, ...)."""
         k, _, v, flow, flux, head = _parts(x)
         j = np.arange(1, v.shape[0] + 1)[:, None]
         jk = j * k
-        up, down = np.exp(jk * eta[:, None]), np.exp(-jk * (eta[:, None] + 2.0))
+        up = np.exp(jk * eta[:, None])
+        down = np.exp(-jk * (eta[:, None] + 2.0))
         scale = v / (1.0 + np.exp(-2.0 * jk))
-        across, upright = (up + down) * scale, (up - down) * scale
-        cos, sin = np.cos(angle[:, None] * j[:, 0])[..., None], np.sin(angle[:, None] * j[:, 0])[..., None]
+        across = (up + down) * scale
+        upright = (up - down) * scale
+        cos = np.cos(angle[:, None] * j[:, 0])[..., None]
+        sin = np.sin(angle[:, None] * j[:, 0])[..., None]
         u = -flow + np.sum(across * cos, axis=1)
         w = np.sum(upright * sin, axis=1)
         psi = -flow * (1.0 + eta) + np.sum(upright / jk * cos, axis=1) + flux
@@ -145,7 +156,8 @@ class _Problem:
 
 def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | None:
     """The solution at a height from a guess; None if Newton's method fails."""
-    count, tiny = x.size, 1e-30
+    count = x.size
+    tiny = 1e-30
     for _ in range(25):
         # derivatives by complex steps: exact, one evaluation for all columns
         shifted = x[:, None] + 1j * tiny * np.eye(count)
@@ -164,7 +176,9 @@ def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | Non
         return None
     eta = x[1 : _order(x) + 2]
     falling = np.all(np.diff(eta) < 1e-9) and x[0] > 0.0 and eta[-1] > -1.0
-    return x if falling else None
+    if falling:
+        return x
+    return None
 
 
 def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...], depth: float) -> np.ndarray:
@@ -179,7 +193,9 @@ def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...], dep
 
 def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.ndarray:
     """From a low linear wave to the height, in steps that are halved if Newton's method fails."""
-    done, step, past = 0.0, 0.125, []
+    done = 0.0
+    step = 0.125
+    past = []
     while done < 1.0:
         share = min(done + step, 1.0)
         x = _newton(problem, _guess(problem, past, share, height, order), share * height)
@@ -192,7 +208,9 @@ def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.nda
             continue
         if share * height > 1.02 * highest(2.0 * np.pi / x[0], 1.0):
             raise NotSolved(depth * done * height, depth * 2.0 * np.pi / x[0], depth)
-        past, done, step = [*past[-1:], (share, x)], share, min(1.5 * step, 0.25)
+        past = [*past[-1:], (share, x)]
+        done = share
+        step = min(1.5 * step, 0.25)
     return past[-1][1]
 
 
@@ -215,7 +233,8 @@ def _guess(problem: _Problem, past: list, share: float, height: float, order: in
     if past:
         return past[0][1]
     k, _ = _first(problem)
-    a, c = 0.5 * share * height, np.sqrt(np.tanh(k) / k)
+    a = 0.5 * share * height
+    c = np.sqrt(np.tanh(k) / k)
     eta = a * np.cos(np.pi * np.arange(order + 1) / order)
     v = np.zeros(order)
     v[0] = a * k * c / np.tanh(k)

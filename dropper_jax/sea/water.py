@@ -52,7 +52,8 @@ class Sea:
             motion = Motion(jnp.zeros_like(r[:, 0]), jnp.zeros_like(r), jnp.zeros_like(r))
         else:
             motion = self.waves.motion(r, t, self.depth)
-        velocity, acceleration = motion.velocity, motion.acceleration
+        velocity = motion.velocity
+        acceleration = motion.acceleration
         if self.current is not None:
             velocity = velocity + self.current.velocity(r[:, 2], t, self.depth)
             change = self.current.acceleration(r[:, 2], t, self.depth)
@@ -87,7 +88,9 @@ class Sea:
         if self.level is not None:
             own, r, _ = self.over(r, t)
             return own.stream(r, t)
-        return jnp.zeros_like(r) if self.current is None else self.current.velocity(r[:, 2], t, self.depth)
+        if self.current is None:
+            return jnp.zeros_like(r)
+        return self.current.velocity(r[:, 2], t, self.depth)
 
     @property
     def corners(self) -> list[jax.Array]:
@@ -95,7 +98,9 @@ class Sea:
         ramp."""
         tables = [part.time for part in (self.current, self.level) if part is not None and part.time is not None]
         ramp = None if self.waves is None else self.waves.ramp
-        return tables if ramp is None else [*tables, jnp.stack([jnp.zeros_like(ramp), ramp])]
+        if ramp is None:
+            return tables
+        return [*tables, jnp.stack([jnp.zeros_like(ramp), ramp])]
 
     def without_waves(self) -> Sea:
         """The same water without waves."""
@@ -107,7 +112,10 @@ class Sea:
         Du/Dt with `material`, the velocity of the current alone with `current`.
         """
         motion = self.at(r, t)
-        change = motion.acceleration + self.convective(r, t, motion) if material else None
+        if material:
+            change = motion.acceleration + self.convective(r, t, motion)
+        else:
+            change = None
         return Water(motion, change, tangents, self.stream(r, t) if current else None)
 
 

@@ -77,7 +77,8 @@ class Waves:
     def phases(self, x: jax.Array, y: jax.Array, t: jax.Array) -> jax.Array:
         """p of each component (n, c) [rad] at x, y (n,) [m]."""
         rest = self.phase - self.omega * t
-        cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
+        cos = jnp.cos(self.direction)
+        sin = jnp.sin(self.direction)
         if self.direction.ndim == 0:
             return (x * cos + y * sin)[:, None] * self.wave_number + rest
         return x[:, None] * (self.wave_number * cos) + y[:, None] * (self.wave_number * sin) + rest
@@ -102,7 +103,8 @@ class Waves:
     def profiles(self, z: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
         """C and S of each component at heights z (n,): (n, c) each."""
         k = self.wave_number
-        up, down = jnp.exp(k * z[:, None]), jnp.exp(-k * (z[:, None] + 2.0 * depth))
+        up = jnp.exp(k * z[:, None])
+        down = jnp.exp(-k * (z[:, None] + 2.0 * depth))
         scale = -1.0 / jnp.expm1(-2.0 * k * depth)
         return (up + down) * scale, (up - down) * scale
 
@@ -124,7 +126,8 @@ class Waves:
     def _vector(self, level: jax.Array, size: jax.Array, rising: jax.Array) -> jax.Array:
         """Sum over the components of level and vertical parts (n, c) times size (c,), as (n, 3)."""
         vertical = jnp.sum(rising * size, axis=-1)
-        cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
+        cos = jnp.cos(self.direction)
+        sin = jnp.sin(self.direction)
         if self.direction.ndim == 0:
             total = jnp.sum(level * size, axis=-1)
             return jnp.stack([total * cos, total * sin, vertical], axis=-1)
@@ -143,7 +146,8 @@ class Waves:
         """Displacement (3,) [m] of a particle at the mean surface, its parts times `heave` and `surge`."""
         phases = self.phases(position[:1], position[1:2], t)[0]
         across = self.speeds / (self.omega * jnp.tanh(self.wave_number * depth)) * surge * -jnp.sin(phases)
-        cos, sin = jnp.cos(self.direction), jnp.sin(self.direction)
+        cos = jnp.cos(self.direction)
+        sin = jnp.sin(self.direction)
         up = self.amplitude * heave * jnp.cos(phases)
         return self.rise(t)[0] * jnp.stack([jnp.sum(across * cos), jnp.sum(across * sin), jnp.sum(up)])
 
@@ -230,7 +234,8 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> dict[str, Any]:
     density = dataset["efth"].squeeze().transpose("freq", "dir")
     if density.ndim != 2:
         raise SceneError(f"dataset.efth: has the dimensions {density.dims}; allowed: freq and dir, of one time")
-    frequency, coming = np.asarray(dataset["freq"], float), np.asarray(dataset["dir"], float)
+    frequency = np.asarray(dataset["freq"], float)
+    coming = np.asarray(dataset["dir"], float)
     energy = np.asarray(density, float) * np.gradient(frequency)[:, None] * (360.0 / len(coming))
     kept = energy > 1e-9 * energy.max()
     return {

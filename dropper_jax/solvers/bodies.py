@@ -26,7 +26,9 @@ from dropper_jax.solvers.links import LinkParts
 from dropper_jax.solvers.saddle import Coupling, Saddle, Stretching
 
 #: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
-BODY_COORDINATES, EDGES, PIN = 12, 6, 3
+BODY_COORDINATES = 12
+EDGES = 6
+PIN = 3
 
 
 @dataclass(frozen=True)
@@ -49,12 +51,15 @@ class BodyNodeMap:
     @classmethod
     def of(cls, problem: StepProblem, constraint: HolonomicConstraint, between: Coupling | None) -> BodyNodeMap:
         model = problem.model
-        graph, corners, seats = model.geometry, constraint.body_nodes(model), constraint.seats(model)
+        graph = model.geometry
+        corners = constraint.body_nodes(model)
+        seats = constraint.seats(model)
         away = np.concatenate([corners.ravel(), seats])
         rest = _rest(graph, tuple(away.tolist()))
         touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()
         edge = np.concatenate([seats, corners.ravel()]) if touched else seats
-        kept, pinned = np.setdiff1d(np.arange(graph.free), away), np.array(constraint.pinned, int)
+        kept = np.setdiff1d(np.arange(graph.free), away)
+        pinned = np.array(constraint.pinned, int)
         return cls(graph, rest, corners, seats, kept, edge, pinned)
 
     @property
@@ -69,7 +74,9 @@ class BodyNodeMap:
     def pad_seats(self, values: jax.Array) -> jax.Array:
         """Values (seats, ...) of the seats, and zeros of the corners on the edge."""
         more = len(self.edge) - len(self.seats)
-        return jnp.pad(values, ((0, more),) + ((0, 0),) * (values.ndim - 1)) if more else values
+        if more:
+            return jnp.pad(values, ((0, more),) + ((0, 0),) * (values.ndim - 1))
+        return values
 
     def split(self, between: Coupling | None) -> tuple[Coupling | None, Coupling | None]:
         """Blocks that couple kept nodes, by their indices among these, and blocks that couple others."""
@@ -116,18 +123,27 @@ class Lines:
     ) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Other displacements (free, 3), tensions (n,) and rows of the edge (edge, 3) for displacements of the edge
         (edge, 3)."""
-        nodes, links, graph = self.nodes, self.links, self.nodes.graph
+        nodes = self.nodes
+        links = self.links
+        graph = self.nodes.graph
         moved = scatter_add(nodes.edge, edge, graph.free)
         d = graph.differences(moved, None)
         rows = -nodes.sums(apply(links.turn, d))
-        rows = rows if self.others is None else rows - self._by_pieces(self.others, moved)
+        if self.others is None:
+            rows = rows
+        else:
+            rows = rows - self._by_pieces(self.others, moved)
         own = -jnp.sum(links.gradient * d, axis=-1)
-        rows, own = (rows if force is None else force + rows), (own if stretch is None else stretch + own)
+        rows = rows if force is None else force + rows
+        own = own if stretch is None else stretch + own
         x, y = self.solver.solve(rows[nodes.retained_nodes], own)
         x = scatter_add(nodes.retained_nodes, x, graph.free)
         d = d + graph.differences(x, None)
         pulled = nodes.sums(apply(links.turn, d) + links.force * y[:, None])
-        pulled = pulled if self.others is None else pulled + self._by_pieces(self.others, moved + x)
+        if self.others is None:
+            pulled = pulled
+        else:
+            pulled = pulled + self._by_pieces(self.others, moved + x)
         return x, y, apply(self.block, edge) + pulled[nodes.edge]
 
     @staticmethod
@@ -151,9 +167,12 @@ class BodyFactor:
 
     def solve(self, force: jax.Array, stretch: jax.Array, gaps: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Displacements (free, 3), tensions (n,) and multipliers (rows,) for r_x, r_y and the rows of the gaps."""
-        lines, nodes, bodies = self.lines, self.lines.nodes, len(self.lines.nodes.corners)
+        lines = self.lines
+        nodes = self.lines.nodes
+        bodies = len(self.lines.nodes.corners)
         seats, edges, off, pins = len(nodes.seats), *parts(gaps, nodes)
-        off, link_force = nodes.pad_seats(off), nodes.pad_seats(force[nodes.seats])
+        off = nodes.pad_seats(off)
+        link_force = nodes.pad_seats(force[nodes.seats])
         right = force[nodes.corners].reshape(bodies, 4, 3)
         if nodes.edge.size:
             right = right + (self.shares.T @ (link_force - lines.answer(off, force, stretch)[2])).reshape(bodies, 4, 3)
@@ -171,9 +190,13 @@ class BodyFactor:
 
 def parts(gaps: jax.Array, nodes: BodyNodeMap) -> tuple[jax.Array, jax.Array, list[jax.Array]]:
     """Gaps (rows,) of edges (bodies, 6), of seats (seats, 3), and, if one is pinned, of pins (bodies, 3)."""
-    bodies, seats = len(nodes.corners), len(nodes.seats)
+    bodies = len(nodes.corners)
+    seats = len(nodes.seats)
     edges, off, pins = jnp.split(gaps, [EDGES * bodies, EDGES * bodies + 3 * seats])
-    pins = [scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies)] if nodes.pinned.size else []
+    if nodes.pinned.size:
+        pins = [scatter_add(nodes.pinned, pins.reshape(-1, 3), bodies)]
+    else:
+        pins = []
     return edges.reshape(bodies, EDGES), off.reshape(seats, 3), pins
 
 
@@ -187,10 +210,15 @@ def factor_bodies(
     kind = Stretching if problem.model.line.axial.elastic else Saddle
     kept = kind.of(nodes.rest, node[nodes.retained_nodes], links, within)
     lines = Lines(nodes, links, kept, nodes.pad_seats(node[nodes.seats]), others)
-    shares = constraint.seat_shares() if nodes.seats.size else jnp.zeros((0, nodes.corners.size), node.dtype)
+    if nodes.seats.size:
+        shares = constraint.seat_shares()
+    else:
+        shares = jnp.zeros((0, nodes.corners.size), node.dtype)
     if len(nodes.edge) > len(nodes.seats):
         shares = jnp.concatenate([shares, jnp.eye(nodes.corners.size, dtype=node.dtype)])
-    matrix, count, size = body_blocks(problem, u, nodes), len(nodes.corners), nodes.size
+    matrix = body_blocks(problem, u, nodes)
+    count = len(nodes.corners)
+    size = nodes.size
     whole = (matrix[:, :, None, :] * jnp.eye(count, dtype=node.dtype)[:, None, :, None]).reshape((count * size,) * 2)
     if edge := len(nodes.edge):
         unit = jnp.eye(3 * edge, dtype=node.dtype).reshape(-1, edge, 3)
@@ -206,7 +234,8 @@ def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> jax.Ar
 
     The size is 21 if one is pinned; the additional multipliers of other bodies are zero.
     """
-    model, bodies = problem.model, len(nodes.corners)
+    model = problem.model
+    bodies = len(nodes.corners)
     only = problem.acting(tuple(e for e in model.effects if e.bodily))
     zero = jnp.zeros_like(u.z[-1])
 
@@ -218,7 +247,8 @@ def body_blocks(problem: StepProblem, u: Unknowns, nodes: BodyNodeMap) -> jax.Ar
     def along(unit: jax.Array) -> jax.Array:
         corner, edge, pin = jnp.split(unit, [BODY_COORDINATES, BODY_COORDINATES + EDGES])
         x = scatter_add(nodes.corners.ravel(), jnp.tile(corner.reshape(4, 3), (bodies, 1)), model.free_nodes)
-        edge, pin = jnp.tile(edge, bodies), jnp.tile(pin, len(nodes.pinned))
+        edge = jnp.tile(edge, bodies)
+        pin = jnp.tile(pin, len(nodes.pinned))
         between = jnp.zeros(len(zero) - len(edge) - len(pin), zero.dtype)
         return jax.jvp(rows, (u.x, u.z[-1]), (x, jnp.concatenate([edge, between, pin])))[1]
 

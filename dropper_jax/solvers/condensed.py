@@ -40,7 +40,8 @@ class ConstraintMatrix(NamedTuple):
     @classmethod
     def of(cls, inverse: Inverse, force: Components, gradient: Components) -> ConstraintMatrix:
         """From K^-1 of the free nodes; of each link the force G of a unit tension and the gradient g of its row."""
-        links, free = len(force[0]), len(jax.tree.leaves(inverse)[0])
+        links = len(force[0])
+        free = len(jax.tree.leaves(inverse)[0])
         held = free < links
         own = _times(inverse, _part(force, slice(free)))
         joined = slice(None) if held else slice(-1)  # nodes with a link after them
@@ -114,7 +115,10 @@ class Condensed(Solver):
         if model.laws:
             return f"effect {model.laws[0].name!r} has its own unknowns; use dense"
         if model.reach > 0:
-            what = "compound links couple" if model.line.compound else "a force in the scene couples"
+            if model.line.compound:
+                what = "compound links couple"
+            else:
+                what = "a force in the scene couples"
             return f"it eliminates node by node, but {what} neighbouring nodes; use banded or dense"
         return None
 

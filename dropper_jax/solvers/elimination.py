@@ -120,7 +120,8 @@ def _rounds(
             near[a].add(b)
             near[b].add(a)
     waiting = {i: set(others) for i, others in after.items()}
-    left, rounds = list(range(count)), []
+    left = list(range(count))
+    rounds = []
     while left:
         ready = [i for i in left if not waiting.get(i)]
         # two neighbours do not add blocks; more neighbours add new blocks and are used only if nothing else remains
@@ -184,7 +185,10 @@ def optimization_barrier(tree: Tree) -> Tree:
     """
     first = jax.tree.leaves(tree)[0]
     # true only for a NaN matrix, whose result is NaN anyway; not known at compile time
-    never = jnp.isnan(jnp.ravel(first)[0]) if first.size else jnp.zeros((), bool)
+    if first.size:
+        never = jnp.isnan(jnp.ravel(first)[0])
+    else:
+        never = jnp.zeros((), bool)
     changed = lambda c: (jnp.zeros((), bool), jax.tree.map(jnp.negative, c[1]))  # noqa: E731
     return jax.lax.while_loop(lambda c: c[0], changed, (never, tree))[1]
 
@@ -240,7 +244,9 @@ def eliminate(order: Order, blocks: jax.Array) -> Elimination:
 
 def _eliminate(table: Round, blocks: jax.Array) -> tuple[Eliminated, jax.Array]:
     """Blocks of one round, and those of the next."""
-    width, degree, k = table.width, table.degree, blocks.shape[-1]
+    width = table.width
+    degree = table.degree
+    k = blocks.shape[-1]
     beside = blocks[width : (1 + 2 * degree) * width].reshape(2, degree, width, k, k)
     done = Eliminated(inverse(blocks[:width]), beside[0], beside[1])
     after = with_zero_row(blocks)[table.keep]
@@ -252,9 +258,12 @@ def _eliminate(table: Round, blocks: jax.Array) -> tuple[Eliminated, jax.Array]:
 
 def solve(factor: Elimination, rhs: jax.Array) -> jax.Array:
     """x (nodes, k) of right sides (nodes, k)."""
-    order, left, found = factor.order, rhs[factor.order.nodes], []
+    order = factor.order
+    left = rhs[factor.order.nodes]
+    found = []
     for table, done in zip(order.rounds, factor.rounds, strict=True):
-        own, left = left[: table.width], left[table.width :]
+        own = left[: table.width]
+        left = left[table.width :]
         found.append(own)
         if table.change_rows.size:
             moved = apply(done.upper, apply(done.inverse, own))

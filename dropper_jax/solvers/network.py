@@ -50,7 +50,8 @@ class NetworkFactor:
 
     def apply(self, rows: Unknowns) -> Unknowns:
         gaps = rows.z[-1:] if isinstance(self.system, BodyFactor) else ()
-        law, force = self.law, rows.x
+        law = self.law
+        force = rows.x
         if law is not None:
             force = force - apply(law.force, apply(law.law, rows.z[0]))
         x, y, *z = self.system.solve(force, rows.y, *gaps)
@@ -77,7 +78,10 @@ class Network(Solver):
         return None
 
     def linearise(self, problem: StepProblem, u: Unknowns) -> NetworkFactor:
-        dtype, model, law, own = u.x.dtype, problem.model, None, problem
+        dtype = u.x.dtype
+        model = problem.model
+        law = None
+        own = problem
         between = coupling(problem, u)
         if model.constraints or between is not None:
             own = problem.acting(tuple(e for e in model.without_slot(ElementForce).effects if not e.bodily))

@@ -48,8 +48,10 @@ def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:
 
 
 def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
-    model, k = problem.model, problem.instant(u.x)
-    graph, nodes = model.geometry, effect.piece_nodes(model)
+    model = problem.model
+    k = problem.instant(u.x)
+    graph = model.geometry
+    nodes = effect.piece_nodes(model)
 
     def where(x: jax.Array) -> tuple[jax.Array, jax.Array]:
         at = problem.instant(x)
@@ -57,7 +59,8 @@ def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
 
     # derivatives of positions and velocities by the unknowns
     follows = jax.jvp(where, (u.x,), (jnp.ones_like(u.x),))[1]
-    (r, v), (turn_r, turn_v) = at_pieces(k, nodes), (graph.everywhere(part, None)[nodes] for part in follows)
+    r, v = at_pieces(k, nodes)
+    turn_r, turn_v = (graph.everywhere(part, None)[nodes] for part in follows)
 
     def rows(x: jax.Array) -> jax.Array:
         return -effect.piece_force(k, r + turn_r * x, v + turn_v * x)
@@ -103,7 +106,8 @@ class Stretching(NamedTuple):
 
     def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Displacements (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
-        graph, (_, link_force, gradient, compliance) = self.graph, self.links
+        graph = self.graph
+        _, link_force, gradient, compliance = self.links
         x = solve(self.nodes, force + graph.gather((stretch / compliance)[:, None] * link_force))
         return x, (stretch - jnp.sum(gradient * graph.differences(x, None), axis=-1)) / compliance
 
@@ -111,7 +115,9 @@ class Stretching(NamedTuple):
 @lru_cache(maxsize=64)
 def _node_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
     """The order for the blocks of the free nodes, of links from first to last node, and from last to first."""
-    own, first, last = range(graph.free), graph.first.tolist(), graph.last.tolist()
+    own = range(graph.free)
+    first = graph.first.tolist()
+    last = graph.last.tolist()
     pairs = [*zip(own, own, strict=True), *zip(first, last, strict=True), *zip(last, first, strict=True)]
     return elimination_order(graph.free, [*pairs, *(between or ())], most=WIDER if between else 2)
 
@@ -126,10 +132,15 @@ class Saddle(NamedTuple):
     def of(cls, graph: Graph, node: jax.Array, links: LinkParts, between: Coupling | None = None) -> Saddle:
         """From A = `node` (free, 3, 3), and its off-diagonal blocks."""
         diagonal = node + graph.from_first(links.turn) + graph.from_last(links.turn)
-        size = jnp.max(jnp.abs(diagonal)) if graph.free else jnp.max(jnp.abs(links.turn)) + 1.0
+        if graph.free:
+            size = jnp.max(jnp.abs(diagonal))
+        else:
+            size = jnp.max(jnp.abs(links.turn)) + 1.0
         before, last = (LinkParts(*(part[at] for part in links)) for at in (graph.previous_links, _last(graph)))
-        none, nothing = jnp.zeros_like(before.force), jnp.zeros_like(before.compliance)
-        bare, zero = jnp.zeros_like(last.force), jnp.zeros_like(last.compliance)
+        none = jnp.zeros_like(before.force)
+        nothing = jnp.zeros_like(before.compliance)
+        bare = jnp.zeros_like(last.force)
+        zero = jnp.zeros_like(last.compliance)
         points = len(graph.free_points)
         point = jnp.zeros((points, 3), node.dtype)
         unit = jnp.broadcast_to(jnp.eye(3, dtype=node.dtype), last.turn.shape)
@@ -157,7 +168,8 @@ class Saddle(NamedTuple):
     def solve(self, force: jax.Array, stretch: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Displacements (free, 3) and tensions (n,) for r_x = `force`, r_y = `stretch`."""
         graph = self.graph
-        last, points = _last(graph), len(graph.free_points)
+        last = _last(graph)
+        points = len(graph.free_points)
         own = jnp.concatenate([stretch[graph.previous_links], jnp.zeros((points,), force.dtype), stretch[last]])
         moved = jnp.concatenate([force, jnp.zeros((len(last), 3), force.dtype)])
         found = solve(self.groups, jnp.concatenate([moved, own[:, None]], axis=-1))
@@ -180,11 +192,15 @@ def _last(graph: Graph) -> np.ndarray:
 @lru_cache(maxsize=64)
 def _group_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
     """The order for blocks as in `Saddle.of`: groups are the free nodes, then the last links of lines."""
-    count, none = graph.free + len(graph.members), graph.free + len(graph.members)
+    count = graph.free + len(graph.members)
+    none = graph.free + len(graph.members)
     number = lambda nodes: np.where(nodes < graph.free, nodes, none).tolist()  # noqa: E731  fixed nodes have no group
-    own, closing = list(range(count)), list(range(graph.free, count))
-    inner, first = list(range(graph.inner)), number(graph.first[graph.previous_links])
-    start, end = number(graph.first[_last(graph)]), number(graph.last[_last(graph)])
+    own = list(range(count))
+    closing = list(range(graph.free, count))
+    inner = list(range(graph.inner))
+    first = number(graph.first[graph.previous_links])
+    start = number(graph.first[_last(graph)])
+    end = number(graph.last[_last(graph)])
     sides = [(own, own), (inner, first), (first, inner), (start, end), (end, start)]
     sides += [(start, closing), (closing, start), (end, closing), (closing, end)]
     pairs = [pair for side in sides for pair in zip(*side, strict=True)]

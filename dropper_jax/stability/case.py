@@ -71,7 +71,9 @@ class Case:
 
     def span(self, short: bool) -> float:
         """Duration of the run [s]."""
-        return self.short if short else self.duration
+        if short:
+            return self.short
+        return self.duration
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,10 @@ def case_of(row: Mapping[str, Any]) -> Case:
 
 def _exact(values: list, times: list | None = None, every: float = 0.0) -> Exact:
     """Values at times, or at equal steps [s] from 0 on."""
-    found = every * np.arange(len(values)) if times is None else np.array(times)
+    if times is None:
+        found = every * np.arange(len(values))
+    else:
+        found = np.array(times)
     return Exact(found, np.array(values))
 
 

@@ -57,7 +57,9 @@ def at_rest(case: Case, short: bool) -> Outcome:
 
 
 def _status(slope: float) -> str:
-    return "ok" if np.isfinite(slope) else "non_finite"
+    if np.isfinite(slope):
+        return "ok"
+    return "non_finite"
 
 
 @partial(jax.jit, static_argnums=0)

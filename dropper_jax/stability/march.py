@@ -94,7 +94,9 @@ def run_scene(scene: Scene, dt: float, duration: float, scheme: Scheme, **settin
 
 
 def _wide(x: ArrayLike) -> ArrayLike:
-    return np.asarray(x, float) if np.asarray(x).dtype == np.float32 else x
+    if np.asarray(x).dtype == np.float32:
+        return np.asarray(x, float)
+    return x
 
 
 @lru_cache(maxsize=2)

@@ -39,7 +39,8 @@ class Coordinates:
     @classmethod
     def of(cls, model: Model) -> Coordinates:
         (constraint,) = model.constraints
-        corners, seats = constraint.body_nodes(model), constraint.seats(model)
+        corners = constraint.body_nodes(model)
+        seats = constraint.seats(model)
         away = np.concatenate([corners.ravel(), seats])
         pinned = np.isin(np.arange(len(corners)), np.array(constraint.pinned, int))
         return cls(np.setdiff1d(np.arange(model.free_nodes), away), corners, seats, model.free_nodes, pinned)
@@ -81,16 +82,15 @@ class Coordinates:
         moved = scatter_add(self.corners.ravel(), corner, self.free)
         if self.seats.size:
             moved = moved + scatter_add(self.seats, constraint.seat_shares() @ corner, self.free)
-        return (
-            moved + scatter_add(self.retained_nodes, r[self.retained_nodes] + nodes, self.free)
-            if self.retained_nodes.size
-            else moved
-        )
+        if self.retained_nodes.size:
+            return moved + scatter_add(self.retained_nodes, r[self.retained_nodes] + nodes, self.free)
+        return moved
 
 
 def generalised_forces(model: Model, s: State, loads: jax.Array, q: jax.Array) -> jax.Array:
     """Unbalanced generalised forces, minus Q (coordinates,) [N], [N m], at q from the pose s."""
-    where, (constraint,) = Coordinates.of(model), model.constraints
+    where = Coordinates.of(model)
+    (constraint,) = model.constraints
     r, back = jax.vjp(lambda q: where.positions_of(constraint, s.r, q), q)
     rows, _ = unbalanced(model, state(model, r, t=s.t), loads)
     return back(rows)[0]
@@ -130,11 +130,14 @@ class BodyMoves:
         return generalised_forces(self.model, s, loads, x / size) / size
 
     def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
-        where, (constraint,) = Coordinates.of(self.model), self.model.constraints
+        where = Coordinates.of(self.model)
+        (constraint,) = self.model.constraints
         r = where.positions_of(constraint, s.r, x / arms(self.model))
         return balanced(self.model, state(self.model, r, t=s.t), loads)
 
 
 def moves_of(model: Model) -> NodeMoves | BodyMoves:
     """The unknowns of the equilibrium of the model."""
-    return BodyMoves(model) if model.constraints else NodeMoves(model)
+    if model.constraints:
+        return BodyMoves(model)
+    return NodeMoves(model)

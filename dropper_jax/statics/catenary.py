@@ -121,7 +121,10 @@ def hang(
 def _first_guess(start: np.ndarray, end: np.ndarray, length: np.ndarray, loads: np.ndarray) -> np.ndarray:
     """Force in the first link of the uniform catenary of the same weight."""
     weight = -float(np.sum(loads[:, 2]))
-    total = abs(weight) if weight != 0.0 else float(np.sum(np.linalg.norm(loads, axis=1)))
+    if weight != 0.0:
+        total = abs(weight)
+    else:
+        total = float(np.sum(np.linalg.norm(loads, axis=1)))
     nodes, tension = catenary_guess(start, end, length, total if weight >= 0 else -total)
     first = nodes[1] - nodes[0]
     return tension[0] * first / np.linalg.norm(first)
@@ -156,7 +159,8 @@ def _minimise(
         curve = np.sum(length * (1.0 / size + flexibility)) * np.eye(3)
         curve -= np.einsum("j,ja,jb->ab", length / size, unit, unit)
         step = np.linalg.solve(curve, slope)
-        fraction, now = 1.0, value(force)
+        fraction = 1.0
+        now = value(force)
         while fraction > 1e-6 and value(force - fraction * step) > now - 1e-4 * fraction * float(slope @ step):
             fraction *= 0.5
         force = force - fraction * step

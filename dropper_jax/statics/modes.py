@@ -87,7 +87,8 @@ class Linearised:
             if name not in self.held:
                 raise SceneError(f"motion: {name!r} is not a fixed point; {nearest(name, self.held)}")
             moved[self.held.index(name)] = np.asarray(amplitude)
-        omega, u = np.atleast_1d(np.asarray(omega, float)), moved.ravel()
+        omega = np.atleast_1d(np.asarray(omega, float))
+        u = moved.ravel()
         if not (np.all(np.isfinite(omega)) and np.all(omega >= 0.0)):
             raise SceneError("omega: is out of range; allowed: angular frequencies of at least 0 rad/s")
         x, tension = (np.array(part) for part in zip(*(self._at(w, u) for w in omega), strict=True))
@@ -125,7 +126,9 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
     stiffness = stiffness_with_held(rest(model), pose, loads)[:f].toarray()
     names = tuple(model.points[int(i)].name for i in model.geometry.held_points)
     cut = lambda a: (np.asarray(a)[:, :f], np.asarray(a)[:, f:])  # noqa: E731
-    (k, kh), (c, ch), (m, mh) = cut(stiffness), cut(damping), cut(mass)
+    k, kh = cut(stiffness)
+    c, ch = cut(damping)
+    m, mh = cut(mass)
     by = np.asarray(by_position), np.asarray(by_speed)
     return Linearised(m, c, k, mh, ch, kh, *by, np.asarray(pose.tension), names, verges(model, pose))
 
@@ -133,12 +136,15 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
 @cached_jit()
 def _matrices(model: Model, pose: State) -> tuple[tuple[jax.Array, jax.Array] | jax.Array, ...]:
     """Derivatives of the free nodes' rows and of tensions by velocities and accelerations, of tensions by positions."""
-    free, held = 3 * model.free_nodes, 3 * model.geometry.ends
+    free = 3 * model.free_nodes
+    held = 3 * model.geometry.ends
     positions = model.ends(pose.t).positions
 
     def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> tuple[jax.Array, jax.Array]:
         at = lambda y: (y[:free].reshape(-1, 3), y[free:].reshape(-1, 3))  # noqa: E731
-        (dr, du), (dv, dw), (da, db) = at(x), at(v), at(a)
+        dr, du = at(x)
+        dv, dw = at(v)
+        da, db = at(a)
         k = model.instant(pose.r + dr, dv, pose.t, Ends(positions + du, dw))
         tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
         direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)
@@ -209,16 +215,20 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     """
     still = rest(model)
     stiffness, motions = stiffness_of_motions(still, pose)
-    stiffness, mass = _symmetric(stiffness), _symmetric(motions.T @ np.asarray(_mass(still, pose)) @ motions)
+    stiffness = _symmetric(stiffness)
+    mass = _symmetric(motions.T @ np.asarray(_mass(still, pose)) @ motions)
     from scipy.linalg import eigh  # noqa: PLC0415  (0.12 s of the start of programs that need no modes)
 
     value, vector = eigh(stiffness, mass)
     stiff = value > ROUNDING * value[-1]
-    value, vector = value[stiff][:count], vector[:, stiff][:, :count]
+    value = value[stiff][:count]
+    vector = vector[:, stiff][:, :count]
     shape = (motions @ vector).T
     largest = np.take_along_axis(shape, np.argmax(np.abs(shape), axis=1)[:, None], axis=1)
     shape = (shape / largest).reshape(len(value), -1, 3)
-    mass, omega = 1.0 / np.ravel(largest) ** 2, np.sqrt(value)  # eigenvectors have x'Mx = 1
+    # eigenvectors have x'Mx = 1
+    mass = 1.0 / np.ravel(largest) ** 2
+    omega = np.sqrt(value)
     ratio = np.asarray(_damping(model, pose, jnp.asarray(shape))) / (2 * omega * mass)
     period = 2 * np.pi / omega
     if not model.constraints:
@@ -254,7 +264,8 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
             "allowed: elastic, rope, tabulated"
         )
     stiffness, motions = stiffness_and_motions(rest(model), pose)
-    stiffness, mass = _symmetric(stiffness), _symmetric(motions.T @ _mass(rest(model), pose) @ motions)
+    stiffness = _symmetric(stiffness)
+    mass = _symmetric(motions.T @ _mass(rest(model), pose) @ motions)
     lower = jnp.linalg.cholesky(jax.lax.stop_gradient(mass))
     solved = lambda a: jax.scipy.linalg.solve_triangular(lower, a, lower=True)  # noqa: E731
     value, vector = jnp.linalg.eigh(solved(solved(jax.lax.stop_gradient(stiffness)).T))

@@ -62,13 +62,17 @@ def with_static_seabed_friction(model: Model, s: State, mu: jax.Array) -> tuple[
 
     The latter is in units of `force_scale`, like `system_tolerance`. Differentiable in model and configuration.
     """
-    graph, length = model.geometry, model.line.length
+    graph = model.geometry
+    length = model.line.length
     ends = model.ends(s.t).positions
     field = graph.everywhere(s.r, ends)
     stiffness = model.line.axial.EA / length
-    inner, positions, grips = [], [jnp.zeros((0, 2), model.dtype)], [jnp.zeros(0, model.dtype)]
+    inner = []
+    positions = [jnp.zeros((0, 2), model.dtype)]
+    grips = [jnp.zeros(0, model.dtype)]
     for path, span in zip(graph.paths, graph.spans, strict=True):
-        start, end = field[path[0], :2], field[path[-1], :2]
+        start = field[path[0], :2]
+        end = field[path[-1], :2]
         across = safe_norm(end - start)
         laid = across > 0.0  # a line that hangs straight down, or a loop, has no laid position
         along = jnp.cumsum(length[span])[:-1, None]
@@ -130,7 +134,8 @@ class RestProblem(StepProblem):
 
     def tension(self, x: jax.Array) -> jax.Array:
         """Tensions from the lengths of links (n,) [N]."""
-        line, d = self.model.line, self.link_vectors(x)
+        line = self.model.line
+        d = self.link_vectors(x)
         return line.axial.tension(d, jnp.zeros_like(d), line.length)
 
     def row_scale(self) -> Unknowns:
@@ -164,7 +169,10 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
     tolerance = 1e-10
     line = model.line
     length = xp.asarray(line.length)
-    stiffness = xp.max(xp.asarray(line.axial.EA) / length) if line.axial.elastic else 0.0
+    if line.axial.elastic:
+        stiffness = xp.max(xp.asarray(line.axial.EA) / length)
+    else:
+        stiffness = 0.0
     bed = model.effect("seabed")
     if bed is not None:
         contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
@@ -203,9 +211,13 @@ def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tup
 def rest_solver(model: Model) -> Solver:
     """The cheapest solver of the exact Jacobian for the model; the network solver is for systems."""
     if model.geometry.branched:
-        return SOLVERS["dense"] if model.node_reach > 0 else SOLVERS["network"]
+        if model.node_reach > 0:
+            return SOLVERS["dense"]
+        return SOLVERS["network"]
     # maximum number of unknowns for LU of the full Jacobian
-    return SOLVERS["dense"] if SOLVERS["dense"].size(model) <= 200 else SOLVERS["banded"]
+    if SOLVERS["dense"].size(model) <= 200:
+        return SOLVERS["dense"]
+    return SOLVERS["banded"]
 
 
 @cached_jit(static=("iterations", "damped"))
@@ -235,8 +247,10 @@ def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: 
     A start may be far from the equilibrium, and the fraction with the smallest rows is taken even if they grow: the
     corrections of `newton`, which are halved until the rows fall, end in other equilibria of lifted droppers.
     """
-    guess, scale = problem.guess(), problem.row_scale()
-    fractions, never = jnp.asarray(FRACTIONS, guess.x.dtype), jnp.full((), jnp.inf, guess.x.dtype)
+    guess = problem.guess()
+    scale = problem.row_scale()
+    fractions = jnp.asarray(FRACTIONS, guess.x.dtype)
+    never = jnp.full((), jnp.inf, guess.x.dtype)
 
     def correct(now: tuple[Unknowns, Unknowns], _: None) -> tuple[tuple[Unknowns, Unknowns], None]:
         u, rows = now

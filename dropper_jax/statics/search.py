@@ -68,11 +68,17 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
     if model.dtype != jnp.float64 and jax.config.jax_enable_x64:  # the balance of stiff links would be lost in rounding
         exact = search(model.cast(jnp.float64), loads, t, near)
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
-    full, model = model, rest(model)
-    loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
+    full = model
+    model = rest(model)
+    if loads is None:
+        loads = jnp.zeros((model.free_nodes, 3), model.dtype)
+    else:
+        loads = jnp.asarray(loads, model.dtype)
     if model.geometry.branched:
         return _by_descent(full, model, loads, t, near)
-    share, message, tolerance = 1.0, "", system_tolerance(model)
+    share = 1.0
+    message = ""
+    tolerance = system_tolerance(model)
     s, residual = _hang_and_solve(model, loads, t)
     if not (residual <= tolerance and stable(model, s)):
         s, residual, share = _continue(model, loads, t)
@@ -90,7 +96,8 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
 
 
 def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: State | None = None) -> Equilibrium:
-    rigid, model = model.line, model if model.line.axial.elastic else springy(model)
+    rigid = model.line
+    model = model if model.line.axial.elastic else springy(model)
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t) if near is None else near, loads, tolerance)
     if not residual <= tolerance:
@@ -148,7 +155,9 @@ def outward(full: Model) -> Effect | None:
     """The static seabed friction of the lines of a system, or None."""
     friction = full.effect("seabed_friction")
     outward = friction is not None and friction.statics == "outward" and full.geometry.branched and not full.constraints
-    return friction if outward else None
+    if outward:
+        return friction
+    return None
 
 
 def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
@@ -186,7 +195,10 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
     """The fixed ends, and the forces (free nodes, 3) [N] on nodes at rest at positions r, or at the start of the
     line."""
     ends = model.ends(t)
-    r = jnp.broadcast_to(ends.start, (model.free_nodes, 3)) if r is None else r
+    if r is None:
+        r = jnp.broadcast_to(ends.start, (model.free_nodes, 3))
+    else:
+        r = r
     return ends, model.force(model.instant(r, jnp.zeros_like(r), t, ends))
 
 
@@ -195,7 +207,8 @@ def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, f
     s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads))
     if not np.any(np.asarray(loads)):
         return s, residual, 1.0
-    share, increment = 0.0, 0.125
+    share = 0.0
+    increment = 0.125
     # minimum load increment (fraction of the loads) of the continuation
     while residual <= system_tolerance(model) and share < 1.0 and increment >= (1.0 / 1024):
         step = min(increment, 1.0 - share)
@@ -203,16 +216,23 @@ def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, f
         # an increment that moves a node by more than half a line length may have jumped to another branch
         near = bool(jnp.max(jnp.abs(trial.r - s.r)) < 0.5 * jnp.sum(model.line.length))
         if trial_residual <= system_tolerance(model) and near:
-            s, residual, share, increment = trial, trial_residual, share + step, 2.0 * step
+            s = trial
+            residual = trial_residual
+            share = share + step
+            increment = 2.0 * step
         else:
             increment = step / 2.0
     return s, residual, share
 
 
 def _catenary(model: Model, t: float) -> State:
-    ends, line = model.ends(jnp.asarray(t, model.dtype)), model.line
+    ends = model.ends(jnp.asarray(t, model.dtype))
+    line = model.line
     weight = model.effect("weight")
-    total = GRAVITY_SCALE * float(jnp.sum(line.mass)) if weight is None else float(jnp.sum(weight.per_link(line)))
+    if weight is None:
+        total = GRAVITY_SCALE * float(jnp.sum(line.mass))
+    else:
+        total = float(jnp.sum(weight.per_link(line)))
     end = None if ends.end is None else np.asarray(ends.end, float)
     nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(line.length, float), total)
     return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)

@@ -43,7 +43,10 @@ def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None)
     index = np.asarray(nodes, int) - 1
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
-    values = forces if isinstance(forces, jax.Array) else np.asarray(forces, model.dtype)
+    if isinstance(forces, jax.Array):
+        values = forces
+    else:
+        values = np.asarray(forces, model.dtype)
     return scatter_add(index, values, model.free_nodes)
 
 
@@ -83,14 +86,22 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
         found = equilibrium(*at, t)
         if found.status != "ok":
             raise SceneError(f"equilibrium: {found.message}")
-    there, near = near is None, found.state if near is None else near
+    there = near is None
+    near = found.state if near is None else near
     near = replace(near, t=jnp.asarray(t, model.dtype))
-    loads = jnp.zeros((model.free_nodes, 3), model.dtype) if loads is None else jnp.asarray(loads, model.dtype)
+    if loads is None:
+        loads = jnp.zeros((model.free_nodes, 3), model.dtype)
+    else:
+        loads = jnp.asarray(loads, model.dtype)
     s, acting = _settle(model, near, loads, there)
     residual, tolerance = _remaining_residual(acting, s, loads)
-    status, message = "traced", ""
+    status = "traced"
+    message = ""
     if not _is_traced((model, s)):
-        message = "" if float(residual) <= tolerance else "no equilibrium found next to the given configuration"
+        if float(residual) <= tolerance:
+            message = ""
+        else:
+            message = "no equilibrium found next to the given configuration"
         status = "not_converged" if message else "ok"
     return Equilibrium(model.nodes(s.r, model.ends(s.t)), s.tension, residual, status, message, s)
 
@@ -153,14 +164,17 @@ def equilibrium_near(model: Model, near: State, loads: jax.Array, there: bool = 
 
     With `there` it is `near` itself, which is not checked again: only its derivatives are computed.
     """
-    t, near = near.t, jax.lax.stop_gradient(near)
+    t = near.t
+    near = jax.lax.stop_gradient(near)
     if not there:
         held, acting = jax.lax.stop_gradient((model, loads))
-        tolerance, soft = rest_tolerance(held), SMALLEST * soft_scale(held)
+        tolerance = rest_tolerance(held)
+        soft = SMALLEST * soft_scale(held)
         # maximum number of corrections
         found, size = descend(held, near, acting, tolerance, soft, 100)
         near = replace(near, r=jnp.where(size <= tolerance, found.r, jnp.nan))
-    moves, near = moves_of(model), replace(near, t=t)
+    moves = moves_of(model)
+    near = replace(near, t=t)
     rows = partial(moves.rows, near, loads)
     x = jax.lax.custom_root(rows, moves.none, lambda _, x: x, partial(solve_linear, moves.tangent))
     return moves.move_pose(near, loads, x)

@@ -67,7 +67,10 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: ja
     loads = jnp.zeros_like(pose.r) if loads is None else loads
     model = rest(model)
     asked = _resolve_names(model, names)
-    matrix = _of_bodies(model, pose, loads) if model.constraints else stiffness_with_held(model, pose, loads)
+    if model.constraints:
+        matrix = _of_bodies(model, pose, loads)
+    else:
+        matrix = stiffness_with_held(model, pose, loads)
     whole = _condense(model, pose, loads, matrix, np.concatenate([np.zeros(0, int), *asked.values()]))
     freedoms = tuple(f"{name}.{axis}" for name, rows in asked.items() for axis in FREEDOMS[: len(rows)])
     return Stiffness(tuple(asked), freedoms, whole, verges(model, pose))
@@ -78,7 +81,8 @@ def verges(model: Model, pose: State) -> tuple[str, ...]:
     # limits for a link on the verge of going slack: stretch over its length, and tension over the maximum tension
     verge = 1e-9
     size = np.linalg.norm(np.asarray(model.links(pose.r, model.ends(pose.t))), axis=1)
-    length, tension = np.asarray(model.line.length), np.asarray(pose.tension)
+    length = np.asarray(model.line.length)
+    tension = np.asarray(pose.tension)
     there = (np.abs(size / length - 1.0) <= verge) & (np.abs(tension) <= verge * max(np.max(np.abs(tension)), 1e-300))
     if not np.any(there):
         return ()
@@ -88,11 +92,17 @@ def verges(model: Model, pose: State) -> tuple[str, ...]:
 
 def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Rows of K of each name: of a free or fixed point (3,), or of a body (6,)."""
-    retained, bodies, size, pinned = np.arange(model.free_nodes), (), 3 * model.free_nodes, ()
+    retained = np.arange(model.free_nodes)
+    bodies = ()
+    size = 3 * model.free_nodes
+    pinned = ()
     if model.constraints:
         where = Coordinates.of(model)
         constraint = model.constraints[0]
-        retained, bodies, size, pinned = where.retained_nodes, constraint.names, where.size, constraint.pinned
+        retained = where.retained_nodes
+        bodies = constraint.names
+        size = where.size
+        pinned = constraint.pinned
     known = [p.name for p in model.points[: len(model.points) - 4 * len(bodies)]]  # corners of bodies come last
     held = model.geometry.held_points.tolist()
     rows: dict[str, np.ndarray] = {}
@@ -145,7 +155,8 @@ def forces_on_held(model: Model, pose: State) -> np.ndarray:
 def _of_held(model: Model, pose: State, loads: jax.Array) -> tuple[jax.Array, ...]:
     """Derivatives by displacements of fixed points: rows (3 free, h) and forces on these points (h, h); the latter by
     free nodes (h, 3 free)."""
-    x, u = jnp.zeros_like(pose.r), jnp.zeros((model.geometry.ends, 3), model.dtype)
+    x = jnp.zeros_like(pose.r)
+    u = jnp.zeros((model.geometry.ends, 3), model.dtype)
     rows, own = jax.jacfwd(lambda u: _shifted_residual(model, pose, loads, x, u))(u)
     back = jax.jacrev(lambda x: _shifted_residual(model, pose, loads, x, u)[1])(x)
     return rows.reshape(x.size, u.size), own.reshape(u.size, u.size), back.reshape(u.size, x.size)
@@ -162,7 +173,8 @@ def stiffness_with_held(model: Model, pose: State, loads: jax.Array) -> csc_arra
 def _condense(model: Model, pose: State, loads: jax.Array, matrix: csc_array, picked: np.ndarray) -> np.ndarray:
     """K of some degrees of freedom, all other free ones in equilibrium, fixed points at rest."""
     others = np.setdiff1d(np.arange(matrix.shape[0] - 3 * model.geometry.ends), picked)
-    rows, inner = matrix[picked], matrix[others]
+    rows = matrix[picked]
+    inner = matrix[others]
     whole = rows[:, picked].toarray()
     if not others.size:
         return whole
@@ -180,7 +192,8 @@ def _solver(
     factor = factor_softened(model, matrix)
 
     def solve(right: np.ndarray) -> np.ndarray:
-        x, left = np.zeros_like(right), right
+        x = np.zeros_like(right)
+        left = right
         for _ in range(REFINEMENTS):
             x = x + factor.solve(left)
             left = right - matrix @ x
@@ -200,8 +213,10 @@ def _of_bodies(model: Model, pose: State, loads: jax.Array) -> csc_array:
     points."""
     from scipy.sparse import csc_array  # noqa: PLC0415
 
-    where, constraint = Coordinates.of(model), model.constraints[0]
-    held, count = model.geometry.ends, where.size
+    where = Coordinates.of(model)
+    constraint = model.constraints[0]
+    held = model.geometry.ends
+    count = where.size
 
     def rows_of(q: jax.Array) -> jax.Array:
         x, back = jax.vjp(lambda w: where.positions_of(constraint, pose.r, w) - pose.r, q[:count])

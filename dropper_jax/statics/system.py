@@ -32,7 +32,8 @@ from dropper_jax.statics.tangent import NodeMoves, stiffness_matrix
 @cached_jit()
 def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
     """K (k, k) [N/m] of the motions (3 free, k) of lines that stretch and of rigid bodies, and these motions."""
-    moves, loads = moves_of(model), jnp.zeros_like(s.r)
+    moves = moves_of(model)
+    loads = jnp.zeros_like(s.r)
     motions = jax.jacfwd(lambda x: moves.move_pose(s, loads, x).r)(moves.none)
     return moves.tangent.dense(stiffness_matrix(moves, s, loads)), motions.reshape(s.r.size, -1)
 
@@ -46,9 +47,11 @@ def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray
 
     if model.line.axial.elastic:
         return tuple(np.asarray(part) for part in stiffness_and_motions(model, s))
-    matrix, size = np.asarray(_rows_by_unknowns(model, s)), s.r.size
+    matrix = np.asarray(_rows_by_unknowns(model, s))
+    size = s.r.size
     soft = np.diag(matrix)[size:] != 0.0
-    force, lengths = matrix[:size, size:][:, soft], matrix[size:, :size]
+    force = matrix[:size, size:][:, soft]
+    lengths = matrix[size:, :size]
     compliance = np.diag(matrix)[size:][soft, None]
     motions = null_space(lengths[~soft])
     return motions.T @ (matrix[:size, :size] - force @ (lengths[soft] / compliance)) @ motions, motions
@@ -96,7 +99,9 @@ def plane_normal(model: Model, s: State) -> np.ndarray | None:
     _, size, directions = np.linalg.svd(links, full_matrices=False)
     # distance of the links from a plane, or a line, relative to their length
     flat = len(size) > 2 and size[2] < 1e-9 * size[0] < 1e-3 * size[1]
-    return directions[2] if flat else None
+    if flat:
+        return directions[2]
+    return None
 
 
 def softest(model: Model, s: State, normal: np.ndarray | None = None) -> tuple[float, np.ndarray]:
@@ -110,7 +115,8 @@ def softest(model: Model, s: State, normal: np.ndarray | None = None) -> tuple[f
     if normal is not None:
         across = motions.reshape(-1, 3, motions.shape[1])
         inside = null_space(np.einsum("a,nam->nm", normal, across), rcond=1e-9)
-        k, motions = inside.T @ k @ inside, motions @ inside
+        k = inside.T @ k @ inside
+        motions = motions @ inside
     if not k.size:
         return np.inf, np.zeros(s.r.shape)
     values, vectors = np.linalg.eigh(0.5 * (k + k.T))
@@ -118,7 +124,8 @@ def softest(model: Model, s: State, normal: np.ndarray | None = None) -> tuple[f
     if values[0] < 0.0 and np.max(np.abs(k - k.T)) > 1e-8 * np.max(np.abs(k)):
         # drag turns with the links: a cycle of displacements may gain or lose energy
         values, vectors = np.linalg.eig(k)
-        values, vectors = values.real, vectors.real
+        values = values.real
+        vectors = vectors.real
     least = int(np.argmin(values))
     way = (motions @ vectors[:, least]).reshape(s.r.shape)
     return float(values[least]), way / np.max(np.abs(way))
@@ -158,7 +165,8 @@ def correct_pose(
     """One correction of the configuration s: the next one, its maximum unbalanced force [N], that of s, the next
     kappa."""
     # maximum displacement of a node in one iteration, in mean link lengths
-    soft, reach = soft_scale(moves.model), 1.0 * jnp.mean(moves.model.line.length)
+    soft = soft_scale(moves.model)
+    reach = 1.0 * jnp.mean(moves.model.line.length)
     rows_at = partial(moves.rows, s, loads)
     rows, linear = jax.linearize(rows_at, moves.none)
     dx = -moves.tangent.apply(moves.tangent.factor(linear, kappa, rows), rows)
@@ -223,8 +231,10 @@ def descend(
 
     It stops after two successive configurations within the tolerance: the last correction then reaches rounding.
     """
-    moves, scale = moves_of(model), force_scale(model)
-    s, never = balanced(model, s, loads), jnp.full((), jnp.inf, model.dtype)
+    moves = moves_of(model)
+    scale = force_scale(model)
+    s = balanced(model, s, loads)
+    never = jnp.full((), jnp.inf, model.dtype)
 
     def needs_correction(carry: tuple[Any, ...]) -> jax.Array:
         _, size, _, reached, count, first, (_, least) = carry

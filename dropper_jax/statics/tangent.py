@@ -39,7 +39,8 @@ Tree = TypeVar("Tree")
 
 #: Maximum number of corrections of a linear solve, and the remaining fraction of the right side above which the system
 #: has no solution.
-REFINEMENTS, LEFT = 20, 1e-7
+REFINEMENTS = 20
+LEFT = 1e-7
 
 
 class Pattern(NamedTuple):
@@ -80,7 +81,8 @@ def pattern(geometry: Graph, reach: int) -> Pattern:
     free = geometry.free
     first, last = (np.concatenate([path[part] for path in geometry.paths]) for part in (slice(-1), slice(1, None)))
     inside = (first >= 0) & (first < free) & (last < free)
-    first, last = first[inside], last[inside]
+    first = first[inside]
+    last = last[inside]
     beside = coo_array((np.ones(len(first)), (first, last)), shape=(free, free))
     near = (beside + beside.T + eye_array(free)).tocsr()
     far = near
@@ -128,7 +130,9 @@ class Tangent:
 
     def dense(self, blocks: jax.Array) -> jax.Array:
         """The map as one matrix (3 free, 3 free)."""
-        row, column, size = self.pattern.row, self.pattern.column, len(self.pattern.colour)
+        row = self.pattern.row
+        column = self.pattern.column
+        size = len(self.pattern.colour)
         matrix = jnp.zeros((size, 3, size, 3), blocks.dtype)
         return matrix.at[row, :, column, :].set(blocks).reshape(3 * size, 3 * size)
 
@@ -227,7 +231,8 @@ def follow_parameters(
     by_value = np.concatenate([np.zeros((len(by_position) - count, count)), np.eye(count)])
     rows, found = slopes(by_value, by_position)
     blocks = near.blocks(np.asarray(rows[:-count]).reshape(near.colours, 3, -1, 3))
-    factor, right = factor_softened(model, near.sparse(blocks)), rows[-count:]
+    factor = factor_softened(model, near.sparse(blocks))
+    right = rows[-count:]
     for _ in range(2):  # the second correction reduces the rounding error, and the error by the softening
         dx = factor.solve(np.asarray(rows[-count:]).reshape(count, -1).T)
         by_position[-count:] -= dx.T.reshape(count, -1, 3)

@@ -171,9 +171,12 @@ def advance_adaptively(
     """
 
     def save(adaptive: Adaptive, _: jax.Array | None) -> tuple[Adaptive, tuple[Trajectory, Within]]:
-        s, none = adaptive.state, jnp.zeros((), jnp.int32)
-        end, nothing = s.t + dt, jnp.zeros_like(s.tension)
-        within, extremes = Within(nothing, nothing, none), no_extremes(watch, model, s)
+        s = adaptive.state
+        none = jnp.zeros((), jnp.int32)
+        end = s.t + dt
+        nothing = jnp.zeros_like(s.tension)
+        within = Within(nothing, nothing, none)
+        extremes = no_extremes(watch, model, s)
         start = _Interval(adaptive, within, jnp.zeros((), model.dtype), none, none, extremes)
 
         def before_end(done: _Interval) -> jax.Array:
@@ -181,7 +184,8 @@ def advance_adaptively(
 
         def attempt(done: _Interval) -> _Interval:
             tried = _try(stepper, model, done.adaptive, end, dt, accuracy)
-            within, tension = done.within, _in_the_middle(stepper, done.adaptive.state, tried.adaptive.state)
+            within = done.within
+            tension = _in_the_middle(stepper, done.adaptive.state, tried.adaptive.state)
             taken = done._replace(
                 within=Within(
                     within.mean + tried.h / dt * tension,
@@ -339,7 +343,8 @@ def integrate_adaptively(
         are those of the whole run.
     """
     meter = growth_meter(model, s) if warn else None
-    dt, accuracy = jnp.asarray(dt, model.dtype), jnp.asarray(accuracy, model.dtype)
+    dt = jnp.asarray(dt, model.dtype)
+    accuracy = jnp.asarray(accuracy, model.dtype)
     given = jax.lax.stop_gradient((model, s, dt))
     length, _, failed = _find_lengths(stepper, *given, intervals, accuracy, most)
     time = jnp.cumsum(length)

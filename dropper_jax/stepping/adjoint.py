@@ -56,7 +56,10 @@ def check_recordable(stepper: Stepper, model: Model) -> None:
         raise SceneError("scene: a single line; allowed: systems of lines that join at points")
     start = model.initial_internal_state()
     if model.line.failures is not None or start or model.laws or model.constraints:
-        what = "links that break" if model.line.failures is not None else "friction, bodies or effects with a state"
+        if model.line.failures is not None:
+            what = "links that break"
+        else:
+            what = "friction, bodies or effects with a state"
         raise SceneError(f"scene: {what} have no backward pass. Use a scene without them")
 
 
@@ -116,7 +119,10 @@ def backward_pass(
         return (ct, [a + b for a, b in zip(total, found, strict=True)]), None
 
     first = jax.tree.map(lambda a: a[0], run.before)
-    ct = jax.tree.map(lambda a: jnp.zeros((many, *a.shape), a.dtype), first) if by_end is None else by_end
+    if by_end is None:
+        ct = jax.tree.map(lambda a: jnp.zeros((many, *a.shape), a.dtype), first)
+    else:
+        ct = by_end
     total = [jnp.zeros((many, *a.shape), a.dtype) for a in chosen]
     rows = run.before, run.unknowns, by_position, by_tension
     (ct, total), _ = jax.lax.scan(one, (ct, total), rows, reverse=True)

@@ -50,7 +50,8 @@ class Interval(NamedTuple):
 
 def begin_interval(s: State) -> Interval:
     """An interval that starts at s, to be taken in one step."""
-    none, no = jnp.zeros((), s.r.dtype), jnp.zeros((), bool)
+    none = jnp.zeros((), s.r.dtype)
+    no = jnp.zeros((), bool)
     return Interval(jax.tree.map(jnp.asarray, s), none, none + 1.0, none, no, no)
 
 
@@ -65,7 +66,8 @@ def attempt(
     solved = ~step_failed(stepper, model, after, row)
     last_resort = part <= (1.0 + ROUNDING) * shortest
     accepted = solved | last_resort | now.failed | ~jnp.asarray(alive)
-    longer, shorter = jnp.minimum(2.0 * part, 1.0), jnp.maximum(0.5 * part, shortest)
+    longer = jnp.minimum(2.0 * part, 1.0)
+    shorter = jnp.maximum(0.5 * part, shortest)
     following = Interval(
         state=jax.tree.map(partial(jnp.where, accepted), after, now.state),
         done=jnp.where(accepted, now.done + part, now.done),

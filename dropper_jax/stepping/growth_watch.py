@@ -53,7 +53,8 @@ def _watch_jvp(primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) 
 def _measure(meter: jax.Array, cotangent: jax.Array, at_end: jax.Array) -> jax.Array:
     """The meter (..., 2) after a cotangent of positions (..., nodes, 3)."""
     size = jnp.max(jnp.abs(cotangent), axis=(-2, -1), initial=0.0)
-    first, largest = meter[..., 0], meter[..., 1]
+    first = meter[..., 0]
+    largest = meter[..., 1]
     return jnp.stack(
         [
             jnp.where(at_end & (first == 0.0), size, first),

@@ -202,7 +202,8 @@ def advance_some(
 
 def empty_trajectory(progress: Progress, capacity: int, extremes: Extremes | None = None) -> Trajectory:
     """A trajectory with `capacity` rows of zeros for states like this one."""
-    s, number = progress.state, jnp.zeros((), jnp.int32)
+    s = progress.state
+    number = jnp.zeros((), jnp.int32)
     counts = jnp.zeros((), s.r.dtype), number, number, number
     return empty_rows(Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes), capacity)
 
@@ -238,10 +239,13 @@ def advance_and_save(
     both = carry, no_extremes(watch, model, carry.state)
     if save_every == 1:
         (carry, extremes), (residual, retried, bad) = one(both, jax.tree.map(lambda a: a[0], sizes))
-        retried, bad = retried.astype(jnp.int32), bad.astype(jnp.int32)
+        retried = retried.astype(jnp.int32)
+        bad = bad.astype(jnp.int32)
     else:
         (carry, extremes), (residual, retried, bad) = jax.lax.scan(one, both, sizes, length=save_every)
-        residual, retried, bad = jnp.max(residual), jnp.sum(retried), jnp.sum(bad)
+        residual = jnp.max(residual)
+        retried = jnp.sum(retried)
+        bad = jnp.sum(bad)
     s = carry.state
     counts = residual, retried, bad, carry.first_bad
     return carry, Trajectory(s.r, s.v, s.tension, s.work, *counts, s.parted, s.own, extremes)
@@ -417,7 +421,10 @@ def along_accepted_steps(
     residual, retried, failed = (x.reshape(-1, save_every) for x in (found.residual, found.retried, found.failed))
     number = jnp.where(found.failed, jnp.arange(len(found.failed), dtype=jnp.int32), len(found.failed))
     before = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
-    tension = _interval_means(found, states.tension) if follows else at.tension
+    if follows:
+        tension = _interval_means(found, states.tension)
+    else:
+        tension = at.tension
     trajectory = Trajectory(
         at.r,
         at.v,
@@ -436,7 +443,8 @@ def along_accepted_steps(
 def _interval_means(found: Steps, tension: jax.Array) -> jax.Array:
     """Means (k, n) over the intervals of the tensions (steps, n) of steps."""
     share = found.length[:, None]
-    total, time = jnp.cumsum(share * tension, axis=0), jnp.cumsum(share, axis=0)
+    total = jnp.cumsum(share * tension, axis=0)
+    time = jnp.cumsum(share, axis=0)
     to_end = total[found.ends - 1], time[found.ends - 1]
     first = jax.tree.map(lambda a: jnp.zeros_like(a[:1]), to_end)
     work, length = (jnp.diff(a, axis=0, prepend=zero) for a, zero in zip(to_end, first, strict=True))

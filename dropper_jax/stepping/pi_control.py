@@ -12,7 +12,9 @@ import jax
 import jax.numpy as jnp
 
 #: Fraction of the predicted length that is taken, and exponents of both errors times the order.
-SAFETY, NOW, BEFORE = 0.9, 0.7, 0.4
+SAFETY = 0.9
+NOW = 0.7
+BEFORE = 0.4
 
 
 def step_ratio(error: jax.Array, before: jax.Array, order: int, accepted: jax.Array) -> jax.Array:

@@ -36,16 +36,20 @@ ORDER = 2
 #: of its periods add up.
 DRIFT = 0.1
 #: Ratios of a step to the previous one.
-SHORTER, LONGER = 0.2, 2.0
+SHORTER = 0.2
+LONGER = 2.0
 #: Bounds of the error relative to what is allowed; the upper one is that of a step that does not converge.
-LEAST, MOST = 1e-4, 1e6
+LEAST = 1e-4
+MOST = 1e6
 #: The shortest step, as a fraction of the period of the stiffest vibration along a line, and of the swing of the
 #: shortest link.
-AXIAL_SHARE, SWING_SHARE = 1e-2, 1e-3
+AXIAL_SHARE = 1e-2
+SWING_SHARE = 1e-3
 #: The shortest step of an embedded estimate, which needs no safety from vibrations, over that share of the swing.
 EMBEDDED_SHARE = 1e-3
 #: Error of a step of an embedded estimate [m], [m/s] over the accuracy, and its floor over rounding.
-TOLERANCE_SHARE, TOLERANCE_ROUNDING = 1e-3, 100.0
+TOLERANCE_SHARE = 1e-3
+TOLERANCE_ROUNDING = 100.0
 #: Speed [m/s] below which a line counts as at rest, over that of a fall by its mean link: errors there are rounding.
 STILL = 1e-4
 #: Tension of a line below which its errors do not count, over the largest of all lines at the start.

@@ -59,7 +59,10 @@ def make_stepper(
         return Stepper(integrator=scheme, solver=None, **settings)
     if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
         raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
-    chosen = choose_solver(model, scheme) if solver == "auto" else SOLVERS[solver]
+    if solver == "auto":
+        chosen = choose_solver(model, scheme)
+    else:
+        chosen = SOLVERS[solver]
     return Stepper(integrator=scheme, solver=chosen, **{**newton_settings(model, scheme), **settings})
 
 

@@ -208,7 +208,10 @@ class _Study:
             self.say(0.3 * fraction, text)
 
         self.found["loads"] = {"rows": [], "reference_dt": None, "loads": [], "advice": [], "skipped": "interrupted"}
-        steps = [{"accuracy": value} for value in LOAD_ACCURACIES] if by_accuracy else [{"dt": dt} for dt in self.dts]
+        if by_accuracy:
+            steps = [{"accuracy": value} for value in LOAD_ACCURACIES]
+        else:
+            steps = [{"dt": dt} for dt in self.dts]
         self.found["loads"] = load_convergence(self.scene, steps, say=say, each=self._keep_load_row)
 
     def _keep_load_row(self, row: dict[str, Any]) -> None:
@@ -243,7 +246,10 @@ def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
     margin = target / max(best["rms_angle_error_rad"], 1e-300)
     ms = 1e3 * best["wall_s_per_simulated_s"]
     held = best.get("accuracy")
-    step = f"dt {best['dt']:.4g} s" if held is None else f"accuracy {held:.2g}"
+    if held is None:
+        step = f"dt {best['dt']:.4g} s"
+    else:
+        step = f"accuracy {held:.2g}"
     scheme = best["label"].removesuffix(", accuracy")
     return {
         "target_rad": target,
@@ -329,7 +335,9 @@ class _LoadRun:
 
     def loads(self, right: list[dict[str, Any]] | None = None) -> list[dict[str, Any]] | None:
         """Loads of each line, at the positions of `right`."""
-        return None if self.record is None else line_loads(self.record, right)
+        if self.record is None:
+            return None
+        return line_loads(self.record, right)
 
     def row(self, right: list[dict[str, Any]] | None) -> dict[str, Any]:
         """Its errors relative to the loads of a finer run."""

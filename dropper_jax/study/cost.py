@@ -23,7 +23,8 @@ from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.integrate import Progress, advance, begin
 from dropper_jax.stepping.stepper import make_stepper
 
-FULL, BARE = "whole scene", "bare scene"
+FULL = "whole scene"
+BARE = "bare scene"
 
 
 @component
@@ -148,11 +149,14 @@ class Variant:
 
     @property
     def us_per_correction(self) -> float | None:
-        return self.us_per_step / self.corrections if self.corrections else None
+        if self.corrections:
+            return self.us_per_step / self.corrections
+        return None
 
     def row(self, whole: Variant) -> dict[str, Any]:
         """Its numbers, with ratios to the whole scene."""
-        one, of = self.us_per_correction, whole.us_per_correction
+        one = self.us_per_correction
+        of = whole.us_per_correction
         counts = self.counts[0] if isinstance(self.counts, list) else self.counts
         return {
             "name": self.name,
@@ -213,7 +217,8 @@ def proof(scene: Scene) -> dict[str, Any]:
         again = program(Scene.from_dict(scene.to_dict()))
     finally:
         del EFFECTS[Unused.name]
-    table, run = scene.to_dict(), scene.run
+    table = scene.to_dict()
+    run = scene.run
     never = Scene.from_dict({**table, "effects": {k: v for k, v in table["effects"].items() if k == "weight"}})
     model, s = build(scene)
     taken = without_effects(model, [name for name in scene.effects if name != "weight"])

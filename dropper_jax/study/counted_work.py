@@ -8,7 +8,8 @@ from dropper_jax.model import Model, State
 from dropper_jax.stepping.stepper import Stepper
 
 #: Operations per unknown of a linear solve by elimination in small blocks, and per sine, root or exponential.
-PER_UNKNOWN, PER_FUNCTION = 100.0, 20.0
+PER_UNKNOWN = 100.0
+PER_FUNCTION = 20.0
 
 
 def evaluation_work(model: Model, s: State) -> float:

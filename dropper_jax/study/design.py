@@ -95,15 +95,22 @@ def solve_design(
         if not start < end:
             raise SceneError(f"vary: {name}: {start:g} to {end:g} is an empty range; allowed: LOW < HIGH")
     design = _DesignSearch(load_scene(scene), paths, names, goals, progress)
-    x = design.find_root(*lows, *highs) if len(paths) == 1 else design.solve_together(lows, highs)
-    reached, changed = design.evaluate(x), design.at(x)
+    if len(paths) == 1:
+        x = design.find_root(*lows, *highs)
+    else:
+        x = design.solve_together(lows, highs)
+    reached = design.evaluate(x)
+    changed = design.at(x)
     miss = np.abs(reached - goals) / design.scale(reached)
-    worst, status, message = int(np.argmax(miss)), "ok", ""
+    worst = int(np.argmax(miss))
+    status = "ok"
+    message = ""
     # relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow
     if len(paths) > 1 and miss[worst] > 1e-6:
         bound = [p for p, v, a, b in zip(paths, x, lows, highs, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
         where = f"; at a bound: {', '.join(bound)}" if bound else ""
-        status, message = "not_reached", f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}{where}"
+        status = "not_reached"
+        message = f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}{where}"
     return Design(
         dict(zip(paths, x.tolist(), strict=True)),
         {name: (want, got) for name, want, got in zip(names, goals.tolist(), reached.tolist(), strict=True)},
@@ -230,8 +237,10 @@ def _ends_of(scene: Scene, target: str) -> tuple[tuple[float, ...] | None, ...]:
     if kind not in ("tension", "line"):
         return None, None
     pose = equilibrium(scene)
-    positions, tension = np.asarray(pose.positions)[None], np.asarray(pose.tension)[None]
-    pieces, lines = line_slices(scene), whole_lines(scene)
+    positions = np.asarray(pose.positions)[None]
+    tension = np.asarray(pose.tension)[None]
+    pieces = line_slices(scene)
+    lines = whole_lines(scene)
     forces = {**end_forces(scene, positions, tension, pieces), **end_forces(scene, positions, tension)}
     angles = {**end_angles(positions, pieces), **end_angles(positions, lines)}
     return tuple(tuple(found[name][0].tolist()) if name in found else None for found in (forces, angles))

@@ -148,7 +148,9 @@ def _probe(folder: str) -> dict[str, Any] | None:
     call = [sys.executable, "-c", PROBE, folder]
     done = subprocess.run(call, capture_output=True, text=True, check=False, timeout=120)
     try:
-        return json.loads(done.stdout) if done.returncode == 0 else None
+        if done.returncode == 0:
+            return json.loads(done.stdout)
+        return None
     except ValueError:
         return None
 

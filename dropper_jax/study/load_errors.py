@@ -167,9 +167,13 @@ def load_errors(
 def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
     left_out = {}
     run = scene.run
-    key, value, power = "dt", run.step, 1
+    key = "dt"
+    value = run.step
+    power = 1
     if run.accuracy is not None:
-        key, value, power = "accuracy", run.accuracy, 2
+        key = "accuracy"
+        value = run.accuracy
+        power = 2
     found = {str(n): scene.with_values({f"run.{key}": value / n**power}) if n > 1 else scene for n in FINER}
     heavier = {f"line.{i}.mass": (line.mass * (1.0 + PERTURBED)).tolist() for i, line in enumerate(scene.lines)}
     found["perturbed"] = scene.with_values(heavier)
@@ -198,7 +202,9 @@ def _horizon(first: Samples, other: Samples) -> float:
     moved = max(float(np.ptp(first.positions, axis=0).max()), 1e-3 * max(line.total for line in first.scene.lines))
     # amplification of the change in the motion above which it is chaotic
     over = np.flatnonzero(apart > 1e4 * PERTURBED * moved)
-    return float(first.t[over[0]]) if over.size else first.scene.run.duration
+    if over.size:
+        return float(first.t[over[0]])
+    return first.scene.run.duration
 
 
 def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[dict[str, Any]]:
@@ -206,11 +212,16 @@ def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[
 
     They are those of the link with the maximum tension, or at the arc length in `like` (loads of another run).
     """
-    snaps, within = line_snaps(found, Settings()), found.square - found.tension**2
+    snaps = line_snaps(found, Settings())
+    within = found.square - found.tension**2
     rows = []
     for i, where in enumerate(found.written_lines):
-        s, largest = arc(where.spec.length), found.largest[:, where.links]
-        at = float(s[int(np.argmax(largest.max(axis=0)))]) if like is None else like[i]["at_m"]
+        s = arc(where.spec.length)
+        largest = found.largest[:, where.links]
+        if like is None:
+            at = float(s[int(np.argmax(largest.max(axis=0)))])
+        else:
+            at = like[i]["at_m"]
         parts = (_at(a[:, where.links], s, at) for a in (found.tension, found.least, found.largest, within))
         loads = {**_statistics(found, *parts), "snaps": (snaps[i]["most_events"], 0.0)}
         rows.append({"line": where.name, "at_m": at, **loads})
@@ -222,7 +233,9 @@ def _at(values: np.ndarray, s: np.ndarray, at: float) -> np.ndarray:
     row = np.interp(at, s, np.arange(len(s)))
     low = min(int(row), max(len(s) - 2, 0))
     share = row - low
-    return values[:, low] if share == 0 else (1.0 - share) * values[:, low] + share * values[:, low + 1]
+    if share == 0:
+        return values[:, low]
+    return (1.0 - share) * values[:, low] + share * values[:, low + 1]
 
 
 def _statistics(
@@ -276,7 +289,10 @@ def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[s
         value, chance = first[name]
         step = step_error(*(values[str(n)] for n in FINER), chaotic)
         change = {key: values[key] - value for key in ("links", "twice_damping", "twice_bed") if key in values}
-        links = GRID_SAFETY * 2.0 * abs(change["links"]) if "links" in change else None
+        if "links" in change:
+            links = GRID_SAFETY * 2.0 * abs(change["links"])
+        else:
+            links = None
         row[name] = {
             "value": value,
             "step": step,
@@ -290,7 +306,8 @@ def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[s
 
 def step_error(full: float, half: float, quarter: float, chaotic: bool) -> float:
     """See `load_errors`."""
-    first, second = abs(full - half), abs(half - quarter)
+    first = abs(full - half)
+    second = abs(half - quarter)
     if chaotic:
         return max(first, second, abs(full - quarter))
     # allowed orders of the step error; measured values outside are random

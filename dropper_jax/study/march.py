@@ -88,7 +88,8 @@ def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
 
 def runnable(schemes: list[Scheme], model: Model) -> tuple[list[Scheme], list[dict[str, str]]]:
     """The schemes that can run the model, and the others with their reasons."""
-    good, refused = [], []
+    good = []
+    refused = []
     for scheme in schemes:
         try:
             scheme.stepper(model)
@@ -122,7 +123,9 @@ def angles_between(d: np.ndarray, reference: np.ndarray) -> np.ndarray:
 def rms(x: np.ndarray) -> float:
     """Root of the mean square; infinite if any entry is not finite."""
     with np.errstate(over="ignore"):
-        return float(np.sqrt(np.mean(np.square(x)))) if np.all(np.isfinite(x)) else float("inf")
+        if np.all(np.isfinite(x)):
+            return float(np.sqrt(np.mean(np.square(x))))
+        return float("inf")
 
 
 def rms_angle(d: np.ndarray, reference: np.ndarray) -> float:
@@ -223,7 +226,11 @@ def march_with_accuracy(
 
 def spare_rows(saves: int) -> int:
     """Rows of a program that serves many durations: `saves` if that is small, else 640, or a larger power of two."""
-    return saves if saves <= 32 else 640 if saves <= 640 else 1 << (saves - 1).bit_length()
+    if saves <= 32:
+        return saves
+    if saves <= 640:
+        return 640
+    return 1 << (saves - 1).bit_length()
 
 
 def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
@@ -239,7 +246,9 @@ def status_of(run: Marched, stepper: Stepper) -> str:
         return "ok"
     if not np.isfinite(run.residual[-1]) or bad[-1] < 0:
         return "non_finite"
-    return "retry_exhausted" if stepper.halvings else "not_converged"
+    if stepper.halvings:
+        return "retry_exhausted"
+    return "not_converged"
 
 
 SCHEMES = (Scheme("energy_momentum"), Scheme("thesis_angles", 0.51))
@@ -261,7 +270,8 @@ def convergence(
         except SceneError:
             continue
         everies = sorted({max(1, round(grid / dt)) for dt in dts})
-        motions, states = [], []
+        motions = []
+        states = []
         for every in [*everies, 2 * everies[-1]]:
             run = grid_run(stepper, model, s, grid, every, saves)
             states.append(status_of(run, stepper))
@@ -282,7 +292,8 @@ def _differences(label: str, dts: list[float], motions: list[Any], states: list[
     nothing = np.full((2, count), np.nan)
     pairs = zip(motions[:-1], motions[1:], strict=True)
     rows = np.array([nothing if a is None or b is None else _rms_turn(a - b) for a, b in pairs])
-    polar, azimuth = rows[:, 0], rows[:, 1]
+    polar = rows[:, 0]
+    azimuth = rows[:, 1]
     flat = bool(np.nanmax(azimuth, initial=0.0) < 1e-12)
     return {"label": label, "dts": dts, "polar": polar, "azimuth": None if flat else azimuth, "status": states[:-1]}
 

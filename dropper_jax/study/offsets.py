@@ -100,7 +100,8 @@ def _loads(
         for i, point in enumerate((line.start, line.end))
         if point in moved
     ]
-    force, link = np.sum(ends, axis=0), int(np.argmax(tension))
+    force = np.sum(ends, axis=0)
+    link = int(np.argmax(tension))
     return {
         "force_n": force,
         "restoring_n": float(-force @ along),

@@ -49,7 +49,8 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
 def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, path: str | Path) -> Path:
     """The slowest modes: the equilibrium and both extremes of the motion, in the view with the largest motion."""
     count = min(len(modes.period), 9)
-    r, ends_of_lines = np.asarray(found.state.r), model.ends(found.state.t)
+    r = np.asarray(found.state.r)
+    ends_of_lines = model.ends(found.state.t)
     rest = np.asarray(found.positions)
     size = view.size(rest)
     # ratio of height to length below which the modes are drawn below one another
@@ -77,7 +78,8 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
 
 def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
     """The two axes with the largest motion and extent: view from the side, the front, or above."""
-    share, extent = np.sum(moved**2, axis=0), np.ptp(rest, axis=0)
+    share = np.sum(moved**2, axis=0)
+    extent = np.ptp(rest, axis=0)
     return max(((0, 2), (1, 2), (0, 1)), key=lambda pair: sum(share[list(pair)]) * np.hypot(*extent[list(pair)]))
 
 

@@ -72,7 +72,8 @@ def trusted_span(
     """
     # size of the perturbation [-]: far above rounding, and still small after growth by a factor of 100
     nearby = 1e-8
-    stepper, every = stepper or make_stepper(model), max(1, round(grid / dt))
+    stepper = stepper or make_stepper(model)
+    every = max(1, round(grid / dt))
     saves = max(2, int(duration / grid))
     dv = nearby * unit_perturbation(model, s, seed=0)
     here = grid_run(stepper, model, s, grid, every, saves)
@@ -89,7 +90,8 @@ def trusted_span(
 
 #: Maximum number of steps of one reference run, and maximum counted operations of a refinement: long runs in waves are
 #: expensive.
-MOST_STEPS, MOST_WORK = 150_000, 1e11
+MOST_STEPS = 150_000
+MOST_WORK = 1e11
 
 
 # target error of the reference: 1e-4 of the minimum target error of the advice (1e-5 rad)
@@ -135,8 +137,14 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
 
 
 def _pair(model: Model) -> tuple[Stepper, Stepper]:
-    first = ("rk4",) if model.line.axial.elastic else ("energy_momentum_4", "energy_momentum")
-    second = ("rk2",) if model.line.axial.elastic else ("rattle", "energy_momentum")
+    if model.line.axial.elastic:
+        first = ("rk4",)
+    else:
+        first = ("energy_momentum_4", "energy_momentum")
+    if model.line.axial.elastic:
+        second = ("rk2",)
+    else:
+        second = ("rattle", "energy_momentum")
     return _first_that_runs(model, first), _first_that_runs(model, second)
 
 
@@ -152,7 +160,8 @@ def _first_that_runs(model: Model, names: tuple[str, ...]) -> Stepper:
 def _extrapolate(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> np.ndarray:
     """Positions (k, nodes, 3) extrapolated from steps h, h/2, h/4, for an error in even powers of h."""
     h1, h2, h4 = (grid_run(stepper, model, s, grid, every * m, saves).r for m in (1, 2, 4))
-    once, again = h2 + (h2 - h1) / 3, h4 + (h4 - h2) / 3
+    once = h2 + (h2 - h1) / 3
+    again = h4 + (h4 - h2) / 3
     return again + (again - once) / 15
 
 
@@ -265,7 +274,9 @@ def _only_motion(ds: State, size: jax.Array) -> State:
     """The scaled perturbation, without bookkeeping and time."""
 
     def scale_leaf(x: Any) -> Any:
-        return x if getattr(x, "dtype", None) == float0 else x / size
+        if getattr(x, "dtype", None) == float0:
+            return x
+        return x / size
 
     ds = jax.tree.map(scale_leaf, ds)
     return replace(ds, work=jnp.zeros_like(ds.work), t=jnp.zeros_like(ds.t))

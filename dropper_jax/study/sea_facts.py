@@ -44,7 +44,9 @@ def _waves(spec: SeaSpec) -> dict[str, Any] | None:
     if wave is not None:
         return _steady(wave)
     sea = make_sea(SeaSpec(**{**vars(spec), "interpolation": "none"}))
-    return _linear(sea.waves, spec.depth) if sea.waves.size == 1 else _irregular(sea, spec)
+    if sea.waves.size == 1:
+        return _linear(sea.waves, spec.depth)
+    return _irregular(sea, spec)
 
 
 def _regular(height: float, length: float, period: float, depth: float) -> dict[str, Any]:
@@ -93,7 +95,8 @@ def _linear(waves: Waves, depth: float) -> dict[str, Any]:
 
 def _irregular(sea: Sea, spec: SeaSpec) -> dict[str, Any]:
     """Hs, mean period `Tz = 2 pi sqrt(m0/m2)`, and the limits of depth and of steepness."""
-    hs, tz = float(sea.waves.significant_height), mean_period(sea)
+    hs = float(sea.waves.significant_height)
+    tz = mean_period(sea)
     limits = {"depth": SHALLOW_HEIGHT * spec.depth, "steepness": steepest_sea(tz, spec.gravity)}
     return {
         "kind": "irregular",
@@ -130,7 +133,10 @@ def cycle_times(scene: Scene, count: int) -> np.ndarray:
     Raises:
         SceneError: neither changes with time.
     """
-    parts = [] if scene.sea is None else [p for p in (scene.sea.current, scene.sea.level) if p is not None]
+    if scene.sea is None:
+        parts = []
+    else:
+        parts = [p for p in (scene.sea.current, scene.sea.level) if p is not None]
     periods = [float(np.max(p.period)) for p in parts if p.period is not None]
     spans = [p.time for p in parts if p.time is not None]
     if periods:
@@ -231,14 +237,16 @@ def _response(solution: Solution, period: float) -> dict[str, Any]:
     model = build_model(solution.scene, "float64")
     span = np.floor(TAKEN * solution.t[-1] / period) * period
     last = solution.t > solution.t[-1] - span
-    t, nodes = solution.t[last], solution.positions[last]
+    t = solution.t[last]
+    nodes = solution.positions[last]
     course = float(model.sea.waves.direction)
     link = nodes[:, 1] - nodes[:, 0]
     angle = np.arctan2(link[:, 0] * np.cos(course) + link[:, 1] * np.sin(course), -link[:, 2])
     held = jnp.asarray(nodes[:1, 0] * [1.0, 1.0, 0.0])
     eta = np.asarray(jax.jit(jax.vmap(lambda s: model.sea.elevation(held, s)[0]))(jnp.asarray(t)))
     wave = np.exp(-2j * np.pi * t / period)
-    swing, surface = 2 * np.mean((angle - angle.mean()) * wave), 2 * np.mean(eta * wave)
+    swing = 2 * np.mean((angle - angle.mean()) * wave)
+    surface = 2 * np.mean(eta * wave)
     size = float(model.line.diameter[0]) + np.abs(link[:, 2])
     s = np.clip(0.5 + (eta - nodes[:, 1, 2]) / size, 0.0, 1.0)
     return {

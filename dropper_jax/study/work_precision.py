@@ -100,8 +100,10 @@ def _scheme_rows(
     evaluation: float,
 ) -> Iterator[dict[str, Any]]:
     """The rows of a scheme, one by one; a run that is left out has a `reason` instead."""
-    cast = (lambda x: x) if scheme.dtype == "float64" else (lambda x: jax.tree.map(_single, x))
-    own, start = cast(model), cast(s)
+    own = model
+    start = s
+    if scheme.dtype != "float64":
+        own, start = jax.tree.map(_single, (model, s))
     stepper = scheme.stepper(own)
     stepper = stepper if retry else stepper.plain
     saves = len(target.t)
@@ -186,7 +188,9 @@ def _row_of_accuracy(
 
 
 def _single(x: ArrayLike) -> ArrayLike:
-    return jnp.asarray(x, jnp.float32) if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating) else x
+    if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating):
+        return jnp.asarray(x, jnp.float32)
+    return x
 
 
 def _walls(run: Callable[[], Any], repeats: int, before: float = 0.0) -> list[float]:
@@ -240,9 +244,13 @@ def _energies(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Arr
 
 def _tension_errors(run: Marched, stepper: Stepper, reference: np.ndarray) -> np.ndarray:
     """Differences (k - 1, n) [N]; tensions from within steps are interpolated between both sides of a saved time."""
-    ending, beginning = run.tension[:-1, 0], run.tension[1:, 1]
+    ending = run.tension[:-1, 0]
+    beginning = run.tension[1:, 1]
     share = stepper.integrator.tension_time
-    seen = ending if share == 1.0 else share * ending + (1.0 - share) * beginning
+    if share == 1.0:
+        seen = ending
+    else:
+        seen = share * ending + (1.0 - share) * beginning
     with np.errstate(invalid="ignore"):
         return seen - reference[:-1]
 

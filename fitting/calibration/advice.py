@@ -40,10 +40,13 @@ from fitting.parameters.parameter import CAMERA, CLOCK, LOST, MARKER, NODE, SCAL
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
 #: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
 #: clocks.
-SHARE, TURNED, CLOCKS = 0.1, 0.05, 0.01
+SHARE = 0.1
+TURNED = 0.05
+CLOCKS = 0.01
 
 #: Parameters whose derivatives are taken together with those of the starts; windows that programs reserve space for.
-BESIDE, SLACK = 4, 2
+BESIDE = 4
+SLACK = 2
 
 
 def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
@@ -69,14 +72,17 @@ def candidates(model: Model, release: Release | None) -> list[tuple[str, list[st
 
 def _second_end(model: Model) -> list[str]:
     point = int(model.geometry.held_points[-1])
-    return [f"point.{point}.position.0", f"point.{point}.position.2"] if model.end_held else []
+    if model.end_held:
+        return [f"point.{point}.position.0", f"point.{point}.position.2"]
+    return []
 
 
 def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     """A simulator whose programs know the free parameters, those of all candidates and others, with space for lost
     frames."""
     own = prepared.simulator
-    model, names = own.model, {p.name for p in prepared.parameters}
+    model = own.model
+    names = {p.name for p in prepared.parameters}
     asked = [*(p for _, _, found in candidates(model, own.release) for p in found), *further]
     more = list({p.name: p for p in asked if p.name not in names}.values())
     # number of lost stretches of frames that programs reserve space for
@@ -104,7 +110,8 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
     more = [p for one in asked for p in one.parameters]
     S, g, data = joint_information(prepared, solution, simulator or wide(prepared), more)
     free = np.flatnonzero(~problem.held_mask)
-    tested, undistinguished = [], []
+    tested = []
+    undistinguished = []
     for one in asked:
         change = score_change(S, g, data, free, one.rows)
         if change is None:
@@ -173,7 +180,8 @@ def joint_information(
     evaluation = extended.evaluate(values, solution.starts)
     step = level_of(extended, solution.gap_weight).undamped_step(evaluation, values, 0.0)
     prior = prior_of(every, values, known.common)
-    data, slope = step.information - prior.curvature, step.gradient - prior.gradient
+    data = step.information - prior.curvature
+    slope = step.gradient - prior.gradient
     return data / problem.memory + prior.curvature, slope / problem.memory + prior.gradient, data
 
 
@@ -194,10 +202,13 @@ def score_change(
     size = np.diag(data)[mine]
     if not (size > 0).all():
         return None
-    A, u, inner = S[np.ix_(mine, mine)], g[mine], np.zeros((0, len(mine) + 1))
+    A = S[np.ix_(mine, mine)]
+    u = g[mine]
+    inner = np.zeros((0, len(mine) + 1))
     if len(free):
         inner = solve_spd(S[np.ix_(free, free)], np.column_stack([S[np.ix_(free, mine)], g[free]]))
-        A, u = A - S[np.ix_(mine, free)] @ inner[:, :-1], u - S[np.ix_(mine, free)] @ inner[:, -1]
+        A = A - S[np.ix_(mine, free)] @ inner[:, :-1]
+        u = u - S[np.ix_(mine, free)] @ inner[:, -1]
     scale = 1 / np.sqrt(np.diag(S)[mine])
     # fraction of a candidate's information that must remain once the free parameters are accounted for
     if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < 1e-7:
@@ -227,7 +238,12 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
     """
     line = model.line
     # for one link the inertia represents both
-    body = ["line.0.inertia", "line.0.centre_of_mass"] if line.compound else ["line.0.mass"] if line.links > 1 else []
+    if line.compound:
+        body = ["line.0.inertia", "line.0.centre_of_mass"]
+    elif line.links > 1:
+        body = ["line.0.mass"]
+    else:
+        body = []
     # lengths before the end that they replace: the end has too few numbers to replace them
     named = [
         ("rate of the clock", [CLOCK]),
@@ -239,7 +255,8 @@ def groups(model: Model, free: Sequence[Parameter], shared: Sequence[Parameter])
         *((f"{part} drag", [PARTS[part]]) for part in ("linear", "quadratic")),
         *((f"{part} friction of each joint".replace("joint viscous", "viscous"), [PARTS[part]]) for part in OF_JOINTS),
     ]
-    known, found = {p.name for p in free} - {p.name for p in shared}, []
+    known = {p.name for p in free} - {p.name for p in shared}
+    found = []
     for name, paths in named:
         own = [q for path in paths for q in _existing(model, [path]) if q.name not in known]
         instead = tuple(p for p in shared if p.name in paths)
@@ -261,4 +278,6 @@ def _with_width(model: Model, p: Parameter) -> Parameter:
     lengths = SHARE * float(np.mean(np.asarray(model.line.length)))
     widths = {"lines": SHARE * abs(p.value), "points": lengths, "camera": TURNED, "clock": CLOCKS}
     width = widths.get(p.where.section, 0.0)
-    return replace(p, prior=(p.value, width)) if width > 0 else p
+    if width > 0:
+        return replace(p, prior=(p.value, width))
+    return p

@@ -58,7 +58,8 @@ if TYPE_CHECKING:
     from fitting.calibration.result import FitResult
 
 #: Evaluations of separate windows in the widest law's family, and between a law and one that contains it.
-ITERATIONS, ONWARD = 25, 15
+ITERATIONS = 25
+ONWARD = 15
 
 
 def join_laws(
@@ -90,7 +91,9 @@ def join_laws(
             begin = fit_law(prepared, family, law, [laws[law]], ITERATIONS)
             tries.append(fit_shooting(begin, continuity="tight", schedule=schedule))
         found[law] = min(tries, key=lambda one: (one.status != "ok", one.cost))
-    return found if all(one.status == "ok" for one in found.values()) else {}
+    if all(one.status == "ok" for one in found.values()):
+        return found
+    return {}
 
 
 def _onward(inner: Solution, frozen: np.ndarray, weight: float) -> Solution:
@@ -102,10 +105,12 @@ def _onward(inner: Solution, frozen: np.ndarray, weight: float) -> Solution:
 
 #: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.
 #: Maximum number of larger laws to start from, as each may have found a better local minimum.
-NEAR, TRIES = 8, 3
+NEAR = 8
+TRIES = 3
 #: Cost, in multiples of the fullest law's, above which a law does not justify finer steps; loss of log likelihood, by
 #: the fullest law's covariance, above which no other local minimum can rescue a law.
-FAR, HOPELESS = 10.0, 1000.0
+FAR = 10.0
+HOPELESS = 1000.0
 
 
 def compare(
@@ -147,7 +152,8 @@ def compare_laws(
     families = {dry: family_of(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
     prepared, families, firsts = _first_fits(prepared, families, laws, iterations, say)
     first = firsts[laws[-1]]
-    memory, same = first.problem.memory, _same_parts(laws, prepared, first)
+    memory = first.problem.memory
+    same = _same_parts(laws, prepared, first)
     found: dict[str, Solution] = {}
     for i, law in enumerate(laws):
         if set(same) & set(LADDER[law]):
@@ -181,7 +187,8 @@ def _first_fits(
     prepared: Prepared, families: dict[bool, Family], laws: Sequence[str], iterations: int, say: Progress
 ) -> tuple[Prepared, dict[bool, Family], dict[str, Solution]]:
     """The noise that the fullest law leaves, families with the step size that it requires, and their fullest laws."""
-    families, fullest = dict(families), laws[-1]
+    families = dict(families)
+    fullest = laws[-1]
     say(0.95, f"law {fullest}: noise")
     widest = "dry" in LADDER[fullest]
     first = fit_law(prepared, families[widest], fullest, [], iterations)
@@ -302,15 +309,19 @@ def _equals(law: str, same: dict[str, str], laws: Sequence[str]) -> tuple[str, .
 
 def remaining_decrease(solution: Solution) -> float:
     """Decrease of the cost by a Gauss-Newton step of the movable parameters: g' S^-1 g / 2."""
-    g, (low, high) = solution.gradient, solution.problem.bounds(solution.values)
+    g = solution.gradient
+    low, high = solution.problem.bounds(solution.values)
     free = ~solution.problem.held_mask
     free &= ~((solution.values <= low) & (g > 0)) & ~((solution.values >= high) & (g < 0))
-    return 0.5 * float(g[free] @ solve_spd(solution.information[np.ix_(free, free)], g[free])) if free.any() else 0.0
+    if free.any():
+        return 0.5 * float(g[free] @ solve_spd(solution.information[np.ix_(free, free)], g[free]))
+    return 0.0
 
 
 def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:
     """The laws with their BIC, all by the effective number of samples of the law with the smallest chi-square."""
-    chi2, samples = np.array([np.sum(r**2) for r in residuals]), windows.samples
+    chi2 = np.array([np.sum(r**2) for r in residuals])
+    samples = windows.samples
     rho = lag_one(residuals[int(np.argmin(chi2))], windows.weight > 0)[0]
     # maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all
     rho = np.clip(rho, 0.0, 0.999)

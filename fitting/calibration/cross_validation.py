@@ -26,7 +26,9 @@ from fitting.estimate.problem import Solution
 from fitting.estimate.uncertainty import scores
 
 #: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
-BLOCKS, SMALLEST, GAP = 5, 3, 1
+BLOCKS = 5
+SMALLEST = 3
+GAP = 1
 
 #: The windows that a fold scores and those that it fits, (K,) bool each.
 Fold = tuple[np.ndarray, np.ndarray]
@@ -78,13 +80,17 @@ def last_third(begin: np.ndarray, run: np.ndarray) -> list[Fold]:
         first = max(1, len(mine) - max(1, len(mine) // 3))
         scored[mine[first:]] = True
         used[mine[: max(first - GAP, 1)]] = True
-    return [(scored, used)] if scored.any() and used.any() else []
+    if scored.any() and used.any():
+        return [(scored, used)]
+    return []
 
 
 def other_runs(run: np.ndarray) -> list[Fold]:
     """Folds that score every run from the others; empty if there is only one run."""
     runs = np.unique(run)
-    return [(run == r, run != r) for r in runs] if len(runs) > 1 else []
+    if len(runs) > 1:
+        return [(run == r, run != r) for r in runs]
+    return []
 
 
 def fair(folds: list[Fold], released: np.ndarray) -> list[Fold]:
@@ -94,7 +100,9 @@ def fair(folds: list[Fold], released: np.ndarray) -> list[Fold]:
 
 def score(solution: Solution, folds: list[Fold]) -> Scores:
     """Predictions of the windows that the folds score, from the windows that each fits."""
-    e, windows, m2 = solution.evaluation, solution.windows, solution.problem.freedoms
+    e = solution.evaluation
+    windows = solution.windows
+    m2 = solution.problem.freedoms
     free = np.flatnonzero(~solution.problem.held_mask)
     prior = solution.problem.prior(solution.values)
     low, high = (b - solution.values for b in solution.problem.bounds(solution.values))
@@ -127,7 +135,8 @@ def score_window(
 ) -> tuple[float, float, int]:
     """Log score, sum of squared errors [rad^2] and samples of one window (S, n); parameters: `dp` +- S^-1."""
     moved = residual + jacobian[..., m2:] @ dp
-    A, r = jacobian[early], moved[early]
+    A = jacobian[early]
+    r = moved[early]
     precision = A.T @ A
     precision[m2:, m2:] += S
     size = 1 / np.sqrt(np.maximum(np.diag(precision), 1e-300))

@@ -68,7 +68,8 @@ def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array
 
 
 #: Fraction of the lost energy that must be detectable for a part, and normal quantile of its upper limit.
-SHARE, LIMIT = 0.1, float(ndtri(0.95))
+SHARE = 0.1
+LIMIT = float(ndtri(0.95))
 
 
 def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
@@ -116,10 +117,12 @@ def unseen(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> 
 
 #: Probability below which a missing coefficient counts as shown (0.01 over some ten laws), and above which an
 #: additional one counts as needless.
-LACKS, NEEDLESS = 0.001, 0.01
+LACKS = 0.001
+NEEDLESS = 0.01
 #: A law that does not contain the better one is refuted if its log score is worse by this many of its standard errors
 #: and by at least this amount, or if its likelihood is that much worse with as many coefficients or more.
-STANDARD_ERRORS, WORSE = 2.5, 3.0
+STANDARD_ERRORS = 2.5
+WORSE = 3.0
 #: Draws of windows for the laws' weights.
 DRAWS = 1000
 
@@ -134,7 +137,8 @@ def decide(rows: list[Law], scores: list[Scores]) -> list[Law]:
     """The laws with scores relative to the best, weights and reasons of refutation; the simplest possible is chosen."""
     logs = np.array([s.log_score for s in scores])
     best = int(np.argmax(logs.sum(1)))
-    apart, share = logs - logs[best], shares(logs, np.random.default_rng(0))
+    apart = logs - logs[best]
+    share = shares(logs, np.random.default_rng(0))
     columns = np.array([apart.sum(1), deviation(apart) * np.sqrt(logs.shape[1]), share]).T.tolist()
     rows = [replace(row, score=a, score_error=b, share=c) for row, (a, b, c) in zip(rows, columns, strict=True)]
     # the cost of a fit that did not converge is an upper limit: a law that passes with it passes
@@ -192,7 +196,10 @@ def _by_likelihood(rows: list[Law], reasons: list[str]) -> list[str]:
             # if a law has several more parts, one of them alone must be undecided
             between = [k for k in alive if contains(rows[k].name, rows[i].name)]
             between = [k for k in between if contains(rows[j].name, rows[k].name)]
-            open_parts = any(not reasons[k] for k in between) if between else more & set(rows[j].unseen)
+            if between:
+                open_parts = any(not reasons[k] for k in between)
+            else:
+                open_parts = more & set(rows[j].unseen)
             if p > NEEDLESS and not open_parts:
                 reasons[j] = f"needs no more than {rows[i].name} (p = {p:.1g})"
     return reasons
@@ -215,7 +222,9 @@ def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive:
 def deviation(rows: np.ndarray) -> np.ndarray:
     """Standard deviations of rows (laws, windows); NaN if no window is scored (a run of one window)."""
     count = rows.shape[1]
-    return np.std(rows, axis=1, ddof=1 if count > 1 else 0) if count else np.full(len(rows), np.nan)
+    if count:
+        return np.std(rows, axis=1, ddof=1 if count > 1 else 0)
+    return np.full(len(rows), np.nan)
 
 
 def shares(logs: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -229,4 +238,6 @@ def shares(logs: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def verdict(rows: list[Law]) -> str:
     """The decision in words: the law's name, or the names that the traces leave undecided."""
     left = [row.name for row in rows if row.possible]
-    return left[0] if len(left) == 1 else "undecided {" + ", ".join(left) + "}"
+    if len(left) == 1:
+        return left[0]
+    return "undecided {" + ", ".join(left) + "}"

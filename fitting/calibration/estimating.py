@@ -40,15 +40,21 @@ if TYPE_CHECKING:
 
 #: Ratio of a window's mean square residual to that of most windows above which it is lost, and the probability of such
 #: a ratio by noise alone.
-FAR, CHANCE = 4.0, 1e-7
+FAR = 4.0
+CHANCE = 1e-7
 #: RMS error [rad] below which no window is lost, and the same if the model itself misses most windows: a wrong branch
 #: of a link deviates much more, rounding and the friction of a bearing less.
-SMALLEST, BRANCH = 2e-3, 0.05
+SMALLEST = 2e-3
+BRANCH = 0.05
 #: Ratio of a gap's mean square to its expectation, and of its size to the median gap, above which windows are not
 #: joined; maximum fraction of such gaps, and minimum number of gaps that define what is usual.
-FAR_GAP, LARGE_GAP, MOST_BREAKS, FEWEST_GAPS = 25.0, 5.0, 0.03, 6
+FAR_GAP = 25.0
+LARGE_GAP = 5.0
+MOST_BREAKS = 0.03
+FEWEST_GAPS = 6
 #: Rounds of restarts and fits, and evaluations for the starts alone.
-ROUNDS, ITERATIONS = 4, 12
+ROUNDS = 4
+ITERATIONS = 12
 
 
 def lost_windows(solution: Solution) -> np.ndarray:
@@ -112,7 +118,9 @@ def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int
     """Run and time [s] at which frames are missing, if any; lost windows (K,) bool start at the end of the previous."""
     problem = replace(solution.problem, windows=solution.windows.without_samples(lost))
     found = lost_frames(prepared, replace(solution, problem=problem))
-    return None if found is None else (found.run, float(prepared.traces[found.run].t[found.frame]))
+    if found is None:
+        return None
+    return (found.run, float(prepared.traces[found.run].t[found.frame]))
 
 
 def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
@@ -128,7 +136,8 @@ def refit_starts(solution: Solution) -> Solution:
 
 def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solution:
     """The solution with better starts of lost windows (K,) bool, if any are found."""
-    windows, model = solution.windows.pick(lost), solution.problem.simulator.model_at(solution.values)
+    windows = solution.windows.pick(lost)
+    model = solution.problem.simulator.model_at(solution.values)
     ahead = Starts(*(part[lost] for part in starts_from_previous_windows(solution, lost)))
     # noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach
     # that the noise allows, and of long reach
@@ -222,7 +231,8 @@ def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tupl
 
 
 #: Maximum iterations of a first fit before links are weighted by their misfit and windows are inspected one by one.
-EARLY, FIRST = 5, 15
+EARLY = 5
+FIRST = 15
 
 
 def with_sound_windows(
@@ -266,7 +276,9 @@ def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
     floor = np.ones((len(prepared.traces), windows.theta.shape[2]))
     noise = Noise.of_misfit(solution.errors * windows.weight, windows.weight > 0, windows.run, floor)
     # ratio of two links' misfits, in units of their noise, above which links are weighted by misfit
-    return noise if (noise.factor.max(axis=1) > 3.0 * noise.factor.min(axis=1)).any() else None
+    if (noise.factor.max(axis=1) > 3.0 * noise.factor.min(axis=1)).any():
+        return noise
+    return None
 
 
 @dataclass(frozen=True)
@@ -310,7 +322,9 @@ def as_method(given: Method | GradientDescent | str) -> Method:
     """
     if isinstance(given, Method):
         return given
-    return Method(given) if isinstance(given, str) else Method("gradient", descent=given)
+    if isinstance(given, str):
+        return Method(given)
+    return Method("gradient", descent=given)
 
 
 def estimate(

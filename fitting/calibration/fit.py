@@ -35,7 +35,8 @@ if TYPE_CHECKING:
 # From a solution to a result: errors, held-out scores, and warnings that a user must know before trusting it
 
 #: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
-STANDS_OUT, NAMED_SAMPLES = 5.0, 5
+STANDS_OUT = 5.0
+NAMED_SAMPLES = 5
 
 #: Warnings for noise that is not white.
 NAMED = {
@@ -111,8 +112,14 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
         f"{prepared.traces[windows.run[window]].name} link {link} at {windows.times()[window, slot]:.3f} s"
         for window, slot, link in largest
     ]
-    more = f" and {len(out) - len(positions)} more" if len(out) > len(positions) else ""
-    advice = "" if solution.problem.loss.redescends else ". Use --student to reduce their weight"
+    if len(out) > len(positions):
+        more = f" and {len(out) - len(positions)} more"
+    else:
+        more = ""
+    if solution.problem.loss.redescends:
+        advice = ""
+    else:
+        advice = ". Use --student to reduce their weight"
     return [
         f"{len(out)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
         f"{', '.join(positions)}{more}{advice}"
@@ -121,7 +128,8 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
 
 def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     """The result of a solution: errors, held-out scores, warnings."""
-    simulator, windows = prepared.simulator, solution.windows
+    simulator = prepared.simulator
+    windows = solution.windows
     rate = lyapunov(simulator, windows, solution.evaluation, solution.values)
     u = uncertainty(solution)
     expected = prepared.windows.weight
@@ -189,7 +197,9 @@ def fit(
     Raises:
         SceneError: for any invalid input, in one line.
     """
-    method, loss, progress = as_method(method), as_loss(loss), progress or silent
+    method = as_method(method)
+    loss = as_loss(loss)
+    progress = progress or silent
     whole = prepare(
         traces,
         scene,
@@ -234,14 +244,17 @@ def fit_and_free(
         traces, scene, free, method, loss, progress: as of `fit`.
         **options: the other arguments of `fit`.
     """
-    chosen, loss, progress = as_method(method), as_loss(loss), progress or silent
+    chosen = as_method(method)
+    loss = as_loss(loss)
+    progress = progress or silent
     whole = prepare(traces, scene, free, progress=progress, **options)
     refuse_tied("auto_free", whole.parameters)
 
     def again(prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None) -> Solution:
         return estimate(prepared, replace(chosen, name=method), loss, progress, frozen)
 
-    started, sound = whole.started, with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
+    started = whole.started
+    sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
     kicks: list[Candidate] = []
     if sound.left_out or sound.windows.count > whole.windows.count:  # some windows were lost
         whole, kicks = without_kicks(whole, again, loss)
@@ -251,7 +264,8 @@ def fit_and_free(
     at = free_by_advice(sound, again, joined, loss, progress=progress)
     freed: list[Candidate | LawTest] = [*kicks, *at.names]
     doubt = omitted_parameter_bias([*kicks, *at.names], at.prepared.parameters)
-    prepared, solution = at.prepared, at.solution
+    prepared = at.prepared
+    solution = at.solution
     if chosen.name == "gradient":
         solution = again(prepared, "gradient", at.loss)
     known = replace(prepared.known, doubt=doubt)
@@ -303,4 +317,6 @@ def likeliest(result: FitResult) -> str:
     candidates = [candidate for candidate in result.tested if candidate.worth_naming][:1]
     candidates += [test for test in result.laws.significant if test.free][:1]
     best = max(candidates, key=lambda candidate: candidate.gain, default=None)
-    return "" if best is None else f"{best.name}; {free_too(result.prepared, best.free)}"
+    if best is None:
+        return ""
+    return f"{best.name}; {free_too(result.prepared, best.free)}"

@@ -33,12 +33,14 @@ from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import LOST, resolve
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
-MOST_FREED, TRIED = 6, 4
+MOST_FREED = 6
+TRIED = 4
 #: Difference of log likelihoods below which candidates are indistinguishable.
 MARGIN = 3.0
 #: Log of the number of jumps searched, which one gains by chance; minimum size of a jump in frames, below which the
 #: misfit is of another kind.
-CHANCE, LEAST_LOST = 9.0, 0.7
+CHANCE = 9.0
+LEAST_LOST = 0.7
 
 
 @dataclass
@@ -71,7 +73,10 @@ def with_freed(
     old = {p.name for p in prepared.parameters}
     more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
     more = [p for p in at_frames(more, prepared.traces) if p.name not in old]
-    values, starts = (prepared.values, prepared.starts) if solution is None else (solution.values, solution.starts)
+    if solution is None:
+        values, starts = (prepared.values, prepared.starts)
+    else:
+        values, starts = (solution.values, solution.starts)
     begin = np.concatenate([values, [p.value if value is None else value for p in more]])
     return replace(prepared.with_parameters([*prepared.parameters, *more], begin, simulator), starts=starts)
 
@@ -97,7 +102,8 @@ def free_by_advice(
     _jumps(at, fit, simulator)
     if is_model_wrong(at.prepared, at.solution) and not _one_fault(at, fit, simulator, progress):
         simulator = _groups(at, fit, simulator, method, progress)
-    wrong, first = is_model_wrong(at.prepared, at.solution), len(at.names)
+    wrong = is_model_wrong(at.prepared, at.solution)
+    first = len(at.names)
     if not wrong:
         _outliers(at, fit)
     begin = replace(at, names=list(at.names))
@@ -134,7 +140,10 @@ def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list
 def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> bool:
     """Free one candidate of the score tests if it alone explains a misfit far above the noise."""
     progress(0.5, "testing what may be wrong, one by one")
-    tries = promising(score_candidates(at.prepared, at.solution, simulator)) if at.solution.status == "ok" else []
+    if at.solution.status == "ok":
+        tries = promising(score_candidates(at.prepared, at.solution, simulator))
+    else:
+        tries = []
     tries = [candidate for candidate in tries if _explains(at, candidate, simulator)]
     one = replace(at, names=list(at.names))
     _choose(one, fit, simulator, tries, set())
@@ -186,7 +195,9 @@ def _reconsider(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator)
     found = score_candidates(prepared, without.solution, simulator)
     found = [c for c in found if c.worth_naming and c.name not in candidate.name]
     _choose(without, fit, simulator, found[:TRIED], set())
-    return without if _score(without) > _score(at) else at
+    if _score(without) > _score(at):
+        return without
+    return at
 
 
 def _score(at: Freed) -> float:
@@ -235,12 +246,14 @@ def likelihood(solution: Solution) -> float:
 
 def _choose(at: Freed, fit: Fit, simulator: Simulator, tries: Sequence[Candidate], refused: set[str]) -> None:
     """Free the best of several candidates, by fitting them."""
-    price, before = 0.5 * np.log(max(at.solution.windows.samples, 2)), likelihood(at.solution)
+    price = 0.5 * np.log(max(at.solution.windows.samples, 2))
+    before = likelihood(at.solution)
     fits = []
     for candidate in tries:
         prepared = with_freed(at.prepared, candidate.free, at.solution, simulator)
         solution = fit(prepared, "windows", at.loss)
-        gain, numbers = likelihood(solution) - before, len(prepared.parameters) - len(at.prepared.parameters)
+        gain = likelihood(solution) - before
+        numbers = len(prepared.parameters) - len(at.prepared.parameters)
         if solution.status == "ok" and gain >= WORTH:
             fits.append((gain - price * numbers, numbers, replace(candidate, gain=gain), prepared, solution))
         else:
@@ -267,7 +280,8 @@ def _outliers(at: Freed, fit: Fit) -> None:
     if at.loss != LEAST_SQUARES or alone(at.solution) < SEVERAL:
         return
     prepared = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
-    count, solution = alone(at.solution), fit(prepared, "windows", StudentT())
+    count = alone(at.solution)
+    solution = fit(prepared, "windows", StudentT())
     if solution.status == "ok":
         at.loss, at.prepared, at.solution = StudentT(), prepared, solution
         at.names.append(Candidate(f"outliers ({count} samples)", ("--student",), {}, {}, float(count), 0.0))
@@ -283,7 +297,9 @@ def _without_far_off(at: Freed, fit: Fit) -> Solution:
     slopes = at.solution.evaluation.jacobian[~off][..., at.solution.problem.freedoms :]
     unseen = ~np.any(slopes, axis=(0, 1, 2))
     solution = fit(prepared, "windows", at.loss, frozen=unseen if unseen.any() else None)
-    return solution if solution.status == "ok" else at.solution
+    if solution.status == "ok":
+        return solution
+    return at.solution
 
 
 def _join_before(at: Freed, fit: Fit, clean: Solution, k: int) -> Solution:
@@ -320,7 +336,8 @@ def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
         prepared = with_freed(at.prepared, [name], clean, simulator, lost.frames * trace.interval)
         solution = fit(prepared, "windows", at.loss)
         gain = likelihood(solution) - likelihood(at.solution)
-        k, seconds = len(solution.values) - 1, float(solution.values[-1])
+        k = len(solution.values) - 1
+        seconds = float(solution.values[-1])
         if solution.status != "ok" or gain < WORTH + CHANCE or abs(seconds) < LEAST_LOST * trace.interval:
             return
         at.prepared, at.solution = prepared, solution

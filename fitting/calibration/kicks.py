@@ -37,12 +37,15 @@ LAGS = tuple(k for k in range(-20, 61) if k)
 #: Number of frames after a jump that are needed to identify it.
 AFTER = 6
 #: Bound of rho, and gain per unit of the remaining misfit above which a jump is tried.
-BOUND, SHOWN = 50.0, 40.0
+BOUND = 50.0
+SHOWN = 40.0
 #: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum number of omissions.
-FAR, FEW = 4.0, 1 / 3
+FAR = 4.0
+FEW = 1 / 3
 #: Deviations of a sample from the mean of its neighbours above which it is an outlier, and the number of outliers above
 #: which they are a kind of noise.
-ALONE, SEVERAL = 6.0, 3
+ALONE = 6.0
+SEVERAL = 3
 
 
 class Lost(NamedTuple):
@@ -57,7 +60,10 @@ def alone(solution: Solution) -> int:
     """Number of samples that deviate from the residuals on both sides of them: no smooth misfit does that."""
     windows = solution.windows
     # frames that are late move fast links by many times the noise, which the whitened residuals allow for
-    residual = solution.errors * windows.weight if windows.jitter is None else solution.evaluation.residual
+    if windows.jitter is None:
+        residual = solution.errors * windows.weight
+    else:
+        residual = solution.evaluation.residual
     known = windows.weight > 0
     inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
     off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
@@ -83,7 +89,8 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     found = solution.problem.simulator(solution.values, starts, both).theta
     if not np.isfinite(found).all():
         return None
-    best, where = SHOWN, None
+    best = SHOWN
+    where = None
     half = (windows.weight > 0).any(axis=2).sum(axis=1) // 2  # none of windows that were not fitted
     for pair, times in enumerate(both.times()):
         slots = np.flatnonzero(np.r_[True, np.diff(times) > 0])
@@ -94,14 +101,16 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
         if gain > best:
             run = int(both.run[pair])
             frame = int(np.argmin(np.abs(prepared.traces[run].t - times[slots[at]])))
-            best, where = gain, Lost(run, frame, lag)
+            best = gain
+            where = Lost(run, frame, lag)
     return where
 
 
 def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Starts:
     """Starts of all windows; for some (K,) bool the end of the previous window."""
     starts = Starts(*(part.copy() for part in solution.starts))
-    ends, n = solution.evaluation.end, starts.theta.shape[1]
+    ends = solution.evaluation.end
+    n = starts.theta.shape[1]
     # one after another: if two in a row are left out, the second has no predecessor to start from
     after = np.flatnonzero(which & solution.windows.follows)
     after = after[~which[after - 1]]
@@ -153,10 +162,13 @@ def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first
     """Gain, first frame and lost frames of the best jump from slot `first` on; angles (S, n)."""
     rho = lambda r: np.minimum(0.5 * r**2, BOUND).sum(axis=1)  # noqa: E731
     after = lambda x: np.cumsum(x[::-1])[::-1]  # noqa: E731
-    plain, count, best = rho(wrap(angle - measured) * weight), len(angle), (0.0, 0, 0)
+    plain = rho(wrap(angle - measured) * weight)
+    count = len(angle)
+    best = (0.0, 0, 0)
     known = (weight > 0).sum(axis=1)
     for lag in LAGS:
-        low, high = max(0, -lag), min(count, count - lag)
+        low = max(0, -lag)
+        high = min(count, count - lag)
         if high - max(low, first) < AFTER:
             continue
         later = rho(wrap(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
@@ -170,12 +182,15 @@ def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first
 
 
 #: Fraction of the windows that a search starts with and must leave, its rounds, and maximum evaluations of starts.
-TRUSTED, ROUNDS, ITERATIONS = 1 / 3, 5, 12
+TRUSTED = 1 / 3
+ROUNDS = 5
+ITERATIONS = 12
 #: Ratio of a window's misfit to that of most, and to the previous one, above which only a kick explains it. The misfit
 #: of lengths wrong by 1 % or of a wrong law changes by less than a factor 4 from one window to the next.
 KICKED = 6.0
 #: Quantile of a window's residuals that measures its misfit regardless of a few outliers, and that of normal noise.
-QUANTILE, NORMAL = 0.9, 1.645
+QUANTILE = 0.9
+NORMAL = 1.645
 
 
 class Kick(NamedTuple):
@@ -216,10 +231,14 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
     if not found:
         return prepared, []
     off = np.isin(np.arange(windows.count), np.concatenate([kick.windows for kick in found]))
-    names, removed = [], []
+    names = []
+    removed = []
     for kick in found:
         last = float(windows.ends[kick.windows[-1]])
-        what = "is disturbed, or moves out of its plane, from" if kick.lasting else "is kicked or touched at"
+        if kick.lasting:
+            what = "is disturbed, or moves out of its plane, from"
+        else:
+            what = "is kicked or touched at"
         words = f" about {kick.time:.2f} s: windows from {kick.begin:.3g} to {last:.3g} s left out"
         names.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}", (), {}, {}, 0.0, 0.0))
         removed.append((kick.run, kick.begin, last))
@@ -241,9 +260,12 @@ def find_kicks(
         fit: fits without some windows (K,) bool, from another solution.
     """
     claimed = replace(claimed, substeps=solution.windows.substeps)
-    size, count = misfit(solution, claimed), claimed.count
+    size = misfit(solution, claimed)
+    count = claimed.count
     few = int(np.ceil(TRUSTED * count))
-    good, clean, starts = size <= np.sort(size)[min(max(few, 2), count) - 1], solution, solution.starts
+    good = size <= np.sort(size)[min(max(few, 2), count) - 1]
+    clean = solution
+    starts = solution.starts
     if not np.any(size > KICKED * np.median(size[good])):
         return [], solution
     for _ in range(ROUNDS):
@@ -251,9 +273,11 @@ def find_kicks(
         own = _only_starts(clean, claimed, clean.starts)
         ahead = _only_starts(clean, claimed, starts_from_previous_windows(own, ~good))
         sizes = misfit(own, claimed), misfit(ahead, claimed)
-        better, size = sizes[1] < sizes[0], np.minimum(*sizes)
+        better = sizes[1] < sizes[0]
+        size = np.minimum(*sizes)
         starts = Starts(*(np.where(better[:, None], b, a) for a, b in zip(own.starts, ahead.starts, strict=True)))
-        before, good = good, size <= KICKED * np.median(size[good])
+        before = good
+        good = size <= KICKED * np.median(size[good])
         if good.sum() < few or (before == good).all():
             break
     limit = KICKED * np.median(size[good])
@@ -291,7 +315,8 @@ def _first_missed(solution: Solution, windows: Windows, which: np.ndarray, start
     A window's misfit is a quantile of its residuals, which a kick in its last frames does not change. They are
     predicted from the other frames. Frames that are missing around a kick leave such a window.
     """
-    mine, starts = windows.pick(which), Starts(*(part[which] for part in starts))
+    mine = windows.pick(which)
+    starts = Starts(*(part[which] for part in starts))
     known = (mine.weight > 0).any(axis=2)
     late = known & (np.cumsum(known, axis=1) > QUANTILE * known.sum(axis=1, keepdims=True))
     found = _only_starts(solution, replace(mine, weight=np.where(late[..., None], 0.0, mine.weight)), starts)
@@ -321,16 +346,19 @@ def _fit_following(
     solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float
 ) -> tuple[np.ndarray, Starts, np.ndarray]:
     """Times [s] up to which windows `which` can be followed, by halving; their starts there and total misfits."""
-    mine, starts = windows.pick(which), Starts(*(part[which] for part in starts))
+    mine = windows.pick(which)
+    starts = Starts(*(part[which] for part in starts))
     elapsed = mine.times() - mine.begin[:, None]
-    low, high = np.zeros(len(which)), mine.lengths
+    low = np.zeros(len(which))
+    high = mine.lengths
     # halvings of the window that locate the time of the kick: to 1 % of the window
     for _ in range(6):
         middle = 0.5 * (low + high)
         early = replace(mine, weight=mine.weight * (elapsed <= middle[:, None])[..., None])
         found = _only_starts(solution, early, starts)
         fine = misfit(found, early) <= limit
-        low, high = np.where(fine, middle, low), np.where(fine, high, middle)
+        low = np.where(fine, middle, low)
+        high = np.where(fine, high, middle)
         starts = Starts(*(np.where(fine[:, None], a, b) for a, b in zip(found.starts, starts, strict=True)))
     whole = _only_starts(solution, mine, starts)
     return mine.begin + high, whole.starts, misfit(whole, mine)

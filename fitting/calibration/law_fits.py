@@ -176,7 +176,8 @@ def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Sce
     table = scene.to_dict()
     for path in PARTS.values():
         _, effect, field = path.split(".")
-        fields, own = table["effects"].get(effect, {}), given.effects.get(effect, {})
+        fields = table["effects"].get(effect, {})
+        own = given.effects.get(effect, {})
         if own.get(field) is None and not any(name.startswith(path) for name in free):
             fields.pop(field, None)
         if effect not in given.effects and not any(part.split(".")[2] in fields for part in PARTS.values()):
@@ -186,7 +187,8 @@ def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Sce
 
 def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution], iterations: int) -> Solution:
     """A law fitted from the best law that it contains, or from typical coefficients; the better of both."""
-    used, parameters = family.free_mask(law), family.simulator.parameters
+    used = family.free_mask(law)
+    parameters = family.simulator.parameters
     known = {p.name: p.value for p in prepared.parameters}
     sizes = [p.value if part is None else p.scale for p, part in zip(parameters, family.owner, strict=True)]
     initial = [known.get(p.name, size) for p, size in zip(parameters, sizes, strict=True)]
@@ -199,7 +201,8 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
     if best is None:
         starts = first_starts(family.simulator.model_at(tries[0]), prepared.traces, prepared.windows, prepared.sigma)
     else:
-        starts, own = best.starts, best.by_name
+        starts = best.starts
+        own = best.by_name
         tries.insert(0, np.where(used, [own.get(p.name, 0.0) for p in parameters], 0.0))
     found: list[Solution] = []
     for values in tries:
@@ -218,7 +221,8 @@ def least_loss(full: Solution, owner: tuple[str | None, ...], law: str) -> float
     """Loss of log likelihood for the coefficients c that a law lacks of a larger one: c' (C_cc)^-1 c / 2."""
     free = np.flatnonzero(~full.problem.held_mask)
     lacks = np.array([owner[i] is not None and owner[i] not in LADDER[law] for i in free])
-    c, s = full.values[free][lacks], full.information[np.ix_(free, free)]
+    c = full.values[free][lacks]
+    s = full.information[np.ix_(free, free)]
     left = s[np.ix_(lacks, lacks)]
     if lacks.any() and not lacks.all():
         kept = s[np.ix_(~lacks, ~lacks)]

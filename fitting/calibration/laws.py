@@ -41,7 +41,8 @@ from fitting.parameters.parameter import CAMERA, Parameter, resolve, with_effect
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
 LEVEL = 0.01
 #: Change of a reported value by the candidate that matters: in its standard errors, and as a fraction of the value.
-ERRORS, SHARE = 2.0, 0.05
+ERRORS = 2.0
+SHARE = 0.05
 #: Correlation of two candidates above which they are one.
 ALIKE = 0.98
 #: Fraction of a candidate's information, in separate windows, that must remain once the free parameters are accounted
@@ -146,7 +147,8 @@ class LawTests:
 
 def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTests:
     """Test every candidate at the end of a fit with these errors."""
-    problem, free = solution.problem, solution.problem.parameters
+    problem = solution.problem
+    free = solution.problem.parameters
     suspects = _suspects(prepared, problem)
     simulated = [s.parameter for s in suspects if s.of is None]
     if not problem.simulator.knows(simulated):
@@ -170,7 +172,10 @@ def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
         name, path = FORCES.get(p.where.field, ("a roll of the camera", CAMERA))
         if any(one.startswith(path) for one in names):
             continue
-        _, effect, field = path.split(".") if path.startswith("effects.") else ("", "", "")
+        if path.startswith("effects."):
+            _, effect, field = path.split(".")
+        else:
+            _, effect, field = ("", "", "")
         lacks = bool(effect) and not np.any(given.get(effect, {}).get(field) or 0.0)
         found.append(Suspect(name, (path,), p, grows=lacks))
     for i, p in enumerate(problem.parameters):
@@ -182,7 +187,8 @@ def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
 
 def _with_changes(solution: Solution, evaluation: Evaluation, changes: Sequence[Suspect]) -> Evaluation:
     """The evaluation with derivatives by changes of coefficients, in units of their spread over the windows."""
-    windows, m2 = solution.windows, solution.problem.freedoms
+    windows = solution.windows
+    m2 = solution.problem.freedoms
     series = dict(zip(ALONG, (0.5 * (windows.begin + windows.ends), _rates(solution)), strict=True))
     for suspect in changes:
         along = series[suspect.along]
@@ -248,7 +254,10 @@ def _judge(
             continue
         error = float(np.sqrt(covariance[-1, -1]))
         t = float(moved[-1]) / error
-        p = float(stdtr(degrees, -t)) if suspect.grows else 2 * float(stdtr(degrees, -abs(t)))
+        if suspect.grows:
+            p = float(stdtr(degrees, -t))
+        else:
+            p = 2 * float(stdtr(degrees, -abs(t)))
         moves = dict(zip([names[j] for j in free], map(float, moved[:-1]), strict=True))
         matters = _matters(solution, u, suspect, free, moved)
         gain = 0.5 * float(moved[-1]) ** 2 * float(_rest(information, free, [mine])[0, 0]) / scale

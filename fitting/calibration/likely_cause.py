@@ -26,7 +26,8 @@ from fitting.parameters.parameter import NODE, Parameter
 from fitting.traces.trace import Trace
 
 #: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.
-LEAVES, EXPLAINED = 0.1, 9.0
+LEAVES = 0.1
+EXPLAINED = 9.0
 #: Fraction of samples on the line through their neighbours, above which they are interpolated.
 INTERPOLATED = 0.4
 #: Fraction of the motion by which short windows miss smoothed samples at most; wrong models miss more.
@@ -89,7 +90,8 @@ def _wrong_number(
     """The number of the scene that explains most if it is free."""
     free = [p.name for p in prepared.parameters]
     simulator = wide(prepared)
-    best, cause = max(LEAVES * given, EXPLAINED), None
+    best = max(LEAVES * given, EXPLAINED)
+    cause = None
     for name, paths, _ in candidates(prepared.simulator.model, prepared.simulator.release):
         if any(path.startswith((NODE, TIME)) for path in paths) or any(one.startswith(tuple(paths)) for one in free):
             continue
@@ -98,7 +100,8 @@ def _wrong_number(
         left = float(np.median(found.chi2))
         # another candidate that explains as much is less common than those before it
         if left < (0.5 if cause else 1.0) * best and _plausible(tried.parameters, found.values):
-            best, cause = left, Cause(f"wrong {name}", free_too(prepared, paths))
+            best = left
+            cause = Cause(f"wrong {name}", free_too(prepared, paths))
     return cause
 
 
@@ -116,7 +119,8 @@ def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
 def _driven_beginning(prepared: Prepared, misfit: ShortFit, length: float) -> Cause | None:
     """Windows that miss the angles until some time, and none later."""
     windows = prepared.windows
-    low, high = float(windows.begin.min()), float(windows.ends.max())
+    low = float(windows.begin.min())
+    high = float(windows.ends.max())
     starts = np.linspace(low, high - length, PIECES)
     mine = np.unique(windows.run)
     if len(mine) > 1 or length >= (high - low) / PIECES:
@@ -136,7 +140,8 @@ def _shared_errors(prepared: Prepared, part: float) -> Cause | None:
     """Errors of the angles above their noise, a small part of the motion."""
     if part > SMALL:
         return None
-    trace, sigma = prepared.traces[0], float(np.median(prepared.sigma[0]))
+    trace = prepared.traces[0]
+    sigma = float(np.median(prepared.sigma[0]))
     error = max(part * float(np.median(np.nanstd(trace.theta, axis=0))), sigma)
     return Cause(
         f"smoothed or hand-clicked angles, whose errors exceed the noise between neighbours, {sigma:.2g} rad",
@@ -147,6 +152,7 @@ def _shared_errors(prepared: Prepared, part: float) -> Cause | None:
 def _interpolated(trace: Trace) -> float:
     """Fraction of the samples that lie on the line through their neighbours in time."""
     slope = np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None]
-    bend, size = np.abs(np.diff(slope, axis=0)), np.nanmedian(np.abs(slope), axis=0)
+    bend = np.abs(np.diff(slope, axis=0))
+    size = np.nanmedian(np.abs(slope), axis=0)
     known = np.isfinite(bend)
     return float(np.sum((bend < 1e-6 * size) & known) / max(known.sum(), 1))

@@ -105,7 +105,10 @@ def plan(
     for i, source in enumerate(scenes):
         scene = load_scene(source)
         names = full_names(scene, free, "free")
-        asked = names if requested is None else full_names(scene, requested, "for")
+        if requested is None:
+            asked = names
+        else:
+            asked = full_names(scene, requested, "for")
         foreign = [name for name in asked if name not in names]
         if foreign:
             raise SceneError(f"for: {foreign[0]!r} is not free; allowed: {', '.join(names)}")

@@ -57,22 +57,28 @@ class Prediction:
 
 def predict(result: FitResult, run: int = 0) -> Prediction | None:
     """The run for trace `run`; None if no window of it has a start of its own, or if it would take too long."""
-    windows, solution = result.windows, result.solution
+    windows = result.windows
+    solution = result.solution
     mine = np.flatnonzero((windows.run == run) & ~windows.released)
     if not len(mine):
         return None
     first = mine[np.argmin(windows.begin[mine])]
-    trace, begin = result.traces[run], float(windows.begin[first])
+    trace = result.traces[run]
+    begin = float(windows.begin[first])
     # the clock changes at lost frames
     lost = (result.parameters[i].where for i in losses(result.parameters))
     end = min([trace.t[-1], *(frame.time for frame in lost if frame.run == run)])
     inside = (trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9)
     t = trace.t[inside]
-    steps = int(np.ceil((t[-1] - begin) / windows.dt + 1e-9)) if len(t) > 1 else 0
+    if len(t) > 1:
+        steps = int(np.ceil((t[-1] - begin) / windows.dt + 1e-9))
+    else:
+        steps = 0
     # maximum number of steps of a run
     if not 0 < steps * windows.substeps <= 200_000:
         return None
-    values, n = np.asarray(result.values, float), windows.theta.shape[2]
+    values = np.asarray(result.values, float)
+    n = windows.theta.shape[2]
     theta, omega = np.split(solution.evaluation.start[first], 2)
     samples = max(float((windows.weight[first] > 0).sum()) / n, 1.0)
     aside = result.noise / np.sqrt(samples) * np.sign(np.sin(1.0 + np.arange(n)))
@@ -92,8 +98,10 @@ def _runs(
     result: FitResult, values: np.ndarray, theta: np.ndarray, omega: np.ndarray, steps: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Observed angles and rates on the trace's clock (steps + 1, n), of runs at values (2, k) and starts (2, n)."""
-    simulator, windows = result.solution.problem.simulator, result.windows
-    parameters, base = result.parameters, simulator.model
+    simulator = result.solution.problem.simulator
+    windows = result.windows
+    parameters = result.parameters
+    base = simulator.model
 
     @jax.jit
     def run(values: jax.Array, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -122,4 +130,6 @@ def _parting(t: np.ndarray, difference: np.ndarray) -> float:
     known = np.isfinite(difference)
     rms = np.sqrt(smooth(np.where(known, difference, 0.0) ** 2) / np.maximum(smooth(known), 1))
     beyond = np.flatnonzero(rms > PARTED)
-    return float(t[beyond[0]]) if len(beyond) else np.inf
+    if len(beyond):
+        return float(t[beyond[0]])
+    return np.inf

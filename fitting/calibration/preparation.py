@@ -49,7 +49,8 @@ from fitting.traces.trace import Convention, Trace, as_trace, convention, noise
 
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
 #: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
-TURN, FASTEST = 0.25, 0.98
+TURN = 0.25
+FASTEST = 0.98
 
 #: One run or several: CSV files or traces.
 TracesLike = Sequence[str | Path | Trace] | str | Path | Trace
@@ -246,7 +247,9 @@ class Prepared:
 
     def noisy(self, noise: Noise | None) -> Prepared:
         """The preparation with the noise estimated by a fit, if any: in the windows and in all that are cut later."""
-        return self if noise is None else replace(self, windows=noise.apply_to(self.windows, self.traces), noise=noise)
+        if noise is None:
+            return self
+        return replace(self, windows=noise.apply_to(self.windows, self.traces), noise=noise)
 
     def cut(self, length: float, pieces: Sequence[tuple[int, float, float]]) -> Windows:
         """Windows of `length` [s] of these (run, from, to), of the same substeps and noise."""
@@ -254,7 +257,9 @@ class Prepared:
 
     def _as_fitted(self, windows: Windows) -> Windows:
         windows = replace(windows, substeps=self.windows.substeps)
-        return windows if self.noise is None else self.noise.apply_to(windows, self.traces)
+        if self.noise is None:
+            return windows
+        return self.noise.apply_to(windows, self.traces)
 
     def with_pieces(self, pieces: Sequence[Piece]) -> Prepared:
         """The preparation cut into other windows, with the known noise, and with starts from the samples."""
@@ -295,7 +300,9 @@ class Prepared:
     @property
     def values(self) -> np.ndarray:
         """Start of the parameters (k,): their start values, or the end of an earlier fit."""
-        return self.begin if self.begin is not None else np.array([p.value for p in self.parameters])
+        if self.begin is not None:
+            return self.begin
+        return np.array([p.value for p in self.parameters])
 
 
 def prepare(
@@ -324,7 +331,10 @@ def prepare(
     scene = load_scene(scene)
     names = default_free(scene) if free is None else full_names(scene, free)
     # a file is checked by the lengths and the zero of the scene, although they are free
-    rig = [] if free is not None or settings.fixed or settings.static_start else default_rig(scene)
+    if free is not None or settings.fixed or settings.static_start:
+        rig = []
+    else:
+        rig = default_rig(scene)
     scene = with_effects(scene, names)
     model, state = build(scene)
     check_planar(model, state)
@@ -377,7 +387,10 @@ def read_traces(
     Raises:
         SceneError: files that cannot be read or do not belong to the scene.
     """
-    given = [traces] if isinstance(traces, str | Path | Trace) else list(traces)
+    if isinstance(traces, str | Path | Trace):
+        given = [traces]
+    else:
+        given = list(traces)
     if not given:
         raise SceneError("traces: none given. Use one or more CSV files")
     asked = settings.convention
@@ -460,7 +473,8 @@ def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) 
     Raises:
         SceneError: a requested window longer than the trace.
     """
-    period, interval = samples.period, samples.interval
+    period = samples.period
+    interval = samples.interval
     span = max(high - low for _, low, high in samples.spans)
     dt = time_step(samples.traces, settings.dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
     fewest = fewest_frames(simulator.model.line.links, simulator.freedoms)
@@ -480,7 +494,10 @@ def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
     ends = [float(trace.t[-1]) for trace in samples.traces]
     longest = max((min(high, end) - low for low, high in samples.held_out for end in ends), default=0.0)
     # maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them
-    length = longest if plan.length < longest < 2.5 * plan.length else plan.length
+    if plan.length < longest < 2.5 * plan.length:
+        length = longest
+    else:
+        length = plan.length
     return int(length / plan.dt + 1e-6), int(length / min(trace.interval for trace in samples.traces) + 1.5)
 
 
@@ -488,7 +505,9 @@ def windows_along_motion(
     samples: Samples, simulator: Simulator, release: Release | None, plan: WindowPlan, values: np.ndarray
 ) -> FirstWindows:
     """Windows as long as the motion allows: short ones are run first and joined (`follow_motion`)."""
-    model, sigma, seen = simulator.model, samples.sigma, samples.seen
+    model = simulator.model
+    sigma = samples.sigma
+    seen = samples.seen
     windows = cut(samples.traces, plan.short * plan.dt, plan.dt, sigma, samples.spans)
     if release is not None:
         windows = release.mark(windows, samples.traces)
@@ -569,7 +588,10 @@ def fitted_spans(
     """
     found = []
     for i, trace in enumerate(traces):
-        low = float(trace.t[0]) if begin is None else max(float(trace.t[0]), begin)
+        if begin is None:
+            low = float(trace.t[0])
+        else:
+            low = max(float(trace.t[0]), begin)
         last = min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
         for start, end in [*held_out, (last, last)]:
             if low < min(start, last):
@@ -595,7 +617,8 @@ def without_held_starts(
         slowest: period [s] of the line as one pendulum.
         pose: gives the angles (n,) [rad] at rest; only called if a trace starts still.
     """
-    found, notes = list(spans), []
+    found = list(spans)
+    notes = []
     for i, trace in enumerate(traces):
         if (begin := held_start(trace, sigma[i], slowest, pose)) is not None:
             found = [(run, max(low, begin) if run == i else low, high) for run, low, high in found]
@@ -631,7 +654,8 @@ FIT_GROWTH = 2.0
 #: of their own swing turn by less than one turn in it.
 SHORTEST_PART = 0.2
 #: Longest automatic window [s], and as a fraction of the trace.
-LONGEST, LONGEST_PART = 10.0, 0.125
+LONGEST = 10.0
+LONGEST_PART = 0.125
 
 
 def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
@@ -653,9 +677,13 @@ def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]
     move = np.where(windows.released[:, None, None], one, move)  # the start of a released window comes from the model
     product = one
     for k, matrix in enumerate(move):
-        piece, further = windows.piece(k), matrix @ product
+        piece = windows.piece(k)
+        further = matrix @ product
         total = piece.steps + sum(last.steps for last in found[-1:])
-        grown = np.linalg.norm(further, 2) if np.isfinite(further).all() else np.inf
+        if np.isfinite(further).all():
+            grown = np.linalg.norm(further, 2)
+        else:
+            grown = np.inf
         if found and piece.follows and total <= steps and grown <= np.exp(FIT_GROWTH):
             found[-1], product = found[-1]._replace(steps=total), further
         else:

@@ -88,7 +88,8 @@ SCHEMA = 1
 #: Linear and quadratic damping, which have similar effects.
 DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 #: chi-square per degree of freedom, and correlation of neighbouring residuals, above which a fit misses its trace.
-MISFIT, CORRELATED_MISFIT = 2.0, 0.1
+MISFIT = 2.0
+CORRELATED_MISFIT = 0.1
 #: Maximum fraction of the samples that may be left out of a fit with status `ok`.
 MOST_LEFT_OUT = 0.03
 #: Statuses that `--accept-misfit` accepts.
@@ -170,7 +171,9 @@ class FitResult(SceneFit):
             return "lost_windows"
         if self.laws.wrong is not None and not self.wrong_file:
             return "model_error"
-        return "misfit" if self.wrong_file or self.misses else "ok"
+        if self.wrong_file or self.misses:
+            return "misfit"
+        return "ok"
 
     @property
     def misses(self) -> bool:
@@ -319,7 +322,8 @@ class FitResult(SceneFit):
 
         `kept` is the fraction of its noise that a sample passes to the next one.
         """
-        windows, noise = self.windows, self.solution.problem.noise
+        windows = self.windows
+        noise = self.solution.problem.noise
         known = windows.weight > 0
         square = mean_by_run(1 / np.where(known, windows.weight, 1.0) ** 2, known, windows.run, len(self.traces))
         kind = "white" if noise is None else noise.kind

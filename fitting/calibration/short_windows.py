@@ -27,13 +27,17 @@ LOWERS = 0.1
 #: Frames by which one column may be late that short windows try: within 20 % of the true one.
 SOME_LATE = (1, 2, 3, 5, 8, 12, 18, 26)
 #: Chi-square per degree of freedom above which short windows are tried, and per sample above which they are wrong.
-SUSPECT, WRONG = 1000.0, 25.0
+SUSPECT = 1000.0
+WRONG = 25.0
 #: Fraction of their motion by which short windows miss another rig. Low noise shows the errors of any model: those of a
 #: measured double pendulum are 8 times its noise, 0.05 % of the motion.
 OTHER_RIG = 3e-3
 #: Short windows, as many as one program runs in parallel; their length as a fraction of the shortest link's period and
 #: in frames, and evaluations of each. An acceleration that is wrong by g moves a link by a radian in that time.
-SHORT, PART, FRAMES, EVALUATIONS = 8, 0.35, 6, 4
+SHORT = 8
+PART = 0.35
+FRAMES = 6
+EVALUATIONS = 4
 
 
 def name_wrong_file(prepared: Prepared) -> str:
@@ -42,7 +46,8 @@ def name_wrong_file(prepared: Prepared) -> str:
     The compiled programs of the fit are used again. Of its parameters only the damping is fitted, starting from zero: a
     wrong file makes all parameters of a fit arbitrary.
     """
-    pieces, links = _moving_pieces(prepared), prepared.traces[0].links
+    pieces = _moving_pieces(prepared)
+    links = prepared.traces[0].links
     given, part = _misfit(prepared, prepared.traces, pieces)
     if not given > WRONG:
         return ""
@@ -52,7 +57,8 @@ def name_wrong_file(prepared: Prepared) -> str:
     for group in groups:  # the second one is large, and its mistakes are rare
         changed = ([_apply_change(trace, change) for trace in prepared.traces] for change in group)
         tried = [_misfit(prepared, traces, pieces)[0] for traces in changed]
-        left, change = min(tried), group[int(np.argmin(tried))]
+        left = min(tried)
+        change = group[int(np.argmin(tried))]
         # maximum chi-square per sample of a reported change: right ones give 0.5 to 4
         if left < min(LOWERS * given, 9.0):
             return (
@@ -131,7 +137,8 @@ def _apply_change(trace: Trace, change: Change) -> Trace:
 
 def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
     """Shifts of one column, or of all, that bring the mean directions of a free line to those at rest."""
-    model, trace = prepared.simulator.model, prepared.traces[0]
+    model = prepared.simulator.model
+    trace = prepared.traces[0]
     if model.end_held:
         return  # open frames were handled before
     at = trace.convention

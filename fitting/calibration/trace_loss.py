@@ -144,12 +144,14 @@ class TraceLoss:
         fraction: jax.Array,
     ) -> jax.Array:
         """Residuals (S, n) of one window."""
-        windows, parameters = self.prepared.windows, self.prepared.parameters
+        windows = self.prepared.windows
+        parameters = self.prepared.parameters
         model = apply(self.prepared.simulator.model, parameters, params)
         rate = clock_rate(parameters, params)
         h = jnp.asarray(windows.dt) if rate is None else windows.dt * rate
         start = planar.close_chain(model, theta, omega)
-        state, stepper = planar.to_state(model, *start), self.prepared.simulator.stepper
+        state = planar.to_state(model, *start)
+        stepper = self.prepared.simulator.stepper
         angles, rates, _ = march(stepper, model, state, h, windows.steps, windows.substeps, *(2 * [windows.steps]))
         on_grid = not self.prepared.windows.fraction.any()
         angle = camera_angles(model, parameters, params, at_samples(start, angles, rates, index, fraction, h, on_grid))
@@ -184,17 +186,20 @@ class TraceLoss:
         self, params: jax.Array, theta: jax.Array, omega: jax.Array, basis: jax.Array, *measured: jax.Array
     ) -> Blocks:
         """Levenberg and Marquardt's method for the start of one window, in the chart around (theta, omega)."""
-        m, k = basis.shape[1], len(params)
+        m = basis.shape[1]
+        k = len(params)
 
         def residual(x: jax.Array) -> jax.Array:
-            z, p = x[: 2 * m], x[2 * m :]
+            z = x[: 2 * m]
+            p = x[2 * m :]
             return self._residual(p, theta + basis @ z[:m], omega + basis @ z[m:], *measured).ravel()
 
         def blocks(z: jax.Array) -> Blocks:
             along = jnp.eye(2 * m + k, dtype=z.dtype)
             point = jnp.concatenate([z, params])
             r, slope = jax.vmap(lambda d: jax.jvp(residual, (point,), (d,)), out_axes=(None, -1))(along)
-            own, shared = slope[:, : 2 * m], slope[:, 2 * m :]
+            own = slope[:, : 2 * m]
+            shared = slope[:, 2 * m :]
             cross = own.T @ shared
             return Blocks(z, 0.5 * r @ r, own.T @ own, cross, shared.T @ shared, own.T @ r, shared.T @ r)
 

@@ -35,14 +35,17 @@ from fitting.parameters.parameter import Parameter, all_joints, resolve
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
 #: the misfit is ten times the noise, and smooth. A misfit at 6 Hz, sampled 60 times a second, correlates by 0.81.
-WRONG, SMOOTH = 100.0, 0.8
+WRONG = 100.0
+SMOOTH = 0.8
 #: Number of parts of a run, and those that are scored: one between fitted ones, and the end, where damping counts.
-PARTS_OF_RUN, SCORED = 5, (2, 4)
+PARTS_OF_RUN = 5
+SCORED = (2, 4)
 #: Relative growth of the score above which a group is needed: a smaller one makes no difference to a user.
 NEEDED = 0.05
 #: Minimum fraction of a number's information that must be its own; below it the number duplicates others. The second
 #: value is added to the diagonal of numbers that do the same.
-MODEL_ERROR, RIDGE = 2e-4, 1e-12
+MODEL_ERROR = 2e-4
+RIDGE = 1e-12
 
 
 def is_model_wrong(prepared: Prepared, solution: Solution, limit: float = WRONG) -> bool:
@@ -64,7 +67,8 @@ class Trials:
     """
 
     def __init__(self, prepared: Prepared, loss: Loss) -> None:
-        windows, scored = prepared.windows, scored_windows(prepared)
+        windows = prepared.windows
+        scored = scored_windows(prepared)
         self.spans = stretches(prepared, scored)
         self.used, self.loss = ~scored, loss
         inside = fitted_parts(prepared.traces, list(zip(windows.run, windows.begin, windows.ends, strict=True)))
@@ -103,10 +107,12 @@ class Trials:
 
 def scored_windows(prepared: Prepared) -> np.ndarray:
     """Windows (K,) in the scored parts of their runs; none of runs with too few windows."""
-    windows, scored = prepared.windows, np.zeros(prepared.windows.count, bool)
+    windows = prepared.windows
+    scored = np.zeros(prepared.windows.count, bool)
     for i in np.unique(windows.run):
         mine = windows.run == i
-        begin, ends = windows.begin[mine], windows.ends[mine]
+        begin = windows.begin[mine]
+        ends = windows.ends[mine]
         share = (0.5 * (begin + ends) - begin.min()) / (ends.max() - begin.min())
         scored[mine] = np.isin(np.floor(PARTS_OF_RUN * share), SCORED) & (len(begin) >= PARTS_OF_RUN)
     return scored & ~windows.released
@@ -114,9 +120,12 @@ def scored_windows(prepared: Prepared) -> np.ndarray:
 
 def stretches(prepared: Prepared, scored: np.ndarray) -> list[tuple[int, float, float]]:
     """(run, from, to) of neighbouring scored windows, in equal parts of at most `LONGEST` [s]."""
-    windows, found = prepared.windows, []
+    windows = prepared.windows
+    found = []
     for k in np.flatnonzero(scored):
-        run, low, high = int(windows.run[k]), float(windows.begin[k]), float(windows.ends[k])
+        run = int(windows.run[k])
+        low = float(windows.begin[k])
+        high = float(windows.ends[k])
         if found and k and scored[k - 1] and windows.follows[k]:
             found[-1] = (*found[-1][:2], high)
         else:
@@ -131,14 +140,16 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
     Dry friction needs another scheme, which costs many times as much. It is a candidate for rigs of rods or with
     friction in their joints, not for strings of point masses.
     """
-    scene, own = prepared.scene, prepared.simulator
+    scene = prepared.scene
+    own = prepared.simulator
     given = scene.effects.get("joint_friction", {})
     free = {p.name for p in prepared.parameters}
     zero = {part: 0.0 for part in OF_JOINTS if PARTS[part] in free}
     dry = given.get("dry") is not None or own.model.line.compound
     scene = scene_with_law(scene, dry, zero, OF_JOINTS)
     model, _ = build(scene)
-    parameters, shared = [], []
+    parameters = []
+    shared = []
     for p in prepared.parameters:
         new = (p,) if p.is_lost else resolve(model, [p.name], release=own.release)
         if new[0].name == p.name:
@@ -160,7 +171,8 @@ def free_groups(
     Args:
         solution: of the preparation.
     """
-    before, (prepared, shared) = prepared, with_full_law(prepared, solution)
+    before = prepared
+    prepared, shared = with_full_law(prepared, solution)
     found = groups(prepared.simulator.model, prepared.parameters, shared)
     zero = [replace(p, value=0.0) for p in shared]
     simulator = wide(prepared, [*(p for group in found for p in group.parameters), *zero])
@@ -202,7 +214,9 @@ def free_groups(
     score = least = float(np.mean(trials.score(best)))
     if not score < first - np.log1p(NEEDED):
         return None
-    free, needed, fixed = list(found), {}, {}
+    free = list(found)
+    needed = {}
+    fixed = {}
     for group in found:
         progress(0.6, f"testing what may be wrong: without {group.name}")
         values |= best.by_name
@@ -211,7 +225,8 @@ def free_groups(
         now = float(np.mean(trials.score(less)))
         if now < least + np.log1p(NEEDED):
             free.remove(group)
-            best, least = less, min(least, now)
+            best = less
+            least = min(least, now)
             fixed[group] = least
         else:
             needed[group.name] = float(np.exp(now - least))
@@ -227,7 +242,9 @@ def free_groups(
             break
         needed[group.name] = float(np.exp(least - now))
         late.remove(group)
-        free, best, least = [*free, group], more, now
+        free = [*free, group]
+        best = more
+        least = now
     if not free:
         return None
     whole = Starts(*(part.copy() for part in solution.starts))
@@ -253,9 +270,11 @@ def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Gr
     scaled = data / np.outer(size, size)
     replaced = {p.name for group in found for p in group.instead}
     free = [i for i, p in enumerate(base.problem.parameters) if p.name not in replaced]
-    row, left = len(base.problem.parameters), []
+    row = len(base.problem.parameters)
+    left = []
     for group in found:
-        known, own = list(free), []
+        known = list(free)
+        own = []
         for p in group.parameters:
             inner = scaled[np.ix_(known, known)] + RIDGE * np.eye(len(known))
             alike = scaled[row, known] @ np.linalg.solve(inner, scaled[known, row])

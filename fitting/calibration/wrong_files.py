@@ -35,18 +35,22 @@ from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, smooth_stretch
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
 #: that no change closes are rejected. Noise is 0.01, lengths wrong by 2 % give 0.02, a marker off by 1 degree less;
 #: free parameters explain these.
-OPEN, TOO_OPEN = 0.05, 0.1
+OPEN = 0.05
+TOO_OPEN = 0.1
 #: Fraction of the misfit of closure that a reported change may leave.
 CLOSES = 0.3
 #: Minimum number of complete frames for the check, and maximum number that are used.
-FEWEST, MOST = 10, 400
+FEWEST = 10
+MOST = 400
 #: Frames by which one column may be late.
 LATE = 30
 #: Free parameters that move the hooks, the links or the measured angles: with these, frames need not close as given.
 GEOMETRY = ("length", "position", "camera", "marker", "clock", "scale")
 #: Stretches over which a run is averaged, the fraction of them in which the energy of a reversed run rises, and its
 #: total growth factor. Kicks raise it once.
-STRETCHES, RISING, RISE = 10, 0.75, 1.3
+STRETCHES = 10
+RISING = 0.75
+RISE = 1.3
 
 
 def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: Sequence[str] = ()) -> list[str]:
@@ -144,7 +148,8 @@ def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator
     """Shifts of one column, or of all, that close the frames best."""
     angle = in_model(theta, at)
     angle = angle[np.isfinite(angle).all(axis=1)]
-    missing, link = missing_reach(model, angle), np.asarray(model.line.length) * np.exp(1j * angle)
+    missing = missing_reach(model, angle)
+    link = np.asarray(model.line.length) * np.exp(1j * angle)
     turn = -at.sign if at.zero == "down" else at.sign
     for j, reach in [*enumerate(link.T), (None, link.sum(axis=1))]:
         yield shift(j, turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
@@ -163,14 +168,17 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
     """
     if any(e.name not in ("weight", *DAMPING) for e in model.effects):
         return  # water and springs have energies of their own
-    low, high = spans[0][0], spans[-1][1]
+    low = spans[0][0]
+    high = spans[-1][1]
     # half width of the smoother of the energy, as a fraction of the shortest link's period
     motion = smooth_stretch(trace.between(low, high), (low, high), 0.06 * period)
     if motion is None:
         return
-    t, energy = motion[0], _energy(model, *motion[1:])
+    t = motion[0]
+    energy = _energy(model, *motion[1:])
     inside = np.any([(t >= begin) & (t < end) for begin, end in spans], axis=0)
-    t, energy = t[inside], energy[inside]
+    t = t[inside]
+    energy = energy[inside]
     for at in _breaks(trace):
         before, after = (energy[(t > a) & (t < b)] for a, b in ((at - period, at), (at, at + period)))
         # medians: the smoother turns a jump into a transient of a few frames
@@ -191,7 +199,8 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
 
 def _energy(model: Model, theta: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """Energy (k,) [J] of angles and rates (k, n) above that at rest."""
-    line, length = model.line, np.asarray(model.line.length)
+    line = model.line
+    length = np.asarray(model.line.length)
     weights = next((np.asarray(line.node_share(e.per_link(line))) for e in model.effects if e.name == "weight"), 0.0)
     free = len(np.asarray(line.node_mass))
     v = np.cumsum(1j * omega * length * np.exp(1j * theta), axis=1)

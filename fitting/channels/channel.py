@@ -68,7 +68,10 @@ def node_of(scene: SceneData, where: Where, path: str) -> Node:
         link = int(np.clip(np.searchsorted(total, where.at, side="right") - 1, 0, line.spec.links - 1))
         share = (where.at - total[link]) / line.spec.length[link]
         return Node(int(line.nodes[link]), int(line.nodes[link + 1]), float(share))
-    number = where.node if where.end is None else _end(where.end, 0, line.spec.links, path)
+    if where.end is None:
+        number = where.node
+    else:
+        number = _end(where.end, 0, line.spec.links, path)
     if not 0 <= number <= line.spec.links:
         raise SceneError(
             f"{path}.node: {number} is outside line {line.name!r}; allowed: 0 (its first point) to {line.spec.links}"
@@ -89,7 +92,10 @@ def link_of(scene: SceneData, where: Where, path: str) -> int:
         _inside(where.at, total[-1], line.name, path)
         number = int(np.searchsorted(total, where.at - 1e-12)) + 1
     else:
-        number = where.link if where.end is None else _end(where.end, 1, line.spec.links, path)
+        if where.end is None:
+            number = where.link
+        else:
+            number = _end(where.end, 1, line.spec.links, path)
     if not 1 <= number <= line.spec.links:
         raise SceneError(f"{path}.link: {number} is outside line {line.name!r}; allowed: 1 to {line.spec.links}")
     return line.links.start + number - 1
@@ -118,7 +124,9 @@ def ends_at(scene: SceneData, point: str, path: str) -> tuple[tuple[int, int, in
 def _end(end: str, first: int, last: int, path: str) -> int:
     if end not in ("from", "to"):
         raise SceneError(f"{path}.end: {end!r} is not an end of a line; allowed: from, to")
-    return first if end == "from" else last
+    if end == "from":
+        return first
+    return last
 
 
 def _inside(at: float, length: float, line: str, path: str) -> None:
@@ -133,7 +141,10 @@ def _one_of(where: Where, keys: tuple[str, ...], path: str) -> None:
     if wrong:
         raise SceneError(f"{path}.{wrong[0]}: not a position for this kind of sensor; allowed: {', '.join(keys)}")
     if len(given) != 1:
-        what = "position missing" if not given else f"position given twice, by {' and '.join(given)}"
+        if not given:
+            what = "position missing"
+        else:
+            what = f"position given twice, by {' and '.join(given)}"
         raise SceneError(f"{path}: {what}; allowed: one of {', '.join(keys)}")
 
 
@@ -316,7 +327,10 @@ class Data:
         sizes = np.concatenate([noise_by_differences(y) for y in values])
         level = max(float(np.nanmax(np.abs(y))) for y in values)
         spread = max(float(np.nanstd(y, axis=0).max()) for y in values)
-        found = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 0.1 * spread
+        if np.isfinite(sizes).any():
+            found = float(np.nanmedian(sizes))
+        else:
+            found = 0.1 * spread
         return max(found, 1e-6 * level, 1e-12)
 
 

@@ -72,8 +72,10 @@ def pose(
     parameters, known_together = rig_priors(scenes[0], build_model(scenes[0]), shared)
     given = by_full_path(scenes[0], start, bounds, priors, OF_DATA)
     every = adjust_parameters([*parameters, *split], *given, wider=True)
-    parameters, split = list(every[: len(shared)]), every[len(shared) :]
-    plain, of_run = [], []
+    parameters = list(every[: len(shared)])
+    split = every[len(shared) :]
+    plain = []
+    of_run = []
     for run in data.runs:
         first = len(parameters)
         parameters += [replace(p, name=f"{p.name}@{run.name}") for p in split]
@@ -141,10 +143,12 @@ def fit_channels(
     Raises:
         SceneError: for any invalid input, in one line.
     """
-    started, progress = time.perf_counter(), progress or silent
+    started = time.perf_counter()
+    progress = progress or silent
     if iterations < 1:
         raise SceneError(f"iterations: {iterations} is too small; allowed: at least 1")
-    loss, scene = as_loss(loss), load_scene(scene).with_equal_steps()
+    loss = as_loss(loss)
+    scene = load_scene(scene).with_equal_steps()
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
     progress(0.0, "first run")
     point = first_point(problem, initial_loss(loss))
@@ -177,7 +181,8 @@ def over_runs(result: ChannelFit) -> tuple[Between, ...]:
 
 def warnings_of(result: ChannelFit) -> list[str]:
     """Warnings, one line each."""
-    point, e = result.solution, result.errors
+    point = result.solution
+    e = result.errors
     found = common_warnings(point, e)
     for p, kind, why in zip(result.parameters, e.determined, e.why, strict=True):
         if kind == "no":
@@ -185,7 +190,8 @@ def warnings_of(result: ChannelFit) -> list[str]:
         elif kind != "yes":
             found.append(f"{p.name}: {kind}: {why}")
     for row in result.channels():
-        claimed, estimated = row["noise_claimed"], row["noise"]
+        claimed = row["noise_claimed"]
+        estimated = row["noise"]
         if claimed is not None and not 0.5 < estimated / claimed < 2:
             found.append(
                 f"channel {row['name']}: residuals are {estimated / claimed:.2g} times the noise of its sensor"
@@ -215,7 +221,10 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
         problem = problem.finer()
         e = problem.evaluate(values)
     if e.failed:
-        hint = ", --integrator generalized_alpha (which damps the ringing of stiff lines)" if e.unstable else ""
+        if e.unstable:
+            hint = ", --integrator generalized_alpha (which damps the ringing of stiff lines)"
+        else:
+            hint = ""
         raise SceneError(
             f"start: the run at the start values fails, {e.failed}. Try a smaller --dt{hint}, or other values"
         )

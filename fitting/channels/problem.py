@@ -190,7 +190,9 @@ class Problem(Residuals):
 
     def whiten_residuals(self, e: Evaluation) -> Evaluation:
         """The evaluation with its residuals in units of independent noise."""
-        return e if e.failed else whiten(self.windows, self._residuals(e, self.windows))
+        if e.failed:
+            return e
+        return whiten(self.windows, self._residuals(e, self.windows))
 
     @property
     def values(self) -> np.ndarray:
@@ -227,7 +229,11 @@ class Problem(Residuals):
     def evaluate(self, values: np.ndarray, starts: Sequence[State] | None = None) -> Evaluation:
         """Predictions of all runs at these values (p,), with derivatives."""
         near = self.near if starts is None else starts
-        shown, slopes, started, failed, unstable = [], [], [], "", False
+        shown = []
+        slopes = []
+        started = []
+        failed = ""
+        unstable = False
         for run, scene in enumerate(self.scenes):
             mine = list(self.of_run[run])
             try:
@@ -239,7 +245,10 @@ class Problem(Residuals):
                 self.plan(run), at.setup, at.tangents, near[run], dt, self._pad_stamps(run, dt.dtype)
             )
             if int(bad) >= 0 or not all(np.isfinite(y).all() for y in motion):
-                when = f"step {int(bad) + 1} at {(int(bad) + 1) * self.dt:g} s" if int(bad) >= 0 else "the start"
+                if int(bad) >= 0:
+                    when = f"step {int(bad) + 1} at {(int(bad) + 1) * self.dt:g} s"
+                else:
+                    when = "the start"
                 failed = failed or f"{self.data.runs[run].name}: {when} did not solve"
             elif not all(np.abs(s).max(initial=0.0) < 1e100 for s in slope):  # squares must not overflow in a sum
                 unstable = True

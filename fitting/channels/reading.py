@@ -107,7 +107,8 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
     camera = table.get("camera")
     if camera is not None and camera not in names:
         raise SceneError(f"{path}.camera: {camera!r} is not a camera; {nearest(str(camera), names)}")
-    columns, unit = columns_of(table, path), unit_of(table, path, "unit", cls.measures)
+    columns = columns_of(table, path)
+    unit = unit_of(table, path, "unit", cls.measures)
     if cls.scalar and len(columns) != 1:
         raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 1, because this kind is a single number")
     common = {
@@ -164,8 +165,10 @@ def read_run(
     check_keys(table, ("file", "name", "from", "until", "scene"), path)
     files, default = _files(value_of(table, path, "file", "a CSV, or a list of them"), path, folder)
     owners = _files_of_channels(files, [sensor.channel for sensor in sensors], path)
-    low, high = number_of(table, path, "from", -np.inf), number_of(table, path, "until", np.inf)
-    times, values = [], []
+    low = number_of(table, path, "from", -np.inf)
+    high = number_of(table, path, "until", np.inf)
+    times = []
+    values = []
     for sensor, owner in zip(sensors, owners, strict=True):
         what = f"{path}: channel {sensor.channel.name!r}"
         t, y = owner.read(sensor.channel.columns, sensor.channel.unit)
@@ -193,7 +196,10 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
             if column.shape != t.shape:
                 raise SceneError(f"{path}.file: {name} has {column.size} values for {len(t)} times; allowed: as many")
         return [Columns(path, t, columns)], path.replace(".", "_")
-    items = [given] if isinstance(given, str) else read_list(given, f"{path}.file", None, "a file or a list of files")
+    if isinstance(given, str):
+        items = [given]
+    else:
+        items = read_list(given, f"{path}.file", None, "a file or a list of files")
     found = [
         _files(item, path, folder)[0][0]
         if isinstance(item, Mapping)
@@ -239,7 +245,8 @@ def _recorded_motions(
     """Values of the scene that make fixed points move as measured."""
     if not motions:
         return {}
-    times, paths = None, []
+    times = None
+    paths = []
     for point, columns, unit in motions:
         what = f"{path}: motion of {point!r}"
         t, y = _one_file(files, columns, what).read(columns, unit)
@@ -269,7 +276,8 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
         SceneError: one line with the path, the value and the allowed range.
     """
     if not isinstance(source, Mapping):
-        folder, source = folder or Path(source).parent, parse_file(Path(source))
+        folder = folder or Path(source).parent
+        source = parse_file(Path(source))
     check_keys(source, ("run", "channel", "camera", "motion"), "")
     cameras = tuple(read_camera(table, f"camera.{i}") for i, table in enumerate(tables_of(source, "camera")))
     check_once([c.name for c in cameras], "camera")

@@ -53,7 +53,8 @@ def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float 
     """
     n = len(values)
     own = np.sqrt(np.diag(covariance))
-    ones, eye = np.ones(n), np.eye(n)
+    ones = np.ones(n)
+    eye = np.eye(n)
     # a typical size, so that the search works in any unit
     top = float(np.var(values, ddof=1) + np.max(own**2)) or 1.0
 
@@ -103,7 +104,8 @@ def errors_of(point: Solution) -> Errors:
 
     a calibration error of 1 % of the channel changes it by 1 %/s, for any number of samples.
     """
-    u, sensitivity = uncertainty(point), _sensitivity(point)
+    u = uncertainty(point)
+    sensitivity = _sensitivity(point)
     verdicts = [_verdict(point, i, u.std_error[i], sensitivity[i]) for i in range(len(point.values))]
     determined, why = zip(*verdicts, strict=True)
     return Errors(**vars(u), sensitivity=sensitivity, determined=determined, why=why)
@@ -111,7 +113,8 @@ def errors_of(point: Solution) -> Errors:
 
 def _sensitivity(point: Solution) -> np.ndarray:
     """s of every parameter and channel (p, c)."""
-    e, data = point.evaluation, point.problem.data
+    e = point.evaluation
+    data = point.problem.data
     found = np.zeros((len(point.values), len(data.sensors)))
     for c, sensor in enumerate(data.sensors):
         shown = np.concatenate([run[c] for run in e.shown])
@@ -124,23 +127,32 @@ def _sensitivity(point: Solution) -> np.ndarray:
 
 
 def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tuple[str, str]:
-    p, value = point.problem.parameters[i], float(point.values[i])
+    p = point.problem.parameters[i]
+    value = float(point.values[i])
     if not p.low < p.high:
         return "yes", ""
     if p.prior is not None:
         # the data add next to nothing to a prior that is as wide as the error
-        return ("prior", "determined by its prior only") if se >= 0.95 * p.prior[1] else ("yes", "")
+        if se >= 0.95 * p.prior[1]:
+            return ("prior", "determined by its prior only")
+        return ("yes", "")
     if p.low < 0:
         return "yes", ""
-    most, reach = float(sensitivity.max(initial=0.0)), quantile(0.95) * se
+    most = float(sensitivity.max(initial=0.0))
+    reach = quantile(0.95) * se
     bound = "upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %"
     if p.in_model and p.low == 0 and value < reach:  # it is compatible with zero
         return bound
     if value > 0 and most <= 0.05:
         name = point.problem.data.sensors[int(sensitivity.argmax())].channel.name
-        moves = f"1 % of channel {name!r} is {1 / most:.0f} % of it" if most > 1e-6 else "no channel is sensitive to it"
+        if most > 1e-6:
+            moves = f"1 % of channel {name!r} is {1 / most:.0f} % of it"
+        else:
+            moves = "no channel is sensitive to it"
         return "no", f"{moves} (d ln y/d ln p = {most:.2g})"
-    return bound if value < reach else ("yes", "")
+    if value < reach:
+        return bound
+    return ("yes", "")
 
 
 #: Remark for each way in which a parameter is determined.
@@ -183,7 +195,8 @@ class ChannelFit(SceneFit):
 
     def channels(self) -> list[dict[str, Any]]:
         """Of every channel: kind, unit, samples, RMS of the residuals, estimated noise, remaining correlation."""
-        problem, found = self.solution.problem, []
+        problem = self.solution.problem
+        found = []
         deviations = problem.data.deviations(self.solution.evaluation.shown)
         for c, sensor in enumerate(problem.data.sensors):
             off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
@@ -206,7 +219,8 @@ class ChannelFit(SceneFit):
 
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON; values that are not finite become null."""
-        e, names = self.errors, [s.channel.name for s in self.solution.problem.data.sensors]
+        e = self.errors
+        names = [s.channel.name for s in self.solution.problem.data.sensors]
         table = self.estimates()
         for row, determined, why, felt in zip(table.values(), e.determined, e.why, e.sensitivity, strict=True):
             row |= {"determined": determined, "why": why, "sensitivity": dict(zip(names, felt, strict=True))}

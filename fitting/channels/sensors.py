@@ -65,7 +65,9 @@ def value_of(table: Mapping[str, Any], path: str, key: str, needed: str) -> Plai
 
 def number_of(table: Mapping[str, Any], path: str, key: str, default: float | None, **limits: Any) -> float | None:
     unit = {"at": "m", "delay": "s", "from": "s", "until": "s", "focal": "px"}.get(key, "-")
-    return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits}) if key in table else default
+    if key in table:
+        return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits})
+    return default
 
 
 def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.ndarray:
@@ -113,7 +115,9 @@ class Tension(Channel):
         if where.point is None:
             return cls(**common, link=link_of(context.scene, where, context.path))
         ends = ends_at(context.scene, where.point, context.path)
-        return cls(**common, ends=ends) if len(ends) > 1 else cls(**common, link=ends[0][2])
+        if len(ends) > 1:
+            return cls(**common, ends=ends)
+        return cls(**common, link=ends[0][2])
 
     def see(self, motion: SavedMotion) -> jax.Array:
         if not self.ends:
@@ -214,7 +218,9 @@ AXES = ("x", "y", "z")
 def position_at(nodes: jax.Array, node: Node) -> jax.Array:
     """Position of the sensor (times, 3) [m]."""
     first = nodes[:, node.first]
-    return first if node.share == 0 else first + node.share * (nodes[:, node.second] - first)
+    if node.share == 0:
+        return first
+    return first + node.share * (nodes[:, node.second] - first)
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,8 @@ STARTS = {
     "release_force": "N",
 }
 #: Maximum change of a free delay from its start value [s], and of a free rate, relative.
-DELAY_RANGE, RATE_RANGE = 0.5, 0.02
+DELAY_RANGE = 0.5
+RATE_RANGE = 0.02
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,8 @@ def _of_start(scene: Scene, name: str, option: str) -> list[Parameter]:
     found = ScenePath(name).entry_of(given)
     if found is None:
         raise SceneError(f"{option}: {name!r} is not given in the scene's start; {nearest(name, given)}")
-    key, index = given[found[0]], found[1]
+    key = given[found[0]]
+    index = found[1]
     array = np.asarray(getattr(scene.start, key), float)
     if len(index) > array.ndim or any(i >= size for i, size in zip(index, array.shape, strict=False)):
         raise SceneError(f"{option}: {name!r} has no such entry; allowed: below {', '.join(map(str, array.shape))}")
@@ -159,7 +161,8 @@ def _of_channel(data: Data, name: str, option: str) -> list[Parameter]:
     columns = len(sensor.channel.columns)
     if len(entries) > 1 or any(i >= columns for i in entries):
         raise SceneError(f"{option}: {name!r} has no such column; allowed: 0 to {columns - 1}")
-    stem, unit = ScenePath(name).stem, sensor.channel.measures
+    stem = ScenePath(name).stem
+    unit = sensor.channel.measures
     return [
         Parameter(
             stem if columns == 1 else f"{stem}.{i}",
@@ -265,7 +268,8 @@ class Plan:
 
 def begin(plan: Plan, setup: Setup, near: State) -> State:
     """The start, which follows the model: a static pose is solved from a nearby one, angles keep their values."""
-    model, given = setup.model, setup.start
+    model = setup.model
+    given = setup.start
     if plan.start == "static":
         return settle(model, near, nodal_loads(model, plan.release_nodes, given.get("release_force")))
     if plan.start == "angles":
@@ -283,7 +287,10 @@ def at_times(y: jax.Array, first: jax.Array, spacing: jax.Array, t: jax.Array) -
     row = (t - first) / spacing
     i = jax.lax.stop_gradient(jnp.clip(jnp.floor(row) - 1, 0, y.shape[0] - 4)).astype(int)
     u = row - i
-    a, b, c, d = u, u - 1, u - 2, u - 3
+    a = u
+    b = u - 1
+    c = u - 2
+    d = u - 3
     shares = (-b * c * d / 6, a * c * d / 2, -a * b * d / 2, a * b * c / 6)
     return sum(share[:, None] * y[i + k] for k, share in enumerate(shares))
 
@@ -310,7 +317,10 @@ def observe_channels(
             clock = setup.clocks[channel.camera]
             when = clock.rate * stamps - clock.delay
         when = jnp.maximum(when - reading.delay, 0.0)
-        first = spacing * (1 - early) if channel.of_tension else jnp.zeros_like(spacing)
+        if channel.of_tension:
+            first = spacing * (1 - early)
+        else:
+            first = jnp.zeros_like(spacing)
         shown.append(reading.offset + reading.gain * at_times(channel.see(motion), first, spacing, when))
     return tuple(shown), s, run.first_bad[-1]
 

@@ -81,7 +81,9 @@ def run(args: argparse.Namespace) -> int:
     files = write_page(found, out)
     found |= {"out": str(out), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
     print_result(args.json, found, text(found, files))
-    return FAILED if found["failed"] else OK
+    if found["failed"]:
+        return FAILED
+    return OK
 
 
 def _list(site: Any, as_json: bool) -> int:
@@ -97,7 +99,10 @@ def text(found: dict[str, Any], files: dict[str, Path]) -> str:
     pairs = [("cases", f"{len(found['cases'])}, {found['runs']} runs, {found['resumed']} of them resumed")]
     for part in found["parts"]:
         row = part["worst"]
-        worst = "no run" if row is None else f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
+        if row is None:
+            worst = "no run"
+        else:
+            worst = f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
         pairs.append((part["part"], worst))
     flags = "\n".join(f"- {flag}" for flag in found["flags"])
     verdict = "all limits hold" if found["passes"] else "not all limits hold"

@@ -159,7 +159,9 @@ def add_convention(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     spans = held_out_spans(args.held_out)
     free = None if args.free is None else args.free.split(",")
-    folder, plot, out = output_folder(args.report, "--report"), output_folder(args.plot, "--plot"), out_file(args.out)
+    folder = output_folder(args.report, "--report")
+    plot = output_folder(args.plot, "--plot")
+    out = out_file(args.out)
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
@@ -185,11 +187,14 @@ def run(args: argparse.Namespace) -> int:
     from fitting.calibration.preparation import FitSettings
     from fitting.calibration.result import ACCEPTABLE
 
-    traces, found, about = [], {}, ""
+    traces = []
+    found = {}
+    about = ""
     if scene is not None:
         traces, notes = traces_for(args, scene)
         if notes:
-            found, about = {"assumed": notes}, "assumed\n" + "\n".join(f"  {note}" for note in notes)
+            found = {"assumed": notes}
+            about = "assumed\n" + "\n".join(f"  {note}" for note in notes)
     foreign = scene is None or bool(found)
     settings = FitSettings(
         window=args.window,
@@ -223,7 +228,9 @@ def run(args: argparse.Namespace) -> int:
     print_warnings(result.warnings)
     words = "\n\n".join(filter(None, [about, text(result)]))
     code = deliver(args.json, result.to_json() | found, words, out, failure_of(result))
-    return OK if args.accept_misfit and result.status in ACCEPTABLE else code
+    if args.accept_misfit and result.status in ACCEPTABLE:
+        return OK
+    return code
 
 
 def check_without_scene(args: argparse.Namespace) -> None:
@@ -246,7 +253,9 @@ def chosen_loss(args: argparse.Namespace) -> Loss:
     name = "student" if args.student else args.robust
     if name is not None:
         return as_loss(name, "robust")
-    return LEAST_SQUARES if args.huber is None else Huber(args.huber)
+    if args.huber is None:
+        return LEAST_SQUARES
+    return Huber(args.huber)
 
 
 def chosen_method(args: argparse.Namespace) -> Method:
@@ -277,11 +286,17 @@ def check_intervals(args: argparse.Namespace, scene: Scene, free: list[str] | No
     if not args.profile:
         return
     own = [] if args.own is None else args.own.split(",")
-    by_default = [*default_free(scene), *([] if args.fixed else default_rig(scene))] if free is None else free
+    if free is None:
+        by_default = [*default_free(scene), *([] if args.fixed else default_rig(scene))]
+    else:
+        by_default = free
     names = [*by_default, *own]
     known = [name if name.startswith(OF_DATA) else full_names(scene, [name])[0] for name in names]
     for name in args.profile.split(","):
-        full = name if name.startswith(OF_DATA) else full_names(scene, [name.partition("@")[0]], "profile")[0]
+        if name.startswith(OF_DATA):
+            full = name
+        else:
+            full = full_names(scene, [name.partition("@")[0]], "profile")[0]
         if not any(f"{full}.".startswith(f"{one}.") or one.startswith(f"{full}.") for one in known):
             raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
 
@@ -316,7 +331,9 @@ def add_judgements(result: FitResult, args: argparse.Namespace, say: Progress) -
 
 def failure_of(result: SceneFit) -> Failure | None:
     """Status and message of a fit that failed."""
-    return None if result.status == "ok" else (result.status, f"{result.status}: {result.message}")
+    if result.status == "ok":
+        return None
+    return (result.status, f"{result.status}: {result.message}")
 
 
 #: Beginnings of names of parameters that belong to a file of channels, not to the scene.

@@ -142,7 +142,10 @@ def fit_files(args: argparse.Namespace, shared: dict[str, Any], say: Progress) -
             f"the residuals exceed the noise: the rig departs by {error:g} rad from this model, and has dry friction"
         )
         result = fit_plain()
-    folder = new_folder(measured[0].trace.name) if args.report is None else args.report
+    if args.report is None:
+        folder = new_folder(measured[0].trace.name)
+    else:
+        folder = args.report
     case = write_case(folder, measured, plain)
     values = found_values(result, measured[0], args.mass)
     assumed.append(model_note(measured[0].trace.links, args.mass))
@@ -159,11 +162,19 @@ def model_error_of(result: FitResult) -> float | None:
     """The model error [rad] that explains a misfit; None where it is not small compared with the motion."""
     motion = min(float(np.nanstd(column)) for trace in result.traces for column in trace.theta.T)
     error = float(f"{result.rms:.2g}")
-    return error if error < SMALL_ERROR * motion and not result.wrong_file else None
+    if error < SMALL_ERROR * motion and not result.wrong_file:
+        return error
+    return None
 
 
 def model_note(links: int, mass: float | None) -> str:
     """What the proposed scene assumes, in words."""
-    what = "one pendulum of an effective length" if links == 1 else f"{links} massless links with masses at their ends"
-    scale = "a mass of 1 kg: damping is per mass" if mass is None else f"masses of {mass:g} kg"
+    if links == 1:
+        what = "one pendulum of an effective length"
+    else:
+        what = f"{links} massless links with masses at their ends"
+    if mass is None:
+        scale = "a mass of 1 kg: damping is per mass"
+    else:
+        scale = f"masses of {mass:g} kg"
     return f"model: {what}, in air, linear and quadratic drag, gravity 9.81 m/s^2; {scale}"

@@ -46,7 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    plot, out = plot_folder(args.plot), out_file(args.out)
+    plot = plot_folder(args.plot)
+    out = out_file(args.out)
     state = output_file(args.state, "--state", (".json",))
 
     from fitting.farm.optimise.run import check_derivatives, optimise, read_problem
@@ -92,7 +93,12 @@ def text(found: Optimum) -> str:
     limits = [("constraint, limit 1", "before", "after", "effect of 1 % more of it")]
     for label, (a, b) in found.constraints.items():
         price = found.prices.get(label) if known else None
-        price_text = f"{price:+.3g}" if price is not None else "active" if b >= ACTIVE else ""
+        if price is not None:
+            price_text = f"{price:+.3g}"
+        elif b >= ACTIVE:
+            price_text = "active"
+        else:
+            price_text = ""
         limits.append((label, f"{a:.3f}", f"{b:.3f}", price_text))
     effects = [(n, f"{c:+.3g}" if known else "unknown: no optimum") for n, c in found.assumptions.items()]
     assumed = [("1 % more of", "objective"), *effects]

@@ -64,6 +64,9 @@ def text(found: dict[str, Any]) -> str:
         for row in found["months"]
     ]
     flags = "\n".join(f"- {flag}" for flag in found["flags"])
-    verdict = "the schedule holds" if found["holds"] else "the schedule does not hold"
+    if found["holds"]:
+        verdict = "the schedule holds"
+    else:
+        verdict = "the schedule does not hold"
     last = f"{verdict}; visits: {found['visits']}, floats moved: {found['handled']}"
     return "\n\n".join(part for part in (listing(pairs), flags, last) if part)

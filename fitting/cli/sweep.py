@@ -180,7 +180,9 @@ def _parts(args: argparse.Namespace) -> list[float] | None:
         if value and not args.trace:
             raise SceneError(f"{option}: requires --trace FILE.csv")
     allowed = "is not T1,T2; allowed: two times in s, such as 12,25"
-    return None if args.parts is None else read_numbers(args.parts, "--parts", allowed)
+    if args.parts is None:
+        return None
+    return read_numbers(args.parts, "--parts", allowed)
 
 
 def _fit(args: argparse.Namespace, scene: Scene, scores: TraceScores) -> FittedScore:
@@ -237,7 +239,8 @@ def _spaced_values(option: str, path: str, text: str) -> np.ndarray:
 
     limits, _, spacing = text.rpartition(":")
     if spacing not in SPACINGS:
-        limits, spacing = text, "linear"
+        limits = text
+        spacing = "linear"
     low, high, count = read_spaced(limits, "--vary", NOT_VALUES, option)
     if count > MOST_VALUES:
         raise SceneError(f"--vary: {path} has {count} values; allowed: at most {MOST_VALUES}")
@@ -246,7 +249,9 @@ def _spaced_values(option: str, path: str, text: str) -> np.ndarray:
     values = getattr(np, SPACINGS[spacing])(low, high, count)
     # a parameter may be a count, which takes whole numbers only
     is_count = ScenePath(path).section == "parameters" and np.array_equal(values, np.round(values))
-    return values.astype(int) if is_count else values
+    if is_count:
+        return values.astype(int)
+    return values
 
 
 def _result_table(path: Path) -> str:

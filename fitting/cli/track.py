@@ -85,7 +85,10 @@ def run(args: argparse.Namespace) -> int:
     overlay = output_file(args.overlay, "--overlay", (".png", ".avi", ".mp4"))
 
     allowed = "is not X,Y; allowed: pixels such as 120,85"
-    start = None if args.start is None else [read_numbers(text, "--start", allowed, count=2) for text in args.start]
+    if args.start is None:
+        start = None
+    else:
+        start = [read_numbers(text, "--start", allowed, count=2) for text in args.start]
 
     from fitting.films.ordering import AmbiguousOrderError
     from fitting.films.overlay import write_overlay
@@ -125,7 +128,9 @@ def run(args: argparse.Namespace) -> int:
     print_result(args.json, {**tracked.to_json(), "out": None if lost else str(out)}, text(tracked, out))
     if tracked.status != "ok":
         print_line(f"error: {tracked.message}" + ("" if lost else f"; the earlier part is in {out}"))
-    return OK if tracked.status == "ok" else FAILED
+    if tracked.status == "ok":
+        return OK
+    return FAILED
 
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
@@ -192,5 +197,8 @@ def text(tracked: Tracked, out: Path) -> str:
         pairs.insert(0, ("lens", f"{tracked.lens.pictures} pictures, error {tracked.lens.error:.2g} pixel"))
     if tracked.scaled:
         pairs.append(("links", ", ".join(f"{x:.4f}" for x in found["link_length_m"]) + " m"))
-    outcome = "no angles are written" if tracked.status == "lost" else f"angles in {out}"
+    if tracked.status == "lost":
+        outcome = "no angles are written"
+    else:
+        outcome = f"angles in {out}"
     return "\n".join([listing(pairs), "", f"{found['status']}: {outcome}"])

@@ -60,7 +60,9 @@ INTERMEDIATE = 0.25
 #: Change of the information, in any direction, above which coordinates are made again.
 CHANGED = 4.0
 #: Trials of a line search, the factor between them, and the fraction of the predicted decrease that suffices.
-TRIALS, SHORTER, ENOUGH = 12, 0.4, 1e-4
+TRIALS = 12
+SHORTER = 0.4
+ENOUGH = 1e-4
 #: Step, in standard errors, below which a parameter stays on its bound.
 STAYS = 1e-6
 #: Growth of the loss, relative to the larger of its first value and 1 per sample, that counts as divergence.
@@ -102,7 +104,9 @@ class GradientDescent:
     @property
     def name(self) -> str:
         """Of the optimizer."""
-        return self.optimizer if isinstance(self.optimizer, str) else "optax"
+        if isinstance(self.optimizer, str):
+            return self.optimizer
+        return "optax"
 
     @property
     def usual_rate(self) -> float:
@@ -112,7 +116,9 @@ class GradientDescent:
     @property
     def rate(self) -> float:
         """The learning rate."""
-        return self.usual_rate if self.learning_rate is None else self.learning_rate
+        if self.learning_rate is None:
+            return self.usual_rate
+        return self.learning_rate
 
     @property
     def searches(self) -> bool:
@@ -181,7 +187,8 @@ class Coordinates:
 
     def step(self, values: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """The optimizer's step of the parameters (k,); zero for parameters that are not free."""
-        slope, x = jnp.asarray(self.slope(gradient) / self.unit), self.optimizer_position(values)
+        slope = jnp.asarray(self.slope(gradient) / self.unit)
+        x = self.optimizer_position(values)
         update, self.state = self.descent.transformation.update(slope, self.state, x)
         self.taken += 1
         found = np.zeros(len(values))
@@ -205,7 +212,10 @@ class GradientSteps:
 
     def report(self, point: Point, progress: Progress) -> None:
         record = self.objective.record(point.cost, point.values)
-        stage = f"gap weight {record['gap_weight']:g}" if "gap_weight" in record else "separate windows"
+        if "gap_weight" in record:
+            stage = f"gap weight {record['gap_weight']:g}"
+        else:
+            stage = "separate windows"
         text = f"{stage}, {self.descent.name} step {self.taken}, loss per sample {record['loss']:.5g}"
         progress(min(self.taken / self.descent.steps, 0.99), text)
         self.descent.note(text)
@@ -246,19 +256,29 @@ class GradientSteps:
     def _divergence(self, cost: float) -> str:
         """A loss that grew, in words."""
         descent = self.descent
-        size = f"grew from {self.first:.3g} to {cost:.3g}" if np.isfinite(cost) else "is not finite"
-        advice = f"Use {descent.usual_rate:g}" if descent.rate > descent.usual_rate else "Use a smaller one"
+        if np.isfinite(cost):
+            size = f"grew from {self.first:.3g} to {cost:.3g}"
+        else:
+            size = "is not finite"
+        if descent.rate > descent.usual_rate:
+            advice = f"Use {descent.usual_rate:g}"
+        else:
+            advice = "Use a smaller one"
         steps = f"{self.taken} steps of {descent.name}"
         return f"the loss {size} after {steps} with learning rate {descent.rate:g}. {advice}"
 
     def _next(self, point: Point, newton: Step) -> Point | None:
         """The next point; None if a line search finds none."""
-        objective, problem, nowhere = self.objective, self.objective.problem, 0 * point.values
-        direction, (low, high) = self.x.step(point.values, newton.gradient), problem.bounds(point.values)
+        objective = self.objective
+        problem = self.objective.problem
+        nowhere = 0 * point.values
+        direction = self.x.step(point.values, newton.gradient)
+        low, high = problem.bounds(point.values)
         span = np.where(direction > 0, high - point.values, low - point.values)
         ahead = (direction != 0) & (span != 0)
         direction = np.where(ahead, direction, 0.0) * np.min(span[ahead] / direction[ahead], initial=1.0)
-        slope, searched = float(newton.gradient @ direction), self.descent.searches
+        slope = float(newton.gradient @ direction)
+        searched = self.descent.searches
         if searched and not slope < 0:
             return None
         for trial in range(TRIALS if searched else 1):
@@ -276,7 +296,10 @@ class GradientSteps:
             if not searched or cost <= point.cost + ENOUGH * part * slope:
                 # minimum damping of the starts' steps
                 self.damping = max(0.1 * damping, 1e-9)
-                system = objective.system(evaluation, values) if np.isfinite(cost) else None
+                if np.isfinite(cost):
+                    system = objective.system(evaluation, values)
+                else:
+                    system = None
                 return Point(values, evaluation, cost, system)
         return None
 

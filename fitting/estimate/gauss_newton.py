@@ -85,7 +85,10 @@ class Separate:
         self, evaluation: Evaluation, values: np.ndarray, reach: np.ndarray | float | None = None
     ) -> Step | None:
         """The step without damping; parameters move by at most `reach` (k,), by default inside their bounds."""
-        limits = self.problem.step_bounds(values) if reach is None else np.outer([-1, 1], reach + 0 * values)
+        if reach is None:
+            limits = self.problem.step_bounds(values)
+        else:
+            limits = np.outer([-1, 1], reach + 0 * values)
         return self.solve(self.system(evaluation, values), values, 0.0, *limits)
 
     def record(self, cost: float, values: np.ndarray) -> dict[str, Any]:
@@ -117,7 +120,8 @@ class Separate:
 
 def first_solution(problem: Residuals, values: np.ndarray, evaluation: Evaluation) -> Solution:
     """The point where a fit starts, not solved: its normal equations are zero."""
-    objective, (k, m2) = Separate(problem), (len(values), problem.freedoms)
+    objective = Separate(problem)
+    k, m2 = (len(values), problem.freedoms)
     cost = objective.cost(evaluation, values)
     nothing = Step(np.zeros(k), np.zeros((0, m2)), 0.0, np.zeros((k, k)), np.zeros(k), np.zeros((0, m2, k)))
     return objective.solution(values, evaluation, cost, nothing, history=[objective.record(cost, values)])
@@ -165,7 +169,8 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
         floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
         A = normal.A + (damping[:, None] * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
         usable = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(cost)
-        A, slope = np.where(usable[:, None, None], A, np.eye(A.shape[1])), np.where(usable[:, None], normal.gz, 0.0)
+        A = np.where(usable[:, None, None], A, np.eye(A.shape[1]))
+        slope = np.where(usable[:, None], normal.gz, 0.0)
         dz = -np.linalg.solve(A, slope[..., None])[..., 0]
         if not (-np.einsum("ki,ki->k", dz, slope) > DECREASE_TOLERANCE).any():
             break
@@ -174,7 +179,8 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
         evaluation = Evaluation(*(a.copy() for a in evaluation))
         for part, new in zip(evaluation, trial, strict=True):
             part[lower] = new[lower]
-        starts, cost = evaluation.starts, window_costs(problem, evaluation.residual)
+        starts = evaluation.starts
+        cost = window_costs(problem, evaluation.residual)
         damping = np.clip(np.where(lower, 0.1 * damping, np.maximum(10 * damping, 1e-3)), 1e-9, LARGEST_DAMPING)
     return starts, evaluation
 
@@ -199,7 +205,10 @@ def descend(
     """
     problem = objective.problem
     gradient = problem.descent is not None and not problem.held_mask.all()
-    mover = problem.descent.mover(objective, count) if gradient else DampedSteps(objective, iterations, count)
+    if gradient:
+        mover = problem.descent.mover(objective, count)
+    else:
+        mover = DampedSteps(objective, iterations, count)
     return minimise(objective, begin, mover, progress)
 
 
@@ -248,7 +257,9 @@ class DampedSteps:
         return moved < self.objective.close and decrease < self.objective.little()
 
     def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
-        objective, problem, failure = self.objective, self.objective.problem, ""
+        objective = self.objective
+        problem = self.objective.problem
+        failure = ""
         limits = problem.step_bounds(point.values)
         while self.count < self.iterations and self.damping < LARGEST_DAMPING:
             step = objective.solve(point.system, point.values, self.damping, *limits)
@@ -275,21 +286,32 @@ class DampedSteps:
 
 def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progress = silent) -> Solution:
     """The lowest point that a mover finds from one that is already evaluated; converged if the mover has arrived."""
-    problem, history, known = objective.problem, list(begin.history), begin
+    problem = objective.problem
+    history = list(begin.history)
+    known = begin
     best = Point(begin.values, begin.evaluation, objective.cost(begin.evaluation, begin.values), None)
-    status, message, point = "not_converged", "the simulation of the start values is not finite", best
+    status = "not_converged"
+    message = "the simulation of the start values is not finite"
+    point = best
     if np.isfinite(best.cost):
         point = best._replace(system=objective.system(best.evaluation, best.values))
     while point.system is not None:
         mover.report(point, progress)
         newton = objective.solve(point.system, point.values, 0.0, *problem.step_bounds(point.values))
-        moved, decrease = objective.remaining_gain(newton, point.evaluation, point.cost) if newton else (np.inf, np.inf)
+        if newton:
+            moved, decrease = objective.remaining_gain(newton, point.evaluation, point.cost)
+        else:
+            moved, decrease = (np.inf, np.inf)
         if newton is not None and mover.is_minimum(moved, decrease):
-            best, known, status, message = point, newton, "ok", ""
+            best = point
+            known = newton
+            status = "ok"
+            message = ""
             break
         near = nearly_there(moved, decrease, problem.samples)
         if point.cost <= best.cost:
-            best, known = point, newton or known
+            best = point
+            known = newton or known
         following = mover.move(point, newton, near)
         if following is None:
             status = "ok" if near and not mover.why else status

@@ -65,7 +65,8 @@ class Huber:
         return np.minimum(np.abs(residual), c) ** 2 / normal
 
     def cost(self, residual: np.ndarray) -> float:
-        size, c = np.abs(residual), self.threshold
+        size = np.abs(residual)
+        c = self.threshold
         return float(np.sum(np.where(size <= c, 0.5 * size**2, c * size - 0.5 * c**2)))
 
     def weights(self, residual: np.ndarray) -> np.ndarray:
@@ -122,4 +123,6 @@ def as_loss(given: Loss | str, option: str = "loss") -> Loss:
 
 def initial_loss(loss: Loss) -> Loss:
     """The initial loss: one with a single minimum."""
-    return LOSSES["huber"] if loss.redescends else loss
+    if loss.redescends:
+        return LOSSES["huber"]
+    return loss

@@ -60,7 +60,11 @@ class Noise:
     @property
     def kind(self) -> str:
         """`white`, `correlated` or `jitter`."""
-        return "correlated" if np.isfinite(self.decay).any() else "jitter" if self.delay.any() else "white"
+        if np.isfinite(self.decay).any():
+            return "correlated"
+        if self.delay.any():
+            return "jitter"
+        return "white"
 
     def apply_to(self, windows: Windows, traces: Sequence[Trace] = ()) -> Windows:
         """Samples of the claimed noise with this noise; frames with delays need the traces."""
@@ -69,7 +73,8 @@ class Noise:
         decay = self.decay[source] if np.isfinite(self.decay).any() else None
         if not self.delay.any():
             return replace(windows, weight=weight, decay=decay)
-        delay, (rate, acceleration) = self.delay[source][:, None, None], motion(windows, traces)
+        delay = self.delay[source][:, None, None]
+        rate, acceleration = motion(windows, traces)
         theta = windows.theta - 0.5 * delay**2 * acceleration
         return replace(windows, theta=theta, weight=weight, decay=decay, jitter=weight * delay * rate)
 
@@ -90,7 +95,8 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
     found = np.zeros((2, *windows.theta.shape))
     t = windows.times()
     for run in np.unique(windows.run):
-        trace, mine = traces[run], windows.run == run
+        trace = traces[run]
+        mine = windows.run == run
         even = np.arange(trace.t[0], trace.t[-1], trace.interval)
         # half width [s] of the smoother that estimates rates from a trace
         reach = 2 * max(2, round(0.05 / trace.interval)) + 1
@@ -104,7 +110,8 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
 def in_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
     """An evaluation in units of the old samples' noise, in those of the new ones."""
     ratio = np.where(new.weight > 0, new.weight / np.where(old.weight > 0, old.weight, 1.0), 0.0)
-    residual, jacobian = evaluation.residual * ratio, evaluation.jacobian * ratio[..., None]
+    residual = evaluation.residual * ratio
+    jacobian = evaluation.jacobian * ratio[..., None]
     return evaluation._replace(residual=residual, jacobian=jacobian)
 
 
@@ -146,7 +153,10 @@ def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     decay = windows.decay[:, None, :]
     first = before < 0
     phi = np.where(first, 0.0, np.exp(-decay * np.maximum(apart, 1e-300)))
-    step = np.median(np.diff(windows.times(), axis=1)[known.all(2)[:, 1:]]) if known.all(2)[:, 1:].any() else windows.dt
+    if known.all(2)[:, 1:].any():
+        step = np.median(np.diff(windows.times(), axis=1)[known.all(2)[:, 1:]])
+    else:
+        step = windows.dt
     kept = np.exp(-decay * step)
     continued = np.where(windows.follows[:, None, None], np.sqrt((1 - kept) / (1 + kept)), 1.0)
     size = np.where(first, continued, 1 / np.sqrt(np.maximum(1 - phi**2, 1e-12)))

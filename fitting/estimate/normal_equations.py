@@ -120,11 +120,17 @@ class Prior(NamedTuple):
 def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequence[Common] = ()) -> Prior:
     """Contribution of the parameters' priors, single and joint ones, at these values (k,)."""
     mean, sigma = np.array([p.prior or (0.0, np.inf) for p in parameters]).reshape(-1, 2).T
-    rest, scale = (values - mean) / sigma, 1 / sigma
-    cost, gradient, curvature = 0.5 * float(rest @ rest), rest * scale, np.diag(scale**2)
+    rest = (values - mean) / sigma
+    scale = 1 / sigma
+    cost = 0.5 * float(rest @ rest)
+    gradient = rest * scale
+    curvature = np.diag(scale**2)
     for each in common:
-        row, off = each.share / each.sigma, (float(each.share @ values) - 1) / each.sigma
-        cost, gradient, curvature = cost + 0.5 * off**2, gradient + off * row, curvature + np.outer(row, row)
+        row = each.share / each.sigma
+        off = (float(each.share @ values) - 1) / each.sigma
+        cost = cost + 0.5 * off**2
+        gradient = gradient + off * row
+        curvature = curvature + np.outer(row, row)
     return Prior(cost, gradient, curvature)
 
 
@@ -197,7 +203,8 @@ def reduce_step(
     Args:
         solved: inverse of the starts' matrix times B and gz (K, m2, k + 1).
     """
-    AB, Ag = solved[..., :-1], solved[..., -1]
+    AB = solved[..., :-1]
+    Ag = solved[..., -1]
     information = normal.C + prior.curvature - np.einsum("kij,kil->jl", normal.B, AB)
     information = 0.5 * (information + information.T)
     gradient = normal.gp + prior.gradient - np.einsum("kij,ki->j", normal.B, Ag)
@@ -214,7 +221,8 @@ def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, hig
     A = normal.A + (damping * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
     solved = np.linalg.solve(A, np.concatenate([normal.B, normal.gz[..., None]], axis=2))
     step, slope = reduce_step(normal, solved, damping, prior, low, high)
-    dp, dz = step.dp, step.dz
+    dp = step.dp
+    dz = step.dz
     square = np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp)
     square = square + dp @ (normal.C + prior.curvature) @ dp
     return step._replace(predicted=-(slope + 0.5 * float(square)))

@@ -140,11 +140,14 @@ class Residuals(ABC):
     @property
     def held_mask(self) -> np.ndarray:
         """Which parameters are fixed (k,) bool."""
-        return np.zeros(len(self.parameters), bool) if self.frozen is None else self.frozen
+        if self.frozen is None:
+            return np.zeros(len(self.parameters), bool)
+        return self.frozen
 
     def bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Minimum and maximum values (k,), both those of `values` for fixed parameters."""
-        low, high = np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+        low = np.array([p.low for p in self.parameters])
+        high = np.array([p.high for p in self.parameters])
         return np.where(self.held_mask, values, low), np.where(self.held_mask, values, high)
 
     def step_bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -163,7 +166,9 @@ class Residuals(ABC):
     def data_cost(self, evaluation: Evaluation) -> float:
         """The loss of the residuals; infinite if the motion is not finite."""
         finite = np.isfinite(evaluation.residual).all()
-        return self.loss.cost(evaluation.residual) if finite else np.inf
+        if finite:
+            return self.loss.cost(evaluation.residual)
+        return np.inf
 
     def weights(self, evaluation: Evaluation) -> np.ndarray:
         """The loss's weights (K, S, n)."""
@@ -229,7 +234,8 @@ class Problem(Residuals):
         windows = self.windows
         begin = np.full(int(windows.run.max()) + 1, np.inf)
         np.minimum.at(begin, windows.run, windows.begin)
-        known, times = self.sample_mask.any(axis=2), windows.times()
+        known = self.sample_mask.any(axis=2)
+        times = windows.times()
         run = np.broadcast_to(windows.run[:, None], times.shape)
         return Timing(times, run, known, begin, float(windows.lengths.sum()), windows.count)
 

@@ -29,7 +29,8 @@ from fitting.parameters.parameter import Parameter, ReleasePlace, apply
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 
-TIME, FORCE = "release.time", "release.force"
+TIME = "release.time"
+FORCE = "release.force"
 NAMES = (TIME, FORCE)
 #: Number of release times tried for a first guess.
 TRIED = 21
@@ -185,7 +186,8 @@ class Release:
         begin = {int(windows.run[k]): float(windows.begin[k]) for k in np.flatnonzero(windows.released)}
         # maximum distance of the release from the start of its window, as a fraction of the window
         reach = 0.5 * windows.length
-        found, free = list(parameters), _free_times(parameters)
+        found = list(parameters)
+        free = _free_times(parameters)
         for run, t0 in begin.items():
             value = found[free[run]].value if run in free else 0.0
             if abs(value - t0) > reach:
@@ -211,7 +213,8 @@ class Release:
         if not index:
             return values
         which = np.flatnonzero(windows.released)
-        few, first = windows.pick(which), Starts(starts.theta[which], starts.omega[which])
+        few = windows.pick(which)
+        first = Starts(starts.theta[which], starts.omega[which])
         tries = np.tile(values, (TRIED, 1))
         times = [*index.values()]
         low, high = (np.array([getattr(parameters[i], end) for i in times]) for end in ("low", "high"))

@@ -58,7 +58,8 @@ class ResidualNoiseModel:
     def __init__(self, solution: Solution, claimed: Windows, traces: Sequence[Trace], floor: np.ndarray) -> None:
         self.solution, self.claimed, self.traces, self.floor = solution, claimed, traces, floor
         self.raw = solution.problem.raw_evaluation(solution, claimed)
-        times, known = claimed.times(), (claimed.weight > 0).any(axis=2)
+        times = claimed.times()
+        known = (claimed.weight > 0).any(axis=2)
         both = known[:, 1:] & known[:, :-1]
         apart = [np.diff(times)[both & (claimed.source == r)[:, None]] for r in range(len(floor))]
         self.interval = np.array([[np.median(steps) if len(steps) else 1.0] for steps in apart])
@@ -83,7 +84,8 @@ class ResidualNoiseModel:
 
     def _grow(self, point: Solution) -> np.ndarray:
         """Standard deviation of the residuals relative to the assumed one (R, n), with degrees of freedom counted."""
-        source, unused = point.windows.source, (point.windows.weight > 0) - leverage(point)
+        source = point.windows.source
+        unused = (point.windows.weight > 0) - leverage(point)
         squares = point.problem.loss.squares(point.evaluation.residual)
         found = np.ones_like(self.floor)
         for r in np.unique(source):
@@ -100,7 +102,9 @@ class ResidualNoiseModel:
         sensors = np.arange(len(self.floor))[:, None]
         for mine in [np.ones_like(self.floor, bool)] if self.traces else [sensors == c for c in sensors[:, 0]]:
             found = self._likelier(found, self._with_memory(*found, mine))
-        return self._likelier(found, self._with_delay(*white)) if self.traces else found
+        if self.traces:
+            return self._likelier(found, self._with_delay(*white))
+        return found
 
     def _likelier(self, found: tuple[Noise, Solution], tried: tuple[Noise, Solution] | None) -> tuple[Noise, Solution]:
         """A more complex noise model, if there is one and its log likelihood is higher by 6 at least."""
@@ -128,7 +132,9 @@ class ResidualNoiseModel:
         off = kept - kept[mine].mean()
         each = np.clip(rho + np.where(np.abs(off) > 3 * sure, off, 0.0), 0.02, MAX_CORRELATION)
         found = self.fixed_point(remembers(each))
-        return found if abs(self._innovations(found[0], mine)) < WHITE else None
+        if abs(self._innovations(found[0], mine)) < WHITE:
+            return found
+        return None
 
     def _innovations(self, noise: Noise, mine: np.ndarray) -> float:
         """Correlation of neighbours in the residuals of some channels after a fit with correlated noise."""
@@ -145,7 +151,8 @@ class ResidualNoiseModel:
         delay = np.zeros_like(white.delay)
         for r in np.unique(point.windows.run):
             mine = point.windows.run == r
-            more, size = np.sum(along[mine] ** 2 - square[mine]), np.sum(square[mine] ** 2)
+            more = np.sum(along[mine] ** 2 - square[mine])
+            size = np.sum(square[mine] ** 2)
             # significance of the links' common motion along their rates, in standard deviations, for a delay model
             if more > 5.0 * np.sqrt(2 * size):
                 delay[r] = np.sqrt(more / size)
@@ -190,12 +197,15 @@ def memory_of(point: Solution) -> float:
     """Number of samples equivalent to one of white noise, `(1 + rho)/(1 - rho)` by the correlation of neighbours."""
     rho, sure = lag_one(point.evaluation.residual, point.windows.weight > 0)
     longest = max(1.0, point.windows.weight.shape[1] / 2)
-    return min((1 + rho) / max(1 - rho, 1e-9), longest) if correlates(rho, sure) else 1.0
+    if correlates(rho, sure):
+        return min((1 + rho) / max(1 - rho, 1e-9), longest)
+    return 1.0
 
 
 #: Rounds of fit and noise, and the change of the noise below which another fit would change nothing: an error of 5 % of
 #: the weights costs less than 0.01 standard errors.
-ROUNDS, SAME = 3, 0.05
+ROUNDS = 3
+SAME = 0.05
 
 
 def fit_with_noise(

@@ -34,7 +34,10 @@ from fitting.traces.trace import Trace
 
 #: Minimum number of frames of a rest; number of parts it is cut into; maximum difference of their means, in multiples
 #: of the noise and [rad]: correlated noise moves them too.
-FEWEST, PARTS, MOVES, LEAST = 10, 5, 8.0, 0.03
+FEWEST = 10
+PARTS = 5
+MOVES = 8.0
+LEAST = 0.03
 #: Standard deviations beyond which the influence of a frame is constant.
 HUBER = 2.0
 
@@ -79,7 +82,8 @@ class Rest:
 
 def static_pose(simulator: Simulator, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Angles (n,) of the line at rest as seen by the camera, and their derivatives (n, k)."""
-    model, parameters = simulator.model, simulator.compiled
+    model = simulator.model
+    parameters = simulator.compiled
     store = simulator.others
     if "near" not in store:
         found = statics.equilibrium(model)
@@ -106,7 +110,8 @@ def _band(model: Model) -> np.ndarray | float:
         return 0.0
     rest = statics.equilibrium(model).state.r
     theta = np.asarray(planar.from_nodes(model, rest, jnp.zeros_like(rest))[0])
-    basis, still = planar.chart(model, theta[None])[0], jnp.zeros(len(theta))
+    basis = planar.chart(model, theta[None])[0]
+    still = jnp.zeros(len(theta))
 
     def energy(z: jax.Array) -> jax.Array:
         s = planar.to_state(model, planar.close_chain(model, theta + basis @ z, still)[0], still)
@@ -160,9 +165,13 @@ def _location(x: np.ndarray, sigma: float) -> float:
 # Stretches of a trace in which the line hangs still, found from its samples alone
 
 #: Shortest stretch [s], and in slowest periods: a motion is slow at its turning points, and slower as it decays.
-SHORTEST, FIRST_PERIODS, LAST_PERIODS = 0.5, 0.5, 2.0
+SHORTEST = 0.5
+FIRST_PERIODS = 0.5
+LAST_PERIODS = 2.0
 #: Frames of a running mean; limits of a still motion: standard deviations of the mean, and a minimum angle [rad].
-WIDTH, STILL, SMALLEST_MOVE = 5, 5.0, 0.002
+WIDTH = 5
+STILL = 5.0
+SMALLEST_MOVE = 0.002
 
 
 def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[float, float]]:
@@ -218,7 +227,9 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[
     later = known[trace.t[known] > spans[0][1]][WIDTH:]
     # angle [rad] between a still pose and equilibrium above which something else must hold the line: errors of 1 % in
     # lengths and ends move the pose of a line between fixed ends by less
-    return float(trace.t[later[0]]) if len(later) and np.abs(off).max() > 0.1 else None
+    if len(later) and np.abs(off).max() > 0.1:
+        return float(trace.t[later[0]])
+    return None
 
 
 def advice_on_rest(trace: Trace, sigma: np.ndarray, slowest: float) -> list[str]:

@@ -59,9 +59,11 @@ def profile(
     held = solution.problem.held_mask.copy()
     held[index] = True
     level_there = level_of(replace(solution.problem, frozen=held), solution.gap_weight)
-    unit, best = _unit(solution, index, std_error), float(solution.values[index])
+    unit = _unit(solution, index, std_error)
+    best = float(solution.values[index])
     cost = level_of(solution.problem, solution.gap_weight).cost(solution.evaluation, solution.values)
-    found, converged = {best: 0.0}, True
+    found = {best: 0.0}
+    converged = True
     for side in (-1, 1):
         point = solution
         for j in range(1, points + 1):
@@ -96,7 +98,8 @@ def _unit(solution: Solution, index: int, std_error: float) -> float:
 def _crossing(at: np.ndarray, growth: np.ndarray, best: float, limit: float, side: int) -> float:
     """Where the root of the growth, which is nearly linear, crosses the limit; the last point if it does not."""
     one = np.flatnonzero(side * (at - best) >= 0)[::side]  # outwards from the best
-    distance, root = np.abs(at[one] - best), np.sqrt(np.maximum(growth[one], 0.0))
+    distance = np.abs(at[one] - best)
+    root = np.sqrt(np.maximum(growth[one], 0.0))
     if root[-1] < np.sqrt(limit):
         return best + side * float(distance[-1])
     return best + side * float(np.interp(np.sqrt(limit), np.maximum.accumulate(root), distance))
@@ -162,7 +165,9 @@ class SceneFit:
     @property
     def outcome(self) -> str:
         """Status and message in one line."""
-        return f"{self.status}: {self.message}" if self.message else self.status
+        if self.message:
+            return f"{self.status}: {self.message}"
+        return self.status
 
     @property
     def iterations(self) -> int:
@@ -180,7 +185,9 @@ class SceneFit:
 
     def note(self, i: int) -> str:
         """Remark on a parameter, by its number."""
-        return "at bound" if self.uncertainty.at_bound[i] else ""
+        if self.uncertainty.at_bound[i]:
+            return "at bound"
+        return ""
 
     @property
     def has_errors(self) -> bool:
@@ -189,7 +196,8 @@ class SceneFit:
 
     def estimates(self) -> dict[str, dict[str, Any]]:
         """Value, error, 90 % interval and unit of every parameter, by its path; no error (NaN) of a failed fit."""
-        u, known = self.uncertainty, self.has_errors
+        u = self.uncertainty
+        known = self.has_errors
         return {
             p.name: {
                 "value": self.values[i],
@@ -224,9 +232,13 @@ def profiles(result: SceneFit, names: Sequence[str] = (), progress: Progress = s
     Raises:
         SceneError: a parameter that is not free.
     """
-    known, found = [p.name for p in result.parameters], []
+    known = [p.name for p in result.parameters]
+    found = []
     for name in names or known:
-        full = name if name in known else full_names(result.scene, [name], "profile")[0]
+        if name in known:
+            full = name
+        else:
+            full = full_names(result.scene, [name], "profile")[0]
         mine = [p for p in known if p == full or p.startswith((f"{full}.", f"{full}@"))]
         if not mine:
             raise SceneError(f"profile: {full!r} is not a free parameter; {nearest(full, known)}")
@@ -251,7 +263,9 @@ class Bootstrap(NamedTuple):
             f"the bootstrap draws from the equivalent of {self.blocks:.1f} blocks of time, fewer than {FEW}: the width "
             f"of its intervals is uncertain by {100 / np.sqrt(2 * max(self.blocks - 1, 1)):.0f} %. Use longer traces"
         )
-        return text if self.blocks < FEW else ""
+        if self.blocks < FEW:
+            return text
+        return ""
 
 
 def bootstrap(result: SceneFit, draws: int = 200, block: int | None = None, seed: int = 0) -> Bootstrap:

@@ -38,9 +38,11 @@ SAME_EVIDENCE = 0.2
 EVIDENCE_DROP = 5.0
 #: Accuracy of intermediate weights: parameters within 0.2 standard errors, and evidence within 0.25. Only the chosen
 #: weight is solved to the end.
-INTERMEDIATE, LITTLE = 0.2**2, 0.5
+INTERMEDIATE = 0.2**2
+LITTLE = 0.5
 #: Gap weight and rounds of the multipliers when gaps are closed exactly.
-EXACT_WEIGHT, EXACT_ROUNDS = 1e-3, 4
+EXACT_WEIGHT = 1e-3
+EXACT_ROUNDS = 4
 #: Maximum evaluations when a joined solution continues with finer steps.
 CONTINUED = 12
 #: No multipliers.
@@ -64,7 +66,9 @@ class Gaps(NamedTuple):
 def gaps(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> Gaps:
     """Scaled gaps between consecutive windows."""
     right = np.flatnonzero(windows.follows)
-    left, n, m2 = right - 1, evaluation.start.shape[1] // 2, simulator.freedoms
+    left = right - 1
+    n = evaluation.start.shape[1] // 2
+    m2 = simulator.freedoms
     turn = np.swapaxes(chart(simulator.model_at(values), evaluation.start[right, :n]), 1, 2)
     rows = np.zeros((len(left), m2, 2 * n))
     rows[:, : m2 // 2, :n] = turn / GAP_SCALE[0]
@@ -72,14 +76,17 @@ def gaps(simulator: Simulator, windows: Windows, evaluation: Evaluation, values:
     rows /= windows.gap_shares[:, None, None]
     difference = evaluation.end[left] - evaluation.start[right]
     difference[:, :n] = wrap(difference[:, :n])
-    end, start = rows @ evaluation.end_jacobian[left], rows @ evaluation.start_jacobian[right]
+    end = rows @ evaluation.end_jacobian[left]
+    start = rows @ evaluation.start_jacobian[right]
     value = np.einsum("gij,gj->gi", rows, difference)
     return Gaps(left, value, end[..., :m2], -start[..., :m2], end[..., m2:] - start[..., m2:])
 
 
 def join(normal: Normal, g: Gaps, weight: float, offset: np.ndarray) -> Joined:
     """The normal equations with gaps of this weight, each shifted by its multiplier `offset` (g, m2)."""
-    A, B, gz = normal.A.copy(), normal.B.copy(), normal.gz.copy()
+    A = normal.A.copy()
+    B = normal.B.copy()
+    gz = normal.gz.copy()
     below = np.zeros((len(A) - 1, *A.shape[1:]))
     value, before, after, shared = ((x / weight) for x in (g.value + offset, g.before, g.after, g.shared))
     turn = lambda x: np.swapaxes(x, 1, 2)  # noqa: E731
@@ -97,7 +104,8 @@ def join(normal: Normal, g: Gaps, weight: float, offset: np.ndarray) -> Joined:
 
 def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
     """Derivatives (K, m2, m2) of windows' ends by their starts, in units of a gap's scale; NaN if a run failed."""
-    n, m2 = evaluation.start.shape[1] // 2, simulator.freedoms
+    n = evaluation.start.shape[1] // 2
+    m2 = simulator.freedoms
     end = evaluation.end[:, :n]
     ran = np.isfinite(end).all(axis=1)  # a start from few samples, next to missing ones, may be infeasible
     turn = np.swapaxes(chart(simulator.model_at(values), np.where(ran[:, None], end, 0.0)), 1, 2)
@@ -112,7 +120,9 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
     """Growth rate [1/s] of the fastest growing small error, by QR of the windows' transition matrices, chained."""
     m2 = simulator.freedoms
     move = transitions(simulator, windows, evaluation, values)
-    frame, total, time = np.eye(m2), 0.0, 0.0
+    frame = np.eye(m2)
+    total = 0.0
+    time = 0.0
     known = np.isfinite(move).all(axis=(1, 2))
     for k, matrix in enumerate(move):
         if windows.released[k] or (known[k] and not windows.follows[k]):
@@ -121,7 +131,9 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
             frame, upper = np.linalg.qr(matrix @ frame)
             total += float(np.log(max(abs(upper[0, 0]), 1e-300)))
             time += float(windows.lengths[k])
-    return total / time if time else 0.0
+    if time:
+        return total / time
+    return 0.0
 
 
 class JoinedWindows(Separate):
@@ -139,7 +151,9 @@ class JoinedWindows(Separate):
         self.goal = f"no convergence at gap weight {weight:g}"
 
     def little(self) -> float:
-        return LITTLE if self.intermediate else super().little()
+        if self.intermediate:
+            return LITTLE
+        return super().little()
 
     def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
         total = super().cost(evaluation, values)
@@ -172,7 +186,9 @@ class JoinedWindows(Separate):
     def expected_decrease(self, ahead: Solution, point: Solution) -> float:
         """Predicted decrease of the cost when a solution continues with finer steps."""
         step = JoinedWindows(ahead.problem, ahead.gap_weight).undamped_step(ahead.evaluation, ahead.values)
-        return -np.inf if step is None else point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
+        if step is None:
+            return -np.inf
+        return point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
 
     def evidence(self, point: Solution) -> float:
         """Laplace's log evidence of the gap weight w, up to constants: -cost - (gaps) log w - log det H / 2.
@@ -219,7 +235,10 @@ def fit_shooting(
     """
     if not begin.windows.follows.any():
         return begin
-    point, total, worse, found = begin, begin.iterations, 0, []
+    point = begin
+    total = begin.iterations
+    worse = 0
+    found = []
     if continuity == "exact":
         schedule = [w for w in schedule if w > EXACT_WEIGHT] + [EXACT_WEIGHT]
     separate = gaps(begin.problem.simulator, begin.windows, begin.evaluation, begin.values).value
@@ -273,7 +292,8 @@ def follow_linear_model(
     One evaluation gives the evidence of all weights. The descent goes straight to the chosen one, and the evidence
     there has to be as predicted.
     """
-    point, total = begin, begin.iterations
+    point = begin
+    total = begin.iterations
     expected = log_evidence(point, schedule)
     for _ in schedule:
         if not np.isfinite(expected).all():
@@ -282,18 +302,23 @@ def follow_linear_model(
         if point.gap_weight != schedule[chosen]:
             level = JoinedWindows(point.problem, schedule[chosen], intermediate=True)
             point = level.descend(point, iterations, total)
-            total, (before, expected) = point.iterations, (expected, log_evidence(point, schedule))
+            total = point.iterations
+            before, expected = (expected, log_evidence(point, schedule))
             progress(0.5, f"gap weight {level.weight:g}, evidence {expected[chosen]:.1f}")
             if point.status != "ok" or not expected[chosen] > before[chosen] - EVIDENCE_DROP:
                 return None
             continue
         point.evidence = float(expected[chosen])
         fell = np.flatnonzero(expected[chosen:] < expected.max() - SAME_EVIDENCE)
-        tight = JoinedWindows(point.problem, schedule[chosen + fell[0]]) if len(fell) else None
+        if len(fell):
+            tight = JoinedWindows(point.problem, schedule[chosen + fell[0]])
+        else:
+            tight = None
         again = None if tight is None else finer(tight.solution_at(point))
         if again is None:
             return point
-        point, total = replace(again, gap_weight=None), total + 1
+        point = replace(again, gap_weight=None)
+        total = total + 1
         expected = log_evidence(point, schedule)
     return None
 

@@ -132,7 +132,8 @@ class Simulator:
 
     def all_values(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values of all parameters that programs know, and which of them are the requested ones (k,)."""
-        where, found = self._where(), np.array([p.value for p in self.compiled], float)
+        where = self._where()
+        found = np.array([p.value for p in self.compiled], float)
         found[losses(self.compiled)] = 0.0
         found[where] = values
         return found, where
@@ -159,7 +160,8 @@ class Simulator:
         bases = planar.chart(self.model_at(values), starts.theta)
         inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
         inputs = (*inputs, self.jumps(windows), windows.step_counts.astype(np.int32))
-        asked, (values, _) = values, self.all_values(values)
+        asked = values
+        values, _ = self.all_values(values)
         if self.release:
             inputs = self.release.release_inputs(self.model, self.compiled, values, inputs, windows)
         self.evaluations += 1
@@ -200,7 +202,8 @@ class Simulator:
         by_seed = [parts[i : i + len(chunks)] for i in range(0, len(parts), len(chunks))]
         back = more + np.argsort(order, kind="stable")
         joined = [[np.concatenate(column)[back] for column in zip(*some, strict=True)] for some in by_seed]
-        whole, columns = Evaluation(*joined[0]), self.freedoms + len(self.parameters)
+        whole = Evaluation(*joined[0])
+        columns = self.freedoms + len(self.parameters)
         for i, field in enumerate(Evaluation._fields):
             if field.endswith("jacobian"):
                 found = np.concatenate([some[i] for some in joined], axis=-1)[..., :columns]
@@ -295,9 +298,12 @@ class Simulator:
         point = jnp.concatenate([jnp.zeros(2 * m), values])
 
         def outputs(x: jax.Array) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array]]:
-            z, p = x[: 2 * m], x[2 * m :]
+            z = x[: 2 * m]
+            p = x[2 * m :]
             model = add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
-            theta, h, samples = theta0 + basis @ z[:m], dt, (index, fraction)
+            theta = theta0 + basis @ z[:m]
+            h = dt
+            samples = (index, fraction)
             release_state = ReleaseState(*more) if self.release else None
             if release_state is not None:
                 theta = theta + release_state.slope @ (p - values)
@@ -329,11 +335,15 @@ class Simulator:
 
         The steps are stretched so that the last one ends with the window, however much time is missing in it.
         """
-        elapsed, total = position * dt, steps * dt
+        elapsed = position * dt
+        total = steps * dt
         for slot, i in enumerate(losses(self.compiled)):
             elapsed = elapsed + jnp.where(position >= jumps[slot], p[i], 0.0)
             total = total + jnp.where(jumps[slot] < NEVER, p[i], 0.0)
-        late = 0.0 if release_state is None else self.release.late(self.compiled, p, release_state)
+        if release_state is None:
+            late = 0.0
+        else:
+            late = self.release.late(self.compiled, p, release_state)
         h = jnp.maximum((total - late) / steps, LEAST_STRETCH * dt)
         step_position = jnp.clip((elapsed - late) / h, 0.0, steps)  # before the release: at rest
         whole = jnp.minimum(jnp.floor(jax.lax.stop_gradient(step_position)), steps - 1)
@@ -416,7 +426,9 @@ def at_samples(
     if on_grid:
         return angles[index]
     rates = jnp.concatenate([start[1][None], rates])
-    a, ra, rb = angles[index], rates[index], rates[index + 1]
+    a = angles[index]
+    ra = rates[index]
+    rb = rates[index + 1]
     turn = planar.wrap(angles[index + 1] - a)
     s = fraction[:, None]
     return a + turn * (3 * s**2 - 2 * s**3) + dt * ((s - 2 * s**2 + s**3) * ra + (s**3 - s**2) * rb)

@@ -30,7 +30,9 @@ SURELY = 0.15
 
 def fit_again(ahead: Solution) -> Solution:
     """Continue from a solution whose windows, separate or joined, have finer steps."""
-    return continue_shooting(ahead) if ahead.gap_weight else fit_windows(ahead.problem, ahead.values, ahead.starts)
+    if ahead.gap_weight:
+        return continue_shooting(ahead)
+    return fit_windows(ahead.problem, ahead.values, ahead.starts)
 
 
 def refine(
@@ -84,8 +86,11 @@ def step_bias(solution: Solution) -> tuple[np.ndarray, Solution]:
 
 def _newton_step(ahead: Solution) -> np.ndarray:
     """The parameters' Gauss-Newton step (k,) on a solution's residuals, inside the bounds."""
-    problem, values = ahead.problem, ahead.values
+    problem = ahead.problem
+    values = ahead.values
     if not np.isfinite(ahead.evaluation.residual).all():
         return np.full(len(values), np.nan)
     step = level_of(problem, ahead.gap_weight).undamped_step(ahead.evaluation, values)
-    return np.zeros(len(values)) if step is None else step.dp
+    if step is None:
+        return np.zeros(len(values))
+    return step.dp

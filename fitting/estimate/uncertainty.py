@@ -60,7 +60,8 @@ class Scatter(NamedTuple):
 
 def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
     """Derivative of every residual by the parameters along the optimum of the starts (K, S, n, k)."""
-    m2, jacobian = step.eliminated.shape[1], evaluation.jacobian
+    m2 = step.eliminated.shape[1]
+    jacobian = evaluation.jacobian
     return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], step.eliminated)
 
 
@@ -86,7 +87,8 @@ def hat_diagonal(rows: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 def leverage(point: Solution) -> np.ndarray:
     """Degrees of freedom that the fit has used of each sample (K, S, n): the diagonal of its hat matrix."""
-    m2, root = point.problem.freedoms, np.sqrt(point.weights)[..., None]
+    m2 = point.problem.freedoms
+    root = np.sqrt(point.weights)[..., None]
     free = np.flatnonzero(~point.problem.held_mask)
     own = root * point.evaluation.jacobian[..., :m2]
     taken = np.einsum("ksni,kij,ksnj->ksn", own, start_covariances(point)[0], own, optimize=True)
@@ -98,7 +100,8 @@ def leverage(point: Solution) -> np.ndarray:
 
 def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
-    timing, weights = solution.problem.timing(), solution.weights
+    timing = solution.problem.timing()
+    weights = solution.weights
     score = scores(solution.evaluation, solution)[..., free]
     weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
@@ -115,7 +118,9 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     if solution.gap_weight and solution.windows.follows.any():
         windows = solution.windows
         found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
-        left, right, along = found.left, found.left + 1, solution.eliminated
+        left = found.left
+        right = found.left + 1
+        along = solution.eliminated
         slope = (found.shared + found.before @ along[left] + found.after @ along[right])[..., free]
         slope = slope / solution.gap_weight
         gradient = np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
@@ -150,7 +155,8 @@ def block_of(parts: Pieces, information: np.ndarray) -> int:
 
 def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
     """Covariance of the free parameters by the scatter of blocks; None with too few pieces of time."""
-    parts, information = pieces(solution, free), solution.information[np.ix_(free, free)]
+    parts = pieces(solution, free)
+    information = solution.information[np.ix_(free, free)]
     prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
     if len(parts.gradient) < FEWEST or not len(free):
         return None
@@ -164,7 +170,8 @@ def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
     moved = moves_without(parts, [np.flatnonzero(block.ravel() == b) for b in range(blocks)], information)
     inner = solve_spd(information, np.eye(len(information)))
     covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner
-    own, drift = np.diag(covariance), _half_difference(parts, information) ** 2
+    own = np.diag(covariance)
+    drift = _half_difference(parts, information) ** 2
     # independent blocks explain four times the variance
     more = np.maximum(0.25 * drift, drift - 4 * own)
     grow = np.sqrt(1 + more / np.maximum(own, 1e-300))
@@ -264,7 +271,8 @@ def degrees_of_freedom(solution: Solution) -> float:
 
 def variance(solution: Solution) -> float:
     """Variance of the noise, in units of the assumed one, that scales the inverse information to the covariance."""
-    problem, residual = solution.problem, solution.evaluation.residual[solution.problem.sample_mask]
+    problem = solution.problem
+    residual = solution.evaluation.residual[solution.problem.sample_mask]
     return max(robust_variance(residual, problem.loss, degrees_of_freedom(solution)), problem.least_variance)
 
 
@@ -284,19 +292,23 @@ def robust_variance(residual: np.ndarray, loss: Loss, freedom: float) -> float:
 
 def uncertainty(solution: Solution) -> Uncertainty:
     """Errors at a solution; the larger of those from the noise and from the blocks' scatter if noise is not all."""
-    problem, k = solution.problem, len(solution.values)
+    problem = solution.problem
+    k = len(solution.values)
     free = np.flatnonzero(~problem.held_mask)
     noise2 = variance(solution)
     white = noise2 * _inverse(solution.information[np.ix_(free, free)])
     correlation, real = problem.correlation(solution)
-    covariance, inflation, blocks = white, 1.0, 0
+    covariance = white
+    inflation = 1.0
+    blocks = 0
     if real or not problem.explains_residuals:
         found = scatter(solution, free)
         if found is not None:
             prior = problem.prior(solution.values).curvature[np.ix_(free, free)]
             data = solution.information[np.ix_(free, free)] - prior
             least = noise2 * np.diag(_inverse(data / problem.memory + prior))
-            blocks, size = found.blocks, np.diag(found.covariance)
+            blocks = found.blocks
+            size = np.diag(found.covariance)
             grow = np.sqrt(np.maximum(least / np.maximum(size, 1e-300), 1.0))
             covariance = found.covariance * np.outer(grow, grow)
             more = np.diag(covariance) / np.maximum(np.diag(white), 1e-300)
@@ -321,7 +333,9 @@ def uncertainty(solution: Solution) -> Uncertainty:
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:
-    return solve_spd(information, np.eye(len(information))) if len(information) else information
+    if len(information):
+        return solve_spd(information, np.eye(len(information)))
+    return information
 
 
 def intervals(
@@ -335,7 +349,8 @@ def intervals(
     values = solution.values
     se = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     reach = quantile(0.5 + LEVEL / 2, blocks) * se
-    low, high = values - reach, values + reach
+    low = values - reach
+    high = values + reach
     centre = values.copy()
     if len(free):
         centre[free] -= _inverse(solution.information[np.ix_(free, free)]) @ solution.gradient[free]

@@ -215,17 +215,23 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
     empty = (found.weight > 0).sum(axis=1).min(axis=1) < 2
     if empty.all():
         raise SceneError("window: no window has two samples of every link. Use longer windows or denser traces")
-    return found.exclude(empty) if empty.any() else found
+    if empty.any():
+        return found.exclude(empty)
+    return found
 
 
 def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
     step_position = (trace.t - begin) / dt
     keep = (step_position > -ON_GRID) & (step_position < steps - ON_GRID)
-    step_position, theta = step_position[keep], trace.theta[keep]
+    step_position = step_position[keep]
+    theta = trace.theta[keep]
     index = np.floor(step_position + ON_GRID).astype(np.int32)
     fraction = np.where(np.abs(step_position - index) < 10 * ON_GRID, 0.0, step_position - index)
     known = np.isfinite(theta)
-    error = sigma if trace.se is None else np.where(np.isfinite(trace.se[keep]), trace.se[keep], sigma)
+    if trace.se is None:
+        error = sigma
+    else:
+        error = np.where(np.isfinite(trace.se[keep]), trace.se[keep], sigma)
     return np.where(known, theta, 0.0), np.where(known, 1.0 / error, 0.0), index, fraction
 
 
@@ -272,11 +278,14 @@ def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray,
         while len(columns):  # those links whose cubic may still need a smaller reach
             near = np.abs(x) <= reach
             degree = min(DEGREE, int(near.sum()) - 1)
-            basis, y = np.vander(x[near] / reach, degree + 1, increasing=True), theta[np.ix_(frames[near], columns)]
+            basis = np.vander(x[near] / reach, degree + 1, increasing=True)
+            y = theta[np.ix_(frames[near], columns)]
             c = np.linalg.lstsq(basis, y, rcond=None)[0]
-            left, freedom = np.sum((basis @ c - y) ** 2, axis=0) / sigma[columns] ** 2, near.sum() - degree - 1
+            left = np.sum((basis @ c - y) ** 2, axis=0) / sigma[columns] ** 2
+            freedom = near.sum() - degree - 1
             # standard deviations of chi-square by which a polynomial may miss its samples and still count as noise
             fits = (left <= freedom + 2.0 * np.sqrt(2 * freedom)) | (reach <= shortest)
             found[columns[fits], 0], found[columns[fits], 1] = c[0, fits], c[1, fits] / reach if degree else 0.0
-            columns, reach = columns[~fits], max(reach / 1.3, shortest)
+            columns = columns[~fits]
+            reach = max(reach / 1.3, shortest)
     return found

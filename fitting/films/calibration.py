@@ -46,7 +46,8 @@ class Lens:
         """The inverse of `straighten`."""
         if not len(points):
             return np.zeros((0, 2))
-        focus, centre = self.matrix[[0, 1], [0, 1]], self.matrix[:2, 2]
+        focus = self.matrix[[0, 1], [0, 1]]
+        centre = self.matrix[:2, 2]
         rays = np.concatenate([(np.asarray(points, float) - centre) / focus, np.ones((len(points), 1))], axis=1)
         none = np.zeros(3)
         return opencv().projectPoints(rays, none, none, self.matrix, self.distortion)[0].reshape(-1, 2)
@@ -68,7 +69,9 @@ def corners(image: np.ndarray, board: tuple[int, int]) -> np.ndarray | None:
     """Inner corners of the chessboard (columns x rows, 2) [pixel], or None if it is not found."""
     cv2 = opencv()
     found, where = cv2.findChessboardCornersSB(image, board, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-    return where.reshape(-1, 2).astype(np.float32) if found else None
+    if found:
+        return where.reshape(-1, 2).astype(np.float32)
+    return None
 
 
 def board_points(board: tuple[int, int], square: float) -> np.ndarray:
@@ -151,7 +154,10 @@ def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, i
         )
     straight = found.astype(float) if lens is None else lens.straighten(found)
     homography, _ = opencv().findHomography(straight, board_points(board, square)[:, :2].astype(float))
-    middle = (np.array(image.shape[::-1]) - 1) / 2 if lens is None else lens.matrix[:2, 2]
+    if lens is None:
+        middle = (np.array(image.shape[::-1]) - 1) / 2
+    else:
+        middle = lens.matrix[:2, 2]
     return Plane(_level_homography(homography, middle))
 
 

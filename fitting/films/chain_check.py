@@ -24,7 +24,8 @@ LENGTH_CHANGE = 0.05
 #: Maximum share of marked frames. Right films show up to 0.01.
 MARKED_SHARE = 0.2
 #: Maximum ratio off/s of a node that moves by more than `MOVES` mean links; one node at least must be below it.
-JERK, MOVES = 0.25, 0.15
+JERK = 0.25
+MOVES = 0.15
 #: Maximum standard error of an angle [rad]. Larger ones are left empty.
 LARGEST_ERROR = 0.2
 
@@ -57,7 +58,8 @@ def why_no_chain(positions: np.ndarray, detected: np.ndarray, marks: Marks, erro
 
 def _why_jerky(positions: np.ndarray, detected: np.ndarray, length: float) -> str:
     """Why the nodes do not move as masses do; empty if they do."""
-    smooth, tested = False, False
+    smooth = False
+    tested = False
     for k in range(detected.shape[1]):
         frames = np.flatnonzero(detected[:, k])
         if len(frames) < FEWEST:
@@ -74,4 +76,6 @@ def _why_jerky(positions: np.ndarray, detected: np.ndarray, length: float) -> st
         if ratio > JERK and np.linalg.norm(high - low) > MOVES * length:
             return f"node {k} jumps from frame to frame"
         smooth = smooth or ratio <= JERK
-    return "no node moves" if tested and not smooth else ""
+    if tested and not smooth:
+        return "no node moves"
+    return ""

@@ -108,7 +108,9 @@ def _at(image: np.ndarray, appearance: MarkerAppearance, seeds: np.ndarray) -> C
         return NONE
     smooth = opencv().GaussianBlur(image, (0, 0), 0.8).astype(np.float32)
     circles = _fit(smooth, seeds, appearance)
-    return _distinct(_fit(smooth, circles.centre, appearance), appearance) if len(circles) else NONE
+    if len(circles):
+        return _distinct(_fit(smooth, circles.centre, appearance), appearance)
+    return NONE
 
 
 def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -164,7 +166,10 @@ def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -
     outside = np.median(light[..., rim], axis=(1, 2))
     contrast = (inside - outside) if appearance.bright else (outside - inside)
     half = 0.5 * (inside + outside)
-    above = light > half[:, None, None] if appearance.bright else light < half[:, None, None]
+    if appearance.bright:
+        above = light > half[:, None, None]
+    else:
+        above = light < half[:, None, None]
     last = np.argmin(above, axis=2)  # the first sample beyond the edge
     known = above[..., 0] & (last > 0) & (contrast > 0.3 * appearance.answer)[:, None]
     last = np.maximum(last, 1)[..., None]
@@ -187,7 +192,8 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     value = np.where(known, edge, usual) - usual
     free, fixed = (np.diag([1e-9, 1e-9, 1 / (spread * usual) ** 2]) for spread in (0.04, 1e-4))  # spread of radii
     near = known & (np.abs(value) < 0.6 * usual)
-    weight, found = near / edge_noise**2, np.zeros((len(edge), 3))
+    weight = near / edge_noise**2
+    found = np.zeros((len(edge), 3))
     for _ in range(8):
         off, found = _solve(design, weight, value, fixed)
         weight = near / (edge_noise * np.maximum(np.abs(off), edge_noise))
@@ -251,16 +257,22 @@ def _learn_appearance(
     film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None
 ) -> MarkerAppearance:
     """The appearance in the frame that shows the markers best, of a few spread over the film."""
-    images, stride = [], 1
+    images = []
+    stride = 1
     for i, image in enumerate(film.frames(*span)):
         if i % stride == 0:
             images.append(image)
         if len(images) > 16:  # spread over the film
-            images, stride = images[::2], 2 * stride
-    best, most = None, 0
+            images = images[::2]
+            stride = 2 * stride
+    best = None
+    most = 0
     for image in images:
         appearance = learn_appearance(image, nodes, radius, bright)
-        count = len(detect(image, appearance)) if stands_out(image, appearance, nodes) else 0
+        if stands_out(image, appearance, nodes):
+            count = len(detect(image, appearance))
+        else:
+            count = 0
         if count >= nodes and (best is None or appearance.answer > best.answer):
             best = appearance
         most = max(most, count)

@@ -44,7 +44,9 @@ class Flat:
     @property
     def middle(self) -> np.ndarray:
         """Intersection of the camera's axis with the picture (2,) [pixel]."""
-        return (np.array(self.size) - 1) / 2 if self.lens is None else self.lens.matrix[:2, 2]
+        if self.lens is None:
+            return (np.array(self.size) - 1) / 2
+        return self.lens.matrix[:2, 2]
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Flat pixels (..., 2) of pixels of the video (..., 2)."""
@@ -73,20 +75,25 @@ class Flat:
     def metres_per_pixel(self) -> float:
         """Scale of the board's plane at the middle of the picture [m]."""
         there = self.plane.to_metres(self.middle + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
-        right, down = there[0] - there[1], there[2] - there[3]
+        right = there[0] - there[1]
+        down = there[2] - there[3]
         return float(np.sqrt(abs(right[0] * down[1] - right[1] * down[0])))
 
     @property
     def spread(self) -> np.ndarray:
         """Prior spread of the parameters (4,)."""
-        plane, lens = self.plane is not None, self.lens is not None
+        plane = self.plane is not None
+        lens = self.lens is not None
         # pan and pitch [rad], k1, log(focal length): known from the boards, or not
         return np.where([plane, plane, lens, lens], 0.01, [0.15, 0.15, 0.15, 0.3])
 
     def _tilt_points(self, points: np.ndarray) -> np.ndarray:
         pan, pitch, bending, focus = self.parameters
         # usual focal length: 1.25 image widths
-        usual = 1.25 * self.size[0] * np.ones(2) if self.lens is None else self.lens.matrix[[0, 1], [0, 1]]
+        if self.lens is None:
+            usual = 1.25 * self.size[0] * np.ones(2)
+        else:
+            usual = self.lens.matrix[[0, 1], [0, 1]]
         size = usual * np.exp(focus)
         ray = bent = (points - self.middle) / size
         for _ in range(6):  # bent = ray (1 + k1 |ray|^2)
@@ -98,7 +105,8 @@ class Flat:
 
 def rotation(pan: float, pitch: float) -> np.ndarray:
     """(3, 3) from right, down, away of the plane to those of a camera without roll."""
-    (cp, ct), (sp, st) = np.cos([pan, pitch]), np.sin([pan, pitch])
+    cp, ct = np.cos([pan, pitch])
+    sp, st = np.sin([pan, pitch])
     around = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
     return np.array([[1.0, 0.0, 0.0], [0.0, ct, st], [0.0, -st, ct]]) @ around
 
@@ -118,9 +126,13 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     parameter_limits = np.array([0.6, 0.6, 0.6, 0.9])
     both = detected[:, 1:] & detected[:, :-1]
     keep = np.flatnonzero(both.any(axis=1))
-    keep = keep[np.unique(np.linspace(0, len(keep) - 1, 300).astype(int))] if len(keep) else keep
+    if len(keep):
+        keep = keep[np.unique(np.linspace(0, len(keep) - 1, 300).astype(int))]
+    else:
+        keep = keep
     spread = flat.spread
-    positions, both = pixels[keep], both[keep]
+    positions = pixels[keep]
+    both = both[keep]
     if both.sum() < 10 * len(spread):
         return flat
 
@@ -130,7 +142,10 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
         return np.where(both, log - mean, 0.0)
 
     size = np.nanmedian(np.where(both, link_lengths(positions), np.nan), axis=0)
-    found = np.zeros(len(spread)) if flat.parameters is None else flat.parameters
+    if flat.parameters is None:
+        found = np.zeros(len(spread))
+    else:
+        found = flat.parameters
     noise = np.full(both.shape[1], 0.3) / size
     for _ in range(3):
         result = least_squares(
@@ -250,13 +265,17 @@ def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, 
         if good.sum() < 2:
             found[:, j] = expected[:, j]
             continue
-        variance, off = expected[good, j] ** 2, (link[good, j] / np.median(link[good, j]) - 1) ** 2
+        variance = expected[good, j] ** 2
+        off = (link[good, j] / np.median(link[good, j]) - 1) ** 2
         more = float(np.mean(off))
         for _ in range(20):
             weight = 1 / (variance + max(more, 0.0)) ** 2
             more = float(np.sum(weight * (off - variance)) / np.sum(weight))
         # edges that scatter more than the lengths share pixels: the lengths are right
-        scale = max(0.3, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0))))) if more < 0 else 1.0
+        if more < 0:
+            scale = max(0.3, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0)))))
+        else:
+            scale = 1.0
         found[:, j] = np.sqrt((scale * expected[:, j]) ** 2 + max(more, 0.0))
     return np.where(both, found, np.nan)
 
@@ -313,7 +332,8 @@ def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Relative standard deviation of the links' lengths (n - 1,) due to motion out of the plane."""
     # minimum number of pairs of frames from which motion out of the plane is detected
     fewest_pairs = 30
-    length, middle = link_lengths(flat), 0.5 * (flat[:, 1:] + flat[:, :-1])
+    length = link_lengths(flat)
+    middle = 0.5 * (flat[:, 1:] + flat[:, :-1])
     along = np.diff(flat, axis=1)
     twice = 2 * np.arctan2(along[..., 1], along[..., 0])
     found = np.zeros(length.shape[1])
@@ -323,7 +343,9 @@ def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
             continue
         position = middle[keep, j] - middle[keep, j].mean(axis=0)
         x, z = (position / max(np.abs(position).max(), 1e-300)).T
-        c, s, one = np.cos(twice[keep, j]), np.sin(twice[keep, j]), np.ones_like(x)
+        c = np.cos(twice[keep, j])
+        s = np.sin(twice[keep, j])
+        one = np.ones_like(x)
         products = [f * g for f in (one, x, z) for g in (c, s)]
         columns = np.stack([one, x, z, x * x, x * z, z * z, *products], axis=1)
         log_length = np.log(length[keep, j])

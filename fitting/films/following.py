@@ -119,13 +119,20 @@ def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> 
     Args:
         tracks: positions of the nodes (k, n, 2), NaN if not detected.
     """
-    path, changed = np.arange(len(still)), False
+    path = np.arange(len(still))
+    changed = False
     if order and len(still) > 2:
         found = _orders(tracks, still)
         line = on_a_line(tracks) if len(found) > 1 else None
-        best = line if line is not None else found[0] if found else path
+        if line is not None:
+            best = line
+        elif found:
+            best = found[0]
+        else:
+            best = path
         if not np.array_equal(best, path) and not np.array_equal(best[::-1], path):
-            path, changed = best, True
+            path = best
+            changed = True
     tracks = tracks[:, path]
     detected = np.isfinite(tracks[..., 0])
     length, new, spread = robust_lengths(tracks, detected)
@@ -211,8 +218,10 @@ def named_chain(
     """
     # distance of a given position from its circle [radius]
     near_circle = 3.0
-    nodes, first = len(named), circles[0].centre
-    positions, error = flat(named), np.zeros(nodes)
+    nodes = len(named)
+    first = circles[0].centre
+    positions = flat(named)
+    error = np.zeros(nodes)
     apart = np.linalg.norm(named[:, None] - first[None], axis=-1)
     own = np.full(nodes, -1)
     for _ in range(min(apart.shape)):  # the nearest pairs first, no circle twice

@@ -159,7 +159,8 @@ def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
     x, y = np.concatenate(parts, axis=1)
     if not np.sum(x**2) > 0:
         return 0.0
-    weight, share = np.ones_like(x), 0.0
+    weight = np.ones_like(x)
+    share = 0.0
     for _ in range(5):
         share = float(np.sum(weight * x * y) / np.sum(weight * x**2))
         off = np.abs(y - share * x)
@@ -168,4 +169,6 @@ def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
         weight = np.minimum(1.0, 3.0 * scale / np.maximum(off, 1e-12))
     error = scale / np.sqrt(np.sum(weight * x**2))
     # at most c of an exposure as long as a frame; below 4 standard errors nothing is corrected
-    return min(share, 1 / 24) if share > 4.0 * error else 0.0
+    if share > 4.0 * error:
+        return min(share, 1 / 24)
+    return 0.0

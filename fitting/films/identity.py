@@ -129,7 +129,10 @@ class Follower:
         if not unknown.any():
             return positions
         positions = positions.copy()
-        rate = self.past[0] - self.past[1] if len(self.past) > 1 else np.zeros_like(positions)
+        if len(self.past) > 1:
+            rate = self.past[0] - self.past[1]
+        else:
+            rate = np.zeros_like(positions)
         positions[unknown] = (self.past[0] + rate)[unknown]
         return bridge(positions, unknown, self.chain.length, self.length_error)
 
@@ -144,7 +147,8 @@ def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error
     """Positions (n, 2) of which the `unknown` (n,) are fitted to the links' lengths (n - 1,) (Gauss-Newton)."""
     # error of a bridged position that continues at its rate [pixel]
     bridge_error = 5.0
-    positions, move = positions.copy(), np.repeat(unknown, 2)
+    positions = positions.copy()
+    move = np.repeat(unknown, 2)
     expected = positions.reshape(-1)[move].copy()
     for _ in range(6):
         rows, size = _length_rows(positions)
@@ -184,7 +188,8 @@ def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tup
 
 def _viterbi(unary: np.ndarray, pair: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
     """Minimum sum of unary (n, m) and pair (n - 1, m, m) costs along a chain, and its states (n,)."""
-    price, back = unary[0], []
+    price = unary[0]
+    back = []
     for step, own in zip(pair, unary[1:], strict=True):
         total = price[:, None] + step
         back.append(np.argmin(total, axis=0))

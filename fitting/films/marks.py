@@ -84,13 +84,15 @@ def _swapped_names(
     """Samples (k, n) whose position is assigned to another node when all are named again."""
     good = detected.all(axis=1) & ~wrong.any(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-    starts, ends = edges[::2], edges[1::2]
+    starts = edges[::2]
+    ends = edges[1::2]
     if not len(starts):
         return np.zeros(detected.shape, bool)
     long = np.flatnonzero(ends - starts >= min(12, (ends - starts).max()))
     first, last = (int(starts[i] + ends[i]) // 2 for i in (long[0], long[-1]))
     runs = [(first, len(positions), 1), (first, -1, -1), (last, len(positions), 1), (last, -1, -1)]
-    asked, other = np.zeros(len(positions), int), np.zeros(detected.shape, int)
+    asked = np.zeros(len(positions), int)
+    other = np.zeros(detected.shape, int)
     for at, stop, way in runs[:2] if first == last else [runs[0], runs[3], runs[1], runs[2]]:
         rate = rates(np.where(detected[..., None], positions, np.nan), at)
         follower = Follower(Chain(positions[at], usual, 2 * deviation, at, rate), way)
@@ -151,7 +153,9 @@ def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) ->
 
 def off_cubic(frames: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Deviations (k,) of positions (k, 2) from the cubic through their neighbours; distance of the inner ones."""
-    t, off, apart = frames.astype(float), np.zeros(len(frames)), np.full(len(frames), 1e9)
+    t = frames.astype(float)
+    off = np.zeros(len(frames))
+    apart = np.full(len(frames), 1e9)
     where = [np.arange(2, len(t) - 2) + step for step in (-2, -1, 1, 2)]
     now = t[2:-2]
     guess = np.zeros((len(now), 2))

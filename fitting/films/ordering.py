@@ -55,7 +55,8 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
         frames: centres (m_i, 2) [pixel] of each frame.
     """
     tracks = [frames[begin]]
-    last, rate = frames[begin].copy(), np.zeros_like(frames[begin])
+    last = frames[begin].copy()
+    rate = np.zeros_like(frames[begin])
     for centres in frames[begin + 1 :]:
         guess = last + rate
         apart = np.linalg.norm(guess[:, None] - centres[None], axis=-1)
@@ -117,12 +118,15 @@ def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
     if not 0 < at < len(tracks) - 1:
         return None
     found = 0.5 * (tracks[at + 1] - tracks[at - 1])
-    return found if np.isfinite(found).all() else None
+    if np.isfinite(found).all():
+        return found
+    return None
 
 
 def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: float) -> Chain | None:
     """The chain of the stretch of the film that determines it most clearly, with its frame in `at`."""
-    best, clear = None, -np.inf
+    best = None
+    clear = -np.inf
     counts = np.array([len(centres) for centres in frames])
     # durations of the stretches [s]
     for duration in (1.0, 2.0, 4.0):
@@ -139,7 +143,8 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
             tracks = np.concatenate([before, follow_unnamed(part, middle)[1:]])
             chain, margin = best_chain(tracks, nodes, radius, middle)
             if chain is not None and margin > clear and np.isfinite(chain.positions).all():
-                best, clear = replace(chain, at=int(start) + middle), margin
+                best = replace(chain, at=int(start) + middle)
+                clear = margin
         # sum of squared changes [tolerances] by which the second best path must be worse
         if clear >= 9.0 or size == len(frames):
             break
@@ -164,7 +169,9 @@ def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
     low, high = np.nanpercentile(known, (2, 98), axis=0)
     size = np.linalg.norm(high - low, axis=1)
     still = size < still_motion[0] * radius
-    return still if (~still).sum() >= nodes - 2 else size < still_motion[1] * radius
+    if (~still).sum() >= nodes - 2:
+        return still
+    return size < still_motion[1] * radius
 
 
 def paths(
@@ -211,7 +218,9 @@ def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
         return None
     orders = np.argsort(np.einsum("kmi,ki->km", middle, axes[:, 0]), axis=1)
     same = (orders == orders[0]).all(axis=1) | (orders == orders[0][::-1]).all(axis=1)
-    return orders[0] if same.all() else None
+    if same.all():
+        return orders[0]
+    return None
 
 
 def turn_round(positions: np.ndarray, still: np.ndarray, first: str) -> bool:

@@ -19,7 +19,8 @@ SUFFIXES = (".png", ".avi", ".mp4")
 def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path:
     """A contact sheet to a `.png`, the whole motion to an `.mp4` or `.avi`."""
     # columns of a sheet, and the width of one picture [pixel]
-    per_row, picture_width = 4, 420
+    per_row = 4
+    picture_width = 420
     path = Path(path)
     film = Video(video)
     if path.suffix.lower() != ".png":

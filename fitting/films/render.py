@@ -20,7 +20,8 @@ from fitting.films.video import opencv
 from fitting.traces.synthetic import Motion
 
 #: Grey levels of the plate and of a post before it.
-PLATE, POST = 105.0, 60.0
+PLATE = 105.0
+POST = 60.0
 
 
 @dataclass(frozen=True)
@@ -127,10 +128,16 @@ def chessboards(
     """Pictures of a chessboard of `board` inner corners: the first in the plane of motion, the others slanting."""
     rng = np.random.default_rng(seed)
     for i in range(count):
-        turn = opencv().Rodrigues(view.rotation)[0].ravel() if i == 0 else rng.uniform(-0.5, 0.5, 3)
+        if i == 0:
+            turn = opencv().Rodrigues(view.rotation)[0].ravel()
+        else:
+            turn = rng.uniform(-0.5, 0.5, 3)
         far = view.distance * (1.0 if i == 0 else rng.uniform(0.75, 1.1))
         # alternately to the sides, where a lens bends most; only complete boards are found
-        side = 0.22 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]][i % 4]) if i else np.zeros(2)
+        if i:
+            side = 0.22 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]][i % 4])
+        else:
+            side = np.zeros(2)
         shift = side * np.array(view.size) / view.focus * far
         yield _develop(_board(view, board, square, turn, np.array([*shift, far])), view, rng)
 
@@ -139,7 +146,8 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
     """The picture of an instant: nodes at `positions` (n, 2) [m], `t` [s] after the first frame."""
     width, height = view.size
     image = np.full((height, width), PLATE, np.float32)
-    nodes, stretch = view.to_pixels(positions), view.stretch(positions)
+    nodes = view.to_pixels(positions)
+    stretch = view.stretch(positions)
     cv2 = opencv()
     thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
     for a, b in zip(nodes[:-1], nodes[1:], strict=True):
@@ -204,7 +212,8 @@ def _squares(to_board: np.ndarray, straight: np.ndarray, board: tuple[int, int],
     """Grey of the board at straight pixels (height, width, 2)."""
     x, y, w = (straight[..., 0] * row[0] + straight[..., 1] * row[1] + row[2] for row in to_board)
     column, row = (a / w / square + (b + 1) / 2 for a, b in zip((x, y), board, strict=True))
-    wide, high = board[0] + 1, board[1] + 1
+    wide = board[0] + 1
+    high = board[1] + 1
     inside = (column >= 0) & (column < wide) & (row >= 0) & (row < high)
     margin = (column > -1) & (column < wide + 1) & (row > -1) & (row < high + 1)
     black = inside & ((np.floor(column) + np.floor(row)) % 2 == 0)
@@ -212,7 +221,9 @@ def _squares(to_board: np.ndarray, straight: np.ndarray, board: tuple[int, int],
 
 
 #: Blue, green, red: links, bridged nodes, text.
-LINK, BRIDGED, TEXT = (178, 114, 0), (0, 94, 213), (40, 40, 40)
+LINK = (178, 114, 0)
+BRIDGED = (0, 94, 213)
+TEXT = (40, 40, 40)
 
 
 # A picture of the node orders that a film allows, from which the user selects the right one

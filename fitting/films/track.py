@@ -100,7 +100,9 @@ class Tracked:
             "reprojection_error_pixel": None if self.lens is None else self.lens.error,
             "warnings": list(self.warnings),
         }
-        return found if self.status == "ok" else {**found, "error": self.message}
+        if self.status == "ok":
+            return found
+        return {**found, "error": self.message}
 
 
 def track(
@@ -158,7 +160,10 @@ def track(
         raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
     say(0.0, "looking for markers")
     appearance, circles = scan(film, span, nodes, radius, bright, say)
-    board_plane = None if plane is None else plane_from_board(plane, lens, board, square)
+    if plane is None:
+        board_plane = None
+    else:
+        board_plane = plane_from_board(plane, lens, board, square)
     say(0.75, "finding the order of the nodes")
     try:
         flat = Flat(film.size, lens, board_plane)
@@ -302,7 +307,9 @@ def _warnings(
     offset: int,
     uncertain: int,
 ) -> tuple[str, ...]:
-    name, detected, found = film.path.name, chain.detected, []
+    name = film.path.name
+    detected = chain.detected
+    found = []
     if offset:
         found.append(f"{name}: no link is visible before frame {offset}; the trace starts there")
     if chain.straight:
@@ -312,9 +319,10 @@ def _warnings(
         found.append(f"{name}: {uncertain} angles with standard errors above {LARGEST_ERROR:g} rad left empty")
     gaps = _longest_gaps(detected) / film.fps
     for node in np.flatnonzero((~detected).any(axis=0)):
-        long = (
-            f"; the longest gap is {gaps[node]:.2g} s, turns in it are not counted" if gaps[node] > LONGEST_GAP else ""
-        )
+        if gaps[node] > LONGEST_GAP:
+            long = f"; the longest gap is {gaps[node]:.2g} s, turns in it are not counted"
+        else:
+            long = ""
         found.append(
             f"{name}: marker {node} not seen in {(~detected[:, node]).sum()} frames, bridged and left empty{long}"
         )

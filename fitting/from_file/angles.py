@@ -56,7 +56,8 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         if counts is None:
             raise SceneError(f"{file}: the angle is in counts of an encoder. Give the counts per turn: --counts 4096")
         notes.append(f"angle in counts, {counts:g} per turn")
-        turn, size = counts, 2 * np.pi / counts
+        turn = counts
+        size = 2 * np.pi / counts
     elif unit is None and turn is not None:
         unit = "deg" if turn > 300 else "rad"
         notes.append(f"angle in {unit}, as its wraps of {turn:.4g} show")
@@ -64,10 +65,14 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     else:
         size = RADIANS.get(unit or "", 0.0)
         turn = 2 * np.pi / size if size else None
-    theta = np.stack([without_wraps(column, turn) for column in raw.T], axis=1) if turn else raw
+    if turn:
+        theta = np.stack([without_wraps(column, turn) for column in raw.T], axis=1)
+    else:
+        theta = raw
     if theta.shape[1] == 1 and is_log_of_steps(theta[:, 0], step):
         # a row is written where the reading changes: the angle is then between the two readings
-        theta, t = 0.5 * (theta[1:] + theta[:-1]), t[1:]
+        theta = 0.5 * (theta[1:] + theta[:-1])
+        t = t[1:]
         notes.append("a row at each step of the encoder: read as the middle of the step")
         step = 0.0
     if unit is None:
@@ -133,7 +138,9 @@ def step_of(column: np.ndarray) -> float:
         return step_of_log(known)
     step = float(np.min(steps))
     off = np.abs(steps / step - np.round(steps / step))
-    return step if np.mean(off < 0.1) > 0.9 else 0.0
+    if np.mean(off < 0.1) > 0.9:
+        return step
+    return 0.0
 
 
 def step_of_log(known: np.ndarray) -> float:
@@ -143,7 +150,9 @@ def step_of_log(known: np.ndarray) -> float:
     if len(change) < 10:
         return 0.0
     step = float(np.median(change))
-    return step if np.mean(np.abs(change / step - 1.0) < 0.02) > EVERY_STEP else 0.0
+    if np.mean(np.abs(change / step - 1.0) < 0.02) > EVERY_STEP:
+        return step
+    return 0.0
 
 
 def is_log_of_steps(column: np.ndarray, step: float) -> bool:

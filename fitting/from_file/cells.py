@@ -19,7 +19,8 @@ LARGEST = 500_000_000
 #: Bytes in which a zero byte shows that a file is not text.
 HEAD = 65536
 #: Rows that decide between separators, and the fraction of their cells that must be numbers.
-TRIED, NUMBERS = 200, 0.5
+TRIED = 200
+NUMBERS = 0.5
 #: Text of a missing sample.
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--", "inf", "-inf", "#n/a", "#nv")
 #: Hours, minutes and seconds, after a date or alone.
@@ -169,7 +170,9 @@ def number(cell: str, comma: bool) -> float:
             return math.nan
         hours, minutes, seconds = time.groups()
         value = 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
-    return value if math.isfinite(value) else math.nan
+    if math.isfinite(value):
+        return value
+    return math.nan
 
 
 def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:

@@ -11,7 +11,8 @@ from dropper_jax.base.errors import SceneError
 #: Seconds per unit of time.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 #: Periods of pendulums from 2 cm to 60 m [s]: a unit of time is read such that the motion's period is one of these.
-SHORTEST, LONGEST = 0.25, 16.0
+SHORTEST = 0.25
+LONGEST = 16.0
 #: Rows of a part after a jump back, below which they are in disorder and not another run.
 SECOND_RUN = 30
 
@@ -41,7 +42,8 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
     """
     notes = []
     known = np.isfinite(t) & np.isfinite(values).any(axis=1)
-    t, values = t[known], values[known]
+    t = t[known]
+    values = values[known]
     # restarts: the time jumps back by more than half of what has passed since the last restart
     starts = [0]
     for i in np.flatnonzero(np.diff(t) < 0) + 1:
@@ -57,12 +59,14 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
             f"times start again {len(starts) - 1} times: the longest run is used, rows {starts[best] + 1} to "
             f"{ends[best]}"
         )
-        t, values = t[part], values[part]
+        t = t[part]
+        values = values[part]
     backwards = int(np.sum(np.diff(t) < 0))
     if backwards:
         notes.append(f"times jump back in {backwards} rows: rows sorted by time")
         order = np.argsort(t, kind="stable")
-        t, values = t[order], values[order]
+        t = t[order]
+        values = values[order]
     # repeated times: means of their rows
     different, first, counts = np.unique(t, return_index=True, return_counts=True)
     repeated = len(t) - len(different)
@@ -74,7 +78,8 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
         number = np.zeros((len(different), values.shape[1]))
         np.add.at(total, group, np.where(known, values, 0.0))
         np.add.at(number, group, known)
-        t, values = different, np.where(number > 0, total / np.maximum(number, 1), np.nan)
+        t = different
+        values = np.where(number > 0, total / np.maximum(number, 1), np.nan)
     if len(t) < 10:
         raise SceneError(f"{file}: has {len(t)} rows with different times; allowed: at least 10")
     return Rows(t - t[0], values, float(t[0]), tuple(notes))
@@ -100,7 +105,10 @@ def unit_of_time(
     counted = named is None and bool(np.all(np.diff(t) == 1.0))
     if column is None or named == "frames" or counted:
         if rate is None:
-            what = "has no column of times" if column is None else f"counts frames ({column!r})"
+            if column is None:
+                what = "has no column of times"
+            else:
+                what = f"counts frames ({column!r})"
             raise SceneError(f"{file}: {what}. Give the frames per second: --rate 60")
         return 1.0 / rate, f"{rate:g} frames per second"
     fits = [unit for unit, size in SECONDS.items() if SHORTEST < size * period < LONGEST]

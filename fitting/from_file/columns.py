@@ -175,14 +175,22 @@ def describe(
     time_unit = None
     if time is not None:
         frames = set(names[time].words) & FRAME
-        time_unit = "s" if cells.clock[time] else "frames" if frames else names[time].unit
+        if cells.clock[time]:
+            time_unit = "s"
+        elif frames:
+            time_unit = "frames"
+        else:
+            time_unit = names[time].unit
         if time_unit not in ("s", "ms", "us", "frames"):
             time_unit = None
     units = {names[i].unit for i in angles} & set(ANGLE_UNITS.values())
     lengths = {names[i].unit for pair in points for i in pair} & set(LENGTH_UNITS.values())
     what = [cells.names[i] for i in angles] or [f"({cells.names[x]}, {cells.names[y]})" for x, y in points]
     kind = "angles" if angles else "points"
-    note = f"time from {cells.names[time]!r}, " if time is not None else "rows counted as time, "
+    if time is not None:
+        note = f"time from {cells.names[time]!r}, "
+    else:
+        note = "rows counted as time, "
     return Columns(
         time,
         time_unit,
@@ -238,7 +246,9 @@ def time_column(cells: Cells, names: Sequence[Name]) -> int | None:
             raise SceneError(f"{cells.file}: {cells.names[named[0]]} decreases from row to row. Reverse the rows")
         return named[0]
     content = [i for i in range(count) if increases(cells.values[:, i]) and moves(cells.values[:, i])]
-    return content[0] if content else None
+    if content:
+        return content[0]
+    return None
 
 
 def point_pairs(names: Sequence[Name], free: Sequence[int]) -> list[tuple[int, int]]:

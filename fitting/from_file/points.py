@@ -21,7 +21,9 @@ from dropper_jax.base.errors import SceneError
 #: Movement of a fixed point as a fraction of the fastest point's.
 FIXED = 0.03
 #: Change of a distance that a link keeps, in its noise; relative change that a lens may cause; change of a good chain.
-KEPT, LENS, GOOD = 3.0, 0.001, 1.5
+KEPT = 3.0
+LENS = 0.001
+GOOD = 1.5
 #: Difference of two directions of one rigid link, as a fraction of their motion, beyond their noise.
 SAME_LINK = 0.01
 #: Most points whose order is tried.
@@ -77,7 +79,10 @@ def read_points(file: str, points: np.ndarray) -> Links:
         raise SceneError(f"{file}: the points do not move. Give a file with motion")
     notes = []
     fixed = spread < FIXED * spread.max()
-    pivot = complex(np.nanmean(points[fixed][0])) if fixed.sum() == 1 else None
+    if fixed.sum() == 1:
+        pivot = complex(np.nanmean(points[fixed][0]))
+    else:
+        pivot = None
     moving = list(points[~fixed])
     if pivot is not None:
         notes.append("the point that does not move is the pivot")
@@ -100,7 +105,8 @@ def read_points(file: str, points: np.ndarray) -> Links:
     _, order, (bodies, pivot, _, joints) = min(chains, key=lambda chain: chain[0])
     if order != orders[0]:
         notes.append(f"order of the points from the pivot on: {', '.join(str(i + 1) for i in order)}")
-    directions, lengths = [], []
+    directions = []
+    lengths = []
     for j, body in enumerate(bodies):
         last = j + 1 == len(bodies)
         reach = body.end - joints[j] if last else joints[j + 1] - joints[j]
@@ -140,7 +146,8 @@ def chain_of(
     bodies = [Body(first, unit(first - pivot), first - pivot, first, False)]
     own = [first]  # points of the last body
     while rest:
-        point, rest = rest[0], rest[1:]
+        point = rest[0]
+        rest = rest[1:]
         body = bodies[-1]
         if rigid(point, body.origin, sigma) < KEPT and turns_with(point - body.origin, body, sigma):
             own.append(point)
@@ -152,7 +159,9 @@ def chain_of(
             continue
         hook = min(own, key=lambda p: rigid(point, p, sigma))
         by_hook = rigid(point, hook, sigma)
-        by_pair, joint, new = np.inf, hook, body
+        by_pair = np.inf
+        joint = hook
+        new = body
         if rest and rigid(point, rest[0], sigma) < KEPT:
             new = Body(point, unit(rest[0] - point), rest[0] - point, rest[0], True)
             joint, by_pair = joint_of(body, new, sigma)
@@ -209,8 +218,10 @@ def centre_of(p: np.ndarray) -> complex:
     """Centre of the circle through points (k,)."""
     p = p[np.isfinite(p)]
     p = p[:: max(1, len(p) // 4000)]
-    middle, size = p.mean(), float(np.std(p))
-    x, y = ((p - middle) / size).real, ((p - middle) / size).imag
+    middle = p.mean()
+    size = float(np.std(p))
+    x = ((p - middle) / size).real
+    y = ((p - middle) / size).imag
     a, b, c = np.linalg.lstsq(np.stack([2 * x, 2 * y, np.ones(len(x))], axis=1), x**2 + y**2, rcond=None)[0]
     start = [a, b, np.sqrt(max(c + a**2 + b**2, 1e-12))]
     found = least_squares(lambda v: np.hypot(x - v[0], y - v[1]) - v[2], start, loss="soft_l1", f_scale=0.05).x

@@ -108,18 +108,25 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     path = Path(path)
     cells = read_cells(path)
     columns = find_columns(cells, given.columns)
-    t = np.arange(len(cells.values), dtype=float) if columns.time is None else cells.values[:, columns.time]
+    if columns.time is None:
+        t = np.arange(len(cells.values), dtype=float)
+    else:
+        t = cells.values[:, columns.time]
     used = columns.angles or tuple(i for pair in columns.points for i in pair)
     rows = ordered_rows(cells.file, t, cells.values[:, used])
     motion = motion_of(cells, columns, rows.t, rows.values, given)
     name = None if columns.time is None else cells.names[columns.time]
     period = main_period(motion.t, motion.theta)
     rate = given.rate or columns.rate
-    named = "frames" if given.rate and columns.time_unit is None else columns.time_unit
+    if given.rate and columns.time_unit is None:
+        named = "frames"
+    else:
+        named = columns.time_unit
     second, how = unit_of_time(cells.file, motion.t, period, named, rate, name)
     # dates in seconds since 1970 lose digits
     start = second * rows.start if abs(second * rows.start) < LATE else 0.0
-    times, period = start + second * motion.t, second * period
+    times = start + second * motion.t
+    period = second * period
     count = motion.theta.shape[1]
     if links is not None and count != links:
         raise SceneError(f"{cells.file}: shows {count} links, but the scene has {links}. Use the scene of this file")
@@ -128,7 +135,10 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
         notes.append("the clock starts at the first row")
     # zero and sign of a scene's own links follow from its pose
     hangs = count == 1 or bool(columns.points)
-    convention = Convention("down", 1, "rad") if hangs else Convention(unit="rad")
+    if hangs:
+        convention = Convention("down", 1, "rad")
+    else:
+        convention = Convention(unit="rad")
     if links is None:
         convention = Convention("down", 1, "rad")
     trace = Trace(path.stem, times, motion.theta, convention=convention)
@@ -142,11 +152,17 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     notes += note
     fastest = period
     if count > 1:
-        fastest = 0.5 * period if lengths is None else 2 * np.pi * np.sqrt(float(lengths.min()) / GRAVITY)
+        if lengths is None:
+            fastest = 0.5 * period
+        else:
+            fastest = 2 * np.pi * np.sqrt(float(lengths.min()) / GRAVITY)
     before = len(trace.t)
     thinned_t, theta, many = thin(trace.t, trace.theta, fastest)
     if len(thinned_t) < before:
-        what = f"each the mean of about {many}" if many > 1 else "one for each stretch of time"
+        if many > 1:
+            what = f"each the mean of about {many}"
+        else:
+            what = "one for each stretch of time"
         notes.append(f"{before} rows thinned to {len(thinned_t)}, {what}")
     trace = replace(trace, t=thinned_t, theta=theta)
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
@@ -235,7 +251,10 @@ def lengths_in_metres(
     if shown is None and unit not in METRES:
         missing = ",".join(f"L{j + 1}" for j in range(count))
         raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
-    scale = METRES.get(unit or "", np.nan) if shown is None else GRAVITY / shown[0]
+    if shown is None:
+        scale = METRES.get(unit or "", np.nan)
+    else:
+        scale = GRAVITY / shown[0]
     if unit is None:
         near = [name for name, size in METRES.items() if abs(np.log(scale / size)) < np.log(FITS_UNIT)]
         unit = near[0] if near else "px"

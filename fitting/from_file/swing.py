@@ -18,13 +18,17 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 
 #: Samples per period of the grid, half width of the local polynomials in samples, and their degree.
-PER_PERIOD, HALF, DEGREE = 40, 7, 4
+PER_PERIOD = 40
+HALF = 7
+DEGREE = 4
 #: Relative differences of k of one window from that of the swing, and of a residual, that noise need not explain.
-SAME, RESIDUAL = 0.1, 0.12
+SAME = 0.1
+RESIDUAL = 0.12
 #: Rise of the energy over a period that noise need not explain.
 RISES = 0.05
 #: Fewest periods of a free swing, and the fraction of the moving file that it must cover.
-FEWEST, PART = 3.0, 0.34
+FEWEST = 3.0
+PART = 0.34
 #: Loss of energy, over the whole swing, below which it does not decay.
 DECAYS = 0.02
 #: Periods next to a stretch that is left out, which are left out too.
@@ -32,7 +36,8 @@ MARGIN = 0.4
 #: Difference of the log likelihoods of two units of the angle that decides between them.
 DECIDES = 4.0
 #: Periods of the stretches that are compared, and their minimum amplitude as a fraction of the maximum.
-BLOCK, LOUD = 3, 0.05
+BLOCK = 3
+LOUD = 0.05
 #: Sum of squares of a stretch, in the median one, above which it is not free.
 RELEASED = 4.0
 
@@ -73,7 +78,10 @@ def main_period(t: np.ndarray, values: np.ndarray) -> float:
     spectrum[:2] = 0.0
     peak = int(np.argmax(spectrum))
     near = spectrum[max(peak - 1, 1) : peak + 2]
-    at = peak + (near[2] - near[0]) / (2 * near.sum()) if len(near) == 3 and near.sum() > 0 else peak
+    if len(near) == 3 and near.sum() > 0:
+        at = peak + (near[2] - near[0]) / (2 * near.sum())
+    else:
+        at = peak
     return float((t[-1] - t[0]) / max(at, 1.0))
 
 
@@ -85,7 +93,8 @@ def derivatives(t: np.ndarray, phi: np.ndarray, period: float) -> tuple[np.ndarr
     """
     step = period / PER_PERIOD
     known = np.isfinite(phi)
-    t, phi = t[known], phi[known]
+    t = t[known]
+    phi = phi[known]
     grid = np.arange(t[0], t[-1] + 0.5 * step, step)
     index = np.clip(np.round((t - t[0]) / step).astype(int), 0, len(grid) - 1)
     number = np.bincount(index, minlength=len(grid))
@@ -129,8 +138,11 @@ def gravity_of_last_link(
     columns = [np.sin(angle[:, 0]), np.cos(angle[:, 0]), angle[:, 2], speed, angle[:, 1]]
     basis = np.stack(columns, axis=1)
     found = -np.linalg.lstsq(basis, acceleration, rcond=None)[0]
-    gravity, length = float(np.hypot(found[0], found[1])), float(found[2])
-    return (gravity, length) if length > 0 and found[0] > 0 else None
+    gravity = float(np.hypot(found[0], found[1]))
+    length = float(found[2])
+    if length > 0 and found[0] > 0:
+        return (gravity, length)
+    return None
 
 
 def regression(motion: np.ndarray, quadratic: bool = False) -> tuple[np.ndarray, float]:
@@ -170,7 +182,12 @@ def unit_of_angle(t: np.ndarray, raw: np.ndarray, period: float) -> tuple[str | 
     gain = 0.5 * len(free) / HALF * float(np.log(max(in_degrees, 1e-300) / max(in_radians, 1e-300)))
     if abs(gain) < DECIDES:
         # a swing of a few degrees is rarer than one of as many radians
-        likely = "deg" if reach > 2 * np.pi else "rad" if gain > -1.0 else None
+        if reach > 2 * np.pi:
+            likely = "deg"
+        elif gain > -1.0:
+            likely = "rad"
+        else:
+            likely = None
         return likely, 0.0
     return ("rad" if gain > 0 else "deg"), abs(gain)
 
@@ -218,7 +235,8 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
     floor = 2.0 * (noise / np.sqrt(stiffness)) ** 2
     rising = np.concatenate([[False], level[4:] > (1 + RISES) * level[:-4] + floor, [False] * 3])[: len(level)]
     first, last = longest_run(free & ~rising)
-    begin, end = float(times[starts[first]]), float(times[min(starts[last] + PER_PERIOD, len(times) - 1)])
+    begin = float(times[starts[first]])
+    end = float(times[min(starts[last] + PER_PERIOD, len(times) - 1)])
     moving = np.flatnonzero(size > 2.0 * noise)
     moving_span = float(times[min(starts[moving[-1]] + PER_PERIOD, len(times) - 1)] - times[starts[moving[0]]])
     if end - begin < FEWEST * period or end - begin < PART * moving_span:
@@ -250,10 +268,13 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
 
 def longest_run(good: np.ndarray) -> tuple[int, int]:
     """First and last number of the longest run of good windows; two bad ones inside do not end it."""
-    best, start, bad = (0, -1), None, 0
+    best = (0, -1)
+    start = None
+    bad = 0
     for i, one in enumerate(good):
         if one:
-            start, bad = (i if start is None else start), 0
+            start = i if start is None else start
+            bad = 0
             if i - start > best[1] - best[0]:
                 best = start, i
         elif start is not None:

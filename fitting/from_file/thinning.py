@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 #: Rows per period of the fastest link that a fit needs, and how many more are thinned.
-PER_PERIOD, FROM = 40, 80
+PER_PERIOD = 40
+FROM = 80
 #: Spread of the number of rows per stretch above which one row stands for each instead of the mean.
 UNEVEN = 0.3
 
@@ -42,7 +43,8 @@ def thin(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, n
     sums = np.array([np.nansum(theta[a:b], axis=0) for a, b in parts])
     number = np.array([np.isfinite(theta[a:b]).sum(axis=0) for a, b in parts])
     means = np.where(enough, sums / np.maximum(number, 1), np.nan)
-    before, after = np.diff(times)[:-1, None], np.diff(times)[1:, None]
+    before = np.diff(times)[:-1, None]
+    after = np.diff(times)[1:, None]
     slope = np.diff(means, axis=0) / np.diff(times)[:, None]
     bend = 2 * np.diff(slope, axis=0) / (before + after)
     near = (before < 3 * period / PER_PERIOD) & (after < 3 * period / PER_PERIOD) & np.isfinite(bend)

@@ -11,7 +11,8 @@ from fitting.calibration.result import FitResult
 from fitting.from_file.read_file import Measured
 from fitting.report.tables import significant
 
-LINEAR, QUADRATIC = "effects.linear_damping.b_l", "effects.quadratic_damping.b_q"
+LINEAR = "effects.linear_damping.b_l"
+QUADRATIC = "effects.quadratic_damping.b_q"
 
 
 @dataclass(frozen=True)
@@ -56,10 +57,14 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
     for name in value:
         if name.startswith("effects."):
             unit = estimates[name]["unit"]
-            short = name.rsplit(".", 1)[1] if "joint_friction" not in name else name.split(".", 2)[2]
+            if "joint_friction" not in name:
+                short = name.rsplit(".", 1)[1]
+            else:
+                short = name.split(".", 2)[2]
             if mass is None:
                 what = "m" if one else "mass 1"
-                short, unit = f"{short} / {what}", per_mass(unit)
+                short = f"{short} / {what}"
+                unit = per_mass(unit)
             found.append(Value(short, value[name], error[name], unit))
     return found
 
@@ -75,7 +80,10 @@ def scaled_lengths(result: FitResult, value: dict[str, float]) -> list[Value]:
         name = f"line.0.length.{j}"
         own = value.get(name, float(start))
         slope = np.array([own if one == "rig.scale" else scale if one == name else 0.0 for one in names])
-        spread = np.sqrt(max(float(slope @ covariance @ slope), 0.0)) if result.has_errors else np.nan
+        if result.has_errors:
+            spread = np.sqrt(max(float(slope @ covariance @ slope), 0.0))
+        else:
+            spread = np.nan
         found.append(Value(f"length {j + 1}", scale * own, float(spread), "m"))
     return found
 

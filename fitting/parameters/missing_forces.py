@@ -43,7 +43,10 @@ def missing_forces(model: Model) -> list[Parameter]:
 
 def tested_parameters(model: Model, parameters: Sequence[Parameter]) -> list[Parameter]:
     """Sizes of all candidates, which the programs of a fit with these parameters know too."""
-    camera = [] if any(p.name == CAMERA for p in parameters) else resolve(model, [CAMERA])
+    if any(p.name == CAMERA for p in parameters):
+        camera = []
+    else:
+        camera = resolve(model, [CAMERA])
     return [*missing_forces(model), *camera]
 
 
@@ -83,7 +86,8 @@ def _force_at_zero(sizes: jax.Array, model: Model, r: jax.Array, v: jax.Array, t
 
 def _derivative(primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
     """At size zero only the sizes move the force."""
-    nothing, change = jnp.zeros_like(primals[2]), tangents[0]
+    nothing = jnp.zeros_like(primals[2])
+    change = tangents[0]
     if isinstance(change, SymbolicZero):
         return nothing, nothing
     return nothing, jnp.tensordot(change, unit_forces(*primals[1:]), 1)

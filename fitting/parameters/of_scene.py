@@ -37,7 +37,8 @@ from fitting.parameters.parameter import (
 )
 
 #: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
-LINEAR_REACH, LINEAR_TOLERANCE = 0.2, 1e-9
+LINEAR_REACH = 0.2
+LINEAR_TOLERANCE = 1e-9
 
 
 def find_parameters(
@@ -97,9 +98,13 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
         unit = _moved_unit(model, slopes)
     else:
         # lengths along a line are in lists that have no declaration
-        unit = "m" if ScenePath(path).key in ("length", "at") else describe(path).get("unit", "-")
+        if ScenePath(path).key in ("length", "at"):
+            unit = "m"
+        else:
+            unit = describe(path).get("unit", "-")
     # a number keeps its sign
-    low, high = 0.0 if value > 0 else -np.inf, 0.0 if value < 0 else np.inf
+    low = 0.0 if value > 0 else -np.inf
+    high = 0.0 if value < 0 else np.inf
     return Parameter(path, Direction(slopes, value, linear), value, low, high, unit)
 
 
@@ -113,7 +118,9 @@ def _moved_unit(model: Model, slopes: Iterable[int]) -> str:
             item = item[key.idx] if hasattr(key, "idx") else getattr(item, key.name)
         declared = declared_fields(type(item)).get(getattr(keys[leaf][-1], "name", ""))
         units.add("-" if declared is None else declared.metadata.get("unit", "-"))
-    return units.pop() if len(units) == 1 else "-"
+    if len(units) == 1:
+        return units.pop()
+    return "-"
 
 
 def free_of_traces(
@@ -313,7 +320,9 @@ def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> t
     Raises:
         SceneError: the prior of a number that the scene does not have, or with another unit than the number's.
     """
-    found, common, carried = list(parameters), [], 0.0
+    found = list(parameters)
+    common = []
+    carried = 0.0
     for i, prior in enumerate([] if scene.fit is None else scene.fit.priors):
         option = f"fit.prior.{i}.of"
         known = _resolve_prior(scene, model, prior.of, option)

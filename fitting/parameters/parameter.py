@@ -32,8 +32,11 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.traces.planar import directions
 
-CAMERA, MARKER, NODE = "camera.offset", "marker.offset", "marker.node"
-CLOCK, LOST = "clock.rate", "clock.lost"
+CAMERA = "camera.offset"
+MARKER = "marker.offset"
+NODE = "marker.node"
+CLOCK = "clock.rate"
+LOST = "clock.lost"
 SCALE = "rig.scale"
 
 
@@ -232,7 +235,9 @@ class Parameter:
     @property
     def scale(self) -> float:
         """A typical size for steps and plots."""
-        return abs(self.value) if self.value != 0 else SIZES_AT_ZERO.get(self.where.field, 1.0)
+        if self.value != 0:
+            return abs(self.value)
+        return SIZES_AT_ZERO.get(self.where.field, 1.0)
 
 
 class Released(Protocol):
@@ -312,7 +317,8 @@ def check_once(names: Sequence[str], option: str) -> None:
 def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wider: bool) -> Parameter:
     low, high = bounds.get(p.name, (None, None))
     least, most = (-np.inf, np.inf) if wider else (p.low, p.high)
-    low, high = p.low if low is None else max(low, least), p.high if high is None else min(high, most)
+    low = p.low if low is None else max(low, least)
+    high = p.high if high is None else min(high, most)
     value = float(start.get(p.name, min(max(p.value, low), high)))
     if not low <= high:
         raise SceneError(f"bounds: {p.name!r}: empty interval {low:g} to {high:g}; allowed: low <= high")
@@ -357,15 +363,17 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
     if found:
         return found
     if kind in (MARKER, NODE):
-        what, last, axes = (
-            ("link", model.line.links, "") if kind == MARKER else ("node", _joints(model), ", each .0 or .1")
-        )
+        if kind == MARKER:
+            what, last, axes = ("link", model.line.links, "")
+        else:
+            what, last, axes = ("node", _joints(model), ", each .0 or .1")
         raise SceneError(f"{option}: {name!r}: unknown {what}; allowed: {kind}.0 to {kind}.{last - 1}{axes}")
     known = _fields(model)
     found = ScenePath(name).entry_of(known)
     if found is None or len(found[1]) > 1:
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, paths(model))}")
-    (stem, entries), (section, index, field) = found, known[found[0]]
+    stem, entries = found
+    section, index, field = known[found[0]]
     value = np.asarray(getattr(getattr(model, section)[index], field.name))
     if value.ndim == 0 and not entries:
         return [_parameter(name, ModelPlace(section, index, field.name), float(value), field.metadata)]
@@ -395,7 +403,9 @@ def _entries(model: Model, section: str, field: dataclasses.Field, size: int) ->
     of_nodes = (section == "effects" and shape == "node") or (
         section == "lines" and field.name == "mass" and not model.line.compound and not model.geometry.branched
     )
-    return model.free_nodes if of_nodes else size
+    if of_nodes:
+        return model.free_nodes
+    return size
 
 
 def _joints(model: Model) -> int:
@@ -430,7 +440,9 @@ def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
         if scene.effects.get(effect, {}).get(key) is None
     }
     found = dict.fromkeys((ScenePath(name).stem for name in names if ScenePath(name).stem in zero), 0.0)
-    return scene.with_values(found) if found else scene
+    if found:
+        return scene.with_values(found)
+    return scene
 
 
 # Observation of a motion by camera, markers and clock: rotated angles and missing frames.
@@ -460,7 +472,10 @@ def camera_offset(parameters: Sequence[Parameter], values: jax.Array, links: int
     total: jax.Array | float = 0.0
     for i, p in enumerate(parameters):
         if isinstance(p.where, CameraPlace):
-            share = np.ones(links) if p.where.link is None else np.eye(links)[p.where.link]
+            if p.where.link is None:
+                share = np.ones(links)
+            else:
+                share = np.eye(links)[p.where.link]
             total = total + values[i] * share
     return total
 

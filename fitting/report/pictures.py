@@ -24,10 +24,12 @@ MOST_LINKS_DRAWN = 9
 
 def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times (m,), measured and simulated angles (m, n) [rad] and which are measured, of one run's windows in order."""
-    w, mine = result.windows, result.windows.run == run
+    w = result.windows
+    mine = result.windows.run == run
     known = w.weight[mine] > 0
     used = known.any(axis=2)
-    known, measured = known[used], w.theta[mine][used]
+    known = known[used]
+    measured = w.theta[mine][used]
     simulated = measured + wrap(result.solution.evaluation.theta[mine][used] - measured)
     return w.times()[mine][used], np.where(known, measured, np.nan), simulated, known
 
@@ -106,7 +108,9 @@ def spectra(result: FitResult, run: int) -> Figure:
     t, measured, simulated, _ = fit_over_trace(result, run)
     figure, axes = link_panels(measured.shape[1], f"{result.traces[run].name}: amplitude spectra [rad]")
     longest = max(stretches(t), key=lambda part: part.stop - part.start)
-    t, measured, simulated = t[longest], measured[longest], simulated[longest]
+    t = t[longest]
+    measured = measured[longest]
+    simulated = simulated[longest]
     grid = np.linspace(t[0], t[-1], len(t))
     for j, ax in enumerate(axes):
         known = np.isfinite(measured[:, j])
@@ -146,7 +150,8 @@ def phase_space(result: FitResult, run: int) -> Figure:
 @_with_style
 def descent(result: FitResult, _: int) -> Figure:
     """Loss per sample and parameters in each step of a gradient descent, of all runs together."""
-    points, parameters = result.descent, result.parameters[:MOST_LINKS_DRAWN]
+    points = result.descent
+    parameters = result.parameters[:MOST_LINKS_DRAWN]
     step = np.arange(len(points))
     figure = style.new_figure(9.0, 1.8 + 1.5 * (1 + len(parameters)))
     axes = figure.subplots(1 + len(parameters), 1, sharex=True)
@@ -175,12 +180,18 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
     """Measured samples, the fitted run, and residuals in units of the noise, of a run's first columns."""
     # maximum number of columns drawn in one picture
     most_columns = 6
-    problem, e = result.solution.problem, result.solution.evaluation
+    problem = result.solution.problem
+    e = result.solution.evaluation
     panels = []
     deviations = problem.data.deviations(e.shown)[..., None] * problem.windows.weight
     for block, (r, c, known, j) in enumerate(problem.data.columns()):
-        channel, t, values = problem.data.sensors[c].channel, problem.data.runs[r].t[c], problem.data.runs[r].values[c]
-        label = channel.name if len(channel.columns) == 1 else f"{channel.name}: {channel.columns[j]}"
+        channel = problem.data.sensors[c].channel
+        t = problem.data.runs[r].t[c]
+        values = problem.data.runs[r].values[c]
+        if len(channel.columns) == 1:
+            label = channel.name
+        else:
+            label = f"{channel.name}: {channel.columns[j]}"
         off = t[known], -deviations[block, : known.sum(), 0]
         if r == run:
             panels.append((f"{label} [{channel.measures}]", t, values[:, j], e.shown[r][c][:, j], off))
@@ -196,7 +207,10 @@ def channel_picture(result: ChannelFit, run: int, path: str | Path) -> Path:
         beside.locator_params(axis="x", nbins=3)
         beside.axhline(0.0, color=style.DARK, lw=0.8)
     axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
-    more = f" ({left_out} further columns are not drawn)" if left_out > 0 else ""
+    if left_out > 0:
+        more = f" ({left_out} further columns are not drawn)"
+    else:
+        more = ""
     axes[0, 0].set_title(f"{problem.data.runs[run].name}{more}", loc="left")
     axes[0, 1].set_title("residual / noise", loc="left")
     for low in axes[-1]:

@@ -67,7 +67,9 @@ def draw_fit(result: FitResult, folder: str | Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     named = [(run, name) for run, _ in fitted_runs(result) for name in PICTURES]
     files = [PICTURES[name](result, run, folder / f"{name}_{run + 1}.png") for run, name in named]
-    return [*files, descent(result, 0, folder / "descent.png")] if result.descent else files
+    if result.descent:
+        return [*files, descent(result, 0, folder / "descent.png")]
+    return files
 
 
 def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:

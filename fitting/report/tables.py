@@ -21,7 +21,10 @@ def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
     for i, p in enumerate(result.parameters):
         digits = significant(result.values[i], u.std_error[i])
         ends = (f"{x:.{digits}g}" for x in (u.low[i], u.high[i]))
-        errors = (f"{u.std_error[i]:.2g}", *ends) if result.has_errors else ("-", "-", "-")
+        if result.has_errors:
+            errors = (f"{u.std_error[i]:.2g}", *ends)
+        else:
+            errors = ("-", "-", "-")
         row = (f"{result.values[i]:.{digits}g}", *errors)
         rows.append((p.name, *row, p.unit, result.note(i)))
     return rows
@@ -79,9 +82,18 @@ def step_text(result: SceneFit, step: float) -> str:
 def summary(result: FitResult) -> list[tuple[str, str]]:
     """Further facts about a fit."""
     gap = result.solution.gap_weight
-    shortest, longest = result.windows.lengths.min(), result.windows.length
-    lengths = f"{longest:.3g} s" if longest < 1.01 * shortest else f"{shortest:.3g} to {longest:.3g} s"
-    joined = "separate" if gap is None else "joined exactly" if gap == 0 else f"joined, gap weight {gap:g}"
+    shortest = result.windows.lengths.min()
+    longest = result.windows.length
+    if longest < 1.01 * shortest:
+        lengths = f"{longest:.3g} s"
+    else:
+        lengths = f"{shortest:.3g} to {longest:.3g} s"
+    if gap is None:
+        joined = "separate"
+    elif gap == 0:
+        joined = "joined exactly"
+    else:
+        joined = f"joined, gap weight {gap:g}"
     pairs = [
         ("windows", f"{result.windows.count} of {lengths}, {joined}"),
         ("error", f"{result.rms:.3g} rad RMS, noise {result.noise:.3g} rad, chi2 per dof {result.chi2_per_dof:.3g}"),
@@ -112,7 +124,12 @@ def comparison_rows(laws: Sequence[Law]) -> list[tuple[str, ...]]:
         numbers = (f"{law.rms:.4g}", f"{law.held_out:.4g}", f"{law.held_out_error:.2g}")
         scores = (f"{law.score:.1f} +- {law.score_error:.1f}", f"{law.share:.0%}", f"{law.bic - lowest:.1f}")
         name = " = ".join((law.name, *law.equals))
-        note = "<- simplest possible" if law.chosen else "possible" if law.possible else law.refuted
+        if law.chosen:
+            note = "<- simplest possible"
+        elif law.possible:
+            note = "possible"
+        else:
+            note = law.refuted
         rows.append((name, str(law.coefficients), *numbers, *scores, note))
     return rows
 

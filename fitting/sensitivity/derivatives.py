@@ -38,7 +38,8 @@ from fitting.sensitivity.problem import (
     vary_study,
 )
 
-TANGENT, DIFFERENCES = "tangent", "differences"
+TANGENT = "tangent"
+DIFFERENCES = "differences"
 #: Error of the steps of a run, over that of its accuracy, which is warned of.
 MISSED = 3.0
 
@@ -95,7 +96,9 @@ class Local:
     @property
     def scaled(self) -> np.ndarray:
         """`p/Q dQ/dp` (p,): percentage change of the quantity for 1 % change of the parameter; NaN if Q is 0."""
-        return self.forward * self.values / self.value if self.value else np.full(len(self.names), np.nan)
+        if self.value:
+            return self.forward * self.values / self.value
+        return np.full(len(self.names), np.nan)
 
     @property
     def finite(self) -> bool:
@@ -105,7 +108,9 @@ class Local:
     @property
     def scaled_error(self) -> np.ndarray | None:
         """The error of `scaled` (p,)."""
-        return None if self.error is None or not self.value else np.abs(self.error * self.values / self.value)
+        if self.error is None or not self.value:
+            return None
+        return np.abs(self.error * self.values / self.value)
 
     @property
     def trusted(self) -> bool:
@@ -117,7 +122,9 @@ class Local:
         `motion` (chaos)."""
         if self.motion_growth is not None and self.motion_growth > MOTION_GROWTH:
             return "motion"
-        return "tangent" if self.growth is not None and self.growth > TANGENT_GROWTH else "nothing"
+        if self.growth is not None and self.growth > TANGENT_GROWTH:
+            return "tangent"
+        return "nothing"
 
     @property
     def mismatch(self) -> float | None:
@@ -125,7 +132,9 @@ class Local:
         if self.reverse is None:
             return None
         size = float(np.max(np.abs(self.forward), initial=0.0))
-        return float(np.max(np.abs(self.forward - self.reverse), initial=0.0)) / size if size else 0.0
+        if size:
+            return float(np.max(np.abs(self.forward - self.reverse), initial=0.0)) / size
+        return 0.0
 
     def to_json(self) -> dict[str, Any]:
         """The fields and the properties derived from them."""
@@ -161,7 +170,10 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     Args:
         check: also compute exact derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
     """
-    found = _by_differences(problem, say) if problem.stretches else _by_tangents(problem, say, check)
+    if problem.stretches:
+        found = _by_differences(problem, say)
+    else:
+        found = _by_tangents(problem, say, check)
     if check and problem.stretches:
         found = _with_check(problem, found, say)
     say(1.0, "ok")
@@ -174,7 +186,8 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
     say(0.0, "forward derivatives")
     start = vary_start(problem.plan, problem.model, problem.start, at)
     quantity, run = vary_study(problem, at, start, problem.scene.run.saves)
-    value, forward = float(quantity.tree), np.asarray(quantity.slopes[0])
+    value = float(quantity.tree)
+    forward = np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return _by_tangents(dataclasses.replace(problem, retries=True), say, check)
     settings = problem.scene.run
@@ -197,7 +210,10 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             return quantity
 
         linear, error, notes = linear_range(problem, found.value, forward, evaluate)
-        motion = None if run is None else _motion_growth(problem, start, run, changed[0])
+        if run is None:
+            motion = None
+        else:
+            motion = _motion_growth(problem, start, run, changed[0])
         found = dataclasses.replace(found, linear_range=linear, error=error, warnings=notes, motion_growth=motion)
     if check:
         found = _with_check(problem, found, say)
@@ -355,7 +371,8 @@ def windows(
     every = problem.scene.run.step * problem.scene.run.save_every
     saves = min(max(2, int(length / every)), problem.scene.run.saves)
     count = problem.scene.run.saves // saves
-    model, found = apply(problem.model, problem.parameters, at), []
+    model = apply(problem.model, problem.parameters, at)
+    found = []
     s = state(model, problem.start.r, problem.start.v, problem.start.tension)
     for i in range(count):
         if i:
@@ -364,7 +381,10 @@ def windows(
             s = dataclasses.replace(s, parted=last.parted, own=last.own)
         fixed = Varied(s, [jnp.zeros((len(at), *x.shape), x.dtype) for x in floats_of(s)])
         found.append(np.asarray(vary_study(problem, at, fixed, saves)[0].slopes[0]))
-    error = np.std(found, axis=0, ddof=1) / np.sqrt(count) if count > 1 else np.full(len(at), np.nan)
+    if count > 1:
+        error = np.std(found, axis=0, ddof=1) / np.sqrt(count)
+    else:
+        error = np.full(len(at), np.nan)
     return np.mean(found, axis=0), error, saves * every
 
 
@@ -467,7 +487,10 @@ def local_text(found: Local) -> str:
         columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
         columns["std error"] = [f"{x:.2g}" for x in found.window_error]
     rows = [list(columns), *([column[i] for column in columns.values()] for i in order)]
-    rate = "" if found.exponent is None else f" (growth rate {found.exponent:.2g} per s)"
+    if found.exponent is None:
+        rate = ""
+    else:
+        rate = f" (growth rate {found.exponent:.2g} per s)"
     pairs = [
         ("quantity Q", f"{found.of} = {found.value:.6g}{_plus_minus(found)} {found.unit} over {found.duration:g} s"),
         ("derivatives valid", f"{_validity(found)}{rate}"),
@@ -486,7 +509,9 @@ def local_text(found: Local) -> str:
 
 def _plus_minus(found: Local) -> str:
     """The error of the quantity."""
-    return f" +- {found.value_error:.2g}" if np.isfinite(found.value_error) else ""
+    if np.isfinite(found.value_error):
+        return f" +- {found.value_error:.2g}"
+    return ""
 
 
 _GROWS = {

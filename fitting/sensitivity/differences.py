@@ -48,7 +48,8 @@ from fitting.sensitivity.problem import Study
 #: Relative changes of central differences: the slope, and a smaller one whose difference is its error. A farm's runs
 #: differ linearly from 0.3 % to 3 % of a current, wave height or EA, but are 20 % off for 1 % of the length of a leg.
 #: Below, the rounding of the run dominates: 1 N of a largest tension.
-DIFFERENCES, LENGTH_DIFFERENCES = (0.01, 0.003), (0.003, 0.001)
+DIFFERENCES = (0.01, 0.003)
+LENGTH_DIFFERENCES = (0.003, 0.001)
 #: Relative change of all parameters of the run that shows noise, and how small differences grow.
 SMALL_CHANGE = 1e-6
 #: Growth of a difference of two runs by `DIFFERENCES`, as a power of e, from which the motion itself is chaotic: 0.3 %
@@ -64,7 +65,9 @@ MEDIAN_OF_SQUARE = 0.455
 
 def difference_sizes(p: Parameter) -> tuple[float, float]:
     """The two relative changes of a parameter."""
-    return LENGTH_DIFFERENCES if "length" in p.name.split(".") else DIFFERENCES
+    if "length" in p.name.split("."):
+        return LENGTH_DIFFERENCES
+    return DIFFERENCES
 
 
 class Run(NamedTuple):
@@ -141,7 +144,8 @@ class StudyRuns:
 
     def _prepare(self, values: np.ndarray, record: Record | None) -> tuple[Model, State, Program] | None:
         """Model, start and program of the run with these values; None if the scene has no such start."""
-        problem, settings = self.problem, self.settings
+        problem = self.problem
+        settings = self.settings
         model = apply(problem.model, problem.parameters, jnp.asarray(values, problem.model.dtype))
         try:
             s = initial_state(model, problem.scene.start)
@@ -157,7 +161,9 @@ class StudyRuns:
 
     def _watch(self, s: State) -> QuantitySignals | None:
         extreme = self.problem.of.statistic in OVER_STEPS
-        return quantity_signals([self.problem.of], s.r) if extreme else None
+        if extreme:
+            return quantity_signals([self.problem.of], s.r)
+        return None
 
     def _value(self, model: Model, s: State, rows: Trajectory, intervals: float = 1.0) -> float:
         if rows.first_bad[-1] >= 0:
@@ -169,7 +175,9 @@ class StudyRuns:
     def run(self, values: np.ndarray) -> Run:
         """The run with these values (p,)."""
         prepared = self._prepare(values, self.record)
-        return Run(np.nan, np.nan, np.nan) if prepared is None else self._run_prepared(*prepared)
+        if prepared is None:
+            return Run(np.nan, np.nan, np.nan)
+        return self._run_prepared(*prepared)
 
     def values_of(self, quantities: Sequence[Quantity], values: np.ndarray) -> list[float]:
         """Several quantities of the run with these values (p,); a maximum or minimum has to be that of the study."""
@@ -271,7 +279,8 @@ def central_differences(problem: Study, say: Progress = silent) -> Differences:
         return Differences(np.nan, np.nan, nothing, nothing, runs=1)
     rows = _changed_values(problem)
     found = base.run_all(rows)
-    shown, found = found[0], found[1:]
+    shown = found[0]
+    found = found[1:]
     pairs = []
     for i in range(len(problem.parameters)):
         change = (rows[1 + 4 * i : 5 + 4 * i, i] - problem.values[i]).reshape(2, 2)
@@ -333,7 +342,9 @@ def _noise(value: float, shown: Run, pairs: Sequence[tuple[Pair, Pair]]) -> tupl
 def _growth(extent: float, run: Run, size: float) -> float:
     """Logarithm of the displacement by a relative change, over that at the start or the change of the whole motion."""
     before = max(size * extent, run.at_start, np.finfo(float).tiny)
-    return float(np.log(max(run.at_most / before, 1.0))) if np.isfinite(run.at_most) else 0.0
+    if np.isfinite(run.at_most):
+        return float(np.log(max(run.at_most / before, 1.0)))
+    return 0.0
 
 
 def _motion_growth(extent: float, p: Parameter, pair: Pair) -> float:

@@ -89,7 +89,10 @@ class Plan:
         """The quantity of the model with these values (p,), and the corresponding run."""
         model = apply(model, self.parameters, values)
         s = initial_state(model, self.start, near=near)
-        run = standing(s) if self.of.at_rest else self.march(model, s, self.run.saves, checkpoint)
+        if self.of.at_rest:
+            run = standing(s)
+        else:
+            run = self.march(model, s, self.run.saves, checkpoint)
         return self.measure(model, s, run), run
 
 
@@ -116,7 +119,9 @@ class Study:
     @property
     def run_scene(self) -> Scene:
         """The scene of runs whose steps need not be equal."""
-        return self.scene if self.following is None else self.following
+        if self.following is None:
+            return self.scene
+        return self.following
 
     @property
     def stretches(self) -> bool:
@@ -161,7 +166,9 @@ class Study:
         """
         if np.isfinite(found).all():
             return
-        start, model, s = self.scene.start, self.model, self.start
+        start = self.scene.start
+        model = self.model
+        s = self.start
         if start.kind == "points":
             model = with_points_fixed(model)
             s = state(model, s.r[: model.free_nodes], tension=s.tension)
@@ -183,7 +190,8 @@ class Study:
 def standing(s: State) -> Trajectory:
     """The saved states of a run that has not started: its start alone."""
     one = lambda tree: jax.tree.map(lambda a: a[None], tree)  # noqa: E731
-    none, never = jnp.zeros((1,), jnp.int32), jnp.full((1,), -1, jnp.int32)
+    none = jnp.zeros((1,), jnp.int32)
+    never = jnp.full((1,), -1, jnp.int32)
     return Trajectory(
         *one((s.r, s.v, s.tension, s.work)), jnp.zeros_like(s.t)[None], none, none, never, one(s.parted), one(s.own)
     )
@@ -300,9 +308,12 @@ def _vary_quantity(plan: Plan, model: Model, values: jax.Array, start: Varied, r
 
 def vary_study(problem: Study, at: jax.Array, start: Varied, saves: int) -> tuple[Varied, Varied | None]:
     """The quantity over `saves` saved times from `start`, and the run, with derivatives."""
-    plan, model, run = problem.plan, problem.model, None
+    plan = problem.plan
+    model = problem.model
+    run = None
     if not plan.of.at_rest:
-        dt, rows = jnp.asarray(plan.run.step, model.dtype), spare_rows(plan.run.saves)
+        dt = jnp.asarray(plan.run.step, model.dtype)
+        rows = spare_rows(plan.run.saves)
         run = _vary_run(plan.stepper, plan.parameters, model, at, start, dt, saves, plan.run.save_every, rows)
         run = Varied(
             jax.tree.map(lambda x: np.asarray(x)[:saves], run.tree), [np.asarray(x)[:, :saves] for x in run.slopes]
@@ -388,7 +399,10 @@ def linear_range(
         return size, error, []
     real, predicted = changes[0]
     unit = problem.of.unit
-    effect = f"changes by {real:.3g} {unit}" if np.isfinite(real) else "has a failed step"
+    if np.isfinite(real):
+        effect = f"changes by {real:.3g} {unit}"
+    else:
+        effect = "has a failed step"
     return (
         size,
         error,

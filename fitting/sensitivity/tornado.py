@@ -13,9 +13,18 @@ from fitting.sensitivity.derivatives import Global, Local
 
 def local_picture(found: Local, path: str | Path) -> Path:
     """Scaled derivatives as bars, the largest on top."""
-    values = found.scaled if np.isfinite(found.scaled).all() else found.forward
-    label = "change of the quantity for 1 % of the parameter [%]" if values is not found.forward else "dQ/dp"
-    note = f"whole run of {found.duration:g} s" if found.window is None else f"NOT valid beyond {found.horizon:.2g} s"
+    if np.isfinite(found.scaled).all():
+        values = found.scaled
+    else:
+        values = found.forward
+    if values is not found.forward:
+        label = "change of the quantity for 1 % of the parameter [%]"
+    else:
+        label = "dQ/dp"
+    if found.window is None:
+        note = f"whole run of {found.duration:g} s"
+    else:
+        note = f"NOT valid beyond {found.horizon:.2g} s"
     errors = found.error if values is found.forward else found.scaled_error
     title = f"{found.of} = {found.value:.4g} {found.unit}; {note}"
     return _bars(found.names, [values], [""], label, title, path, None if errors is None else [errors])
@@ -24,8 +33,14 @@ def local_picture(found: Local, path: str | Path) -> Path:
 def global_picture(found: Global, of: str, path: str | Path) -> Path:
     """Sobol's first and total indices, or Morris' mean and spread, as bars."""
     sobol = found.method == "sobol"
-    labels = ["alone", "with interactions"] if sobol else ["mean |effect|", "spread"]
-    axis = "fraction of the variance [-]" if sobol else "effect over the whole range [unit of the quantity]"
+    if sobol:
+        labels = ["alone", "with interactions"]
+    else:
+        labels = ["mean |effect|", "spread"]
+    if sobol:
+        axis = "fraction of the variance [-]"
+    else:
+        axis = "effect over the whole range [unit of the quantity]"
     errors = [found.first_error, found.total_error]
     return _bars(found.names, [found.first, found.total], labels, axis, f"{of}: {found.runs} runs", path, errors)
 
@@ -58,7 +73,10 @@ def _bars(
         for i, (column, label) in enumerate(zip(values, labels, strict=True)):
             row = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
             colour = np.where(column[order] < 0, style.SECOND, style.CYCLE[(0, 5)[i]])
-            spread = None if errors is None or not np.isfinite(errors[i]).all() else errors[i][order]
+            if errors is None or not np.isfinite(errors[i]).all():
+                spread = None
+            else:
+                spread = errors[i][order]
             axes.barh(row, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
         axes.set_yticks(np.arange(len(names)), [path_label(names[i]) for i in order])
         axes.axvline(0.0, color=style.DARK, lw=0.8)

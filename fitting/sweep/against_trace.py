@@ -210,20 +210,25 @@ def sweep_against_trace(
     check_trace(trace)
     if integrator is None and Rattle4().refuse(model) is None:
         integrator = "rattle_4"
-    scene = scene if integrator is None else scene.with_values({"run.integrator": integrator})
+    if integrator is None:
+        scene = scene
+    else:
+        scene = scene.with_values({"run.integrator": integrator})
     scene = at_samples(scene, trace)
     t = (1 + np.arange(scene.run.saves)) * scene.run.step * scene.run.save_every
     against = Against(trace, t, sample_trace(trace, t), trace.at(t), part_ends(t, parts))
     result = sweep(scene, vary, out, traces=True, **settings)
     plan = result.plan
     scores = np.full((2, plan.cases, len(PARTS)), np.nan)
-    best, simulated = None, against.measured
+    best = None
+    simulated = against.measured
     found = extra("zarr", "sweep").open_group(result.path, mode="r")
     for case in range(plan.cases):
         run = angles(plan, found["positions"][case])
         scores[:, case] = against.score(run)
         if np.isfinite(scores[0, case, 0]) and (best is None or scores[0, case, 0] < scores[0, best, 0]):
-            best, simulated = case, run
+            best = case
+            simulated = run
     if best is None:
         raise SceneError("vary: no case ran to its end. Use values for which the scene runs, or a smaller --dt")
     cases = plan.inputs(np.arange(plan.cases))
@@ -258,8 +263,14 @@ def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, floa
         SceneError: two times that do not split the samples into three parts.
     """
     last = float(t[-1])
-    ends = tuple(last * part for part in ENDS) if parts is None else tuple(map(float, parts))
-    counts = np.histogram(t, [0.0, *ends, np.inf])[0] if list(ends) == sorted(ends) and len(ends) == 2 else [0]
+    if parts is None:
+        ends = tuple(last * part for part in ENDS)
+    else:
+        ends = tuple(map(float, parts))
+    if list(ends) == sorted(ends) and len(ends) == 2:
+        counts = np.histogram(t, [0.0, *ends, np.inf])[0]
+    else:
+        counts = [0]
     if min(counts) < FEWEST_SAMPLES:
         given = ",".join(f"{end:g}" for end in ends)
         raise SceneError(

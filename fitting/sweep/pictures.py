@@ -33,7 +33,10 @@ def draw_sweep(path: str | Path, folder: str | Path) -> list[Path]:
     with open_sweep(path) as found:
         named = [name for name in map(str, found.data_vars) if "." in name]
         for name in (*(name for name in QUANTITIES if name in found), *named):
-            values = found[name].max("link") if "link" in found[name].dims else found[name]
+            if "link" in found[name].dims:
+                values = found[name].max("link")
+            else:
+                values = found[name]
             extra = values.dims[2:]
             mean = values.mean(extra) if extra else values
             label = f"{found[name].attrs['long_name']} [{found[name].attrs['units']}]"
@@ -150,7 +153,8 @@ def _spectra(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int
 
 def _map_row(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int) -> None:
     """RMS angle error over the first one or two varied inputs; the best over the other inputs."""
-    x, error = scores.values[:, 0], scores.angle[:, part]
+    x = scores.values[:, 0]
+    error = scores.angle[:, part]
     axes.set_xlabel(_label(scores, 0))
     _scale(axes.set_xscale, x)
     if scores.values.shape[1] == 1:

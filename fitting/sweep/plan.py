@@ -68,7 +68,9 @@ class Axis:
     @property
     def unit(self) -> str:
         """Unit of the values; empty if they have none."""
-        return self.parameters[0].unit if self.parameters else describe(self.path).get("unit", "")
+        if self.parameters:
+            return self.parameters[0].unit
+        return describe(self.path).get("unit", "")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +98,9 @@ class Plan:
     @property
     def shape(self) -> tuple[int, ...]:
         found = tuple(len(axis.values) for axis in self.axes)
-        return found[:1] if self.listed else found
+        if self.listed:
+            return found[:1]
+        return found
 
     @property
     def cases(self) -> int:
@@ -126,7 +130,9 @@ class Plan:
     def interval(self) -> float:
         """Length of equal steps, or of the interval between saved states with an accuracy [s]."""
         run = self.scene.run
-        return run.interval if self.is_adaptive else run.step
+        if self.is_adaptive:
+            return run.interval
+        return run.step
 
     @cached_property
     def named_quantities(self) -> tuple[Quantity, ...]:
@@ -260,7 +266,10 @@ def make_plan(
     vary = {path: np.asarray(values) for path, values in vary.items()}
     if listed and (seeds or len({values.size for values in vary.values()}) > 1):
         counts = ", ".join(f"{path} {values.size}" for path, values in vary.items())
-        what = "seeds, which rows cannot have separately" if seeds else f"lists of different lengths ({counts})"
+        if seeds:
+            what = "seeds, which rows cannot have separately"
+        else:
+            what = f"lists of different lengths ({counts})"
         raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
     if seeds:
         vary[SEED] = np.arange(seeds) + _first_seed(scene)
@@ -312,7 +321,9 @@ def on_processor() -> bool:
 def default_chunk(system: bool, cases: int) -> int:
     """Cases of a device at a time, where the user gives none."""
     if on_processor():  # cases of a system run one after another, so that larger chunks gain nothing
-        return 1 if system else 64
+        if system:
+            return 1
+        return 64
     # an H200 runs 131 072 lab droppers only 1.14 times as fast per case
     return min(cases, 256 if system else 16384)
 
@@ -327,7 +338,8 @@ def describe_quantity(plan: Plan, name: str) -> tuple[str, str]:
 def _count_cases(counts: Mapping[str, int], quantities: int, listed: bool) -> int:
     """The number of cases of a grid or list, whose table must fit into memory."""
     cases = max(counts.values()) if listed else math.prod(counts.values())
-    need, left = 8 * cases * (3 * len(counts) + quantities + 2), available_memory()
+    need = 8 * cases * (3 * len(counts) + quantities + 2)
+    left = available_memory()
     if need > 0.5 * left:  # the table of all cases may use half of the free memory
         what = f"{' x '.join(str(count) for count in counts.values())} values are {cases:.3g} cases"
         raise SceneError(
@@ -375,5 +387,6 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
 
 def same(one: Model, other: Model) -> bool:
     """Whether two models have the same numbers."""
-    a, b = jax.tree.leaves(one), jax.tree.leaves(other)
+    a = jax.tree.leaves(one)
+    b = jax.tree.leaves(other)
     return jax.tree.structure(one) == jax.tree.structure(other) and all(map(np.array_equal, a, b))

@@ -153,7 +153,8 @@ class Program:
 
     def collect(self, pending: Pending) -> dict[int, dict[str, np.ndarray]]:
         """Results by chunk: each quantity, `status` and `failed_at` (cases,)."""
-        refused, found = pending.refused, {}
+        refused = pending.refused
+        found = {}
         for own, arrays in pending.started:
             for name, value in ((name, np.asarray(array)) for name, array in arrays.items()):
                 whole = found.setdefault(name, self._empty(name, value))
@@ -229,11 +230,14 @@ class Program:
         if variant.compiled is None:
             run = partial(run_case, variant.plan, variant.plan.stepper)
             if self.side_by_side:
-                chunk, options = one_kernel(lanes(run, self.in_axes)), LANES_OPTIONS
+                chunk = one_kernel(lanes(run, self.in_axes))
+                options = LANES_OPTIONS
             elif self.plan.cases * self.plan.scene.run.steps < WORTH_ONE_KERNEL:
-                chunk, options = map_members(run, self.in_axes), OPTIONS
+                chunk = map_members(run, self.in_axes)
+                options = OPTIONS
             else:
-                chunk, options = one_kernel(map_members(run, self.in_axes)), KERNEL_OPTIONS
+                chunk = one_kernel(map_members(run, self.in_axes))
+                options = KERNEL_OPTIONS
             specs = tuple(PartitionSpec() if axis is None else PartitionSpec("device") for axis in self.in_axes)
             out = PartitionSpec("device")
             mapped = jax.shard_map(chunk, mesh=self.mesh, in_specs=specs, out_specs=out, check_vma=False)
@@ -266,7 +270,10 @@ def run_case(
     run = plan.scene.run
     every = run.save_every
     named = plan.named_quantities
-    watch = None if every == 1 and not plan.is_adaptive else quantity_signals(named, start.r)
+    if every == 1 and not plan.is_adaptive:
+        watch = None
+    else:
+        watch = quantity_signals(named, start.r)
     zero = jnp.zeros((), model.dtype)
     tally = Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
 
@@ -320,9 +327,13 @@ def run_case(
 def _count(model: Model, start: State, s: State, tally: Tally, row: Trajectory) -> Tally:
     links = model.links(s.r, model.ends(s.t))
     # rigid links keep their lengths; those that stretch are measured
-    length = safe_norm(links) if model.line.axial.elastic else model.line.length
+    if model.line.axial.elastic:
+        length = safe_norm(links)
+    else:
+        length = model.line.length
     tension = row.tension[0]
-    least, largest = tension, tension
+    least = tension
+    largest = tension
     if row.extremes is not None:
         least, largest = (rows[0, : tension.size] for rows in row.extremes[:2])
     # a NaN is permanent: `maximum` propagates it

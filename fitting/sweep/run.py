@@ -116,7 +116,11 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
     plan = store.plan
     todo = [c for c in range(plan.chunks) if not store.has(c)]
     missing = sum(len(plan.cases_of(c)) for c in todo)
-    before, started, compile_s, run_s, ran = plan.cases - missing, time.perf_counter(), 0.0, 0.0, 0
+    before = plan.cases - missing
+    started = time.perf_counter()
+    compile_s = 0.0
+    run_s = 0.0
+    ran = 0
 
     def words(ran: int, seconds: float) -> str:
         rate = ran / max(seconds, 1e-9)
@@ -124,7 +128,10 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         return f"{rate * plan.scene.run.steps:.0f} steps/s, {left:.0f} s left"
 
     if todo:
-        source = _local(plan, todo) if scheduler is None else _remote(plan, todo, scheduler)
+        if scheduler is None:
+            source = _local(plan, todo)
+        else:
+            source = _remote(plan, todo, scheduler)
         compile_s = time.perf_counter() - started
         ran = store.fill(source, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
         run_s = time.perf_counter() - started - compile_s

@@ -102,7 +102,10 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
         found = differences(self.plan.identity(), there)
         if found:
-            more = f" and {len(found) - MOST_DIFFERENCES} more" if len(found) > MOST_DIFFERENCES else ""
+            if len(found) > MOST_DIFFERENCES:
+                more = f" and {len(found) - MOST_DIFFERENCES} more"
+            else:
+                more = ""
             raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
         there = group.attrs.get("versions", {})
         there = there if isinstance(there, dict) else {}
@@ -178,7 +181,9 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             return False
 
     def read(self, key: int) -> dict[str, np.ndarray] | None:
-        return {name: self.group[name][self._cases(key)] for name in self._variables()} if self.has(key) else None
+        if self.has(key):
+            return {name: self.group[name][self._cases(key)] for name in self._variables()}
+        return None
 
     def write(self, key: int, found: dict[str, np.ndarray]) -> None:
         for name in self._variables():
@@ -192,7 +197,9 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
     def verdict(self) -> StepVerdict | None:
         """The verdict on the step of the sweep; None before it was checked."""
         there = self.group.attrs.get(STEP_CHECK)
-        return StepVerdict(there["status"], tuple(there["warnings"])) if isinstance(there, dict) else None
+        if isinstance(there, dict):
+            return StepVerdict(there["status"], tuple(there["warnings"]))
+        return None
 
     @verdict.setter
     def verdict(self, verdict: StepVerdict) -> None:

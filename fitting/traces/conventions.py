@@ -32,7 +32,9 @@ class Change(NamedTuple):
 def in_model(theta: np.ndarray, at: Convention) -> np.ndarray:
     """Angles [rad] of a convention, from the horizontal and positive downwards."""
     theta = at.sign * theta
-    return np.pi / 2 - theta if at.zero == "down" else theta
+    if at.zero == "down":
+        return np.pi / 2 - theta
+    return theta
 
 
 def changes(links: int) -> Iterator[Change]:
@@ -57,7 +59,8 @@ def changes(links: int) -> Iterator[Change]:
         turned = lambda theta: theta[:, ::-1] + np.pi  # noqa: E731
         yield Change("columns are in the reverse order, and links measured from their other end", fix, turned)
     for j, k in combinations(range(links), 2):
-        names, order = f"theta_{j + 1} and theta_{k + 1}", np.arange(links)
+        names = f"theta_{j + 1} and theta_{k + 1}"
+        order = np.arange(links)
         order[[j, k]] = k, j
         yield Change(f"{names} are swapped", f"swap {names}", _with_columns(order))
     for by in range(1, links if links > 2 else 0):
@@ -76,7 +79,10 @@ def _with_columns(order: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
 
 def shift(j: int | None, by: float) -> Change:
     """The zero of column j, or of all for None, shifted by -by [rad]."""
-    name, more = ("all columns", ", or free camera.offset") if j is None else (f"theta_{j + 1}", "")
+    if j is None:
+        name, more = ("all columns", ", or free camera.offset")
+    else:
+        name, more = (f"theta_{j + 1}", "")
     add = lambda theta: theta + by  # noqa: E731
     fix = f"add {by:.3g} rad to {name}{more}"
     return Change(f"the zero of {name} is shifted by {-by:.3g} rad", fix, add if j is None else _of_column(j, add))
@@ -98,7 +104,10 @@ def _shift_frames(theta: np.ndarray, by: int) -> np.ndarray:
 
 def units(named: Convention) -> Iterator[Change]:
     """The unit that is not the named one."""
-    factor, unit = (180 / np.pi, "rad") if named.unit == "deg" else (np.pi / 180, "deg")
+    if named.unit == "deg":
+        factor, unit = (180 / np.pi, "rad")
+    else:
+        factor, unit = (np.pi / 180, "deg")
     yield Change(f"the unit is {unit}", f"--unit {unit}", lambda theta: factor * theta)
 
 
@@ -116,7 +125,8 @@ def settle_convention(trace: Trace, model: Model, requested: Convention) -> tupl
     check_unit(trace, model, named)
     scored = _scores(trace, model, named.unit)
     allowed = [key for key in scored if named.zero in (None, key[0]) and named.sign in (None, key[1])]
-    best, own = min(scored, key=scored.get), min(allowed, key=scored.get)
+    best = min(scored, key=scored.get)
+    own = min(allowed, key=scored.get)
     # difference of misfit [rad], and its ratio, by which another convention must fit better to reject the specified one
     if scored[own] > 2.0 * scored[best] and scored[own] > scored[best] + 0.3:
         raise SceneError(
@@ -147,11 +157,15 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     In a fall from twice the length of the chain to its lowest point a node reaches v^2/2 = 2 g sum L. The typical frame
     of a motion in radians is slower; degrees make v^2 3300 times larger.
     """
-    largest, length = np.nanmax(np.abs(trace.theta)), np.asarray(model.line.length)
+    largest = np.nanmax(np.abs(trace.theta))
+    length = np.asarray(model.line.length)
     # rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians
     fastest = 15.0 * np.sqrt(GRAVITY / float(np.mean(length)))
     if named.unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * float(np.sum(length)):
-        fix = "Use --unit deg or --unit rad" if named.unit is None else "The unit is rad. Use --unit deg"
+        if named.unit is None:
+            fix = "Use --unit deg or --unit rad"
+        else:
+            fix = "The unit is rad. Use --unit deg"
         raise SceneError(f"{trace.name}: theta reaches {largest:.3g} and looks like degrees. {fix}")
     rate = np.abs(np.diff(trace.theta, axis=0) / np.diff(trace.t)[:, None])
     if named.unit == "deg" and largest < np.pi and np.nanmax(rate) < fastest:
@@ -166,12 +180,15 @@ def _specific_energy(trace: Trace, length: np.ndarray) -> float:
     # fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small
     # then
     apart = max(1, round(0.05 * period / trace.interval))
-    before, after = trace.theta[:-apart], trace.theta[apart:]
+    before = trace.theta[:-apart]
+    after = trace.theta[apart:]
     omega = (after - before) / (trace.t[apart:] - trace.t[:-apart])[:, None]
     velocity = np.cumsum(1j * length * omega * np.exp(0.5j * (after + before)), axis=1)
     energy = 0.5 * np.mean(np.abs(velocity) ** 2, axis=1)
     energy = energy[np.isfinite(energy)]
-    return float(np.median(energy)) if len(energy) else 0.0
+    if len(energy):
+        return float(np.median(energy))
+    return 0.0
 
 
 def resting_angles(model: Model) -> np.ndarray:

@@ -180,7 +180,8 @@ def placeholder(values: np.ndarray) -> float | None:
     known = np.flatnonzero(np.isfinite(values))
     found, count = np.unique(values[known], return_counts=True)
     for value in found[np.argsort(-count)][: np.sum(count >= repeated)]:
-        mark, others = known[values[known] == value], known[values[known] != value]
+        mark = known[values[known] == value]
+        others = known[values[known] != value]
         if len(others) < repeated:
             continue
         off = np.abs(value - np.interp(mark, others, values[others]))

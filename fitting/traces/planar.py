@@ -52,7 +52,8 @@ def freedoms(model: Model) -> int:
 
 def directions(theta: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Unit link vectors in the (x, z) plane and their derivatives by theta, each (..., n, 2)."""
-    c, s = jnp.cos(theta), jnp.sin(theta)
+    c = jnp.cos(theta)
+    s = jnp.sin(theta)
     return jnp.stack([c, -s], axis=-1), jnp.stack([-s, -c], axis=-1)
 
 

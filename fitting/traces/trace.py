@@ -21,7 +21,9 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import atomic_write
 from fitting.traces.csv_table import check_times, listed, placeholder, read_csv, refuse_twice
 
-ZEROS, SIGNS, UNITS = ("horizontal", "down"), ("1", "-1"), ("rad", "deg")
+ZEROS = ("horizontal", "down")
+SIGNS = ("1", "-1")
+UNITS = ("rad", "deg")
 #: Names of columns.
 OF_TRACE = re.compile(r"t|(theta|omega|se)_\d+")
 #: Prefix of comments that are warnings.
@@ -92,9 +94,14 @@ class Trace:
     def in_model_convention(self, convention: Convention) -> Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
         factor = (convention.sign or 1) * (np.pi / 180 if convention.unit == "deg" else 1.0)
-        turn, zero = (-factor, np.pi / 2) if convention.zero == "down" else (factor, 0.0)
+        if convention.zero == "down":
+            turn, zero = (-factor, np.pi / 2)
+        else:
+            turn, zero = (factor, 0.0)
         scaled = lambda a, by: None if a is None else by * a  # noqa: E731
-        rates, se, error = scaled(self.omega, turn), scaled(self.se, abs(factor)), abs(factor) * self.model_error
+        rates = scaled(self.omega, turn)
+        se = scaled(self.se, abs(factor))
+        error = abs(factor) * self.model_error
         theta = unwrap(zero + turn * self.theta)
         return replace(self, theta=theta, omega=rates, se=se, convention=convention, model_error=error)
 
@@ -114,7 +121,10 @@ def as_trace(given: Trace | str | Path, links: int, columns: Mapping[str, str] |
     Raises:
         SceneError: it has angles of another number of links.
     """
-    trace = given if isinstance(given, Trace) else read_trace(given, links, columns)
+    if isinstance(given, Trace):
+        trace = given
+    else:
+        trace = read_trace(given, links, columns)
     if trace.links != links:
         raise SceneError(f"{trace.name}: has {trace.links} angles, but the scene has {links} links; allowed: {links}")
     return trace
@@ -140,7 +150,8 @@ def read_trace(path: str | Path, links: int | None = None, columns: Mapping[str,
     if renamed:
         names[:] = [name if OF_TRACE.fullmatch(name) else "" for name in names]
     count = _check_columns(path.name, names, links)
-    values, stated = table.numbers(), _header_values(path.name, table.comments)
+    values = table.numbers()
+    stated = _header_values(path.name, table.comments)
     part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
     trace = Trace(
         name=path.stem,
@@ -159,7 +170,10 @@ def read_trace(path: str | Path, links: int | None = None, columns: Mapping[str,
 def _how_to_rename(names: Sequence[str], links: int | None) -> str:
     """What to do with a file whose columns have other names."""
     last = "" if links == 1 else f" ... theta_{links or 'n'}"
-    time = "t" if "t" in names else next((name for name in names if name.lower().startswith("t")), names[0])
+    if "t" in names:
+        time = "t"
+    else:
+        time = next((name for name in names if name.lower().startswith("t")), names[0])
     angle = next((name for name in names if name != time), "...")
     found = ([] if time == "t" else [f"time={time}"]) + ([] if "theta_1" in names else [f"theta_1={angle}"])
     return f"rename to t, theta_1{last}, or --columns {shlex.quote(','.join(found))}" + (",..." if last else "")
@@ -214,7 +228,10 @@ def check_trace(trace: Trace) -> None:
     known = np.isfinite(theta).sum(axis=0)
     if known.min() < FEWEST:
         count = f"{known.min()} samples; allowed: at least {FEWEST}"
-        text = count if known.min() else "every sample is missing; needed: numbers"
+        if known.min():
+            text = count
+        else:
+            text = "every sample is missing; needed: numbers"
         raise SceneError(f"{trace.name}: theta_{int(np.argmin(known)) + 1}: {text}")
     for j, column in enumerate(theta.T):
         if (mark := placeholder(column)) is not None:
@@ -342,7 +359,9 @@ def _median(block: np.ndarray) -> np.ndarray:
 def _rounding(column: np.ndarray) -> float:
     """Minimum difference [rad] that the sensor resolves: of the sorted values; nearly zero for unrounded ones."""
     steps = np.diff(np.unique(column[np.isfinite(column)]))
-    return float(np.min(steps[steps > 1e-9], initial=np.inf)) if (steps > 1e-9).any() else 0.0
+    if (steps > 1e-9).any():
+        return float(np.min(steps[steps > 1e-9], initial=np.inf))
+    return 0.0
 
 
 def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Path:
@@ -355,7 +374,10 @@ def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Pa
             columns.append(values)
     text = io.StringIO()
     c = trace.convention
-    error = f", model_error={trace.model_error:.9g}" if trace.model_error else ""
+    if trace.model_error:
+        error = f", model_error={trace.model_error:.9g}"
+    else:
+        error = ""
     text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}{error}\n")
     text.writelines(f"# {note}\n" for note in (*notes, *(WARNING + warning for warning in trace.warnings)))
     rows = [["" if np.isnan(x) else f"{x:.9g}" for x in row] for row in np.concatenate(columns, axis=1)]

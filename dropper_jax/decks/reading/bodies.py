@@ -54,8 +54,10 @@ def _cylinder(deck: Deck, row: Row) -> tuple[dict[str, Any], tuple[float, np.nda
     length = float(np.linalg.norm(b - a))
     if not length > 0.0:
         deck.refuse(row.number, f"rod {row.words[0]}: has no length; allowed: two ends")
-    mass, along = each * length, (b - a) / length
-    own, across = mass * diameter**2 / 8.0, mass * (diameter**2 / 16.0 + length**2 / 12.0)
+    mass = each * length
+    along = (b - a) / length
+    own = mass * diameter**2 / 8.0
+    across = mass * (diameter**2 / 16.0 + length**2 / 12.0)
     inertia = across * np.eye(3) + (own - across) * np.outer(along, along)
     shape = {"from": a.tolist(), "to": b.tolist(), "diameter": diameter, "cdn": cdn, "can": can, "cdt": cdt, "cat": cat}
     shape["slices"] = max(integer(deck, row, row.words[9], "NumSegs", 0), 1)
@@ -73,7 +75,10 @@ def _together(deck: Deck, row: Row, what: str, parts: list[tuple[float, np.ndarr
         away = c - centre
         inertia += own + m * (away @ away * np.eye(3) - np.outer(away, away))
     xx, yy, zz, xy, xz, yz = (float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
-    products = [xy, xz, yz] if max(map(abs, (xy, xz, yz))) > 1e-12 * max(xx, yy, zz) else []
+    if max(map(abs, (xy, xz, yz))) > 1e-12 * max(xx, yy, zz):
+        products = [xy, xz, yz]
+    else:
+        products = []
     return {"mass": mass, "centre_of_mass": centre.tolist(), "inertia": [xx, yy, zz, *products]}
 
 
@@ -81,7 +86,10 @@ def _spheres(deck: Deck, row: Row, centre: list[float], notes: list[str]) -> lis
     """A body's own volume, with the mean of its drag areas and added masses."""
     volume = number(deck, row, row.words[11], "Volume", 0.0)
     area = sizes(deck, row, row.words[12], "CdA")
-    added = sizes(deck, row, row.words[13], "Ca") if len(row.words) > 13 else [0.0]
+    if len(row.words) > 13:
+        added = sizes(deck, row, row.words[13], "Ca")
+    else:
+        added = [0.0]
     if not volume:
         if any(area):
             notes.append(

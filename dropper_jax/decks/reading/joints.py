@@ -40,7 +40,8 @@ def join_lines(lines: list[dict[str, Any]], joints: Collection[str]) -> tuple[li
         for end in {line["from"], line["to"]} & at.keys():
             at[end].append(line)
     pairs = {name: ends for name, ends in at.items() if len(ends) == 2}
-    found, parts = [], {}
+    found = []
+    parts = {}
     for line in lines:
         if line["name"] in parts:
             continue
@@ -55,7 +56,8 @@ def join_lines(lines: list[dict[str, Any]], joints: Collection[str]) -> tuple[li
 
 def _chain(line: dict[str, Any], pairs: dict[str, list[dict[str, Any]]]) -> list[Step]:
     """A line with those before and after it; a closed ring stays in pieces."""
-    after, before = list(_onwards(line, False, pairs)), list(_onwards(line, True, pairs))
+    after = list(_onwards(line, False, pairs))
+    before = list(_onwards(line, True, pairs))
     if any(other is line for other, _ in after):
         return [(line, False)]
     return [*((own, not turned) for own, turned in reversed(before)), (line, False), *after]
@@ -63,7 +65,8 @@ def _chain(line: dict[str, Any], pairs: dict[str, list[dict[str, Any]]]) -> list
 
 def _onwards(line: dict[str, Any], turned: bool, pairs: dict[str, list[dict[str, Any]]]) -> Iterator[Step]:
     """The lines that follow a line past its last end, or past its first end if it is turned."""
-    start, end = line, line["from"] if turned else line["to"]
+    start = line
+    end = line["from"] if turned else line["to"]
     while end in pairs:
         line = next(other for other in pairs[end] if other is not line)
         yield line, line["to"] == end
@@ -73,7 +76,8 @@ def _onwards(line: dict[str, Any], turned: bool, pairs: dict[str, list[dict[str,
 
 
 def _joined(name: str, steps: list[Step]) -> dict[str, Any]:
-    (first, first_turned), (last, last_turned) = steps[0], steps[-1]
+    first, first_turned = steps[0]
+    last, last_turned = steps[-1]
     return {
         "name": name,
         "from": first["to" if first_turned else "from"],

@@ -66,7 +66,9 @@ def _bending(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
         notes.append(f"line {row.number}: EI {text} of {row.words[0]!r} is not represented: lines bend freely")
         return {}
     value = number(deck, row, text, "EI", 0.0)
-    return {"EI": value} if value else {}
+    if value:
+        return {"EI": value}
+    return {}
 
 
 def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:
@@ -110,14 +112,17 @@ def _damping(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
     value = number(deck, row, text, "BA/-zeta")
     if value < 0.0:
         return {"damping_ratio": -value}
-    return {"damping": value} if value > 0.0 else {}
+    if value > 0.0:
+        return {"damping": value}
+    return {}
 
 
 def read_seafloor(path: Path) -> dict[str, list[float]]:
     """`bed_x`, `bed_y`, `bed_depth` of `[effects.seabed]` from a file of MoorDyn-C: sizes, x, y, then x y depth."""
     lines = [line.split() for line in read_lines(path) if line.strip()]
     try:
-        x, y = sorted(float(w) for w in lines[1]), sorted(float(w) for w in lines[2])
+        x = sorted(float(w) for w in lines[1])
+        y = sorted(float(w) for w in lines[2])
         positions = {(float(a), float(b)): abs(float(z)) for a, b, z in (line[:3] for line in lines[3:])}
         depths = [positions[a, b] for a in x for b in y]
     except (ValueError, IndexError):
@@ -215,7 +220,8 @@ def read_options(deck: Deck) -> Options:
     for row in deck.rows.get("options", []):
         if len(row.words) < 2:
             deck.refuse(row.number, f"{' '.join(row.words)!r} is not an option; allowed: a value and a name")
-        value, given = row.words[0], row.words[1]
+        value = row.words[0]
+        given = row.words[1]
         name = OTHER_NAMES.get(given.lower(), given.lower())
         found.lines[name] = row.number
         if name in WITHOUT:

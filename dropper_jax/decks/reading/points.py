@@ -12,7 +12,8 @@ from dropper_jax.decks.reading.sections import Deck, Row, columns, integer, numb
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")
 #: Kinds of rods and bodies that rotate about end A or their own position; those that a driver would move stay there.
-PINNED, PINNED_COUPLED = ("pinned", "pin"), ("coupledpinned", "cpldpin")
+PINNED = ("pinned", "pin")
+PINNED_COUPLED = ("coupledpinned", "cpldpin")
 FREE = ("free", "connect", "con", "point", "connection")
 BODY = (("mass", "Mass"), ("volume", "Volume"), ("drag_area", "CdA"), ("added_mass", "Ca"))
 #: Column names of version 1, whose points also have steady forces between volume and drag area.
@@ -71,7 +72,9 @@ def wet_floats_note(floats: Sequence[str]) -> str:
 
 def _holder(row: Row) -> str:
     """Number of the body that a rod is attached to; empty for others."""
-    return row.words[2][4:] if row.words[2].lower().startswith("body") else ""
+    if row.words[2].lower().startswith("body"):
+        return row.words[2][4:]
+    return ""
 
 
 def _on(deck: Deck, body: Row) -> list[Row]:
@@ -90,7 +93,8 @@ def _carries(deck: Deck, body: Row, used: set[str]) -> bool:
 
 def _moves(deck: Deck, body: Row) -> bool:
     """Whether a body rotates: a pinned one, or a free one other than a spar buoy (see `spar`)."""
-    kind, rods = body.words[1].lower(), _on(deck, body)
+    kind = body.words[1].lower()
+    rods = _on(deck, body)
     if kind != "free":
         return kind in (*PINNED, *PINNED_COUPLED)
     return not (len(rods) == 1 and spar(deck, body, rods[0], "") is not None)
@@ -119,7 +123,9 @@ def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> dict[str,
     """Additional keys of `[[body]]` for a pinned body or rod."""
     if kind.lower() in PINNED_COUPLED:
         notes.append(f"line {row.number}: {what} is coupled and pinned: it is pinned at its position")
-    return {"pinned": True} if kind.lower() in (*PINNED, *PINNED_COUPLED) else {}
+    if kind.lower() in (*PINNED, *PINNED_COUPLED):
+        return {"pinned": True}
+    return {}
 
 
 def _is_connector(deck: Deck, row: Row) -> bool:
@@ -140,7 +146,9 @@ def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> d
 def _ends(deck: Deck, row: Row) -> tuple[str, str]:
     """Words of the two ends of a line; version 1 has them after length and segments."""
     columns(deck, row, 6, "line")
-    return row.words[2:4] if not first_version(deck) else row.words[4:6]
+    if not first_version(deck):
+        return row.words[2:4]
+    return row.words[4:6]
 
 
 def first_version(deck: Deck) -> bool:
@@ -152,7 +160,8 @@ def first_version(deck: Deck) -> bool:
 def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: list[str]) -> set[str]:
     """A point of the scene; returns the bodies to which it is attached."""
     columns(deck, row, 5, "point")
-    key, kind = row.words[0], row.words[1].lower()
+    key = row.words[0]
+    kind = row.words[1].lower()
     if key in found.names:
         deck.refuse(row.number, f"point {key} is given twice")
     name = row.name or f"point-{key}"
@@ -175,7 +184,9 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
         deck.refuse(row.number, f"point {key}: {row.words[1]!r} is unknown; allowed: Fixed, Coupled, Free")
     found.names[key] = name
     found.points.append(point)
-    return {kind[4:]} if kind.startswith("body") else set()
+    if kind.startswith("body"):
+        return {kind[4:]}
+    return set()
 
 
 def _on_held(deck: Deck, row: Row, body: Row, position: list[float], notes: list[str]) -> list[float]:
@@ -218,7 +229,8 @@ def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
 
 def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[str], notes: list[str]) -> str:
     """A free rod, a joint, a fixed rod, or a spar buoy and its point; returns its body."""
-    key, holder = row.words[0], row.words[2]
+    key = row.words[0]
+    holder = row.words[2]
     if holder.lower() == "free" and _is_connector(deck, row):
         joint = row.name or f"point-R{key}"
         position = [number(deck, row, w, "Xa, Ya, Za") for w in row.words[3:6]]
@@ -246,7 +258,10 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
             notes.append(f"{rod} is coupled: its ends are fixed; use [[vessel]] to move such points together")
         return ""
     body = bodies.get(_holder(row))
-    buoy = None if body is None else spar(deck, body, row, row.name or f"buoy-{key}")
+    if body is None:
+        buoy = None
+    else:
+        buoy = spar(deck, body, row, row.name or f"buoy-{key}")
     if buoy is None or f"R{key}B" in used:
         deck.refuse(
             row.number,

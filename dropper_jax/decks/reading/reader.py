@@ -18,7 +18,8 @@ from dropper_jax.decks.reading.sections import Deck, columns, integer, number, r
 from dropper_jax.decks.reading.water import read_current, read_waves
 
 #: Values used if the file does not give them; MoorDyn's driver would.
-DEFAULT_STEP, DEFAULT_DURATION = 0.01, 60.0
+DEFAULT_STEP = 0.01
+DEFAULT_DURATION = 60.0
 #: Outputs that belong to a line: tensions at its ends, and values of its nodes.
 OUTPUT = re.compile(r"(?:fair|anch)ten(\d+)|l(?:ine)?(\d+)(?:n\d+|[ab])?(?:p|v|t|f|st|sr)\w*", re.IGNORECASE)
 #: Options by the scene paths that they set.
@@ -173,7 +174,10 @@ def _joint_notes(lines: list[dict[str, Any]], parts: dict[str, Part], as_given: 
     """A note for each line that is joined of several, whose start may be `as_given` by the positions of points."""
     joined = [line["name"] for line in lines if "sections" in line]
     own = {name: [key for key, part in parts.items() if part.line == name] for name in joined}
-    start = "; it starts straight, without the rods' positions" if as_given else ""
+    if as_given:
+        start = "; it starts straight, without the rods' positions"
+    else:
+        start = ""
     return [
         f"lines {', '.join(keys)}, joined by rods without mass and length, are the sections of line {name!r}{start}"
         for name, keys in own.items()
@@ -248,7 +252,9 @@ def _bending(lines: list[dict[str, Any]], types: dict[str, Any], ends: Ends, not
                 notes.append(f"{pinned}, where others end; in MoorDyn it is clamped")
             elif name in ends.leaving:
                 clamped.append(name)
-    return {"clamped": clamped, "directions": [ends.leaving[name] for name in clamped]} if clamped else {}
+    if clamped:
+        return {"clamped": clamped, "directions": [ends.leaving[name] for name in clamped]}
+    return {}
 
 
 def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> dict[str, Any]:
@@ -267,7 +273,9 @@ def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> 
         found |= {"seabed": bed} | ({"seabed_friction": friction} if kinetic else {})
         if values["statdynfricscale"] > 1.0:
             friction["static"] = kinetic * values["statdynfricscale"]
-    return found if bending is None else {**found, "bending": bending}
+    if bending is None:
+        return found
+    return {**found, "bending": bending}
 
 
 def _seafloor(options: Options, folder: Path) -> Path:
@@ -279,7 +287,8 @@ def _seafloor(options: Options, folder: Path) -> Path:
 
 def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
     """`[sea]`; None if the water has no density."""
-    values, folder = options.values, deck.path.parent
+    values = options.values
+    folder = deck.path.parent
     if not values["rho"]:
         return {}
     depth = values["wtrdpth"]
@@ -290,7 +299,8 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
         at = options.lines.get("wtrdpth", deck.first.get("options", 1))
         deck.refuse(at, "WtrDpth: missing; needed: > 0 m, in the file or as --depth")
     sea: dict[str, Any] = {"depth": depth, "density": values["rho"], "gravity": values["g"]}
-    waves, current = values["wavekin"], values["currents"]
+    waves = values["wavekin"]
+    current = values["currents"]
     if waves in (2.0, 3.0, 7.0):
         sea["waves"] = read_waves(folder, int(waves), values["dtwave"], notes)
         if waves == 2.0:
@@ -328,7 +338,10 @@ def _apply_free_text(deck: Deck, scene: dict[str, Any]) -> None:
 
 def _join_pieces(lines: list[dict[str, Any]], given: Any) -> None:
     """Set the line from which each piece was cut; a list of anything else is a remark of the user."""
-    lists = [names for names in given if isinstance(names, list)] if isinstance(given, list) else []
+    if isinstance(given, list):
+        lists = [names for names in given if isinstance(names, list)]
+    else:
+        lists = []
     whole = {name: names[0] for names in lists if all(isinstance(name, str) for name in names) for name in names[1:]}
     for line in lines:
         if line["name"] in whole:

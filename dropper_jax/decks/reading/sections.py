@@ -67,7 +67,9 @@ class Row:
     def name(self) -> str:
         """The name given by a comment `name: NAME`, or an empty text; MoorDyn itself only numbers its objects."""
         label, colon, name = self.comment.partition(":")
-        return name.strip() if colon and label.strip() == "name" else ""
+        if colon and label.strip() == "name":
+            return name.strip()
+        return ""
 
 
 @dataclass
@@ -107,7 +109,9 @@ class Deck:
 def header(line: str) -> str | None:
     """Words of a header line in capitals; None if the line is not a header."""
     found = _HEADER.match(line)
-    return None if found is None else " ".join(found.group(1).strip("- ").upper().split())
+    if found is None:
+        return None
+    return " ".join(found.group(1).strip("- ").upper().split())
 
 
 def _name(words: str) -> str | None:
@@ -115,7 +119,9 @@ def _name(words: str) -> str | None:
     words."""
     words = " ".join(re.split(r"[(:,]", words)[0].split())
     matching = [known for known in HEADERS if f"{words} ".startswith(f"{known} ")]
-    return HEADERS[max(matching, key=len)] if matching else None
+    if matching:
+        return HEADERS[max(matching, key=len)]
+    return None
 
 
 def read_input(path: Path) -> str:
@@ -139,7 +145,9 @@ def split_file(path: str | Path, text: str) -> Deck:
     Raises:
         SceneError: an unknown header after the first section, or a section given twice, with its line.
     """
-    deck, section, skip = Deck(Path(path)), None, 0
+    deck = Deck(Path(path))
+    section = None
+    skip = 0
     for number, line in enumerate(text.splitlines(), start=1):
         words = header(line)
         if words is not None:
@@ -151,7 +159,8 @@ def split_file(path: str | Path, text: str) -> Deck:
             if name in deck.rows:
                 deck.refuse(number, f"section {words!r} is given twice, first in line {deck.first[name]}")
             if name is not None:
-                section, skip = name, 2 if name in TABLES else 0
+                section = name
+                skip = 2 if name in TABLES else 0
                 deck.rows[name], deck.first[name] = [], number
             continue
         if section is None:

@@ -15,7 +15,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import read_lines
 from dropper_jax.sea.waves import elevation_components
 
-FREQUENCIES, ELEVATION, CURRENT = "wave_frequencies.txt", "wave_elevation.txt", "current_profile.txt"
+FREQUENCIES = "wave_frequencies.txt"
+ELEVATION = "wave_elevation.txt"
+CURRENT = "current_profile.txt"
 
 
 def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> dict[str, Any]:
@@ -67,7 +69,8 @@ def _largest(found: dict[str, np.ndarray], notes: list[str]) -> dict[str, np.nda
     order = np.argsort(found["amplitude"])
     below = np.cumsum(found["amplitude"][order] ** 2) <= omitted_variance * np.sum(found["amplitude"] ** 2)
     if below.any():
-        left, several = int(below.sum()), len(order)
+        left = int(below.sum())
+        several = len(order)
         notes.append(
             f"{ELEVATION}: {left} of {several} components are omitted, {omitted_variance:.2%} of the variance or less"
         )

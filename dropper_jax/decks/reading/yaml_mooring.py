@@ -29,7 +29,9 @@ TYPE = (
     ("cat", "tangential_added_mass", False),
 )
 #: First letters of the words for kinds of points, as MoorPy recognises them.
-HELD, VESSEL, FREE = ("anch", "fix"), ("fair", "ves", "coupled"), ("con", "free")
+HELD = ("anch", "fix")
+VESSEL = ("fair", "ves", "coupled")
+FREE = ("con", "free")
 
 
 def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str, Any]:
@@ -48,9 +50,11 @@ def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str,
     path = Path(path)
     table = _load(path)
     notes: list[str] = []
-    mooring, site = table, {}
+    mooring = table
+    site = {}
     if "mooring" in table:
-        mooring, site = _table(path, table["mooring"], "mooring"), _table(path, table.get("site") or {}, "site")
+        mooring = _table(path, table["mooring"], "mooring")
+        site = _table(path, table.get("site") or {}, "site")
         _note_ignored(notes, "", table, ("mooring", "site"))
         _note_ignored(notes, "site.", site, ("water_depth", "rho_water", "g"))
     if mooring.get("file"):
@@ -186,7 +190,10 @@ def _number(path: Path, value: Plain, at: str, low: float = -math.inf, open_low:
     except (TypeError, ValueError):
         found = math.nan
     if not math.isfinite(found) or found < low or (open_low and found == low):
-        limit = "" if low == -math.inf else f" {'>' if open_low else '>='} {low:g}"
+        if low == -math.inf:
+            limit = ""
+        else:
+            limit = f" {'>' if open_low else '>='} {low:g}"
         raise SceneError(f"{path}: {at}: {value!r} is out of range or not a number; allowed: a number{limit}")
     return found
 

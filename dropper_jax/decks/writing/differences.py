@@ -39,7 +39,8 @@ def differences(scene: Scene) -> list[str]:
 
 
 def _effects(scene: Scene) -> Iterator[Difference]:
-    effects, wet = scene.effects, scene.sea is not None
+    effects = scene.effects
+    wet = scene.sea is not None
     for name, values in effects.items():
         for point in _named_points(values, MOTIONS.get(name, ())):
             yield True, f"effects.{name}: point {point!r} is Coupled; its motion is not in the file"
@@ -114,7 +115,8 @@ def _water(scene: Scene) -> Iterator[Difference]:
         scene.effects.get("weight", {}).get("gravity", sea.gravity) != sea.gravity,
         "sea.gravity: differs from effects.weight.gravity; MoorDyn has one, and that of the weight is written",
     )
-    waves, current = sea.waves, sea.current
+    waves = sea.waves
+    current = sea.current
     if waves is not None:
         yield waves.kind == "spectrum", "sea.waves: the spectrum is written as its components"
         for name, value, same, instead in (
@@ -135,7 +137,10 @@ def _water(scene: Scene) -> Iterator[Difference]:
 
 def _things(scene: Scene) -> Iterator[Difference]:
     for failure in scene.failures:
-        which = "most loaded link" if failure.link is None else f"link {failure.link}"
+        if failure.link is None:
+            which = "most loaded link"
+        else:
+            which = f"link {failure.link}"
         yield (
             detachment(scene, failure) is None,
             f"failure of line {failure.line!r}, {which}: not represented; MoorDyn detaches lines from points, at the "

@@ -30,14 +30,22 @@ ALLOWED = "FairTen1, AnchTen1, Line1TenA, L1N3T, L1N3px, L1N3vx, Point2px, Con2v
 def channels_of(path: str | Path) -> list[str]:
     """Channels requested by the OUTPUTS section of a MoorDyn input; none for another kind of file or no file."""
     deck = _deck_of(Path(path))
-    words = [] if deck is None else [word for row in deck.rows.get("outputs", []) for word in row.words]
+    if deck is None:
+        words = []
+    else:
+        words = [word for row in deck.rows.get("outputs", []) for word in row.words]
     return [part for word in words for part in word.replace(",", " ").replace('"', " ").split()]
 
 
 def _deck_of(path: Path) -> Deck | None:
     """The sections of a MoorDyn input; None for another kind of file or no file."""
-    text = path.read_text(encoding="utf-8-sig", errors="replace") if path.is_file() else ""
-    return split_file(path, text) if looks_like_moordyn(text) else None
+    if path.is_file():
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+    else:
+        text = ""
+    if looks_like_moordyn(text):
+        return split_file(path, text)
+    return None
 
 
 class Numbers(NamedTuple):
@@ -101,8 +109,12 @@ def write_out(
     Raises:
         SceneError: a channel that a run does not have.
     """
-    channels = default_channels(solution) if channels is None else list(channels)
-    columns, left = [("Time", solution.t, "(s)")], []
+    if channels is None:
+        channels = default_channels(solution)
+    else:
+        channels = list(channels)
+    columns = [("Time", solution.t, "(s)")]
+    left = []
     for channel in channels:
         try:
             columns.append((channel, *channel_values(solution, channel, numbers)))
@@ -148,7 +160,8 @@ def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> tu
     part = numbers.parts.get(name)
     for line in solution.lines:
         if part is not None and line.name == part.line:
-            node, link = line.nodes.start + part.first, line.links.start + part.first
+            node = line.nodes.start + part.first
+            link = line.links.start + part.first
             own = LineSlice(name, slice(node, node + part.links + 1), slice(link, link + part.links))
             return own, part.turned
         if line.name == name:
@@ -162,7 +175,10 @@ def _end_tension(solution: Solution, line: LineSlice, turned: bool, last: bool) 
 
 
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:
-    array, unit = (solution.positions, "(m)") if what[0] == "P" else (solution.velocities, "(m/s)")
+    if what[0] == "P":
+        array, unit = (solution.positions, "(m)")
+    else:
+        array, unit = (solution.velocities, "(m/s)")
     return array[:, node, "XYZ".index(what[1])], unit
 
 

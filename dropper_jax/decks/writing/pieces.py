@@ -57,10 +57,16 @@ def pieces(scene: Scene, index: int) -> list[Piece]:
         return np.broadcast_to(np.asarray(0.0 if value is None else value, float), (total,))[span]
 
     coefficients = [each(scene.effects.get(effect, {}).get(key)) for effect, key in COEFFICIENTS]
-    damping = np.zeros(line.links) if line.axial_damping is None else line.axial_damping
+    if line.axial_damping is None:
+        damping = np.zeros(line.links)
+    else:
+        damping = line.axial_damping
     diameter = each(displaced_diameter(scene.line, scene))
     rows = np.stack([diameter, line.mass / line.length, line.EA, damping, *coefficients, line.length], axis=1)
-    tables = [_rows(table) for table in line.tables] if line.tables is not None else [None] * line.links
+    if line.tables is not None:
+        tables = [_rows(table) for table in line.tables]
+    else:
+        tables = [None] * line.links
     same = np.all(np.abs(rows[1:] - rows[:-1]) <= 10.0**-DIGITS * np.abs(rows[1:]), axis=1)
     same = same & np.array([a == b for a, b in pairwise(tables)], bool)
     cuts = [0, *(np.flatnonzero(~same) + 1), line.links]
@@ -151,7 +157,9 @@ def section(title: str, head: str, units: str, rows: list[str]) -> list[str]:
 
 def body_tables(scene: Scene) -> list[str]:
     """The sections of rod types, bodies and rods; those of buoys first."""
-    types, bodies, rods = [], [], []
+    types = []
+    bodies = []
+    rods = []
     for i, b in enumerate(scene.buoys):
         types.append(_row(f"buoy{i + 1}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
         base = scene.point(b.point).position  # in MoorDyn lines end at the base
@@ -186,9 +194,13 @@ def body_tables(scene: Scene) -> list[str]:
 def _body(number: int, body: BodySpec) -> str:
     """A body with its mass, including that of its cylinders, which are written as massless rods."""
     centre, moments = ("|".join(repr(float(x)) for x in values[:3]) for values in (body.centre_of_mass, body.inertia))
-    volume, area, added = 0.0, 0.0, 0.0
+    volume = 0.0
+    area = 0.0
+    added = 0.0
     for s in body.spheres:
-        volume, area, added = np.pi * s.diameter**3 / 6.0, s.cd * np.pi * s.diameter**2 / 4.0, s.ca
+        volume = np.pi * s.diameter**3 / 6.0
+        area = s.cd * np.pi * s.diameter**2 / 4.0
+        added = s.ca
     pose = ("Pinned" if body.pinned else "Free", *body.position, *np.degrees(body.attitude))
     return _row(number, *pose, body.mass, centre, moments, volume, area, added, f" ! name: {body.name}")
 

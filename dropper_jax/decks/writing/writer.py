@@ -62,7 +62,8 @@ def write_moordyn(
             does not support, or a file of waves or current of another input in the folder.
     """
     given = load_scene(scene)
-    scene, path = overgrown(given), Path(path)
+    scene = overgrown(given)
+    path = Path(path)
     _check_scene(scene)
     check_bodies(scene)
     notes = differences(dataclasses.replace(scene, season=given.season))
@@ -144,12 +145,18 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
     yield from body_tables(scene)
     words = {buoy.point: f"R{i + 1}A" for i, buoy in enumerate(scene.buoys)}
     rows = []
-    moved, bodies = moved_points(scene), body_numbers(scene)
+    moved = moved_points(scene)
+    bodies = body_numbers(scene)
     for point in scene.points:
         if point.name in words:
             continue
         words[point.name] = str(len(rows) + 1)
-        kind = "Free" if point.is_free else "Coupled" if point.name in moved else "Fixed"
+        if point.is_free:
+            kind = "Free"
+        elif point.name in moved:
+            kind = "Coupled"
+        else:
+            kind = "Fixed"
         position = point.position
         if point.on in bodies:
             kind = f"Body{bodies[point.on]}"
@@ -174,7 +181,9 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
 
 def _names(line: LineSpec, part: list[Piece]) -> list[str]:
     """Names of the stretches of a line."""
-    return [line.name] if len(part) == 1 else [f"{line.name}-{i + 1}" for i in range(len(part))]
+    if len(part) == 1:
+        return [line.name]
+    return [f"{line.name}-{i + 1}" for i in range(len(part))]
 
 
 def _joints(line: LineSpec, part: list[Piece]) -> list[str]:
@@ -192,7 +201,8 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
         i, line = next((i, line) for i, line in enumerate(scene.lines) if line.name == failure.line)
         ends = [line.start, *_joints(line, parts[i]), line.end]
         point = words[ends[position.stretch + (not position.first)]]
-        time, load = failure.time or 0.0, failure.load or 0.0
+        time = failure.time or 0.0
+        load = failure.load or 0.0
         if failure.load is None and failure.time is None:
             load = line.breaking_load[failure.link - 1]
         rows.append(f"{len(rows) + 1} {point} {first[line.name] + position.stretch} {_value(time)} {_value(load)}")
@@ -208,7 +218,8 @@ def _point(number: int, kind: str, position: Sequence[float], body: list[float |
 
 def _join(scene: Scene, line: LineSpec, part: list[Piece], words: dict[str, str], rows: list[str]) -> None:
     """Free points between the stretches of a line, on the straight line between its ends."""
-    start, end = scene.point(line.start).position, scene.point(line.end).position
+    start = scene.point(line.start).position
+    end = scene.point(line.end).position
     along = np.cumsum([piece.length for piece in part]) / sum(piece.length for piece in part)
     for name, share in zip(_joints(line, part), along[:-1], strict=True):
         if name in words:
@@ -218,7 +229,9 @@ def _join(scene: Scene, line: LineSpec, part: list[Piece], words: dict[str, str]
 
 
 def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]) -> Iterator[str]:
-    run, sea, bed = scene.run, scene.sea, scene.effects.get("seabed")
+    run = scene.run
+    sea = scene.sea
+    bed = scene.effects.get("seabed")
     depth = sea.depth if sea is not None else (bed or {}).get("depth")
     values: dict[str, Any] = {
         "dtM": run.step if dt is None else dt,
@@ -267,7 +280,9 @@ def _table_file(path: Path, name: str) -> str:
 
 def _files(scene: Scene, path: Path) -> dict[str, str]:
     """Text of the accompanying files, by name."""
-    found, sea, bed = {}, scene.sea, scene.effects.get("seabed")
+    found = {}
+    sea = scene.sea
+    bed = scene.effects.get("seabed")
     for (*_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
         if table is not None:
             rows = [f"{_value(e)} {_value(tension)}" for e, tension in table]
@@ -296,7 +311,10 @@ def _waves_text(amplitude: np.ndarray, omega: np.ndarray, phase: np.ndarray, dir
 
 def current_text(spec: CurrentSpec, profile: Callable[[np.ndarray], np.ndarray], depth: float) -> str:
     """Text of the current file: a table unchanged, or a formula at heights that become dense towards the seabed."""
-    heights = depth * (np.linspace(0.0, 1.0, 61) ** 2 - 1.0) if spec.heights is None else spec.heights
+    if spec.heights is None:
+        heights = depth * (np.linspace(0.0, 1.0, 61) ** 2 - 1.0)
+    else:
+        heights = spec.heights
     rows = zip(heights, profile(np.asarray(heights, float)), strict=True)
     lines = ["----- MoorDyn steady currents file -----", "z ux uy uz", "(m) (m/s) (m/s) (m/s)"]
     return "\n".join([*lines, *(" ".join(_value(x) for x in (z, *u)) for z, u in rows)]) + "\n"

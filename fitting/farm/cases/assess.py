@@ -29,7 +29,8 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
     runs = Runs(site, folder, dt)
     rows: dict[str, list[dict[str, Any]]] = {part.name: [] for part in site.parts}
     held: dict[str, list[dict[str, Any]]] = {name: [] for name in runs.held}
-    cases, failed = [], []
+    cases = []
+    failed = []
     for storm in site.storms:
         good, bad = runs.of(storm)
         failed += bad
@@ -106,11 +107,13 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
 
 def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
     """A part in one case, represented by its worst line."""
-    factor, run = part.factor[storm.kind], site.run_of(storm)
+    factor = part.factor[storm.kind]
+    run = site.run_of(storm)
     found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
     share = np.array([load["value"] for load in found]) * factor / part.capacity
     worst = int(np.argmax(share))
-    load, scale = found[worst], factor / float(part.capacity[worst])
+    load = found[worst]
+    scale = factor / float(part.capacity[worst])
     links = runs.links[part.lines[worst]]
     first = good[0]
     at = links.start + int(np.argmax(first["largest"][links]))
@@ -200,7 +203,8 @@ def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None
     if site.exclusion is None or not rows:
         return None
     worst = max(rows, key=lambda case: case["excursion_m"]["value"])
-    value, limit = worst["excursion_m"], site.exclusion.excursion
+    value = worst["excursion_m"]
+    limit = site.exclusion.excursion
     return {"case": worst["case"], **value, "allowed_m": limit, "utilisation": value["value"] / limit}
 
 
@@ -247,7 +251,8 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
     Args:
         loads: horizontal and upward loads (k, 2) [N] of each seed.
     """
-    run, anchor = site.run_of(storm), anchor_of(site, name)
+    run = site.run_of(storm)
+    anchor = anchor_of(site, name)
     row: dict[str, Any] = {
         "case": storm.number,
         "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run),
@@ -269,18 +274,23 @@ def _uplift(load: np.ndarray) -> float:
     size = np.hypot(*load.T)
     # below 1 % of its mean a load has no defined direction
     loaded = size >= max(0.01 * size.mean(), 1e-12)
-    return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max())) if loaded.any() else 0.0
+    if loaded.any():
+        return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max()))
+    return 0.0
 
 
 def anchor_found(site: Site, name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     """A fixed point over all cases: its rows, the worst of them, and the uplift with its limit [deg]."""
     anchor = anchor_of(site, name)
-    by = (lambda row: row["total_n"]["value"]) if anchor is None else (lambda row: row["utilisation"])
+
+    def load(row: dict[str, Any]) -> float:
+        return row["total_n"]["value"] if anchor is None else row["utilisation"]
+
     return {
         "point": name,
         "anchor": None if anchor is None else anchor.name,
         "cases": rows,
-        "worst": max(rows, key=by, default=None),
+        "worst": max(rows, key=load, default=None),
         "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
         "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
     }

@@ -26,7 +26,8 @@ def characteristic(maxima: np.ndarray, run: RunValues) -> dict[str, Any]:
         or without a distribution; `kind` is the computed quantity.
     """
     maxima = np.asarray(maxima, float)
-    n, counted = len(maxima), run.duration - run.skip
+    n = len(maxima)
+    counted = run.duration - run.skip
     error = float(maxima.std(ddof=1) / np.sqrt(n)) if n > 1 else None
     found = {"value": float(maxima.mean()), "error": error, "interval": None, "seeds": n, "kind": "mean"}
     whole = storm_extreme(maxima, counted, counted, run.confidence)
@@ -87,7 +88,8 @@ def flags_of(found: dict[str, Any], site: Site) -> list[str]:
 
 
 def _part(part: dict[str, Any]) -> list[str]:
-    worst, step = part["worst"], part["step"]
+    worst = part["worst"]
+    step = part["step"]
     if worst is None:
         return [f"part {part['part']}: no run to assess it by"]
     notes = _limit(f"part {part['part']}", worst)
@@ -101,7 +103,8 @@ def _part(part: dict[str, Any]) -> list[str]:
 
 
 def _limit(name: str, row: dict[str, Any]) -> list[str]:
-    used, error = row["utilisation"], row["utilisation_error"]
+    used = row["utilisation"]
+    error = row["utilisation_error"]
     if used > 1.0:
         return [f"{name}: utilisation {used:.2f} in case {row['case']}: too weak"]
     if error is not None and used + error > 1.0:

@@ -59,7 +59,10 @@ class Tally:
         counts = t > self.skip
         if not counts.any():
             return
-        t, positions, tension, largest = t[counts], positions[counts], tension[counts], largest[counts]
+        t = t[counts]
+        positions = positions[counts]
+        tension = tension[counts]
+        largest = largest[counts]
         top = largest.argmax(axis=0)
         value = np.take_along_axis(largest, top[None], axis=0)[0]
         higher = value > self.largest
@@ -102,7 +105,10 @@ class Tally:
 def _cycles(name: str, tension: np.ndarray) -> Found:
     """Rainflow cycles of the links with the most varying and the highest tension: rows of range and count."""
     found = {}
-    picked = {int(np.argmax(tension.std(axis=0))), int(np.argmax(tension.max(axis=0)))} if len(tension) else set()
+    if len(tension):
+        picked = {int(np.argmax(tension.std(axis=0))), int(np.argmax(tension.max(axis=0)))}
+    else:
+        picked = set()
     for i, link in enumerate(sorted(picked)):
         own = cycles(tension[:, link].astype(float))
         own = own[own[:, 0] > RANGE_ROUNDING * float(np.abs(tension).max())]
@@ -151,26 +157,43 @@ class Runner:
         signals: dict[Quantity, list[np.ndarray]] = {
             quantity(name, model, "quantities"): [] for name in self.site.quantities
         }
-        watch = None if scene.run.accuracy is None else quantity_signals(list(signals), start.r)
+        if scene.run.accuracy is None:
+            watch = None
+        else:
+            watch = quantity_signals(list(signals), start.r)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
-        carry, done, info = run.carry, 0, {"status": np.array(0)}
+        carry = run.carry
+        done = 0
+        info = {"status": np.array(0)}
         retried = 0
         while done < scene.run.saves:
             carry, (rows, _) = run.go_on(carry, scene.run.saves - done)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.step
-            good = int(np.argmax(rows.first_bad >= 0)) if np.any(rows.first_bad >= 0) else len(t)
-            largest, extremes = rows.tension, {}
+            if np.any(rows.first_bad >= 0):
+                good = int(np.argmax(rows.first_bad >= 0))
+            else:
+                good = len(t)
+            largest = rows.tension
+            extremes = {}
             if watch is not None:
-                largest, extremes = rows.extremes.largest[:, : rows.tension.shape[1]], watch.over_steps(rows.extremes)
+                largest = rows.extremes.largest[:, : rows.tension.shape[1]]
+                extremes = watch.over_steps(rows.extremes)
             nodes = np.asarray(_nodes(model, rows.r, t))
             tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
             for one, parts in signals.items():
                 now = rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted
-                values = extremes[one] if one in extremes else one.in_time(model, start.r, *now)
+                if one in extremes:
+                    values = extremes[one]
+                else:
+                    values = one.in_time(model, start.r, *now)
                 parts.append(np.asarray(values)[:good][t[:good] > skip])
-            done, retried = done + len(t), retried + int(np.sum(rows.retried[:good]))
+            done = done + len(t)
+            retried = retried + int(np.sum(rows.retried[:good]))
             if good < len(t):
-                code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
+                if np.isfinite(rows.residual[good]):
+                    code = "not_converged"
+                else:
+                    code = "non_finite"
                 info = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
                 break
         broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]

@@ -30,7 +30,8 @@ COLUMNS = (
     ),
 )
 #: Bars of parts within and beyond their limits, and dots of cases with intact and with broken lines.
-HOLDS, WEAK = "#C9DAEA", "#F0C9B0"
+HOLDS = "#C9DAEA"
+WEAK = "#F0C9B0"
 
 
 def write_page(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
@@ -48,8 +49,14 @@ def write_page(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
 def page(found: dict[str, Any]) -> str:
     """The page's text."""
     storms = {case["case"]: case for case in found["cases"]}
-    verdict = "All limits hold." if found["passes"] else "Not all limits hold, or not all runs are there: see below."
-    what = "mean of the seeds' maxima" if found["characteristic"] == "mean" else "most probable maximum of the storm"
+    if found["passes"]:
+        verdict = "All limits hold."
+    else:
+        verdict = "Not all limits hold, or not all runs are there: see below."
+    if found["characteristic"] == "mean":
+        what = "mean of the seeds' maxima"
+    else:
+        what = "most probable maximum of the storm"
     parts = [
         f"# Load cases: {found['site']}",
         f"{verdict} Load cases: {len(storms)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
@@ -121,7 +128,9 @@ def _quantities(found: dict[str, Any], storms: dict[int, Any]) -> str:
         worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
         value = worst["quantities"][name]
         rows.append([name, f"{value['value']:.4g}", _number(value["error"], ".2g"), _label(storms[worst["case"]])])
-    return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows) if rows else ""
+    if rows:
+        return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows)
+    return ""
 
 
 def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
@@ -143,7 +152,9 @@ def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
 
 def _label(case: dict[str, Any]) -> str:
     """The label of a case; its end names the line that breaks and the time of the break."""
-    return case["name"] if case["break_s"] is None else f"{case['name']} at {case['break_s']:g} s"
+    if case["break_s"] is None:
+        return case["name"]
+    return f"{case['name']} at {case['break_s']:g} s"
 
 
 def _step(step: dict[str, Any] | None) -> str:
@@ -153,18 +164,25 @@ def _step(step: dict[str, Any] | None) -> str:
 
 
 def _plus(error: float | None) -> str:
-    return "" if error is None else f" +- {error:.2f}"
+    if error is None:
+        return ""
+    return f" +- {error:.2f}"
 
 
 def _number(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
+    if value is None:
+        return "-"
+    return format(value, form)
 
 
 def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
     row = anchor["worst"]
     if row is None:
         return [anchor["point"], *["-"] * 6]
-    used = "not given" if row["utilisation"] is None else f"{row['utilisation']:.2f}"
+    if row["utilisation"] is None:
+        used = "not given"
+    else:
+        used = f"{row['utilisation']:.2f}"
     allowed = anchor["allowed_uplift_deg"]
     return [
         anchor["point"],
@@ -179,7 +197,8 @@ def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
 
 def _position_lines(found: dict[str, Any], storms: dict[int, Any]) -> list[str]:
     lines = []
-    zone, backbone = found["exclusion"], found["backbone"]
+    zone = found["exclusion"]
+    backbone = found["backbone"]
     if zone is None:
         lines.append("- No exclusion zone is given.")
     else:
@@ -200,7 +219,10 @@ def _fatigue_cells(part: dict[str, Any]) -> list[str]:
     if "skipped" in own:
         return [part["part"], own["skipped"], "-", "-", "-"]
     curve = own["curve"]
-    yearly = own.get("why") if own["damage_per_year"] is None else f"{own['damage_per_year']:.2g}"
+    if own["damage_per_year"] is None:
+        yearly = own.get("why")
+    else:
+        yearly = f"{own['damage_per_year']:.2g}"
     return [
         part["part"],
         f"K = {curve['k']:g}, m = {curve['m']:g} ({curve['source']})",
@@ -220,7 +242,10 @@ def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
             by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
     rows = [[str(n), _label(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:most_cases]]
-    more = f"\n\n{len(ordered) - most_cases} more in cases.csv." if len(ordered) > most_cases else ""
+    if len(ordered) > most_cases:
+        more = f"\n\n{len(ordered) - most_cases} more in cases.csv."
+    else:
+        more = ""
     return table(["case", "", "part used most", "utilisation"], rows) + more
 
 

@@ -121,7 +121,8 @@ def run_cases(
     dt = site.prepared().run.step if dt is None else dt
     store = CaseStore(folder, site, dt)
     todo = [case for case in cases if not store.has(case)]
-    kept, started = len(cases) - len(todo), time.perf_counter()
+    kept = len(cases) - len(todo)
+    started = time.perf_counter()
     if scheduler is not None:
         source = _remote(site, todo, dt, scheduler)
     elif workers > 1 and len(todo) > 1:

@@ -26,7 +26,8 @@ class Runs:
 
     def of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[dict[str, Any]]]:
         """Successful runs of a load case, and a row for every other run."""
-        good, bad = [], []
+        good = []
+        bad = []
         for seed in self.site.seeds if seeds is None else seeds:
             found = self.store.read(Case(storm, seed)) or {}
             code = STATUS[int(found["status"])] if found else "missing"
@@ -84,7 +85,10 @@ def _error(
         if bad:
             return {"skipped": f"a run with a step of {dt:g} s ended with {bad[0]['status']}"}
         means.append(float(np.mean(runs.maxima(good, row["line"]))))
-    error = 2.0 * abs(means[0] - means[1]) if len(means) == 2 else step_error(*means, chaotic=False)
+    if len(means) == 2:
+        error = 2.0 * abs(means[0] - means[1])
+    else:
+        error = step_error(*means, chaotic=False)
     return {
         "case": row["case"],
         "line": row["line"],

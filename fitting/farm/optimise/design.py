@@ -79,7 +79,8 @@ class Design:
             return cache[whole]
         key = (*whole, broken.name, polished)
         if key not in cache:
-            found, link = cache[whole].still, link_of(cache[whole].still.model, broken)
+            found = cache[whole].still
+            link = link_of(cache[whole].still.model, broken)
             masked = masked_still(found, link)
             if polished:
                 own = rest(masked, self._near.get(key))
@@ -149,13 +150,15 @@ class Design:
         Raises:
             SceneError: a run that failed.
         """
-        scene, cache = with_design(self.site.scene, self.variables, x), {}
+        scene = with_design(self.site.scene, self.variables, x)
+        cache = {}
         stands = [self.run_start(x, case, cache) for case in self.cases]
         for case, start in zip(self.cases, stands, strict=True):
             self.quantities(case, start.still)
 
         def run_fully(i: int) -> Storms:
-            case, start = self.cases[i], stands[i]
+            case = self.cases[i]
+            start = stands[i]
             return full_storm(self.site, scene, case, self.quantities(case, start.still), start.rest.state)
 
         full = self._run_parallel(run_fully, "whole runs", say)
@@ -190,7 +193,8 @@ class Design:
 
     def _run_parallel(self, one: Callable[[int], Any], what: str, say: Say) -> list[Any]:
         """`one` of every case; a program that is not yet compiled runs alone the first time."""
-        count, found = len(self.cases), {}
+        count = len(self.cases)
+        found = {}
         for kind in dict.fromkeys(case.storm.kind for case in self.cases):
             own = [i for i, case in enumerate(self.cases) if case.storm.kind == kind]
             done = len(found)
@@ -266,7 +270,8 @@ class Design:
                 own = depth.over(start.still.model, np.asarray(start.rest.state.r), start.rest.dr, level)
                 rows += [(name + label, near, by) for name, near, by in own]
         names, value, slopes = zip(*rows, strict=True) if rows else ((), (), ())
-        objective, way = material, of_scene[0]
+        objective = material
+        way = of_scene[0]
         if self.goals.objective.of != "material":
             objective, way = self._largest(hard, slope)
         return Values(float(objective), way, tuple(names), np.array(value), np.array(slopes), solved, by_seed)

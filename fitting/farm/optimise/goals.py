@@ -91,7 +91,8 @@ class Depth:
     def over(self, model: Model, r: np.ndarray, dr: np.ndarray, level: float) -> list[tuple[str, float, np.ndarray]]:
         """Each bound's utilisation (1 at the bound) and its derivative by the variables (p,), at the worst node."""
         own = self.nodes(model)
-        depth, found = level - r[own, 2], []
+        depth = level - r[own, 2]
+        found = []
         unit = self.deepest or self.shallowest or 1.0
         for key, bound, sign in (("shallowest", self.shallowest, 1.0), ("deepest", self.deepest, -1.0)):
             if bound is not None:
@@ -164,16 +165,21 @@ def read_goals(site: Site) -> Goals:
     Raises:
         SceneError: an unknown objective, line, point or part, or contradicting bounds.
     """
-    names, free = site.lines, [p.name for p in site.scene.points if p.is_free]
+    names = site.lines
+    free = [p.name for p in site.scene.points if p.is_free]
     objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
-    depths, clearances, motions, named = [], [], [], []
+    depths = []
+    clearances = []
+    motions = []
+    named = []
     if site.backbone is not None:
         own = site.backbone
         lines = match_names(own.lines, names, "backbone.lines")
         depths.append(Depth("backbone", (), lines, own.shallowest, own.deepest))
     items = read_list(site.raw.get("constraint", []), "constraint", None, "one or more [[constraint]] tables")
     for i, item in enumerate(items):
-        path, table = f"constraint.{i}", read_table(item, f"constraint.{i}")
+        path = f"constraint.{i}"
+        table = read_table(item, f"constraint.{i}")
         kind = read_text(table.get("kind"), f"{path}.kind", KINDS)
         check_keys(table, KINDS[kind], path)
         if kind == "depth":
@@ -210,7 +216,9 @@ def _objective(table: Mapping[str, Any], site: Site) -> Objective:
 
 
 def _patterns(given: Any, path: str) -> list[str]:
-    return [given] if isinstance(given, str) else [read_text(x, path) for x in read_list(given, path, None, "patterns")]
+    if isinstance(given, str):
+        return [given]
+    return [read_text(x, path) for x in read_list(given, path, None, "patterns")]
 
 
 def _depth(table: Mapping[str, Any], path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:

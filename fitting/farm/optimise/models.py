@@ -71,7 +71,9 @@ def still_scene(site: Site, scene: Scene, storm: Storm, calm: bool) -> Scene:
     table = base.as_written()
     table["sea"] = {k: v for k, v in table["sea"].items() if k not in ("waves", "ramp", "interpolation")}
     base = Scene.from_dict(table, base.name)
-    return calm_slack_ropes(base) if calm else base
+    if calm:
+        return calm_slack_ropes(base)
+    return base
 
 
 def still_model(
@@ -181,7 +183,10 @@ def link_of(model: Model, broken: Break) -> int:
 def with_link_mask(model: Model, broken_link: int | None) -> Model:
     """The model with a mask of intact links, without `broken_link`; with None all are intact."""
     intact = jnp.ones(model.line.links, model.dtype)
-    intact = intact if broken_link is None else intact.at[broken_link].set(0.0)
+    if broken_link is None:
+        intact = intact
+    else:
+        intact = intact.at[broken_link].set(0.0)
     return dataclasses.replace(
         model, lines=(dataclasses.replace(model.line, axial=model.line.axial.with_broken_links(intact)),)
     )

@@ -78,11 +78,13 @@ class AnchorLoad(Quantity):
 
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         force = jax.vmap(lambda r, t: self._line_force(model, r, t))(r, tension)
-        horizontal, up = horizontal_norm(force), jnp.maximum(force[:, 2], 0.0)
+        horizontal = horizontal_norm(force)
+        up = jnp.maximum(force[:, 2], 0.0)
         if self.uplift is not None:
             # V <= H tan(a), as a number that is positive and reaches 1 there
             return (1.0 + (force[:, 2] - self.uplift * horizontal) / (1.0 / self.up))[:, None]
-        across, rising = self.across * horizontal, self.up * up
+        across = self.across * horizontal
+        rising = self.up * up
         both = jnp.stack([across, jnp.zeros_like(across), rising], axis=-1)
         return (safe_norm(both) if self.any_direction else across + rising)[:, None]
 
@@ -149,7 +151,8 @@ def named_quantity(name: str, model: Model, option: str, limit: float = 1.0) -> 
 
 def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Numbers of the free nodes of each line, including free ends."""
-    links, graph = model.geometry.line_links(names), model.geometry
+    links = model.geometry.line_links(names)
+    graph = model.geometry
     return {
         name: np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
         for name, own in links.items()
@@ -165,8 +168,10 @@ def part_load(model: Model, part: Part, kind: str = "intact") -> Load:
 
 def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[AnchorLoad]:
     """Utilisation of each of its points and, with a limit of the angle, that of the angle."""
-    found, graph = [], model.geometry
-    factor, (horizontal, upward, any_direction) = anchor.factor[kind], anchor.table.capacities
+    found = []
+    graph = model.geometry
+    factor = anchor.factor[kind]
+    horizontal, upward, any_direction = anchor.table.capacities
     names = [point.name for point in model.points]
     for name in anchor.points:
         node = graph.point_node[names.index(name)]

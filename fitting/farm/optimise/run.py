@@ -107,8 +107,10 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     """
     # permitted maximum difference of derivatives in their check, relative to the largest derivative, at the better step
     check = 1e-2
-    rng, x = np.random.default_rng(0), design.start
-    span, worst = np.array([v.span for v in design.variables]), 0.0
+    rng = np.random.default_rng(0)
+    x = design.start
+    span = np.array([v.span for v in design.variables])
+    worst = 0.0
 
     def window(x: np.ndarray, window: Window, slopes: bool) -> Peaks:
         return design.window(x, window, design.run_start(x, window.case, {}, window.polished), slopes)
@@ -233,12 +235,18 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
     p = len(design.variables)
     limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)
-    fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
+    if search.fixed is None:
+        fixed = np.zeros(p, bool)
+    else:
+        fixed = np.asarray(search.fixed, bool)
     price = prices(here, search.x, low, high, fixed, limit)
     costs = here.slope[p:] + price.of @ here.slopes[:, p:]
     before = search.before
     dominated = dominated_slopes(here, high - low, limit)
-    residual = float("nan") if search.best_residual is None else float(search.best_residual)
+    if search.best_residual is None:
+        residual = float("nan")
+    else:
+        residual = float(search.best_residual)
     return Optimum(
         variables=design.variables,
         before=np.array(before["x"]),
@@ -299,7 +307,8 @@ def design_warnings(residual: float, held: float, reach: float, dominated: Seque
 def check_derivatives(design: Design, say: Say = silent) -> float:
     """The check of a design's derivatives at its start: see `check_slopes`."""
     say(0.0, "checking derivatives")
-    windows, known = [], {}
+    windows = []
+    known = {}
     for kind in design.site.kinds:
         case = next(case for case in design.cases if case.storm.kind == kind)
         start = design.run_start(design.start, case, known)

@@ -80,7 +80,8 @@ def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, l
     """
     from scipy.optimize import linprog  # noqa: PLC0415
 
-    p, m = len(low), len(values.value)
+    p = len(low)
+    m = len(values.value)
     cost = np.concatenate([values.slope[:p] / scale, np.full(m, PRICE)])
     rows = np.hstack([values.slopes[:, :p], -np.eye(m)])
     bounds = [*zip(low, high, strict=True), *[(0.0, None)] * m]
@@ -165,7 +166,8 @@ class _Round:
 
     def attempt(self, model: Values) -> _Attempt | None:
         """The step of a model's linear programme within the reach, run; None if it predicts no gain."""
-        search, settings = self.search, self.design.settings
+        search = self.search
+        settings = self.design.settings
         fixed = False if search.fixed is None else search.fixed
         step_range = np.where(fixed, 0.0, search.reach * self.span)
         bounds = np.maximum(self.low - search.x, -step_range), np.minimum(self.high - search.x, step_range)
@@ -176,7 +178,10 @@ class _Round:
         self.tried += 1
         x = np.clip(search.x + step.step, self.low, self.high)
         found, failure = _try_design(self.design, x, self.windows, self.say)
-        won = -np.inf if found is None else self.merit(self.here) - self.merit(found)
+        if found is None:
+            won = -np.inf
+        else:
+            won = self.merit(self.here) - self.merit(found)
         attempt = _Attempt(x, step.step, float(np.max(np.abs(step.step) / self.span)), found, gain, won)
         row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach, "values": x.tolist()}
         if found is None:
@@ -195,7 +200,9 @@ def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say:
         found = design.values(x, windows, say)
     except SceneError as error:
         return None, str(error)
-    return (found, "") if found.solved else (None, "steps of a window fail")
+    if found.solved:
+        return (found, "")
+    return (None, "steps of a window fail")
 
 
 def measure(
@@ -225,7 +232,8 @@ def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndar
     """
     if not any(v.catalogue for v in design.variables):
         return None
-    x, limit = search.x.copy(), 1.0 - design.settings.margin
+    x = search.x.copy()
+    limit = 1.0 - design.settings.margin
     for k, variable in enumerate(design.variables):
 
         def merit(size: float, k: int = k) -> float:
@@ -250,7 +258,8 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Sa
             "constraints": constraints_by_name(found),
         }
         save()
-    last, still_better = search.best_objective, True
+    last = search.best_objective
+    still_better = True
     while search.round < search.sized + settings.rounds and still_better:
         here = run_round(search, design, windows, save, say)
         search.round += 1

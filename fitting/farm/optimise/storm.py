@@ -98,7 +98,8 @@ def peaks(
         h = dt / 2**halving
         steps = int(round(duration / h / len(stills)))
         # windows do not record work: every phase has the same kind of state, and so one program
-        runs, s = [], dataclasses.replace(rest.state, work=jnp.zeros(0, models[0].dtype))
+        runs = []
+        s = dataclasses.replace(rest.state, work=jnp.zeros(0, models[0].dtype))
         for model in models:
             runs.append(_record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps))
             s = runs[-1].last
@@ -123,7 +124,10 @@ def _peaks(
     model = models[-1]
     steps = len(runs[0].tension)
     # steps that are not counted: the first third of a window in which a line breaks, or those of the ramp
-    first = steps if len(runs) > 1 else max(0, min(round(WINDOW_RAMP / h), steps - 1))
+    if len(runs) > 1:
+        first = steps
+    else:
+        first = max(0, min(round(WINDOW_RAMP / h), steps - 1))
     r, tension = (jnp.concatenate([getattr(run, key) for run in runs])[first:] for key in ("r", "tension"))
     hard, when = (np.asarray(a) for a in _hard(quantities, model, r, tension))
     when = (when + first + 1) * h
@@ -134,7 +138,8 @@ def _peaks(
     leaves = [jnp.asarray(numbers[i]) for i in table]
     soft, by_shift, by_r, by_t = _by_signals(quantities, table, model, leaves, heights, r, tension)
     ahead = ((first, 0), (0, 0), (0, 0))
-    by_r, by_t = jnp.pad(by_r, (*ahead, (0, 0))), jnp.pad(by_t, ahead)
+    by_r = jnp.pad(by_r, (*ahead, (0, 0)))
+    by_t = jnp.pad(by_t, ahead)
     slope = np.array(by_shift)
     end = jax.tree.map(lambda a: jnp.zeros((len(hard), *a.shape), a.dtype), runs[-1].last)
     chain = []
@@ -143,7 +148,8 @@ def _peaks(
         by_leaf, end = _backward_pass(
             stepper, model, table, run, jnp.asarray(h, model.dtype), by_r[begin:], by_t[begin:], end
         )
-        by_r, by_t = by_r[:begin], by_t[:begin]
+        by_r = by_r[:begin]
+        by_t = by_t[:begin]
         chain += zip(by_leaf, numbers.values(), strict=True)
     for ct, d in (*chain, (end.r, rest.dr), (end.tension, rest.dtension)):
         slope += np.asarray(ct).reshape(len(hard), -1) @ d.reshape(len(d), -1).T
@@ -221,7 +227,8 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
     if int(found.first_bad[-1]) >= 0:
         return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
     first = int(np.floor(site.run_of(case.storm).skip / run.step))
-    hard, when = [], []
+    hard = []
+    when = []
     for part in np.array_split(np.arange(first, len(found.r)), max(1, (len(found.r) - first) // 1000)):
         peaks = _signals(tuple(quantities), model, jnp.asarray(found.r[part]), jnp.asarray(found.tension[part]))
         hard.append([float(jnp.max(x)) for x in peaks])

@@ -176,8 +176,10 @@ def dominated_slopes(values: Values, span: np.ndarray, limit: float) -> list[Dom
         rows = values.by_seed.get(name, np.zeros((0, len(span))))[:, : len(span)]
         if len(rows) < 3:
             continue
-        mean, median = rows.mean(axis=0), np.median(rows, axis=0)
-        size, off = np.maximum(np.abs(mean), np.abs(median)), np.abs(rows - median)
+        mean = rows.mean(axis=0)
+        median = np.median(rows, axis=0)
+        size = np.maximum(np.abs(mean), np.abs(median))
+        off = np.abs(rows - median)
         seed = off.argmax(axis=0)
         dominated = (off.max(axis=0) / len(rows) > 0.25 * size) & (size * span > 0.05 * np.max(size * span))
         found += [
@@ -216,8 +218,11 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
     at_bound = 1e-3
     from scipy.optimize import nnls  # noqa: PLC0415
 
-    p, span, free = len(x), high - low, ~fixed
-    cost, rows = values.slope[:p] * span, values.slopes[:, :p] * span
+    p = len(x)
+    span = high - low
+    free = ~fixed
+    cost = values.slope[:p] * span
+    rows = values.slopes[:, :p] * span
     active = active_constraints(values, limit)
     axes = np.eye(p)
     walls = np.hstack([-axes[:, x - low <= at_bound * span], axes[:, high - x <= at_bound * span]])

@@ -40,13 +40,19 @@ class Variable(DeclaredSection):
     def of(cls, table: Plain, path: str, scene: Scene) -> Variable:
         """A variable of a scene, checked."""
         found = cls.read(table, path)
-        where = found.name if "." in found.name or scene.template is None else f"parameters.{found.name}"
+        if "." in found.name or scene.template is None:
+            where = found.name
+        else:
+            where = f"parameters.{found.name}"
         try:
             value = scene.value(where)
         except SceneError as error:
             raise SceneError(f"{path}.name: {error}") from None
         found._check_value(path, value, scene, ScenePath(where))
-        sizes = () if found.catalogue is None else tuple(np.unique(found.catalogue).tolist())
+        if found.catalogue is None:
+            sizes = ()
+        else:
+            sizes = tuple(np.unique(found.catalogue).tolist())
         return dataclasses.replace(found, path=where, value=float(value), catalogue=sizes)
 
     @raises_first

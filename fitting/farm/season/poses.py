@@ -49,7 +49,10 @@ def scene_of(site: Site, month: str, water: Water, points: dict[str, dict[str, A
     if water.speed is not None:
         own = {key: value for key, value in sea.get("current", {}).items() if key not in CHANGING}
         heading = site.lists.current_direction
-        more = {} if heading is None else {"direction": float(np.radians(heading))}
+        if heading is None:
+            more = {}
+        else:
+            more = {"direction": float(np.radians(heading))}
         sea["current"] = {**own, "speed": water.speed, **more}
     table["sea"] = sea
     return overgrown(Scene.from_dict(table, site.scene.name))

@@ -79,8 +79,10 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
     names = list(match_names(site.season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
     lift = _lift(site)
-    say, all_waters = progress or silent, waters(site)
-    months, rows = list(site.growth), []
+    say = progress or silent
+    all_waters = waters(site)
+    months = list(site.growth)
+    rows = []
     # at the scene's water level, for which its points are placed: floats at the surface follow the tide, others stay
     held = [Water(0.0, speed) for speed in dict.fromkeys(water.speed for water in all_waters)]
     for i, month in enumerate(months):
@@ -90,7 +92,8 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
             force, weights = needs(site, month, water, names)
             pulls.append(force)
         rows.append(_month(site, month, weights, np.array(pulls), lift))
-    low, high = [row["least"] for row in rows], [row["most"] for row in rows]
+    low = [row["least"] for row in rows]
+    high = [row["most"] for row in rows]
     known: dict[tuple[str, int], list[dict[str, Any]]] = {}
     # bounds are tightened at most four times
     for _ in range(4):
@@ -109,7 +112,8 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
 
 
 def _lift(site: Site) -> float:
-    sea, own = site.scene.sea, site.season
+    sea = site.scene.sea
+    own = site.season
     lift = sea.gravity * own.volume * (sea.density - own.density)
     if lift <= 0.0:
         raise SceneError(
@@ -122,7 +126,10 @@ def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray,
     """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
     own = site.season
-    most = math.floor(max(total.min(), 0.0) / (own.least_share * lift) + 1e-9) if own.least_share > 0.0 else 10**6
+    if own.least_share > 0.0:
+        most = math.floor(max(total.min(), 0.0) / (own.least_share * lift) + 1e-9)
+    else:
+        most = 10**6
     return {
         "month": month,
         "wet_weight_n": sum(weights.values()),
@@ -144,10 +151,17 @@ def _lying(
     if key not in cache:
         cache[key] = [floating(site, row["month"], water, floats) for water in all_waters]
     poses = cache[key]
-    deepest, shallowest = max(p["deepest_m"] for p in poses), min(p["shallowest_m"] for p in poses)
+    deepest = max(p["deepest_m"] for p in poses)
+    shallowest = min(p["shallowest_m"] for p in poses)
     own = site.backbone
-    sinking = None if own is None or own.deepest is None else own.deepest - deepest
-    lifting = None if own is None or own.shallowest is None else shallowest - own.shallowest
+    if own is None or own.deepest is None:
+        sinking = None
+    else:
+        sinking = own.deepest - deepest
+    if own is None or own.shallowest is None:
+        lifting = None
+    else:
+        lifting = shallowest - own.shallowest
     inside = all(margin is None or margin >= 0.0 for margin in (sinking, lifting))
     return {
         "floats": count,
@@ -202,7 +216,8 @@ def double_crops(site: Site) -> list[str]:
 
 
 def _flags(row: dict[str, Any]) -> list[str]:
-    month, flags = row["month"], []
+    month = row["month"]
+    flags = []
     if row["least"] > row["most"]:
         flags.append(
             f"{month}: the reserve needs floats: {row['least']}, and `least_share` allows {row['most']} at most. Use "
@@ -239,7 +254,10 @@ def write_season(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
 
 def page(found: dict[str, Any]) -> str:
     """The page's text."""
-    verdict = "The schedule holds in every month." if found["holds"] else "The schedule does not hold: see below."
+    if found["holds"]:
+        verdict = "The schedule holds in every month."
+    else:
+        verdict = "The schedule does not hold: see below."
     rows = [
         [
             row["month"],
@@ -270,7 +288,9 @@ def page(found: dict[str, Any]) -> str:
 
 
 def _margin(value: float | None) -> str:
-    return "no limit" if value is None else f"{value:+.2f}"
+    if value is None:
+        return "no limit"
+    return f"{value:+.2f}"
 
 
 def _csv(found: dict[str, Any]) -> str:

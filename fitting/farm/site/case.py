@@ -91,7 +91,8 @@ def refuse_overlap(groups: Sequence[tuple[str, Sequence[str]]], what: str) -> No
             owner[name] = path
 
 
-INTACT, BROKEN = "intact", "broken"
+INTACT = "intact"
+BROKEN = "broken"
 #: Time [s] of breaks that belong to other cases: their entries stay in the one compiled program.
 NEVER = 1e9
 #: Fields of a current that cases keep: its profile over depth, but not its change in time.
@@ -139,12 +140,16 @@ class Storm:
 
     @property
     def state(self) -> str:
-        return INTACT if self.broken is None else self.broken.name
+        if self.broken is None:
+            return INTACT
+        return self.broken.name
 
     @property
     def kind(self) -> str:
         """`intact` or `broken`: selects the factor."""
-        return INTACT if self.broken is None else BROKEN
+        if self.broken is None:
+            return INTACT
+        return BROKEN
 
     @property
     def still(self) -> tuple[Any, ...]:
@@ -175,7 +180,8 @@ def storms(site: Any) -> tuple[Storm, ...]:
     Raises:
         SceneError: a pair of return periods without a sea state or a current.
     """
-    lists, standard = site.lists, site.lists.standard
+    lists = site.lists
+    standard = site.lists.standard
     combined = [
         Storm(
             0,
@@ -215,7 +221,10 @@ def _current(site: Any, given: dict[str, Any] | None, direction: float) -> tuple
         return None, None
     heading = site.lists.current_direction
     own = site.scene.sea.current
-    profile = {} if own is None else {k: v for k, v in own.table().items() if k in PROFILE}
+    if own is None:
+        profile = {}
+    else:
+        profile = {k: v for k, v in own.table().items() if k in PROFILE}
     table = {
         **(profile if "kind" not in given else {}),
         **{k: v for k, v in given.items() if k not in ("name", "return_period")},

@@ -40,7 +40,9 @@ class Levels(CaseKind):
 
     @staticmethod
     def label(value: float) -> str | None:
-        return f"level {value:+g} m" if value else None
+        if value:
+            return f"level {value:+g} m"
+        return None
 
 
 #: Kinds of load cases by their key in `[cases]`.
@@ -99,7 +101,8 @@ class CaseLists(Section):
 
 def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
     """Pairs of return periods, taken out of `[cases]`: those of a standard, or the site's `pairs`; None without any."""
-    name, given = table.pop("standard", None), table.pop("pairs", None)
+    name = table.pop("standard", None)
+    given = table.pop("pairs", None)
     if name is None and given is None:
         return None
     known = standards("cases")

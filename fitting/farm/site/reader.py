@@ -85,7 +85,10 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
             read_text(name, f"{path}.{i}", known)
         _unique(path, names)
     unchecked = table.get("unchecked", [])
-    unchecked = [unchecked] if isinstance(unchecked, str) else read_list(unchecked, "unchecked", None, "patterns")
+    if isinstance(unchecked, str):
+        unchecked = [unchecked]
+    else:
+        unchecked = read_list(unchecked, "unchecked", None, "patterns")
     kinds_of_section = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
     sections: dict[str, Any] = {
         name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table
@@ -144,13 +147,17 @@ def site_text(source: str | Path) -> bytes:
     Raises:
         SceneError: neither a file nor a packaged site has this name.
     """
-    file, packaged = Path(source), packaged_sites()
+    file = Path(source)
+    packaged = packaged_sites()
     if str(source) in packaged and not file.exists():
         return packaged[str(source)].read_bytes()
     try:
         return file.read_bytes()
     except OSError as error:
-        hint = "see `dropper cases small-longline --print`" if file.suffix else nearest(str(source), packaged)
+        if file.suffix:
+            hint = "see `dropper cases small-longline --print`"
+        else:
+            hint = nearest(str(source), packaged)
         raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}; {hint}") from None
 
 
@@ -168,7 +175,9 @@ def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
         scene = Scene.from_dict(*find_scene(source))
     values = {f"parameters.{key}": value for key, value in _table(table, "parameters").items()}
     values |= _flat(_table(table, "set"))
-    return scene.with_values(values) if values else scene
+    if values:
+        return scene.with_values(values)
+    return scene
 
 
 def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
@@ -237,10 +246,13 @@ def _parts(
     unchecked: Sequence[str],
 ) -> tuple[Part, ...]:
     specs = {line.name: line.spec for line in whole_lines(scene)}
-    found, groups = [], [("unchecked", match_names(unchecked, lines, "unchecked"))]
+    found = []
+    groups = [("unchecked", match_names(unchecked, lines, "unchecked"))]
     for i, item in _items(table, "part"):
-        path, own = f"part.{i}", dict(read_table(item, f"part.{i}"))
-        given, curve = own.pop("factor", None), own.pop("curve", None)
+        path = f"part.{i}"
+        own = dict(read_table(item, f"part.{i}"))
+        given = own.pop("factor", None)
+        curve = own.pop("curve", None)
         part = PartTable.read(own, path)
         names = match_names(part.lines, lines, f"{path}.lines")
         groups.append((f"{path} ({part.name!r})", names))
@@ -288,9 +300,11 @@ def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> Factors
 
 def _anchors(table: Mapping[str, Any], scene: Scene, factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
     held = [point.name for point in scene.points if not point.is_free]
-    found, groups = [], []
+    found = []
+    groups = []
     for i, item in _items(table, "anchor"):
-        path, own = f"anchor.{i}", dict(read_table(item, f"anchor.{i}"))
+        path = f"anchor.{i}"
+        own = dict(read_table(item, f"anchor.{i}"))
         given = own.pop("factor", None)
         anchor = AnchorTable.read(own, path)
         points = match_names(anchor.points, held, f"{path}.points", "fixed point")

@@ -85,7 +85,9 @@ class Site:
     def break_time(self) -> float:
         """Time of breaks [s]."""
         given = self.lists.break_time
-        return 0.5 * (self.run.skip + self.run.duration) if given is None else given
+        if given is None:
+            return 0.5 * (self.run.skip + self.run.duration)
+        return given
 
     def run_of(self, storm: Storm) -> RunValues:
         """Values of the run of a load case: if a line breaks, the time before the break is not counted."""

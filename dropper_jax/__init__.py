@@ -83,6 +83,7 @@ PUBLIC = {
     "store_programs": "backend.programs",
     "tension_deviation": "frequency.linear_waves",
     "write_moordyn": "decks.writing.writer",
+    "with_length_in_time": "effects.length_in_time",
     "write_vtk": "report.vtk",
 }
 

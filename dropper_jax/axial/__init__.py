@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dropper_jax.axial.changing_length import LENGTH_IN_TIME, ChangingLength
 from dropper_jax.axial.damped_rope import DampedRope
 from dropper_jax.axial.elastic import AXIAL_RINGING, Elastic
 from dropper_jax.axial.law import AxialLaw, Groups, LinkStart
@@ -14,7 +15,9 @@ LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope, "damped_rope": DampedR
 __all__ = [
     "AXIAL_RINGING",
     "LAWS",
+    "LENGTH_IN_TIME",
     "AxialLaw",
+    "ChangingLength",
     "DampedRope",
     "Elastic",
     "Groups",

@@ -23,7 +23,7 @@ from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.consistent import stop_held_nodes
 from dropper_jax.integrators.runge_kutta import accelerations, powers
-from dropper_jax.model import Ends, Kinematics, Model, State
+from dropper_jax.model import Ends, Kinematics, LengthOverTime, Model, State
 from dropper_jax.residual import Implicit, LocalError, StepProblem, Unknowns, couples_inertia
 
 
@@ -87,6 +87,8 @@ class GeneralizedAlpha(Implicit):
     def refuse(self, model: Model) -> str | None:
         if not model.line.axial.elastic:
             return "it needs tensions that follow from lengths, but the links are rigid; set axial.law"
+        if model.having(LengthOverTime):
+            return "it needs constant lengths, but [[line.length_in_time]] changes them; use energy_momentum"
         if couples_inertia(model):
             return "added mass couples neighbouring nodes here; use energy_momentum"
         if not all(law.node_local for law in model.laws):

@@ -19,6 +19,7 @@ Rates = tuple[jax.Array, jax.Array, jax.Array]
 
 def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -> tuple[Rates, jax.Array]:
     """(r', v', work') and the tensions (n,) [N] at one instant."""
+    model = model.with_lengths(t)
     line = model.line
     k = model.instant(r, v, t)
     tension = line.axial.tension(k.links, k.link_velocities, line.length)
@@ -74,7 +75,8 @@ def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
     """The state after moving from s along the combined slope."""
     r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
     k = model.kinematics(r, v, s.t + h)
-    tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+    line = model.with_lengths(k.t).line
+    tension = line.axial.tension(k.links, k.link_velocities, line.length)
     if s.own:
         own = model.advance_internal_state(model.kinematics(s.r, s.v, s.t), k, tension, h)
     else:

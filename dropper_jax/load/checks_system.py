@@ -292,6 +292,9 @@ def check_scene(scene: SceneData) -> Iterator[Check]:
             vessel.rao is not None and (scene.sea is None or scene.sea.waves is None or scene.sea.ramp is None),
             f"vessel.{i}.rao: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`, or `motion`",
         )
+    for i, line in enumerate(scene.lines):
+        for j, changing in enumerate(line.length_in_time):
+            changing.check_run(f"line.{i}.length_in_time.{j}", scene.run.duration)
     for effect, values in scene.effects.items():
         if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
             check_water(effect, scene)

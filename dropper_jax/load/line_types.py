@@ -36,6 +36,7 @@ from dropper_jax.base.read import (
     read_text,
     refuse,
 )
+from dropper_jax.scene.length_in_time import of_pieces
 from dropper_jax.scene.line import LINK_LIMIT
 
 #: Spacing of attached points, relative to the line's length, below which a piece would have no length.
@@ -272,10 +273,14 @@ def _split(
             position = start + (end - start) * at / total
             points.append({"name": name, "kind": "free", "position": position.tolist()})
     name = line.get("name", "line")
+    changing = line.pop("length_in_time", None)
     found = []
     for (low, first), (high, last) in pairwise([(0.0, line.get("from")), *stops, (total, line.get("to"))]):
         piece = {**line, "name": f"{name}-{len(found) + 1}", "piece_of": name, "from": first, "to": last}
         found.append((piece, _between(sections, low, high)))
+    if changing is not None:
+        for (piece, _), own in zip(found, of_pieces(changing, f"{path}.length_in_time", len(found)), strict=True):
+            piece["length_in_time"] = own
     return found
 
 

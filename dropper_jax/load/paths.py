@@ -37,6 +37,7 @@ from dropper_jax.scene import (
 )
 from dropper_jax.scene.body import CylinderSpec, SphereSpec
 from dropper_jax.scene.fit import PriorSpec, SensorSpec
+from dropper_jax.scene.length_in_time import LengthInTimeSpec, WinchSpec
 from dropper_jax.scene.vessel import RaoSpec
 from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
 
@@ -75,6 +76,8 @@ def declared_sections() -> list[SectionRow]:
         ("line.*", "[[line]]", LineSpec),
         ("line.*.axial", "line.axial", None),
         ("line.*.growth", "line.growth", GrowthSpec),
+        ("line.*.length_in_time.*", "[[line.length_in_time]]", LengthInTimeSpec),
+        ("line.*.length_in_time.*.control", "line.length_in_time.control", WinchSpec),
         ("line_type.*", "[[line_type]]", LineType),
         ("buoy.*", "[[buoy]]", BuoySpec),
         ("body.*", "[[body]]", BodySpec),
@@ -135,6 +138,8 @@ def locate_written(table: Mapping[str, Any]) -> dict[str, Steps]:
         **_steps(table, "line.*.sections.*", OF_SECTIONS),
         **_steps(table, "line.*.attach.*", ("point", "at")),
         **_steps(table, "line.*.growth", declared_fields(GrowthSpec)),
+        **_steps(table, "line.*.length_in_time.*", declared_fields(LengthInTimeSpec)),
+        **_steps(table, "line.*.length_in_time.*.control", declared_fields(WinchSpec)),
     }
 
 

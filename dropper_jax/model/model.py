@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
+from dropper_jax.axial import ChangingLength
 from dropper_jax.base.fields import component
 from dropper_jax.model.effect import Effect, HolonomicConstraint, Law
 from dropper_jax.model.geometry import Ends
@@ -22,6 +23,7 @@ from dropper_jax.model.slots import (
     Displacement,
     ElementForce,
     Force,
+    LengthOverTime,
     PointMass,
     Potential,
     Prepared,
@@ -268,6 +270,30 @@ class Model:
             return self
         effects = tuple(e.entered(internal[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
         return dataclasses.replace(self, effects=effects)
+
+    def with_lengths(self, t: jax.Array | float, h: jax.Array | None = None) -> Model:
+        """The model whose tensions and energies are those of the unstretched lengths of an instant t [s], or of a step
+        of h [s] that starts then; the same model if no length changes in time.
+
+        Masses, weights and water forces keep the lengths of the scene.
+        """
+        changing = self.having(LengthOverTime)
+        if not changing:
+            return self
+        t = jnp.asarray(t, self.dtype)
+
+        def lengths(time: jax.Array) -> jax.Array:
+            return changing[0].lengths(self.line, time)
+
+        if h is None:
+            after, rate = jax.jvp(lengths, (t,), (jnp.ones_like(t),))
+            before = after
+        else:
+            before = lengths(t)
+            after = lengths(t + h)
+            rate = (after - before) / h
+        axial = ChangingLength(self.line.axial, before, after, rate)
+        return dataclasses.replace(self, lines=(dataclasses.replace(self.line, axial=axial),))
 
     def initial_internal_state(self) -> dict[str, Frozen]:
         """Internal states of the effects at the start of a run, by effect."""

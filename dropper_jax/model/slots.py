@@ -10,6 +10,7 @@ import numpy as np
 from dropper_jax.base.numerics import scatter_add_many
 from dropper_jax.model.graph import Graph
 from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView
+from dropper_jax.model.line import Line
 
 
 @runtime_checkable
@@ -114,6 +115,14 @@ class Displacement(Protocol):
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement at time t, (3,) [m]; with `needs_sea` the sea is a second argument."""
+
+
+@runtime_checkable
+class LengthOverTime(Protocol):
+    """Unstretched lengths that change in time; a model has at most one such effect."""
+
+    def lengths(self, line: Line, t: jax.Array) -> jax.Array:
+        """Unstretched lengths of all links at time t [s], (n,) [m]; `line.length` where they do not change."""
 
 
 @runtime_checkable

@@ -15,10 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.axial import LENGTH_IN_TIME
 from dropper_jax.base.fields import component, option
 from dropper_jax.model.kinematics import Frozen
 from dropper_jax.model.model import MOVING_ENDS, Model
-from dropper_jax.model.slots import AddedMass
+from dropper_jax.model.slots import AddedMass, LengthOverTime
 
 Works = Mapping[str, jax.Array]
 #: Name of the energy lost with broken links.
@@ -27,11 +28,13 @@ BREAKING = "breaking"
 
 def work_names(model: Model) -> tuple[str, ...]:
     """Names of the entries of `State.work`, in order: non-conservative effects, laws, turning added mass, the axial
-    law, moving ends, broken links."""
+    law, changing lengths, moving ends, broken links."""
     names = [effect.name for effect in model.working]
     names += [law.name for law in model.laws if law.name not in names]
     names += [turning(effect) for effect in model.having(AddedMass)]
     names += model.line.axial.work_names
+    if model.having(LengthOverTime):
+        names.append(LENGTH_IN_TIME)
     if model.moving:
         names.append(MOVING_ENDS)
     if model.line.failures is not None:

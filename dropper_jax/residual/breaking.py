@@ -33,7 +33,8 @@ def break_links(model: Model, before: Model, s: State, s1: State) -> State:
 def _link_energy(model: Model, s: State) -> jax.Array:
     """Energy [J] of links before they break: of stretch and, for lines with bending stiffness, of bending."""
     k = model.kinematics(s.r, s.v, s.t)
-    own = model.line.axial.energy(k.links, model.line.length)
+    line = model.with_lengths(s.t).line
+    own = line.axial.energy(k.links, line.length)
     return sum((e.potential(k) for e in model.effects if e.parts), own)
 
 

@@ -123,7 +123,7 @@ class Implicit(Integrator, ABC):
 
     def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
         """The equations of one step."""
-        return self.equations(model.with_internal_state(s.own), s, h)
+        return self.equations(model.with_internal_state(s.own).with_lengths(s.t, h), s, h)
 
     def refuse(self, model: Model) -> str | None:
         if model.geometry.branched and not self.networkable:

@@ -17,6 +17,7 @@ from dropper_jax.effects.body_bed import BodyBed, BodyBedFriction
 from dropper_jax.effects.body_buoyancy import BodyBuoyancy, BodyBuoyancyInWaves, Pieces
 from dropper_jax.effects.body_water import BodyWater
 from dropper_jax.effects.buoyancy import displaced_diameter
+from dropper_jax.effects.length_in_time import changing_lengths
 from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
 from dropper_jax.effects.rigid_bodies import MOMENTS, RigidBodies, tetrahedron
 from dropper_jax.effects.spar_buoys import SparBuoys
@@ -220,7 +221,10 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
         sea = make_sea(scene.sea, line_reach(scene))
     line = _line(scene, index, len(corners))
     model = Model(
-        (*points, *corners), (line,), (*effects, *_bodies(scene, index), *rigid, *make_vessels(scene, sea)), sea
+        (*points, *corners),
+        (line,),
+        (*effects, *_bodies(scene, index), *rigid, *make_vessels(scene, sea), *changing_lengths(scene)),
+        sea,
     )
     model = model.cast(dtype or scene.run.dtype)
     for effect in model.effects:

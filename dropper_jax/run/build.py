@@ -156,7 +156,7 @@ def _state_of_spec(model: Model, start: StartSpec, near: State | None, there: bo
 @cached_jit()
 def _under_tension(model: Model, s: State) -> State:
     """The state with the tensions of its first instant."""
-    acting = model.with_internal_state(s.own)
+    acting = model.with_internal_state(s.own).with_lengths(s.t)
     if acting.constraints:  # lines in scenes with bodies stretch, so their lengths determine their tensions
         k = acting.kinematics(s.r, s.v, s.t)
         return replace(s, tension=acting.line.axial.tension(k.links, k.link_velocities, acting.line.length))

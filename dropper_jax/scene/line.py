@@ -31,10 +31,12 @@ from dropper_jax.base.read import (
     declared_fields,
     plain,
     read_fields,
+    read_items,
     read_table,
     refuse,
     short_text,
 )
+from dropper_jax.scene.length_in_time import LengthInTimeSpec, check_changing_lengths
 
 
 class Grown(NamedTuple):
@@ -152,16 +154,18 @@ class LineSpec:
     #: Further fields declared by the law's class, per link.
     constants: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     growth: GrowthSpec | None = None
+    length_in_time: tuple[LengthInTimeSpec, ...] = ()
 
     @classmethod
     def read(cls, table: Plain, path: str) -> LineSpec:
         own = dict(read_table(table, path))
-        check_keys(own, [*declared_fields(cls), "axial", "growth", *BY_THE_METRE], path)
+        check_keys(own, [*declared_fields(cls), "axial", "growth", "length_in_time", *BY_THE_METRE], path)
         for key in BY_THE_METRE:
             if key in own:
                 raise SceneError(f"{path}.{key}: is only used together with `type` or `sections`")
         axial = own.pop("axial", {"law": "rigid"})
         growth = own.pop("growth", None)
+        changing = own.pop("length_in_time", [])
         links = own.get("links")
         # a wrong number is rejected when the field is read
         count = links if isinstance(links, int) and 0 < links <= LINK_LIMIT else 1
@@ -173,7 +177,11 @@ class LineSpec:
             if values.get(key) is not None:
                 values[key] = _per_link(values[key], count)
         values["constants"] = {key: _per_link(value, count) for key, value in values.get("constants", {}).items()}
-        return cls(**values, growth=None if growth is None else GrowthSpec.read(growth, f"{path}.growth"))
+        growth = None if growth is None else GrowthSpec.read(growth, f"{path}.growth")
+        changing = read_items(LengthInTimeSpec.read, changing, f"{path}.length_in_time")
+        spec = cls(**values, growth=growth, length_in_time=changing)
+        check_changing_lengths(changing, f"{path}.length_in_time", spec.name, spec.length, spec.rigid)
+        return spec
 
     @property
     def total(self) -> float:
@@ -188,6 +196,8 @@ class LineSpec:
         found = {key: _one_or_all(value) for key, value in as_table(self).items()}
         if self.growth is not None:
             found["growth"] = self.growth.table()
+        if self.length_in_time:
+            found["length_in_time"] = [item.table() for item in self.length_in_time]
         if self.rigid:
             return found
         axial = {"EA": self.EA, "damping": self.axial_damping, **self.constants}

@@ -55,7 +55,7 @@ def observe(
     internal: Mapping[str, Frozen] | None = None,
 ) -> Observed:
     """Observe one instant; energies are those of the raw velocities, which the scheme conserves."""
-    model = as_parted(model, parted).with_internal_state(internal or {})
+    model = as_parted(model, parted).with_internal_state(internal or {}).with_lengths(t)
     s = replace(state(model, r), v=v, t=t)
     ends = model.ends(t)
     k = model.instant(r, v, t, ends)

@@ -1,0 +1,231 @@
+"""Unstretched lengths of links that change in time: winches, active tensioning, hauling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.effects.end_motion import interpolate_quintic
+from dropper_jax.model import Effect, Kinematics, Line, Model, ModelView
+from dropper_jax.scene import SceneData
+
+
+@component
+class LengthTable:
+    """Total length of some links over time; before and after the table it is constant."""
+
+    time: jax.Array = parameter("times of the rows", unit="s", shape="table")
+    length: jax.Array = parameter("total length at those times", unit="m", shape="table")
+    smooth: bool = option("quintics between the rows (as `end_motion`), not straight lines", default=False)
+    links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
+
+    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
+        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
+        if self.smooth:
+            return interpolate_quintic(t, self.time, self.length[:, None])[0]
+        return jnp.interp(t, self.time, self.length)
+
+    @property
+    def corners(self) -> jax.Array | None:
+        """Times (k,) [s] at which it is not smooth."""
+        return self.time
+
+
+@component
+class LengthFunction:
+    """Total length of some links as a JAX function of time and of parameters."""
+
+    parameters: Any
+    function: Callable[[jax.Array, Any], jax.Array] = option("length [m] of (time [s], parameters)")
+    links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
+    corners: ClassVar[jax.Array | None] = None
+
+    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
+        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
+        return jnp.asarray(self.function(t, self.parameters), t.dtype)
+
+
+@component
+class WinchState:
+    """Time [s] at which a winch was last set, total length [m] then, rate since [m/s], integral of the error [N s]."""
+
+    t: jax.Array
+    length: jax.Array
+    rate: jax.Array
+    integral: jax.Array
+
+
+@component
+class Winch:
+    """A proportional-integral winch on the tension T of the end link, set once per step:
+
+        dL/dt = k_p (T - T*) + k_i int (T - T*) dt,    within the limits of rate and length
+
+    The integral stops while the rate is at a limit. First order in the step.
+    """
+
+    target: jax.Array = parameter("tension T*", unit="N", low=0.0)
+    gain: jax.Array = parameter("k_p [m/s/N] and k_i [m/s^2/N]", unit="-", shape="table", low=0.0)
+    limits: jax.Array = parameter("lowest and highest rate", unit="m/s", shape="table")
+    range: jax.Array = parameter("shortest and longest total length", unit="m", shape="table", low=0.0)
+    now: WinchState | None = None
+    links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
+    measured: int = option("link whose tension is measured", default=0)
+    corners: ClassVar[jax.Array | None] = None
+
+    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
+        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
+        if self.now is None:
+            return initial
+        return jnp.clip(self.now.length + self.now.rate * (t - self.now.t), self.range[0], self.range[1])
+
+    def begin(self, initial: jax.Array) -> WinchState:
+        """Its state at the start of a run."""
+        zero = jnp.zeros_like(initial)
+        return WinchState(zero, initial, zero, zero)
+
+    def advance(self, t: jax.Array, tension: jax.Array, h: jax.Array) -> WinchState:
+        """Its state after a step of h [s] that ended at t [s] with these tensions (n,) [N]."""
+        error = tension[self.measured] - self.target
+        integral = self.now.integral + h * error
+        wanted = self.gain[0] * error + self.gain[1] * integral
+        rate = jnp.clip(wanted, self.limits[0], self.limits[1])
+        integral = jnp.where(rate == wanted, integral, self.now.integral)
+        return WinchState(t, self.total(t, self.now.length), rate, integral)
+
+
+ChangingLinks = LengthTable | LengthFunction | Winch
+
+
+@component
+class LengthInTime(Effect):
+    """Unstretched lengths of links that change in time, shared among the links of an entry as in the scene.
+
+    Tensions, internal damping and energies follow the lengths of the instant; the work of the drums is recorded as
+    `length_in_time`. Masses, weights and water forces of the links do not change.
+    """
+
+    name: ClassVar[str] = "length_in_time"
+    entries: tuple[ChangingLinks, ...] = ()
+
+    def lengths(self, line: Line, t: jax.Array) -> jax.Array:
+        """Unstretched lengths of all links at time t [s], (n,) [m]."""
+        found = line.length
+        for entry in self.entries:
+            initial = _total(line, entry)
+            changes = np.isin(np.arange(line.links), entry.links)
+            found = jnp.where(changes, line.length * (entry.total(t, initial) / initial), found)
+        return found
+
+    @property
+    def corners(self) -> jax.Array | None:
+        times = [entry.corners for entry in self.entries if entry.corners is not None]
+        if times:
+            return jnp.concatenate(times)
+        return None
+
+
+@component
+class ControlledLength(LengthInTime):
+    """The same with winches, whose states a run carries."""
+
+    def begin(self, model: ModelView) -> tuple[WinchState | None, ...]:
+        line = model.line
+        return tuple(entry.begin(_total(line, entry)) if isinstance(entry, Winch) else None for entry in self.entries)
+
+    def entered(self, state: tuple[WinchState | None, ...]) -> ControlledLength:
+        pairs = zip(self.entries, state, strict=True)
+        return replace(self, entries=tuple(entry if now is None else replace(entry, now=now) for entry, now in pairs))
+
+    def advance(
+        self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array
+    ) -> tuple[WinchState | None, ...]:
+        return tuple(entry.advance(after.t, tension, h) if isinstance(entry, Winch) else None for entry in self.entries)
+
+
+def _total(line: Line, entry: ChangingLinks) -> jax.Array:
+    """Total length [m] of the links of an entry in the scene."""
+    return jnp.sum(line.length[np.array(entry.links)])
+
+
+def changing_lengths(scene: SceneData) -> list[Effect]:
+    """The effect of all `[[line.length_in_time]]` of a scene, in a list that is empty without any."""
+    entries: list[ChangingLinks] = []
+    start = 0
+    for line in scene.lines:
+        for spec in line.length_in_time:
+            own = spec.numbers(line.links)
+            links = tuple(start + i for i in own)
+            if spec.control is None:
+                entries.append(LengthTable(spec.time, spec.length, spec.between == "smooth", links))
+            else:
+                control = spec.control
+                measured = links[0 if spec.end == "from" else -1]
+                entries.append(
+                    Winch(
+                        np.asarray(control.target),
+                        control.gain,
+                        control.limits,
+                        control.lengths,
+                        links=links,
+                        measured=measured,
+                    )
+                )
+        start += line.links
+    if not entries:
+        return []
+    if any(isinstance(entry, Winch) for entry in entries):
+        return [ControlledLength(tuple(entries))]
+    return [LengthInTime(tuple(entries))]
+
+
+def with_length_in_time(
+    model: Model,
+    function: Callable[[jax.Array, Any], jax.Array],
+    parameters: Any = (),
+    line: str | None = None,
+    end: str = "to",
+    links: int = 1,
+) -> Model:
+    """The model with links at an end of a line whose total unstretched length [m] is a JAX function of time.
+
+    Derivatives by the `parameters` are those by `model.effect("length_in_time").entries[i].parameters`. A state for the
+    model is `dj.state(model, r, v)` or `dj.initial_state(model, scene.start)`: its ledger of work has an entry more.
+
+    Args:
+        function: length [m] of (time [s], parameters), by functions of `jax.numpy`, positive; at t = 0 that of the
+            links. Static: a new function is compiled again, other parameters are not.
+        parameters: arrays, or a tree of them.
+        line: name of the line; the first one if omitted.
+        end: `from` or `to`.
+        links: number of links nearest that end.
+
+    Raises:
+        SceneError: an unknown line, links that it does not have, rigid links, or a length at t = 0 that differs.
+    """
+    members = model.geometry.members
+    names = [member.name for member in members]
+    line = names[0] if line is None else line
+    if line not in names:
+        raise SceneError(f"line: {line!r} is not a line; {nearest(line, names)}")
+    span = model.geometry.spans[names.index(line)]
+    count = span.stop - span.start
+    if end not in ("from", "to") or not 1 <= links <= count:
+        raise SceneError(f"links: {links} at {end!r}; allowed: 1 to {count} at 'from' or 'to' of line {line!r}")
+    first = span.start if end == "from" else span.stop - links
+    chosen = tuple(range(first, first + links))
+    if model.line.axial.rigid(model.line.links)[list(chosen)].any():
+        raise SceneError(f"line: the links of {line!r} are rigid. Use a line that stretches, such as a rope")
+    entry = LengthFunction(jax.tree.map(jnp.asarray, parameters), function, chosen)
+    known = model.effect(LengthInTime.name)
+    if known is None:
+        return replace(model, effects=(*model.effects, LengthInTime((entry,))))
+    more = replace(known, entries=(*known.entries, entry))
+    return replace(model, effects=tuple(more if effect is known else effect for effect in model.effects))

@@ -1,0 +1,270 @@
+"""Links whose unstretched length changes in time: a mass on a spring against SciPy, energy, derivatives, winches."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import dropper_jax as dj
+from dropper_jax.model import work_names
+from dropper_jax.stepping.integrate import observe
+
+MASS = 20.0  # [kg]
+EA = 4000.0  # [N]
+BA = 150.0  # [N s]
+LENGTH = 5.0  # [m]
+GRAVITY = 9.81
+DURATION = 4.0  # [s]
+TIME = [0.0, 0.5, 1.5, 3.0, 4.0]  # [s]
+TABLE = [5.0, 5.0, 3.8, 4.4, 4.4]  # [m]
+
+
+def scene(changing, dt=0.01, law="elastic", links=1, **run):
+    """A mass on a vertical line that starts at rest in its equilibrium."""
+    return {
+        "name": "mass on a winch",
+        "run": {"dt": dt, "duration": DURATION, **run},
+        "point": [
+            {"name": "drum", "position": [0.0, 0.0, 0.0]},
+            {"name": "mass", "position": [0.0, 0.0, -LENGTH], "kind": "free"},
+        ],
+        "line": [
+            {
+                "name": "rope",
+                "from": "drum",
+                "to": "mass",
+                "links": links,
+                "length": LENGTH / links,
+                "mass": MASS / links,
+                "axial": {"law": law, "EA": EA, "damping": BA},
+                "length_in_time": changing,
+            }
+        ],
+        "effects": {"weight": {}},
+        "start": {"kind": "static"},
+    }
+
+
+def table(**more):
+    return [{"end": "from", "time": TIME, "length": TABLE, **more}]
+
+
+def by_scipy(length, times, breaks=()):
+    """Position below the drum (k,) [m], tension (k,) [N], and energy of the drum (k,) [J] by DOP853."""
+
+    def tension(t, x, v):
+        now, rate = length(t)
+        return EA * (x - now) / now + BA * (v - rate) / now
+
+    def slope(t, y):
+        x, v, _ = y
+        now, rate = length(t)
+        pull = tension(t, x, v)
+        strain = (x - now) / now
+        return [v, GRAVITY - pull / MASS, -(pull + 0.5 * EA * strain**2) * rate]
+
+    start = length(0.0)[0]
+    state = np.array([start * (1.0 + MASS * GRAVITY / EA), 0.0, 0.0])
+    found = []
+    ends = np.unique([0.0, *breaks, times[-1]])
+    for a, b in zip(ends[:-1], ends[1:], strict=True):
+        inside = times[(times > a) & (times <= b)]
+        ran = solve_ivp(
+            lambda t, y, a=a, b=b: slope(np.clip(t, a + 1e-12, b - 1e-12), y),
+            (a, b),
+            state,
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-12,
+            t_eval=np.unique([*inside, b]),
+        )
+        found += list(ran.y.T[np.isin(ran.t, inside)])
+        state = ran.y[:, -1]
+    return np.array(found).T
+
+
+def linear(t):
+    i = int(np.clip(np.searchsorted(TIME, t, side="right") - 1, 0, len(TIME) - 2))
+    rate = (TABLE[i + 1] - TABLE[i]) / (TIME[i + 1] - TIME[i])
+    return TABLE[i] + rate * (t - TIME[i]), rate
+
+
+def smooth(t, end=3.8):
+    """From 5 m to `end` and back over 4 s."""
+    half = 0.5 * (LENGTH - end)
+    return LENGTH - half * (1.0 - np.cos(0.5 * np.pi * t)), -half * 0.5 * np.pi * np.sin(0.5 * np.pi * t)
+
+
+def smooth_by_jax(t, end):
+    return LENGTH - 0.5 * (LENGTH - end) * (1.0 - jnp.cos(0.5 * jnp.pi * t))
+
+
+def run_of(model, start, integrator, count):
+    stepper = dj.make_stepper(model, integrator)
+    ran = jax.jit(lambda s, h: dj.integrate(stepper, model, s, h, count, count // 100)[1])
+    return ran(start, DURATION / count)
+
+
+def differences(model, run, length, breaks=()):
+    """Errors against SciPy: of the position, over 5 m; of the work of the drum, over its maximum."""
+    times = DURATION * np.arange(1, 101) / 100
+    x, _, drum = by_scipy(length, times, breaks)
+    booked = np.asarray(run.work)[:, work_names(model).index("length_in_time")]
+    position = np.max(np.abs(-np.asarray(run.r)[:, 0, 2] - x)) / LENGTH
+    return position, np.max(np.abs(booked - drum)) / np.max(np.abs(drum))
+
+
+def test_mass_on_a_spring_of_changing_length_agrees_with_dop853_to_second_order():
+    model, start = dj.build(scene(table()))
+    errors = np.array(
+        [differences(model, run_of(model, start, "energy_momentum", count), linear, TIME) for count in (400, 800, 3200)]
+    )
+    orders = np.log(errors[:-1] / errors[1:]) / np.log([[2.0], [4.0]])
+    assert np.all(np.abs(orders - 2.0) < 0.05)
+    assert errors[-1, 0] < 1e-6
+    assert errors[-1, 1] < 1e-5
+
+
+def test_runge_kutta_follows_a_smooth_function_of_time():
+    plain, _ = dj.build(scene([], integrator="rk4"))
+    model = dj.with_length_in_time(plain, smooth_by_jax, 3.8, end="from")
+    start = dj.state(model, dj.equilibrium(model).state.r)
+    position, drum = differences(model, run_of(model, start, "rk4", 400), smooth)
+    assert position < 1e-7
+    assert drum < 1e-6
+
+
+@pytest.mark.parametrize("law", ["elastic", "rope", "damped_rope"])
+def test_energy_balance_closes_to_rounding(law):
+    solution = dj.simulate(scene(table(), law=law, links=3))
+    assert solution.status == "ok"
+    total = solution.kinetic + solution.potential - np.sum(solution.work, axis=1)
+    scale = np.max(np.abs(solution.work[:, solution.work_names.index("length_in_time")]))
+    assert np.max(np.abs(total - total[0])) < 1e-9 * scale
+
+
+def test_derivatives_by_length_and_rate_agree_with_differences_of_runs():
+    model, start = dj.build(scene([{**table()[0], "time": [0.0, 0.503, 1.507, 3.0, 4.0]}]))
+    stepper = dj.make_stepper(model, "energy_momentum")
+    chosen = {"final length": ("length", 3), "rate": ("time", 2)}
+
+    @jax.jit
+    def loads(shift):
+        entry = model.effect("length_in_time").entries[0]
+        for by, (field, first) in zip(shift, chosen.values(), strict=True):
+            values = getattr(entry, field)
+            last = len(TIME) if field == "length" else first + 1
+            entry = dataclasses.replace(entry, **{field: values.at[first:last].add(by)})
+        changed = dataclasses.replace(model.effect("length_in_time"), entries=(entry,))
+        effects = tuple(changed if effect.name == "length_in_time" else effect for effect in model.effects)
+        run = dj.integrate(stepper, dataclasses.replace(model, effects=effects), start, 0.01, 400)[1]
+        return jnp.stack([jnp.max(run.tension), jnp.mean(run.tension)])
+
+    exact = jax.jacrev(loads)(jnp.zeros(2))
+    step = 1e-5
+    by_differences = np.stack([(loads(step * e) - loads(-step * e)) / (2.0 * step) for e in np.eye(2)], axis=1)
+    assert np.allclose(exact, by_differences, rtol=1e-5, atol=1e-6 * np.max(np.abs(by_differences)))
+    assert np.all(np.abs(exact[:, 1]) > 1.0)
+
+
+def test_statics_use_the_length_at_the_start():
+    model, start = dj.build(scene(table()))
+
+    def depth(length):
+        entry = dataclasses.replace(model.effect("length_in_time").entries[0], length=length)
+        changed = dataclasses.replace(model.effect("length_in_time"), entries=(entry,))
+        effects = tuple(changed if effect.name == "length_in_time" else effect for effect in model.effects)
+        return -dj.equilibrium(dataclasses.replace(model, effects=effects)).state.r[0, 2]
+
+    length = jnp.asarray(TABLE)
+    stretched = 1.0 + MASS * GRAVITY / EA
+    assert np.isclose(depth(length.at[0].set(4.0)), 4.0 * stretched, rtol=1e-9)
+    assert np.allclose(jax.grad(depth)(length), [stretched, 0.0, 0.0, 0.0, 0.0], rtol=1e-9)
+
+
+def winch(**more):
+    control = {"target": 500.0, "gain": [2e-4, 4e-4], "limits": [-0.1, 0.1], "lengths": [2.0, 6.0], **more}
+    return [{"end": "to", "control": control}]
+
+
+def test_winch_follows_its_equations_to_first_order():
+    """Two links between fixed points, 5.2 m apart: tension rises from 160 N to the target of 500 N."""
+    span = 5.2
+    table = scene(winch(), links=2)
+    table["point"][1] = {"name": "mass", "position": [span, 0.0, 0.0]}
+    table["effects"] = {}
+    table["start"] = {"kind": "positions", "positions": [[0.0, 0.0, 0.0], [span / 2, 0.0, 0.0], [span, 0.0, 0.0]]}
+    half = 0.5 * LENGTH
+    mass = 0.5 * MASS
+
+    def slope(t, y):
+        x, v, length, integral = y
+        first = EA * (x / half - 1.0) + BA * v / half
+        spring = EA * ((span - x) / length - 1.0) - BA * v / length
+        # the rate acts on the tension that it is set by
+        rate = 0.0
+        for _ in range(6):
+            error = spring - BA * rate / length - 500.0
+            wanted = 2e-4 * error + 4e-4 * integral
+            rate = min(max(wanted, -0.1), 0.1)
+        return [v, (spring - BA * rate / length - first) / mass, rate, error if rate == wanted else 0.0]
+
+    exact = solve_ivp(slope, (0.0, DURATION), [span / 2, 0.0, half, 0.0], rtol=1e-7, atol=1e-8).y[:, -1]
+    errors = []
+    for dt in (0.01, 0.005):
+        model, start = dj.build({**table, "run": {**table["run"], "dt": dt}})
+        stepper = dj.make_stepper(model, "energy_momentum")
+        count = round(DURATION / dt)
+        last, run = jax.jit(partial(dj.integrate, stepper, steps=count))(model, start, dt)
+        now = last.own["length_in_time"][0]
+        errors.append(abs(now.length - exact[2]))
+        rates = np.diff(np.asarray(run.own["length_in_time"][0].length)) / dt
+        assert np.max(np.abs(rates)) <= 0.1 * (1.0 + 1e-9)
+    assert errors[1] < 1e-3
+    assert 1.6 < errors[0] / errors[1] < 2.4
+    end = observe(model, last.r, last.v, last.t, internal=last.own)
+    begun = observe(model, start.r, start.v, start.t, internal=start.own)
+    added = end.kinetic + end.potential - begun.kinetic - begun.potential
+    assert np.isclose(added, jnp.sum(last.work), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changing", "run", "message"),
+    [
+        (table(length=[5.0, 5.0, 0.0, 4.4, 4.4]), {}, "length_in_time.0.length.2: 0.0 is not"),
+        (table(length=[4.0, 5.0, 3.0, 4.4, 4.4]), {}, "length: 4 m at t = 0, but these links of 'rope' are 5 m long"),
+        (table(), {"duration": 9.0}, "time: 0 to 4 s, but the run lasts from 0 to 9 s"),
+        (table(links=3), {}, "length_in_time.0.links: 3, but 'rope' has 1 links; allowed: 1 to 1"),
+        (table(time=[0.0, 0.5, 0.4, 3.0, 4.0]), {}, "time: [0.0, 0.5, 0.4, 3.0, 4.0] does not rise"),
+        (table(link=1), {}, "needs `end` ('from' or 'to'), or `link`; one of them"),
+        (table(control=winch()[0]["control"]), {}, "or `control`; one of the two"),
+        (winch(limits=[0.1, 0.2]), {}, "control.limits: [0.1, 0.2] does not contain 0"),
+        (table(), {"integrator": "generalized_alpha"}, "it needs constant lengths"),
+    ],
+)
+def test_bad_input_gives_one_line(changing, run, message):
+    with pytest.raises(dj.SceneError) as error:
+        dj.simulate(scene(changing, **run))
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_rigid_lines_are_refused():
+    rigid = scene(table())
+    rigid["line"][0]["axial"] = {"law": "rigid"}
+    with pytest.raises(dj.SceneError, match="the links of 'rope' are rigid. Use a line that stretches"):
+        dj.load_scene(rigid)
+
+
+def test_table_survives_writing_and_reading():
+    loaded = dj.load_scene(scene([*table(between="smooth", length=[2.5, 2.5, 2.0, 2.0, 2.0]), *winch()], links=2))
+    again = dj.load_scene(loaded.to_dict())
+    assert again.to_dict() == loaded.to_dict()
+    changed = again.with_values({"line.rope.length_in_time.0.length.2": 3.0})
+    assert changed.line.length_in_time[0].length[2] == 3.0

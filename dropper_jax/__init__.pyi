@@ -15,6 +15,7 @@ from dropper_jax.decks.reading.reader import read_moordyn as read_moordyn
 from dropper_jax.decks.writing.writer import write_moordyn as write_moordyn
 from dropper_jax.effects import Effect as Effect
 from dropper_jax.effects import register as register
+from dropper_jax.effects.length_in_time import with_length_in_time as with_length_in_time
 from dropper_jax.frequency.linear_waves import tension_deviation as tension_deviation
 from dropper_jax.frequency.response import frequency_response as frequency_response
 from dropper_jax.integrators import INTEGRATORS as INTEGRATORS

@@ -68,7 +68,7 @@ class Winch:
 
         dL/dt = k_p (T - T*) + k_i int (T - T*) dt,    within the limits of rate and length
 
-    The integral stops while the rate is at a limit. First order in the step.
+    The integral stops while the rate or the length is at a limit. First order in the step.
     """
 
     target: jax.Array = parameter("tension T*", unit="N", low=0.0)
@@ -96,9 +96,12 @@ class Winch:
         error = tension[self.measured] - self.target
         integral = self.now.integral + h * error
         wanted = self.gain[0] * error + self.gain[1] * integral
+        length = self.total(t, self.now.length)
         rate = jnp.clip(wanted, self.limits[0], self.limits[1])
+        at_end = ((length <= self.range[0]) & (rate < 0.0)) | ((length >= self.range[1]) & (rate > 0.0))
+        rate = jnp.where(at_end, 0.0, rate)
         integral = jnp.where(rate == wanted, integral, self.now.integral)
-        return WinchState(t, self.total(t, self.now.length), rate, integral)
+        return WinchState(t, length, rate, integral)
 
 
 ChangingLinks = LengthTable | LengthFunction | Winch
@@ -164,7 +167,9 @@ def changing_lengths(scene: SceneData) -> list[Effect]:
             own = spec.numbers(line.links)
             links = tuple(start + i for i in own)
             if spec.control is None:
-                entries.append(LengthTable(spec.time, spec.length, spec.between == "smooth", links))
+                table = LengthTable(spec.time, spec.length, spec.between == "smooth", links)
+                _check_between_rows(line.name, table)
+                entries.append(table)
             else:
                 control = spec.control
                 measured = links[0 if spec.end == "from" else -1]
@@ -184,6 +189,23 @@ def changing_lengths(scene: SceneData) -> list[Effect]:
     if any(isinstance(entry, Winch) for entry in entries):
         return [ControlledLength(tuple(entries))]
     return [LengthInTime(tuple(entries))]
+
+
+def _check_between_rows(name: str, table: LengthTable) -> None:
+    """Reject a smooth table whose quintics pass zero between its rows."""
+    if not table.smooth:
+        return
+    rows = np.arange(len(table.time))
+    # the quintics of a table have few turning points between two rows
+    t = np.interp(np.linspace(0.0, rows[-1], 20 * rows[-1] + 1), rows, table.time)
+    time, length = (jnp.asarray(column) for column in (table.time, table.length))
+    found = np.asarray(jax.vmap(lambda at: interpolate_quintic(at, time, length[:, None])[0])(jnp.asarray(t)))
+    lowest = int(np.argmin(found))
+    if found[lowest] <= 0.0:
+        raise SceneError(
+            f"line {name!r}: length_in_time falls to {found[lowest]:.4g} m at {t[lowest]:.4g} s, between the rows; "
+            "allowed: > 0 m. Use between = 'linear', or more rows"
+        )
 
 
 def with_length_in_time(

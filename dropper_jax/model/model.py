@@ -271,11 +271,12 @@ class Model:
         effects = tuple(e.entered(internal[e.name]) if isinstance(e, Stateful) else e for e in self.effects)
         return dataclasses.replace(self, effects=effects)
 
-    def with_lengths(self, t: jax.Array | float, h: jax.Array | None = None) -> Model:
+    def with_lengths(self, t: jax.Array | float, h: jax.Array | None = None, still: bool = False) -> Model:
         """The model whose tensions and energies are those of the unstretched lengths of an instant t [s], or of a step
         of h [s] that starts then; the same model if no length changes in time.
 
-        Masses, weights and water forces keep the lengths of the scene.
+        Masses, weights and water forces keep the lengths of the scene. With `still` the drums stop at the instant, for
+        statics.
         """
         changing = self.having(LengthOverTime)
         if not changing:
@@ -288,6 +289,8 @@ class Model:
         if h is None:
             after, rate = jax.jvp(lengths, (t,), (jnp.ones_like(t),))
             before = after
+            if still:
+                rate = jnp.zeros_like(rate)
         else:
             before = lengths(t)
             after = lengths(t + h)

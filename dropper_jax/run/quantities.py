@@ -28,6 +28,7 @@ from dropper_jax.base.fields import component, option
 from dropper_jax.base.numerics import horizontal_norm, safe_norm, trace_once
 from dropper_jax.model import Model, Parted, State, state
 from dropper_jax.model.geometry import Member
+from dropper_jax.model.slots import LengthOverTime, Stateful
 from dropper_jax.run.end_links import load_on_fixed_point
 from dropper_jax.statics.modes import natural_periods
 from dropper_jax.stepping.extremes import Extremes
@@ -262,6 +263,11 @@ class Quantity:
     ) -> jax.Array:
         """The signal (members,) of one instant: free nodes (nodes, 3) and tensions (n,) at time t [s]."""
         if self.signal == "energy":
+            if any(isinstance(effect, Stateful) for effect in model.having(LengthOverTime)):
+                raise SceneError(
+                    "energy: depends on the lengths that winches have set, which this quantity does not have; "
+                    "allowed: in scenes whose line.length_in_time are tables"
+                )
             seen = observe(model, r, v, t, parted)
             return (seen.kinetic + seen.potential)[None]
         if self.signal == "anchor":

@@ -70,7 +70,7 @@ def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0, ne
     """
     if near is not None or _is_traced((model, loads)):
         return _differentiable(model, loads, t, near)
-    return search(model.with_lengths(t), loads, t)
+    return search(model.with_lengths(t, still=True), loads, t)
 
 
 def _is_traced(tree: object) -> bool:
@@ -130,7 +130,7 @@ def settle(model: Model, near: State, loads: jax.Array | None = None, there: boo
 
 def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
     """The equilibrium, and the model that is at rest there."""
-    model = rest(full.with_lengths(near.t))
+    model = rest(full.with_lengths(near.t, still=True))
     if model.constraints or model.line.axial.elastic:
         friction = outward(full)
         if friction is not None:

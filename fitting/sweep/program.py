@@ -306,7 +306,7 @@ def run_case(
     why = jnp.where(jnp.isfinite(tally.residual), STATUS.index("not_converged"), STATUS.index("non_finite"))
     code = jnp.where(failed, why, 0)
     s = progress.state
-    seen = observe(model, s.r, s.v, s.t, s.parted)
+    seen = observe(model, s.r, s.v, s.t, s.parted, s.own)
     known = {
         "tension_max": tally.largest,
         "tension_mean": tally.total / run.rows,

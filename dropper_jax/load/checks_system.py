@@ -281,6 +281,13 @@ def body_warnings(scene: SceneData) -> tuple[str, ...]:
     )
 
 
+def check_changing_lengths_until(scene: SceneData, end: float) -> None:
+    """Check that tables of lengths cover a run that ends at this time [s]."""
+    for i, line in enumerate(scene.lines):
+        for j, changing in enumerate(line.length_in_time):
+            changing.check_run(f"line.{i}.length_in_time.{j}", end)
+
+
 @raises_first
 def check_scene(scene: SceneData) -> Iterator[Check]:
     """Check the parts of a scene against each other: effects with bodies, vessels, water and growth."""
@@ -292,9 +299,7 @@ def check_scene(scene: SceneData) -> Iterator[Check]:
             vessel.rao is not None and (scene.sea is None or scene.sea.waves is None or scene.sea.ramp is None),
             f"vessel.{i}.rao: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`, or `motion`",
         )
-    for i, line in enumerate(scene.lines):
-        for j, changing in enumerate(line.length_in_time):
-            changing.check_run(f"line.{i}.length_in_time.{j}", scene.run.duration)
+    check_changing_lengths_until(scene, scene.run.duration)
     for effect, values in scene.effects.items():
         if EFFECTS[effect].needs_water or EFFECTS[effect].needs_sea:
             check_water(effect, scene)

@@ -16,6 +16,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, SimulationError
 from dropper_jax.base.toml_text import html_table
 from dropper_jax.integrators import OPTIONS
+from dropper_jax.load.checks_system import check_changing_lengths_until
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
@@ -252,6 +253,7 @@ def simulate(
     if start is not None:
         may_go_on(start.status, start.failure)
         same_scene(scene, start.scene)
+        check_changing_lengths_until(scene, float(start.t[-1]) + scene.run.duration)
         if errors:
             raise SceneError("errors: restarts the scene, so it cannot be combined with a run to continue")
     say = progress or (lambda fraction, text: None)

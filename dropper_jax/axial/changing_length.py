@@ -96,17 +96,15 @@ class ChangingLength(AxialLaw):
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         return self.law.energy(d, self.after)
 
-    def works(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> dict[str, jax.Array]:
+    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+        return self.law.works(self._start(start), self._end(d1), self._middle, h)
+
+    def drum_works(self, d0: jax.Array, d1: jax.Array, tension: jax.Array) -> dict[str, jax.Array]:
         law = self.law
         middle = self._middle
-        moved = self._start(start)
-        end = self._end(d1)
-        change = law.energy(d1, self.after) - law.energy(start.d, self.before)
-        change = change - (law.energy(end, middle) - law.energy(moved.d, middle))
-        drum = change - jnp.sum(tension * (self.after - self.before))
-        return {**law.works(moved, end, tension, middle, h), LENGTH_IN_TIME: drum}
+        stored = law.energy(d1, self.after) - law.energy(d0, self.before)
+        by_elongation = law.energy(self._end(d1), middle) - law.energy(_lengthened(d0, middle - self.before), middle)
+        return {LENGTH_IN_TIME: stored - by_elongation - jnp.sum(tension * (self.after - self.before))}
 
     def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
         now = self.after

@@ -141,9 +141,7 @@ class Elastic(AxialLaw):
         """Stored energy of each link (n,) [J]."""
         return 0.5 * self.EA / length * (size - length) ** 2
 
-    def works(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> dict[str, jax.Array]:
+    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
         """Work over a step by name, scalars [J]: of the damper, never positive, and of the ringing force, which also
         stores and returns energy."""
         step = _Step.of(self, start, length, h)

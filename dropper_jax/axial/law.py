@@ -88,10 +88,13 @@ class AxialLaw(ABC):
         """Stored energy, scalar [J]."""
         return jnp.zeros((), d.dtype)
 
-    def works(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> dict[str, jax.Array]:
-        """Work over a step by name, scalars [J], of links under a tension (n,) [N]; of a damper never positive."""
+    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+        """Work over a step by name, scalars [J]; of a damper never positive."""
+        return {}
+
+    def drum_works(self, d0: jax.Array, d1: jax.Array, tension: jax.Array) -> dict[str, jax.Array]:
+        """Work over a step by name, scalars [J], of drums that change the unstretched lengths of links under a tension
+        (n,) [N]."""
         return {}
 
     def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
@@ -187,10 +190,8 @@ class Groups(AxialLaw):
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         return sum(law.energy(d[m], length[m]) for law, m in self._each())
 
-    def works(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> dict[str, jax.Array]:
-        return self._add_tables([law.works(_of(start, m), d1[m], tension[m], length[m], h) for law, m in self._each()])
+    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+        return self._add_tables([law.works(_of(start, m), d1[m], length[m], h) for law, m in self._each()])
 
     def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
         return self._add_tables([law.powers(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])

@@ -241,8 +241,9 @@ class MidpointProblem(StepProblem):
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
         ends = {name: h * power for name, power in self._end_powers(u, self._directions(links1), k).items()}
-        axial = line.axial.works(self.start, links1, u.y, line.length, h)
-        return book_works(model, works, stopped, struck, turned, axial, ends)
+        axial = line.axial.works(self.start, links1, line.length, h)
+        drums = line.axial.drum_works(self.links0, links1, u.y)
+        return book_works(model, works, stopped, struck, turned, axial, drums, ends)
 
     def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
         """Energy [J] that added mass gains by turning: change of its kinetic energy minus the work against its inertia.

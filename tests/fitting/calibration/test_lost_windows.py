@@ -47,10 +47,10 @@ def prepared(trace):
 
 
 def fit_by(simulator, traces, scene, start):
-    """The default fit from this start, by a compiled simulator of the scene; None: by its own."""
+    """The fit of both coefficients from this start, by a compiled simulator of the scene; None: by its own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fitting.calibration.fit.prepare", partial(prepare, simulator=simulator))
-        return fit(traces, scene, start=dict(zip(NAMES, start, strict=True)))
+        return fit(traces, scene, NAMES, start=dict(zip(NAMES, start, strict=True)))
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def result(trace, prepared):
     return fit_by(prepared.simulator, [trace], rig(), 5 * TRUTH)
 
 
-def test_the_default_fit_of_a_lifted_dropper_finds_its_damping(result):
+def test_the_fit_of_a_lifted_dropper_finds_its_damping(result):
     assert result.status == "ok"
     assert np.all(np.abs(result.values - TRUTH) < 3.5 * result.uncertainty.std_error)
     assert 0.93 < result.rms / NOISE < 1.05

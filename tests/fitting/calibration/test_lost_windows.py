@@ -161,6 +161,7 @@ def swapped(trace):
     return replace(trace, theta=theta)
 
 
+@pytest.mark.check
 def test_a_stretch_that_no_start_explains_is_left_out_and_listed(swapped, prepared):
     result = fit_by(prepared.simulator, [swapped], rig(), 2 * TRUTH)
     table = result.to_json()
@@ -171,6 +172,7 @@ def test_a_stretch_that_no_start_explains_is_left_out_and_listed(swapped, prepar
     assert np.all(np.abs(result.values - TRUTH) < 4 * result.uncertainty.std_error)
 
 
+@pytest.mark.check
 def test_a_model_that_misses_its_trace_is_no_ok_until_its_error_is_stated(trace):
     heavy = {"mass": [0.02, 0.02, 0.025, 0.02]}
     missed = fit_by(None, [trace], rig(**heavy), TRUTH)

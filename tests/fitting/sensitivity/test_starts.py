@@ -82,6 +82,7 @@ def test_lines_settled_between_given_points_follow_their_length():
     assert slope[0] == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.check
 def test_a_natural_period_is_a_quantity_of_the_start():
     at_rest = study(TABLE, "period.1.start", NUMBERS[:1])
     p = at_rest.parameters[0]

@@ -51,6 +51,7 @@ from dropper_jax.statics.modes import natural_periods as natural_periods
 from dropper_jax.statics.static_pose import settle as settle
 from dropper_jax.statics.stiffness import mooring_stiffness as mooring_stiffness
 from dropper_jax.stepping.adaptive import adaptive_step_lengths as adaptive_step_lengths
+from dropper_jax.stepping.adaptive import integrate_adaptively as integrate_adaptively
 from dropper_jax.stepping.integrate import Trajectory as Trajectory
 from dropper_jax.stepping.integrate import integrate as integrate
 from dropper_jax.stepping.integrate import step_lengths as step_lengths

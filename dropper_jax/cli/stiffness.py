@@ -35,7 +35,6 @@ help = "stiffness matrix of points and rigid bodies about the static equilibrium
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
-        "stiffness ballasted-spar",
         "stiffness paper-case-4 --points buoy --out stiffness.csv",
         "stiffness ballasted-spar --of spar --lines-only --at 0,0,0",
     )

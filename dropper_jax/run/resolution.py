@@ -124,8 +124,8 @@ def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
             yield f"{buoy.name}: at rest its base is on the seabed"
 
 
-#: Maximum number of lines listed for one fault: a farm may have thousands with the same.
-MOST_WARNINGS = 20
+#: Maximum number of lines listed for one fault: the ropes of a longline often share it, and a farm may have thousands.
+MOST_WARNINGS = 3
 
 
 #: Energy of unresolved axial vibrations, as a fraction of all dissipated work and of the energy scale, above which it

@@ -46,7 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(
         parser,
         "fit encoder.csv",
-        "fit traces.csv --scene dropper-release-a --report report",
         "fit traces.csv --scene my-dropper.toml --free b_l,b_q --held-out 12:16",
     )
     parser.add_argument(

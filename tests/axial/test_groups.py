@@ -142,7 +142,7 @@ def test_a_pendulum_in_a_system_of_lines_swings_with_the_period_of_the_elliptic_
         np.testing.assert_allclose(run.tension[-1, 0], 3 * (5.0 + 0.15) * 9.81, rtol=1e-3)  # m g + m v^2 / L
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_energy_is_kept_where_rigid_links_hang_from_ropes():
     table = bare(
         [

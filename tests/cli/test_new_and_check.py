@@ -15,8 +15,13 @@ from dropper_jax.load.periods import suggest_step
 from dropper_jax.run.growth import end_force_vectors
 from dropper_jax.scene import line_slices, whole_lines
 
+#: Templates whose programs take longest to compile.
+LARGE = ("farm", "mussels")
 
-@pytest.mark.parametrize("kind", KINDS)
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=pytest.mark.check) if kind in LARGE else kind for kind in KINDS]
+)
 def test_a_template_runs_without_warnings_and_every_section_is_commented(tmp_path, capsys, kind):
     file = tmp_path / f"{kind}.toml"
     assert main(["new", kind, str(file)]) == 0

@@ -82,6 +82,7 @@ def test_forces_at_rest_are_the_slope_of_the_springs_energy(attitude):
     assert float(jnp.sum(back * way)) == pytest.approx(float(jnp.sum(forward * other)), rel=1e-9)
 
 
+@pytest.mark.check
 def test_a_drum_that_sinks_comes_to_rest_on_the_bed():
     ran = dj.simulate(scene((0.0, 0.1, 0.0), height=-18.5), halvings=0)
     weight = G * (3000.0 - RHO * np.pi / 4 * 2.0)

@@ -181,6 +181,7 @@ def drum(friction, velocity, attitude=(0.0, 0.0, 0.0), duration=3.0, dt=0.005, b
     }, weight
 
 
+@pytest.mark.check
 def test_a_drum_that_slides_stops_after_the_way_of_dry_friction():
     friction, speed = 0.4, 1.0
     scene, weight = drum(friction, [speed, 0.0, 0.0], duration=1.2)
@@ -195,6 +196,7 @@ def test_a_drum_that_slides_stops_after_the_way_of_dry_friction():
     assert np.all(ran.work[-1, list(ran.work_names).index("body_bed")] < 0.0)
 
 
+@pytest.mark.check
 def test_a_ball_that_slides_ends_rolling_with_the_speed_of_the_textbook():
     # friction turns it until it rolls, m (v0 - v) r = I v/r: v = v0 m r^2/(m r^2 + I)
     scene, _ = drum(0.3, [1.0, 0.0, 0.0], ball=True, duration=1.5)

@@ -54,6 +54,7 @@ def test_coupled_surge_heave_and_pitch_of_a_moored_spar(spar):
     np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=2e-3)
 
 
+@pytest.mark.check
 def test_heave_decays_as_its_equation_says(spar):
     scene = spar(coefficients={"cat": 1.0, "cdt": 5.0}, position=(0.0, 0.0, -4.2), slices=8)
     solution = dj.simulate({**scene, "run": {"dt": 0.02, "duration": 20.0}})

@@ -88,6 +88,7 @@ def crossings():
     return [np.asarray(x) for x in found]
 
 
+@pytest.mark.check
 def test_fifty_random_crossings_pass_nowhere_and_gain_no_energy(crossings):
     nodes, energy, failed, halved = crossings
     assert failed.sum() == 0

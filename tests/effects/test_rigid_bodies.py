@@ -118,6 +118,7 @@ def test_arm_on_a_short_rope_swings_as_a_compound_pendulum():
     assert solution.energy_drift < 1e-6 * solution.energy_scale
 
 
+@pytest.mark.check
 def test_gradient_of_a_tumbling_body_against_differences(both_modes):
     model, start = build(stone(duration=0.5))
     stepper = make_stepper(model).plain

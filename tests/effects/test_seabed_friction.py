@@ -154,6 +154,7 @@ def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags
     assert float(slope) == pytest.approx(float(ahead - behind) / 2e-4, rel=1e-6)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("law", "scheme", "dt"),
     [

@@ -88,6 +88,7 @@ def test_the_command_prints_damping_ratios_and_refuses_an_amplitude_of_nothing(c
     assert "allowed: above 0 m" in capsys.readouterr().out
 
 
+@pytest.mark.check
 def test_modes_of_a_body_come_first_and_shares_are_fractions_of_the_kinetic_energy(capsys):
     """The spar on its chain: among all modes those of the chain have hardly any of the body's energy."""
     assert main(["modes", "paper-case-1-pitching", "--of", "spar", "--count", "4", "--json"]) == 0

@@ -80,6 +80,7 @@ def test_forces_turn_with_the_arms():
     assert matrix[5, 5] == pytest.approx(across * arm**2 + 2.0 * pull * arm, rel=1e-3)
 
 
+@pytest.mark.check
 def test_another_reference_and_back_is_the_same_matrix():
     scene = dj.load_scene("ballasted-spar")
     model = build_model(scene)

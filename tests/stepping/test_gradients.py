@@ -173,7 +173,7 @@ def test_gradients_under_vmap_are_those_of_each_member():
     np.testing.assert_allclose(jax.jit(jax.vmap(jax.jacfwd(one)))(b), alone, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_checkpointing_changes_no_derivative():
     stepper = dj.make_stepper(model_of(SMALL)).plain
     plain, kept = (
@@ -216,8 +216,15 @@ def conical_end(b, **choice):
     return jnp.sum(dj.integrate(stepper, changed, s, DT, 2)[0].v ** 2)
 
 
-@pytest.mark.parametrize("outer", [jax.jacfwd, jax.grad])
-@pytest.mark.parametrize("inner", [jax.jacfwd, jax.grad])
+@pytest.mark.parametrize(
+    ("outer", "inner"),
+    [
+        (jax.jacfwd, jax.grad),
+        pytest.param(jax.jacfwd, jax.jacfwd, marks=pytest.mark.check),
+        pytest.param(jax.grad, jax.jacfwd, marks=pytest.mark.check),
+        pytest.param(jax.grad, jax.grad, marks=pytest.mark.check),
+    ],
+)
 def test_second_derivatives_are_those_of_differences(outer, inner):
     h = 1e-4
     first = jax.jit(inner(conical_end))

@@ -55,7 +55,7 @@ def compiled(*cases):
     return json.loads(subprocess.run(call, env=environment, capture_output=True, check=True, text=True).stdout)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_runs_of_packaged_scenes_are_one_small_call():
     found = compiled(*FORWARD, *GRADIENT)
     for case in FORWARD:

@@ -21,6 +21,7 @@ from fitting.estimate.uncertainty import uncertainty
 from fitting.report.report import one_run_picture
 
 
+@pytest.mark.check
 def test_damping_of_another_simulators_traces_is_found_without_bias(two, ten):
     assert all(result.status == "ok" for result in ten)
     assert all(result.seconds["run"] > 0 for result in ten)  # what another fit compiled is no part of its time
@@ -36,6 +37,7 @@ def test_ninety_percent_intervals_cover_the_truth_at_least_seven_times_in_ten(tw
     assert np.all(width < 0.5)
 
 
+@pytest.mark.check
 def test_runs_with_gaps_are_fitted_together(two, ready, motion, ten):
     first = two.seen(motion, 20)
     first.theta[150:180] = np.nan  # most of a window

@@ -196,6 +196,7 @@ def test_shares_follow_the_scores_and_sum_to_one():
     assert found[1] / found[0] == pytest.approx(np.exp(-3.0), rel=1e-6)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("law", "effect", "field", "truth"),
     [("dry", "joint_friction", "dry", 0.02), ("linear", "linear_damping", "b_l", 0.03)],

@@ -118,7 +118,7 @@ def program(tmp_path_factory, chain):
     return names
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_the_short_program_of_the_docs_ends_where_separate_windows_do_from_ten_times_off(program):
     begin = {"b_l": 0.02, "b_q": 0.01}
     settings = FitSettings(window=0.5)
@@ -148,6 +148,7 @@ def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
     assert 0.1 < np.mean(np.any(np.diff(draws, axis=0) != 0, axis=1)) < 0.7
 
 
+@pytest.mark.check
 def test_a_release_whose_windows_have_no_start_is_refused(program):
     with pytest.raises(SceneError, match=r"free: 'release\.time\.0' cannot be part of this loss. Use"):
         loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"], settings=FitSettings(window=0.5))

@@ -93,6 +93,7 @@ def fit_file(folder, trace, toml, capsys, *more):
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
@@ -204,6 +205,7 @@ def test_short_windows_name_a_wrong_file_of_a_free_end(two, ready, motion, spoil
     assert words in found if words else found == ""
 
 
+@pytest.mark.check
 def test_columns_of_two_different_runs_are_not_explained_by_a_change_of_the_file(two, ready, motion):
     first, other = two.seen(motion, 6), two.seen(two.swing([0.4, -1.0]), 7)
     prepared = ready(column(first, 1, lambda _: other.theta[:, 1]))

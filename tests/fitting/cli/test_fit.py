@@ -172,6 +172,7 @@ def test_intervals_by_profile_and_bootstrap_stand_beside_the_errors_and_priors_h
     assert found["noise"]["sigma_rad"][0][0] == pytest.approx(0.005, rel=0.1)
 
 
+@pytest.mark.check
 def test_a_fit_that_does_not_converge_keeps_its_best_point_and_exits_with_3(files, capsys):
     code = main(
         ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--iterations", "1",

@@ -49,6 +49,7 @@ def test_a_kick_out_of_the_plane_is_told_from_slant_and_lens(runs, slant, bendin
     assert found[0.15] > 2 * OUT_OF_PLANE
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("kick", [0.0, 0.15])
 def test_the_film_of_a_kicked_chain_is_said_to_leave_its_plane_by_tracker_and_fit(runs, tmp_path, kick):
     run = runs[kick]

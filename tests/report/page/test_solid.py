@@ -150,6 +150,7 @@ def test_a_ruler_shows_the_distance_of_two_nodes_and_a_link_gives_the_view_again
     np.testing.assert_allclose(seen["eye"]["shift"], [30, -20], atol=0.1)
 
 
+@pytest.mark.check
 def test_two_runs_side_by_side_share_clock_camera_and_colours(solution, longline, in_browser):
     other = longline(0.0)
     other.tension[:] *= 3.0

@@ -28,6 +28,7 @@ SITE = {
 }
 
 
+@pytest.mark.check
 def test_a_link_that_is_gone_pulls_nothing_and_the_others_as_before():
     model, start = build(load_scene("looped-longline").with_values({"parameters.loops": 1, "parameters.loop_links": 2}))
     site = read_site(SITE)

@@ -118,7 +118,7 @@ class LengthInTime(Effect):
     name: ClassVar[str] = "length_in_time"
     entries: tuple[ChangingLinks, ...] = ()
 
-    def lengths(self, line: Line, t: jax.Array) -> jax.Array:
+    def unstretched_lengths(self, line: Line, t: jax.Array) -> jax.Array:
         """Unstretched lengths of all links at time t [s], (n,) [m]."""
         found = line.length
         for entry in self.entries:

@@ -284,7 +284,7 @@ class Model:
         t = jnp.asarray(t, self.dtype)
 
         def lengths(time: jax.Array) -> jax.Array:
-            return changing[0].lengths(self.line, time)
+            return changing[0].unstretched_lengths(self.line, time)
 
         if h is None:
             after, rate = jax.jvp(lengths, (t,), (jnp.ones_like(t),))

@@ -121,7 +121,7 @@ class Displacement(Protocol):
 class LengthOverTime(Protocol):
     """Unstretched lengths that change in time; a model has at most one such effect."""
 
-    def lengths(self, line: Line, t: jax.Array) -> jax.Array:
+    def unstretched_lengths(self, line: Line, t: jax.Array) -> jax.Array:
         """Unstretched lengths of all links at time t [s], (n,) [m]; `line.length` where they do not change."""
 
 

@@ -146,6 +146,8 @@ def values_of(cls: type) -> list[tuple[str, str, Any, dict[str, Any]]]:
         for key, law in (("axial_law", {"law": "elastic", "EA": 1e6}), ("tables", TABLE)):
             found.append((key, "", {f"line.{i}.axial": law for i in range(4)}, LINKS))
         found += rows("line.0", growth=GROWTH)
+        hauled = {"end": "from", "links": 1, "time": [0.0, 1e4], "length": [7.5, 7.4]}
+        found += rows("line.0", LINKS, length_in_time=[hauled])
         found += rows("line.0", {**LINKS, "failure": []}, piece_of="whole")
         # keys of lines by the metre
         found += rows("line.0", shelter=0.6)

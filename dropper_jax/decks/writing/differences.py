@@ -162,6 +162,7 @@ def _things(scene: Scene) -> Iterator[Difference]:
             f"{of}: nodes 'far' is not represented; MoorDyn's links have half at each node",
         )
         yield line.breaking_load is not None, f"{of}: breaking load is not represented"
+        yield bool(line.length_in_time), f"{of}: lengths that change in time are not represented"
     floats = [p.name for p in scene.points if scene.sea and scene.sea.density * (p.volume or 0.0) > (p.mass or 0.0)]
     yield bool(floats), wet_floats_note(floats)
     for vessel in scene.vessels:

@@ -182,6 +182,14 @@ def test_its_derivatives_are_those_of_differences(name):
 
 
 @pytest.mark.parametrize("name", ALL)
+def test_it_keeps_single_precision(name):
+    model = build_model(scene_of(name), "float32")
+    places = jax.ShapeDtypeStruct((model.free_nodes, 3), jnp.float32)
+    force = jax.eval_shape(lambda r, v: model.force(model.instant(r, v, jnp.float32(0.7))), places, places)
+    assert force.dtype == jnp.float32
+
+
+@pytest.mark.parametrize("name", ALL)
 def test_it_has_a_row_of_costs(name):
     model = model_of(name)
     rows = [row.removeprefix("without ") for row, _ in model_variants(model)]

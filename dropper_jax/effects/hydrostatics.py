@@ -150,9 +150,13 @@ class Cylinders(NamedTuple):
         change = jnp.where(flat, 1.0, last - first)
         return cls(first, last, half, across, radius, radius**2 * length, change, flat)
 
+    def quadrature(self) -> tuple[jax.Array, jax.Array]:
+        """Gauss points from 0 to 1 and their weights, in the precision of the cylinders."""
+        return jnp.asarray(POINTS, self.first.dtype), jnp.asarray(WEIGHTS, self.first.dtype)
+
     def at_points(self) -> tuple[jax.Array, jax.Array]:
         """Depths and half heights of sections (n, points)."""
-        depths = self.first[:, None] + (self.last - self.first)[:, None] * POINTS
+        depths = self.first[:, None] + (self.last - self.first)[:, None] * self.quadrature()[0]
         return depths, jnp.broadcast_to(self.half[:, None], depths.shape)
 
     def at_ends(self, of: Callable[[jax.Array, jax.Array], jax.Array]) -> tuple[jax.Array, jax.Array]:
@@ -166,21 +170,24 @@ class Cylinders(NamedTuple):
 
     def energy(self) -> jax.Array:
         """U/(rho g) (n,) [m^4]."""
-        return self.size * jnp.where(self.flat, section(*self.at_points()) @ WEIGHTS, self._rise(_along))
+        _, weights = self.quadrature()
+        return self.size * jnp.where(self.flat, section(*self.at_points()) @ weights, self._rise(_along))
 
     def volume(self) -> jax.Array:
         """Submerged volume (n,) [m^3]."""
-        return self.size * jnp.where(self.flat, _width(*self.at_points()) @ WEIGHTS, self._rise(section))
+        _, weights = self.quadrature()
+        return self.size * jnp.where(self.flat, _width(*self.at_points()) @ weights, self._rise(section))
 
     def push(self) -> jax.Array:
         """Buoyancy divided by rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""
+        share, weights = self.quadrature()
         points = self.at_points()
         mean = self._rise(_along)
         first, last = self.at_ends(section)
         width = _width(*points)
-        by_first = jnp.where(self.flat, width @ (WEIGHTS * (1 - POINTS)), (mean - first) / self.change)
-        by_last = jnp.where(self.flat, width @ (WEIGHTS * POINTS), (last - mean) / self.change)
-        by_half = jnp.where(self.flat, _tilt(*points) @ WEIGHTS, self._rise(_along_tilt))
+        by_first = jnp.where(self.flat, width @ (weights * (1 - share)), (mean - first) / self.change)
+        by_last = jnp.where(self.flat, width @ (weights * share), (last - mean) / self.change)
+        by_half = jnp.where(self.flat, _tilt(*points) @ weights, self._rise(_along_tilt))
         # d half/d across = a^2 across/half, and d across of a displaced end is 1/L: with a^2 L before, a^4/across/half
         aside = (self.radius**4 / self.half * by_half)[:, None] * self.across
         up = self.size[:, None, None] * jnp.stack([by_first, by_last], axis=1)[..., None]

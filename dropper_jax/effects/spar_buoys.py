@@ -86,7 +86,7 @@ class SparBuoys(Effect):
         sea = k.model.sea
         base = r[:, 2] - self.attachment
         elevation = sea.elevation(r, k.t)
-        heights = base[:, None] + self.draught(base, elevation)[:, None] * NODES
+        heights = base[:, None] + self.draught(base, elevation)[:, None] * jnp.asarray(NODES, r.dtype)
         across = (jnp.broadcast_to(r[:, i : i + 1], heights.shape) for i in (0, 1))
         positions = jnp.stack([*across, heights], axis=-1)
         motion = sea.at(positions.reshape(-1, 3), k.t)

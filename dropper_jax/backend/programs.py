@@ -178,7 +178,8 @@ def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool)
     if kernel:
         lowered, is_kernel = lower_kernel(one, values, LARGEST_KERNEL)
     else:
-        lowered, is_kernel = (None, False)
+        lowered = None
+        is_kernel = False
     if is_kernel:
         # not if it has an operation that this version's compiler does not compile inline
         with suppress(jax.errors.JaxRuntimeError):

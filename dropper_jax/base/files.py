@@ -100,9 +100,11 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
 def unwritable(path: Path, error: Exception) -> OSError:
     """The same error with the name of the target file."""
     if isinstance(error, OSError):
-        number, reason = (error.errno, error.strerror)
+        number = error.errno
+        reason = error.strerror
     else:
-        number, reason = (None, None)
+        number = None
+        reason = None
     reason = " ".join(str(reason or error).split())
     if reason.startswith("cannot be written"):
         reason = reason

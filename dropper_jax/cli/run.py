@@ -376,9 +376,11 @@ def _extent_cells(values: Mapping[str, float], mean: bool = True) -> list[str]:
         return f"{values[key]:.6g}"
 
     if mean:
-        middle, final = (newtons("mean"), newtons("final"))
+        middle = newtons("mean")
+        final = newtons("final")
     else:
-        middle, final = ("-", "-")
+        middle = "-"
+        final = "-"
     return [newtons("min"), seconds("min_s"), middle, newtons("max"), seconds("max_s"), final]
 
 

@@ -100,7 +100,8 @@ def _draw(name: str, found: dict[str, Any], gravity: float, picture: Path) -> No
     if waves is None:
         raise SceneError(f"--regimes: scene {name!r} has no waves. Use a scene with [sea.waves]")
     if waves["kind"] == "regular":
-        height, period = ("height_m", "period_s")
+        height = "height_m"
+        period = "period_s"
     else:
         height, period = SIGNIFICANT
     regimes([(name, waves[height], waves[period], found["depth_m"])], gravity, picture)

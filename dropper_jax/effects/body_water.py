@@ -122,7 +122,8 @@ class BodyWater(Effect):
 
         def find_water() -> tuple[jax.Array, ...]:
             if levels is None:
-                level, end_level = (k.prepared(self).level, k.prepared(self).end_level)
+                level = k.prepared(self).level
+                end_level = k.prepared(self).end_level
             else:
                 level, end_level = levels
             along, out = self._axes(k)

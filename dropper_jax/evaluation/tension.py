@@ -271,6 +271,11 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
             picked = sorted({0, int(np.argmax(deviation)), spec.links - 1})
         counted = [cycles(record.tension[:, where.links.start + j]) for j in picked]
         counted = [c[c[:, 0] > least] for c in counted]
+        if load is None or settings.curve_k is None:
+            damages = None
+        else:
+            pairs = zip(counted, picked, strict=True)
+            damages = [damage(c, load[j], settings.curve_k, settings.curve_m) for c, j in pairs]
         found.append(
             {
                 "line": where.name,
@@ -278,16 +283,7 @@ def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
                 "cycles": [float(c[:, 2].sum()) for c in counted],
                 "equivalent_range_n": [_equivalent(c, settings.curve_m) for c in counted],
                 "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
-                **_damages(
-                    record,
-                    [
-                        damage(c, load[j], settings.curve_k, settings.curve_m)
-                        for c, j in zip(counted, picked, strict=True)
-                    ]
-                    if load is not None and settings.curve_k is not None
-                    else None,
-                    NO_LOAD if load is None else NO_CURVE,
-                ),
+                **_damages(record, damages, NO_LOAD if load is None else NO_CURVE),
             }
         )
     return found

@@ -117,12 +117,10 @@ def with_library_points(table: Mapping[str, Any]) -> dict[str, Any]:
     if "point" in found:
         found["point"] = _points(found["point"], "point")
     if isinstance(found.get("unit"), Mapping):
-        found["unit"] = {
-            name: {**unit, "point": _points(unit["point"], f"unit.{name}.point")}
-            if isinstance(unit, Mapping) and "point" in unit
-            else unit
-            for name, unit in found["unit"].items()
-        }
+        found["unit"] = dict(found["unit"])
+        for name, unit in found["unit"].items():
+            if isinstance(unit, Mapping) and "point" in unit:
+                found["unit"][name] = {**unit, "point": _points(unit["point"], f"unit.{name}.point")}
     return found
 
 

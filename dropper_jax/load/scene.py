@@ -196,6 +196,9 @@ class Scene(SceneData):
         check_anchors(anchors, [point.name for point in points if not point.is_free])
         if "run" not in table:
             raise SceneError("run: missing; needed: a table with `duration`")
+        season = None
+        if "growth" in table:
+            season = SeasonSpec.read(table["growth"], [(line.name, line.piece_of) for line in lines])
         scene = cls(
             name=read_text(table.get("name", name), "name"),
             description=read_text(table.get("description", ""), "description"),
@@ -215,9 +218,7 @@ class Scene(SceneData):
             ),
             fit=FitSpec.read(table["fit"], "fit") if "fit" in table else None,
             anchors=anchors,
-            season=SeasonSpec.read(table["growth"], [(line.name, line.piece_of) for line in lines])
-            if "growth" in table
-            else None,
+            season=season,
             written=written,
             template=template,
         )

@@ -118,9 +118,11 @@ def _link_axis(axes: Axes, run: Run, letter: str = "y") -> None:
         axis.set_major_locator(MaxNLocator(8, integer=True))
         return
     if letter == "y":
-        edge, colour = (axes.axhline, "white")
+        edge = axes.axhline
+        colour = "white"
     else:
-        edge, colour = (axes.axvline, "#E3E5E8")
+        edge = axes.axvline
+        colour = "#E3E5E8"
     for line in run.written_lines[1:]:
         edge(line.links.start + 0.5, color=colour, lw=1.0)
     # maximum number of lines that are named along an axis, in smaller letters than up to `MOST`
@@ -148,9 +150,11 @@ def grid(
     rows = max(1, round(0.85 * math.sqrt(len(chosen))))
     columns = math.ceil(len(chosen) / rows)
     if len(chosen) == 1:
-        width, height = (6.0, 4.5)
+        width = 6.0
+        height = 4.5
     else:
-        width, height = (2.9 * columns + 0.3, 2.4 * rows + 0.9)
+        width = 2.9 * columns + 0.3
+        height = 2.4 * rows + 0.9
     figure = style.new_figure(max(width, 6.0), height)
     panels = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share).ravel()
     for axes, link in zip(panels, chosen, strict=False):

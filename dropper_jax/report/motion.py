@@ -23,10 +23,11 @@ def watch_circles(record: Record) -> list[dict[str, Any]]:
             continue
         mean = path.mean(axis=0)
         about = np.hypot(*(path - mean)[:, :2].T)
+        static = None
+        from_static = None
         if record.static_start:
             static = record.solution.point_path(point.name)[0]
-        else:
-            static = None
+            from_static = float(np.hypot(*(path - static)[:, :2].T).max())
         found.append(
             {
                 "point": point.name,
@@ -36,9 +37,7 @@ def watch_circles(record: Record) -> list[dict[str, Any]]:
                 "radius_max_m": float(about.max()),
                 "radius_95_m": float(np.percentile(about, 95)),
                 "static_m": static,
-                "radius_from_static_max_m": None
-                if static is None
-                else float(np.hypot(*(path - static)[:, :2].T).max()),
+                "radius_from_static_max_m": from_static,
             }
         )
     return found

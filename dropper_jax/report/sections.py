@@ -214,13 +214,14 @@ def _largest_snap(line: dict[str, Any]) -> float:
 
 
 def _snap_row(line: dict[str, Any], what: str) -> Cells:
+    peak = "none"
+    if line["shown"]:
+        peak = with_position(line["shown"][0], newton(_largest_snap(line)), "peak_s")
     return {
         "line": line["line"],
         "events in the worst link": str(line["most_events"]),
         f"{what}, worst link [% of time]": _percent(line["largest_share_slack"]),
-        "largest peak [N]": with_position(line["shown"][0], newton(_largest_snap(line)), "peak_s")
-        if line["shown"]
-        else "none",
+        "largest peak [N]": peak,
     }
 
 
@@ -250,17 +251,18 @@ def fatigue(lines: list[dict[str, Any]]) -> str:
 def _fatigue_row(line: dict[str, Any]) -> Cells:
     worst = int(np.argmax(line["equivalent_range_n"]))
     with_load = line["damage"] is not None
+    life = "-"
+    if with_load and line["life_years"] is None:
+        life = "no damage"
+    elif with_load:
+        life = f"{line['life_years']:.3g}"
     return {
         "line": line["line"],
         "cycles": f"{line['cycles'][worst]:g}",
         "equivalent range [N]": newton(line["equivalent_range_n"][worst]),
         "largest range [N]": newton(max(line["largest_range_n"])),
         "damage per year": f"{line['damage_per_year']:.3g}" if with_load else "-",
-        "life [years]": "-"
-        if not with_load
-        else "no damage"
-        if line["life_years"] is None
-        else f"{line['life_years']:.3g}",
+        "life [years]": life,
     }
 
 

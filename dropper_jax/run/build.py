@@ -35,9 +35,11 @@ def link_directions(polar: jax.Array, azimuth: jax.Array, zero: str) -> jax.Arra
     horizontal: (cos p cos a, cos p sin a, -sin p), the thesis' (4.3)-(4.5); down: (sin p cos a, sin p sin a, -cos p).
     """
     if zero == "horizontal":
-        across, drop = (jnp.cos(polar), jnp.sin(polar))
+        across = jnp.cos(polar)
+        drop = jnp.sin(polar)
     else:
-        across, drop = (jnp.sin(polar), jnp.cos(polar))
+        across = jnp.sin(polar)
+        drop = jnp.cos(polar)
     return jnp.stack([across * jnp.cos(azimuth), across * jnp.sin(azimuth), -drop], axis=-1)
 
 

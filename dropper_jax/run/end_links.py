@@ -126,14 +126,15 @@ class EndLinks:
     def first_share(self) -> np.ndarray:
         """Fraction of each link's weight (n,) at its first node; the rest is at its last."""
         kinds = self.scene.link_mass_nodes
-        return np.concatenate(
-            [
-                1.0 - line.centre_of_mass / line.length
-                if kinds[line.name] == "centre_of_mass"
-                else np.full(line.links, 0.5 if kinds[line.name] == "shared" else 0.0)
-                for line in self.scene.lines
-            ]
-        )
+        shares = []
+        for line in self.scene.lines:
+            if kinds[line.name] == "centre_of_mass":
+                shares.append(1.0 - line.centre_of_mass / line.length)
+            elif kinds[line.name] == "shared":
+                shares.append(np.full(line.links, 0.5))
+            else:
+                shares.append(np.zeros(line.links))
+        return np.concatenate(shares)
 
     @cached_property
     def _surface(self) -> Surface:

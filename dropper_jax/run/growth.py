@@ -201,9 +201,11 @@ def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, in
     for line in lines:
         nodes = line.nodes
         if isinstance(nodes, slice):
-            first, last = (nodes.start, nodes.stop - 1)
+            first = nodes.start
+            last = nodes.stop - 1
         else:
-            first, last = (int(nodes[0]), int(nodes[-1]))
+            first = int(nodes[0])
+            last = int(nodes[-1])
         yield line.name, first, last, line.links
 
 

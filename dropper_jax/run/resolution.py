@@ -281,9 +281,11 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
         # ratio to the static tension above which a previously slack line has a snatch load
         if rest > 0.0 and worst > 10.0 * rest:
             if line.rigid:
-                before, what = ("compression", "peaks")
+                before = "compression"
+                what = "peaks"
             else:
-                before, what = ("slack", "peaks are snatch loads and")
+                before = "slack"
+                what = "peaks are snatch loads and"
             text = (
                 f"{line.name}: changes from {before} to {worst:.4g} N, {worst / rest:.3g} times its static tension: "
                 f"{what} may be chaotic. Use --errors"

@@ -36,6 +36,9 @@ def summary(run: Samples) -> dict[str, Any]:
         "residual_tolerance",
         "save_every",
     )
+    bending = {}
+    if bends(run.scene):
+        bending = {"bending": bending_summary(run.scene, run.t, run.curvature, run.bending_moment)}
     found = {
         "schema": SCHEMA,
         "status": run.status,
@@ -67,11 +70,7 @@ def summary(run: Samples) -> dict[str, Any]:
         "tension_n": run.tension_summary(),
         **({"tension_of_lines_n": run.line_tensions(), "lines": line_offsets(run.scene)} if run.scene.branched else {}),
         **({"bodies": run.body_summary()} if run.body_position is not None else {}),
-        **(
-            {"bending": bending_summary(run.scene, run.t, run.curvature, run.bending_moment)}
-            if bends(run.scene)
-            else {}
-        ),
+        **bending,
         "step_facts": step_facts(run),
         "end_forces_n": run.end_forces(),
         "end_angles_deg": run.end_angles(),

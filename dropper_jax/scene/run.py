@@ -310,7 +310,9 @@ def _check_rows(rows: np.ndarray | None, path: str, count: int, what: str, which
 def directions(polar: np.ndarray, azimuth: np.ndarray, zero: str) -> np.ndarray:
     """Unit vectors of links (n, 3) from their angles [rad] (see `StartSpec`)."""
     if zero == "horizontal":
-        along, down = (np.cos(polar), np.sin(polar))
+        along = np.cos(polar)
+        down = np.sin(polar)
     else:
-        along, down = (np.sin(polar), np.cos(polar))
+        along = np.sin(polar)
+        down = np.cos(polar)
     return np.stack([along * np.cos(azimuth), along * np.sin(azimuth), -down], axis=-1)

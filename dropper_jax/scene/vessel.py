@@ -166,12 +166,13 @@ class VesselSpec:
         given = read_table(more.get("attachments", {}), f"{path}.attachments")
         if not given:
             raise SceneError(f"{path}.attachments: missing; needed: names of points with their positions on the vessel")
+        motion = None
+        if "motion" in more:
+            motion = read_rows(more["motion"], f"{path}.motion", {}, 6, f"6, {', '.join(MOTIONS)}")
         vessel = cls(
             **read_fields(cls, own, path, {}),
             rao=RaoSpec.read(more["rao"], f"{path}.rao") if "rao" in more else None,
-            motion=read_rows(more["motion"], f"{path}.motion", {}, 6, f"6, {', '.join(MOTIONS)}")
-            if "motion" in more
-            else None,
+            motion=motion,
             attachments={
                 str(name): read_parameter(position, f"{path}.attachments.{name}", POSITION, {})
                 for name, position in given.items()

@@ -74,9 +74,11 @@ def with_freed(
     more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
     more = [p for p in at_frames(more, prepared.traces) if p.name not in old]
     if solution is None:
-        values, starts = (prepared.values, prepared.starts)
+        values = prepared.values
+        starts = prepared.starts
     else:
-        values, starts = (solution.values, solution.starts)
+        values = solution.values
+        starts = solution.starts
     begin = np.concatenate([values, [p.value if value is None else value for p in more]])
     return replace(prepared.with_parameters([*prepared.parameters, *more], begin, simulator), starts=starts)
 

@@ -175,7 +175,9 @@ def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
         if path.startswith("effects."):
             _, effect, field = path.split(".")
         else:
-            _, effect, field = ("", "", "")
+            _ = ""
+            effect = ""
+            field = ""
         lacks = bool(effect) and not np.any(given.get(effect, {}).get(field) or 0.0)
         found.append(Suspect(name, (path,), p, grows=lacks))
     for i, p in enumerate(problem.parameters):

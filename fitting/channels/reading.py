@@ -200,12 +200,12 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
         items = [given]
     else:
         items = read_list(given, f"{path}.file", None, "a file or a list of files")
-    found = [
-        _files(item, path, folder)[0][0]
-        if isinstance(item, Mapping)
-        else read_columns(folder / read_text(item, f"{path}.file.{i}"))
-        for i, item in enumerate(items)
-    ]
+    found = []
+    for i, item in enumerate(items):
+        if isinstance(item, Mapping):
+            found.append(_files(item, path, folder)[0][0])
+        else:
+            found.append(read_columns(folder / read_text(item, f"{path}.file.{i}")))
     if not found:
         raise SceneError(f"{path}.file: is empty; allowed: a CSV, or a list of them")
     return found, Path(items[0]).stem if isinstance(items[0], str) else path.replace(".", "_")

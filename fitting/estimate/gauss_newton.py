@@ -121,7 +121,8 @@ class Separate:
 def first_solution(problem: Residuals, values: np.ndarray, evaluation: Evaluation) -> Solution:
     """The point where a fit starts, not solved: its normal equations are zero."""
     objective = Separate(problem)
-    k, m2 = (len(values), problem.freedoms)
+    k = len(values)
+    m2 = problem.freedoms
     cost = objective.cost(evaluation, values)
     nothing = Step(np.zeros(k), np.zeros((0, m2)), 0.0, np.zeros((k, k)), np.zeros(k), np.zeros((0, m2, k)))
     return objective.solution(values, evaluation, cost, nothing, history=[objective.record(cost, values)])
@@ -301,7 +302,8 @@ def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progr
         if newton:
             moved, decrease = objective.remaining_gain(newton, point.evaluation, point.cost)
         else:
-            moved, decrease = (np.inf, np.inf)
+            moved = np.inf
+            decrease = np.inf
         if newton is not None and mover.is_minimum(moved, decrease):
             best = point
             known = newton

@@ -303,7 +303,8 @@ def follow_linear_model(
             level = JoinedWindows(point.problem, schedule[chosen], intermediate=True)
             point = level.descend(point, iterations, total)
             total = point.iterations
-            before, expected = (expected, log_evidence(point, schedule))
+            before = expected
+            expected = log_evidence(point, schedule)
             progress(0.5, f"gap weight {level.weight:g}, evidence {expected[chosen]:.1f}")
             if point.status != "ok" or not expected[chosen] > before[chosen] - EVIDENCE_DROP:
                 return None

@@ -124,13 +124,10 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Column
     """
     names = [parse_name(name) for name in cells.names]
     if cells.values.shape[1] == 1:
-        raise (
-            SceneError(
-                f"{cells.file}: has one column. Give time and angle, or --rate with the rows per second of a film"
-            )
-            if given is None and not fps_of(cells)
-            else SceneError(f"{cells.file}: has one column of numbers")
-        )
+        if given is None and not fps_of(cells):
+            advice = "Give time and angle, or --rate with the rows per second of a film"
+            raise SceneError(f"{cells.file}: has one column. {advice}")
+        raise SceneError(f"{cells.file}: has one column of numbers")
     if given:
         return given_columns(cells, names, given)
     time = time_column(cells, names)

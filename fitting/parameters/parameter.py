@@ -364,9 +364,13 @@ def _expand(model: Model, name: str, option: str) -> list[Parameter]:
         return found
     if kind in (MARKER, NODE):
         if kind == MARKER:
-            what, last, axes = ("link", model.line.links, "")
+            what = "link"
+            last = model.line.links
+            axes = ""
         else:
-            what, last, axes = ("node", _joints(model), ", each .0 or .1")
+            what = "node"
+            last = _joints(model)
+            axes = ", each .0 or .1"
         raise SceneError(f"{option}: {name!r}: unknown {what}; allowed: {kind}.0 to {kind}.{last - 1}{axes}")
     known = _fields(model)
     found = ScenePath(name).entry_of(known)

@@ -160,23 +160,23 @@ def law_rows(laws: LawTests) -> list[tuple[str, ...]]:
 
 def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
     """Every channel with its residuals, with a heading."""
-    return [
-        ("channel", "kind", "samples", "RMS of residuals", "noise", "kept", "correlation left"),
-        *(
+    rows = [("channel", "kind", "samples", "RMS of residuals", "noise", "kept", "correlation left")]
+    for row in result.channels():
+        noise = f"{row['noise']:.3g} {row['noise_unit']}"
+        if row["noise_unit"] == "-":
+            noise = f"{100 * row['noise']:.3g} %"
+        rows.append(
             (
                 row["name"],
                 row["kind"],
                 str(row["samples"]),
                 f"{row['rms']:.3g} {row['unit']}",
-                f"{100 * row['noise']:.3g} %"
-                if row["noise_unit"] == "-"
-                else f"{row['noise']:.3g} {row['noise_unit']}",
+                noise,
                 f"{row['kept']:.2g}",
                 f"{row['correlation']:.2f}",
             )
-            for row in result.channels()
-        ),
-    ]
+        )
+    return rows
 
 
 def sensitivity_rows(result: ChannelFit) -> list[tuple[str, ...]]:

@@ -80,9 +80,11 @@ def _with_columns(order: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
 def shift(j: int | None, by: float) -> Change:
     """The zero of column j, or of all for None, shifted by -by [rad]."""
     if j is None:
-        name, more = ("all columns", ", or free camera.offset")
+        name = "all columns"
+        more = ", or free camera.offset"
     else:
-        name, more = (f"theta_{j + 1}", "")
+        name = f"theta_{j + 1}"
+        more = ""
     add = lambda theta: theta + by  # noqa: E731
     fix = f"add {by:.3g} rad to {name}{more}"
     return Change(f"the zero of {name} is shifted by {-by:.3g} rad", fix, add if j is None else _of_column(j, add))
@@ -105,9 +107,11 @@ def _shift_frames(theta: np.ndarray, by: int) -> np.ndarray:
 def units(named: Convention) -> Iterator[Change]:
     """The unit that is not the named one."""
     if named.unit == "deg":
-        factor, unit = (180 / np.pi, "rad")
+        factor = 180 / np.pi
+        unit = "rad"
     else:
-        factor, unit = (np.pi / 180, "deg")
+        factor = np.pi / 180
+        unit = "deg"
     yield Change(f"the unit is {unit}", f"--unit {unit}", lambda theta: factor * theta)
 
 

@@ -95,9 +95,11 @@ class Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
         factor = (convention.sign or 1) * (np.pi / 180 if convention.unit == "deg" else 1.0)
         if convention.zero == "down":
-            turn, zero = (-factor, np.pi / 2)
+            turn = -factor
+            zero = np.pi / 2
         else:
-            turn, zero = (factor, 0.0)
+            turn = factor
+            zero = 0.0
         scaled = lambda a, by: None if a is None else by * a  # noqa: E731
         rates = scaled(self.omega, turn)
         se = scaled(self.se, abs(factor))

@@ -176,9 +176,11 @@ def _end_tension(solution: Solution, line: LineSlice, turned: bool, last: bool) 
 
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:
     if what[0] == "P":
-        array, unit = (solution.positions, "(m)")
+        array = solution.positions
+        unit = "(m)"
     else:
-        array, unit = (solution.velocities, "(m/s)")
+        array = solution.velocities
+        unit = "(m/s)"
     return array[:, node, "XYZ".index(what[1])], unit
 
 

@@ -30,18 +30,6 @@ def stability(found: Found) -> Rows:
     )
 
 
-@table_of("stability")
-def thesis(found: Found) -> Rows:
-    """The cases that the thesis' schemes were run on as well."""
-    ran = lambda row: any(x["status"] not in ("refused", "not_run") for x in (row["baseline_thesis"] or {}).values())  # noqa: E731
-    ours = lambda r: r["status"] + ("" if r["unit"] == "-" else f", {r['measured']:.0e} {r['unit']}")  # noqa: E731
-    return columns(
-        filter(ran, found["cases"]),
-        ("case", "{name}"),
-        ("energy_momentum", ours),
-        *((name, _baseline, name) for name in BASELINES),
-    )
-
 
 @table_of("accuracy_north_sea")
 def accuracy_north_sea(found: Found) -> str:

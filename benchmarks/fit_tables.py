@@ -178,13 +178,6 @@ def spoilers(rows: list[Found]) -> Rows:
     )
 
 
-@table_of("spoilers")
-def spoilers_named(rows: list[Found]) -> Rows:
-    """What was named first, by the truth."""
-    counts = Counter((row["spoiler"], _kind_of(row["first"])) for row in rows)
-    kinds, names = (list(dict.fromkeys(keys)) for keys in zip(*counts, strict=True))
-    return [("truth", *names), *((kind, *(str(counts[kind, name] or "") for name in names)) for kind in kinds)]
-
 
 def _kind_of(name: str) -> str:
     """A first name without its numbers."""

@@ -7,32 +7,6 @@ USUAL = 0.02
 CODES = (("ours", "here"), ("moordyn", "MoorDyn v2"))
 
 
-@table_of("moordyn")
-def moordyn_cases(found: Found) -> Rows:
-    """Motion of the buoy and mean tensions of the paper's cases in both codes, at the ratio of 0.1."""
-
-    def ends(row: Found, name: str) -> str:
-        return f"{row['whole'][name]['mean']:.0f} / {row['settled'][name]['mean']:.0f}"
-
-    def between(row: Found, axis: int, digits: int) -> str:
-        return " to ".join(f"{row['whole']['place'][key][axis]:.{digits}f}" for key in ("min", "max"))
-
-    return columns(
-        (
-            {"case": case["case"], "code": name, **case[code]}
-            for case in found["cases"]
-            if case["damping_ratio"] == 0.1
-            for code, name in CODES
-        ),
-        ("case", "{case}"),
-        ("code", "{code}"),
-        ("buoy, range along the waves [m]", between, 0, 1),
-        ("range of z [m]", between, 2, 2),
-        ("mean anchor [N], whole / after 50 s", ends, "anchor"),
-        ("mean fairlead [N]", ends, "fairlead"),
-        ("largest, anchor [kN]", lambda r: kilo(r["whole"]["anchor"]["max"])),
-    )
-
 
 @table_of("moordyn")
 def moordyn_ratios(found: Found) -> Rows:
@@ -58,56 +32,7 @@ def moordyn_conventions(found: Found) -> Rows:
     return columns(found["case_4"], ("case 4", "{convention}"), ("anchor tension [N]", "{anchor_n:.1f}"))
 
 
-@table_of("moordyn")
-def moordyn_steps(found: Found) -> Rows:
-    """Mean anchor tension of case 1 by damping ratio and step, and its difference from that at the smallest step."""
-    sizes = sorted({row["dt_s"] for row in found["step_sizes"]}, reverse=True)
 
-    def own(ratio: float) -> Found:
-        return {row["dt_s"]: row for row in found["step_sizes"] if row["damping_ratio"] == ratio}
-
-    def mean(row: Found, dt: float) -> str:
-        share = percent(row[dt]["mean_against_smallest_step"], 1, "+")
-        return f"{row[dt]['anchor']['mean']:.0f} N" + f" ({share})" * (dt > sizes[-1])
-
-    return columns(
-        (
-            {"ratio": ratio, **own(ratio)}
-            for ratio in dict.fromkeys(row["damping_ratio"] for row in found["step_sizes"])
-        ),
-        ("damping ratio", "{ratio:g}"),
-        *((f"dt {dt:g}", mean, dt) for dt in sizes),
-        ("steps retried, at most", lambda r: percent(max(r[dt]["retried"] for dt in sizes), 1)),
-    )
-
-
-@table_of("moordyn")
-def moordyn_schemes(found: Found) -> Rows:
-    """Largest stable steps of explicit schemes, and errors of mean and deviation at half that of the weaker one."""
-    return columns(
-        (row for row in found["schemes"] if "rk2" in row),  # the free swing has no damping ratio
-        ("damping ratio", "{damping_ratio:g}"),
-        ("largest stable step [s]: rk2", "{rk2[largest_stable_dt_s]:.1e}"),
-        ("semi-implicit Euler", "{semi_implicit_euler[largest_stable_dt_s]:.1e}"),
-        ("step [s]", "{rk2[common][dt_s]:.1e}"),
-        ("errors of mean, deviation: rk2", lambda r: _pair(r["rk2"]["common"])),
-        ("semi-implicit Euler", lambda r: _pair(r["semi_implicit_euler"]["common"])),
-        (f"energy_momentum at {USUAL:g} s", lambda r: _pair(r["energy_momentum"])),
-    )
-
-
-@table_of("moordyn")
-def moordyn_swing(found: Found) -> Rows:
-    """How much energy a chain that swings freely, without water and damper, gains or loses with each scheme."""
-    return columns(
-        next(row["released"] for row in found["schemes"] if "released" in row),
-        ("scheme", "{scheme}"),
-        ("dt [s]", "{dt_s:g}"),
-        (
-            "largest change of energy over the kinetic energy at the start",
-            lambda r: "not finite" if r["largest"] is None else f"{r['largest']:.1e}",
-        ),
-    )
 
 
 @table_of("moordyn")
@@ -184,17 +109,6 @@ def moordyn_peaks(found: Found) -> Rows:
         ("MoorDyn's time over ours", lambda r: "" if r["key"] == "ours" or not r["ratio"] else f"{r['ratio']:.1f}"),
     )
 
-
-@table_of("moordyn")
-def moordyn_peak_steps(found: Found) -> Rows:
-    """Errors of our steps in mean, deviation and window maxima."""
-    return columns(
-        ({"name": row["name"], **one} for row in found.get("peaks", []) for one in row["ours"]["steps"]),
-        ("", "{name}"),
-        ("step [s]", _step),
-        ("[ms]", lambda r: milli(r["cpu_per_s"])),
-        ("errors of mean, deviation, window maxima", lambda r: _errors(r["errors"])),
-    )
 
 
 def _step(row: Found) -> str:

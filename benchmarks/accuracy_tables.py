@@ -30,7 +30,6 @@ def stability(found: Found) -> Rows:
     )
 
 
-
 @table_of("accuracy_north_sea")
 def accuracy_north_sea(found: Found) -> str:
     def error(row: Found, name: str) -> str:

@@ -102,28 +102,6 @@ def calibration_held_out(single: Found, double: Found) -> Rows:
     )
 
 
-@table_of("measured_double_thirds")
-def measured_thirds(found: Found) -> Rows:
-    """The largest differences between thirds of the double pendulum's trace, and how many are within 2 and 3 errors."""
-    parts = found["parameters"]
-    pairs = ((0, 1), (0, 2), (1, 2))
-    off = {
-        name: [
-            abs(parts[i][name]["value"] - parts[j][name]["value"])
-            / max(np.hypot(parts[i][name]["std_error"], parts[j][name]["std_error"]), 1e-300)
-            for i, j in pairs
-        ]
-        for name in parts[0]
-    }
-    every = np.concatenate(list(off.values()))
-    rows = [("parameter", "value by third", "largest difference [combined errors]")]
-    for name in sorted(off, key=lambda name: -max(off[name]))[:3]:
-        values = joined([part[name]["value"] for part in parts], "{:.3g}")
-        rows.append((f"`{name}` [{parts[0][name]['unit']}]", values, f"{max(off[name]):.1f}"))
-    within = [f"{int((every < limit).sum())} of {len(every)} within {limit}" for limit in (2, 3)]
-    return [*rows, ("all", "", ", ".join(within))]
-
-
 @table_of("measured_single_pendulum", name="calibration_laws_single")
 @table_of("measured_double_pendulum", name="calibration_laws_double")
 def calibration_laws(found: Found) -> Rows:
@@ -176,7 +154,6 @@ def spoilers(rows: list[Found]) -> Rows:
         ("maximum", lambda r: f"{np.nanmax(r['ratio']):.2f}"),
         ("SE/clean", "{over_clean:.2f}"),
     )
-
 
 
 def _kind_of(name: str) -> str:

@@ -1,11 +1,10 @@
 """Tables of MoorDyn's runs compared with those of this package."""
 
-from study import Found, Rows, columns, joined, kilo, milli, percent, table_of
+from study import Found, Rows, columns, joined, kilo, milli, table_of
 
 #: The step of ours that the speed table shows where none is as exact as MoorDyn [s].
 USUAL = 0.02
 CODES = (("ours", "here"), ("moordyn", "MoorDyn v2"))
-
 
 
 @table_of("moordyn")
@@ -30,9 +29,6 @@ def moordyn_ratios(found: Found) -> Rows:
 def moordyn_conventions(found: Found) -> Rows:
     """Static anchor tension of case 4 by conventions."""
     return columns(found["case_4"], ("case 4", "{convention}"), ("anchor tension [N]", "{anchor_n:.1f}"))
-
-
-
 
 
 @table_of("moordyn")
@@ -108,7 +104,6 @@ def moordyn_peaks(found: Found) -> Rows:
         ("mean of window maxima [N]", "{own[reference][peaks]:.0f}"),
         ("MoorDyn's time over ours", lambda r: "" if r["key"] == "ours" or not r["ratio"] else f"{r['ratio']:.1f}"),
     )
-
 
 
 def _step(row: Found) -> str:

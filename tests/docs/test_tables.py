@@ -24,9 +24,16 @@ def test_tables_in_the_documents_are_those_of_the_results(tables):
         assert tables.filled(document.read_text()) == document.read_text(), document.name
 
 
-def test_every_table_stands_in_a_document(tables):
-    text = "".join(document.read_text() for document in tables.documents())
-    assert [name for name in tables.TABLES if f"<!-- table: {name} -->" not in text] == []
+def test_every_table_is_in_a_document(tables):
+    shown = {place[2] for document in tables.documents() for place in tables.PLACE.finditer(document.read_text())}
+    made = {name for name, (results, _) in tables.TABLES.items() if results != ("measured_once",)}
+    assert made - shown == set()
+
+
+def test_a_document_shows_some_columns_and_rows_of_a_table(tables):
+    table = "| a | b \\| c | d |\n| --- | --- | --- |\n| 1 | 2 | 3 |\n| 4 | 5 | 6 |\n\nBelow."
+    assert tables.part_of(table, None, None) == table
+    assert tables.part_of(table, "3 2", "2") == "| d | b \\| c |\n| --- | --- |\n| 6 | 5 |\n\nBelow."
 
 
 def test_a_speed_that_is_not_reached_says_so(tables):

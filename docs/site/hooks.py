@@ -90,6 +90,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def _inside(found: re.Match[str]) -> str:
     sign, text, target = found.groups()
+    file, mark, heading = target.partition("#")
+    if file in ROOT_PAGES:
+        return f"[{text}]({ROOT_PAGES[file]}{mark}{heading})"
     if target.startswith("notebooks/"):
         target = re.sub(r"\.(ipynb|py)\b", ".md", target)
     elif not sign:

@@ -6,7 +6,7 @@
 | reference-effects.md | docstrings of effects, schemes, linear solvers and axial laws |
 | reference-python.md | public names of `dropper_jax`, `fitting` and their modules, with the first words of docstrings |
 | physics.md | the source of the step, in its place on a page written by hand |
-| python.md | the folders of both packages, by their layers in pyproject.toml and their docstrings, likewise |
+| ../CONTRIBUTING.md | the folders of both packages, by their layers in pyproject.toml and their docstrings, likewise |
 
 A test holds the stored pages to them. Two more kinds are made when the site is built: the commands, from their parsers
 (`commands`), and a page for each public module (`module_pages`).
@@ -335,7 +335,7 @@ def pages() -> dict[str, str]:
         "reference-effects.md": effects(),
         "reference-python.md": python(),
         "physics.md": with_sources((FOLDER / "physics.md").read_text(encoding="utf-8")),
-        "python.md": with_folders((FOLDER / "python.md").read_text(encoding="utf-8")),
+        "../CONTRIBUTING.md": with_folders((FOLDER.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")),
     }
 
 

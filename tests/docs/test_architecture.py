@@ -1,4 +1,4 @@
-"""The page on Python, with the architecture: every name on it exists, and every folder is on it."""
+"""The architecture in CONTRIBUTING.md: every name in it exists, and every folder is in it."""
 
 import importlib
 import re
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-TEXT = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 NAMES = sorted(set(re.findall(r"`((?:dropper_jax|fitting)\.[\w.]+)`", TEXT)))
 
 
@@ -30,6 +30,6 @@ def test_a_name_of_the_architecture_exists(name):
 
 
 @pytest.mark.parametrize("package", ["dropper_jax", "fitting"])
-def test_every_folder_is_on_the_page(package):
+def test_every_folder_is_in_it(package):
     folders = {f"{package}.{path.parent.name}" for path in (ROOT / package).glob("*/__init__.py")}
     assert folders <= set(NAMES)

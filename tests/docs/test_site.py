@@ -39,7 +39,7 @@ def pages(generator):
 
 
 @pytest.mark.parametrize(
-    "name", ["physics.md", "python.md", "reference.md", "reference-effects.md", "reference-python.md"]
+    "name", ["physics.md", "../CONTRIBUTING.md", "reference.md", "reference-effects.md", "reference-python.md"]
 )
 def test_the_stored_page_is_that_of_the_code(name, pages):
     assert (ROOT / "docs" / name).read_text() == pages[name], "make it again: python docs/site/pages.py"

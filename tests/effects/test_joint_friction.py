@@ -106,6 +106,7 @@ def test_dry_friction_never_raises_the_energy(scene):
     check_falling_energy(scene, 2e-5, 4.0)
 
 
+@pytest.mark.check
 def test_dry_friction_of_real_bearings_never_raises_the_energy_until_all_has_stopped():
     """8 joints of a plane loop with 5 motions: all of them end up held, and creep by nothing."""
     solution = check_falling_energy("dropper-release-a-undamped", 2e-3, 6.0, halvings=2)

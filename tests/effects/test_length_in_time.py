@@ -156,6 +156,7 @@ def test_energy_balance_closes_to_rounding(law):
     assert np.max(np.abs(total - total[0])) < 1e-9 * scale
 
 
+@pytest.mark.check
 def test_derivatives_by_length_and_rate_agree_with_differences_of_runs():
     model, start = dj.build(scene([{**table()[0], "time": [0.0, 0.503, 1.507, 3.0, 4.0]}]))
     stepper = dj.make_stepper(model, "energy_momentum")

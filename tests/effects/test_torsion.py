@@ -40,6 +40,7 @@ def test_a_moment_twists_a_rod_by_t_l_over_gj():
     np.testing.assert_allclose(solution.torque, MOMENT, rtol=1e-9)
 
 
+@pytest.mark.check
 def test_a_rod_turned_at_its_end_carries_gj_by_its_turn():
     solution = dj.simulate(rod(turn=1.5, turn_time=0.2, last="held", damping=0.05, duration=3.0))
     np.testing.assert_allclose(solution.torque[-1], GJ * 1.5 / LENGTH, rtol=1e-3)
@@ -60,6 +61,7 @@ def test_writhe_of_a_helix_is_its_turns_by_one_minus_the_cosine_of_its_pitch(han
     assert writhe(np.stack([arc, 0 * arc, arc**2], axis=1)[None], [1.0, 0.0, 0.0])[0] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.check
 def test_a_run_says_where_its_torque_would_throw_loops():
     scene = rod(torque=MOMENT, duration=0.02)
     plain = dj.simulate(scene)

@@ -52,6 +52,7 @@ def ready(motion):
     return prepare(seen(motion, 0), SCENE, FREE, start=far)
 
 
+@pytest.mark.check
 def test_release_time_force_and_damping_are_found_from_far_off(ready):
     for method in ("windows", "shooting"):
         result = summarise(ready, method, estimate(ready, method))
@@ -140,6 +141,7 @@ def test_a_release_that_the_scene_does_not_have_is_refused(motion, change, free,
         prepare(seen(motion, 0), {**SCENE, **change}, free)
 
 
+@pytest.mark.check
 def test_a_release_far_from_the_first_sample_is_refused(motion):
     trace = seen(motion, 0)
     with pytest.raises(SceneError, match="starts at 9 s; allowed"):

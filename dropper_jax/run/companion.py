@@ -113,7 +113,7 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
         number = done + np.arange(len(piece.r))
         both = piece.r[number % 2 == 1] if companion.finer else piece.r
         first = done // 2 if companion.finer else done
-        apart = both - run[first : first + len(both)]
+        apart = np.asarray(both - run[first : first + len(both)])
         distance.append(_longest(apart))
         turned.append(_turned(solution, apart))
         done += len(piece.r)

@@ -93,8 +93,6 @@ def _halve_value(value: Plain, parts: int) -> Plain:
 QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snaps")
 #: Loads that depend on few instants and converge irregularly: their error is the whole difference of two runs.
 EXTREMES = ("maximum", "minimum", "snaps")
-#: The runs that must end, in words.
-FOLLOWS = {"1": "of the scene", "finer": "with half its step"}
 #: Factor on an estimated error so that the true one rarely exceeds it (Roache, J. Fluids Eng. 116 (1994) 405).
 GRID_SAFETY = 1.25
 #: Relative error of the maximum tension of a line above which it is not resolved.
@@ -137,23 +135,22 @@ def load_errors(
         SceneError: a failed run, or a record that is too short.
     """
     variants, left_out = _variants(scene)
-    made: dict[str, list[dict[str, Any]]] = {}
+    base = run(scene) if first is None else first
+    _must_have_ended(base, "of the scene")
+    made = {"1": line_loads(record(base, skip))}
     horizon = None
-    for i, (name, variant) in enumerate(variants.items()):
-        say(i / len(variants), name)
-        solution = run(variant) if name != "1" or first is None else first
-        if not len(solution.t) > 3 or not is_finished(solution):
-            if name in ("1", "finer"):
-                raise SceneError(f"--errors: the run {FOLLOWS[name]} ends with {solution.failure}")
+    for i, (name, variant) in enumerate(variants.items(), start=1):
+        say(i / (1 + len(variants)), name)
+        solution = run(variant)
+        if name == "finer":
+            _must_have_ended(solution, "with half its step")
+            horizon = parts_at(base, solution)
+        elif not _has_ended(solution):
             left_out[name] = f"that run ends with {solution.failure}"
             continue
-        if name == "1":
-            first = solution
-        elif name == "finer":
-            horizon = parts_at(first, solution)
-        made[name] = line_loads(record(solution, skip), made.get("1"))
+        made[name] = line_loads(record(solution, skip), made["1"])
     chaotic = horizon is not None
-    factor = 1.0 if chaotic else error_factor(first, finer=True)
+    factor = 1.0 if chaotic else error_factor(base, finer=True)
     rows = [_row(i, made, factor) for i in range(len(made["1"]))]
     return {
         "loads": rows,
@@ -164,9 +161,18 @@ def load_errors(
     }
 
 
+def _has_ended(solution: Samples) -> bool:
+    return len(solution.t) > 3 and is_finished(solution)
+
+
+def _must_have_ended(solution: Samples, which: str) -> None:
+    if not _has_ended(solution):
+        raise SceneError(f"--errors: the run {which} ends with {solution.failure}")
+
+
 def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
     left_out = {}
-    found = {"1": scene, "finer": scene.with_values(finer_values(scene.run))}
+    found = {"finer": scene.with_values(finer_values(scene.run))}
     try:
         found["links"] = twice_the_links(scene)
     except SceneError as error:

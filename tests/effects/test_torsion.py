@@ -92,7 +92,8 @@ def test_a_moment_put_on_at_once_swings_the_rod_with_its_natural_periods():
     np.testing.assert_allclose(stored - MOMENT * phi[:, -1], 0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("system", [pytest.param(False, marks=pytest.mark.check), True])
+@pytest.mark.check
+@pytest.mark.parametrize("system", [False, True])
 def test_twist_brings_tension_and_strain_torque_as_in_the_papers_20(system):
     table = rod(LINKED, duration=8.0, dt=0.02, system=system, coupling=COUPLING, damping=0.4)
     solution = dj.simulate(table)

@@ -62,7 +62,7 @@ def clean(two, ready, motion):
 @pytest.mark.parametrize(
     ("how", "kind", "wider"),
     [
-        ("unlike", "white", 3.0),
+        pytest.param("unlike", "white", 3.0, marks=pytest.mark.check),
         pytest.param("memory", "correlated", 3.0, marks=pytest.mark.check),
         pytest.param("jitter", "jitter", 1.6, marks=pytest.mark.check),
     ],

@@ -33,6 +33,7 @@ def test_the_loss_is_half_the_chi_square_that_the_windows_of_a_fit_have(problem)
     assert float(problem.loss(problem.params, problem.starts)) == pytest.approx(0.5 * np.sum(residual**2), rel=1e-9)
 
 
+@pytest.mark.check
 def test_the_loss_has_the_slopes_of_differences_and_goes_through_jit_grad_and_vmap(problem):
     slopes = jax.jit(jax.grad(problem.loss, argnums=(0, 1)))(problem.params, problem.starts)
     ends = []

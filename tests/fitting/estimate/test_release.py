@@ -95,6 +95,7 @@ def test_before_its_release_a_run_rests_in_the_scenes_static_pose(ready):
     np.testing.assert_allclose(resting, np.broadcast_to(pose, resting.shape), rtol=1e-9)
 
 
+@pytest.mark.check
 def test_a_known_release_needs_no_free_parameter(motion):
     """Let go at t = 0 from the scene's pose."""
     trace = observe(motion, Camera(rate=RATE, angle_noise=NOISE), 1)

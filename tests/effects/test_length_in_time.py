@@ -236,6 +236,23 @@ def test_winch_follows_its_equations_to_first_order():
 
 
 @pytest.mark.parametrize(
+    ("control", "message"),
+    [
+        ({"target": 200.0, "gain": [1e-3, 0.0]}, None),
+        ({"target": 200.0, "gain": [0.5, 0.0]}, "winch of rope: swings between its limits of -1 and 1 m/s from 0."),
+        ({"lengths": [4.9, 6.0]}, "winch of rope: ends at its limit of 4.9 m, so the tension is not the target."),
+    ],
+    ids=["stable", "unstable gain", "used up"],
+)
+def test_a_run_says_what_its_winch_does_badly(control, message):
+    warnings = dj.simulate(scene(winch(**control))).warnings
+    assert [text for text in warnings if "winch" in text][:1] == [
+        text for text in warnings if message and message in text
+    ]
+    assert message is None or any(message in text for text in warnings)
+
+
+@pytest.mark.parametrize(
     ("changing", "run", "message"),
     [
         (table(length=[5.0, 5.0, 0.0, 4.4, 4.4]), {}, "length_in_time.0.length.2: 0.0 is out of range"),

@@ -92,7 +92,6 @@ def clamped():
     directions = [[np.cos(0.2 * t), 0.1, np.sin(0.2 * t)] for t in TIMES]
     clamp = {
         "point": "a",
-        "EI": 5.0,
         "time": TIMES,
         "direction": [(d / np.linalg.norm(d)).tolist() for d in directions],
     }

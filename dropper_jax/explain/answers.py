@@ -76,7 +76,9 @@ class LineFacts:
             return f"long enough: its anchor lifts after {self.reserve_m:.3g} m of offset"
         if self.reserve_m is not None:
             return f"lifts its anchor by {self.uplift_deg:.3g} degrees"
-        return "hangs between its ends" if self.length_m > self.apart_m else "taut"
+        if self.length_m > self.apart_m:
+            return "hangs between its ends"
+        return "taut"
 
 
 @dataclass(frozen=True)
@@ -176,10 +178,12 @@ class _Line:
         spec = self.line.spec
         each = [spec.length, spec.mass, _stiffness_of(spec), spec.diameter]
         uniform = all(values is not None and np.ptp(values) <= 1e-6 * np.max(values) for values in each)
-        moved = scene.sea is None or scene.sea.current is not None
-        if not uniform or moved or len(self.line.stops) != 2 or self.weight == 0.0 or spec.axial_law == "tabulated":
+        still = scene.sea is not None and scene.sea.current is None
+        if not uniform or not still or len(self.line.stops) != 2:
             return None
-        if max(self.low[2], self.high[2]) > 0.0 or "bending_stiffness" in scene.effects:
+        if self.weight == 0.0 or spec.axial_law == "tabulated":
+            return None
+        if max(self.low[2], self.high[2]) > 0.0 or "bending" in scene.effects:
             return None
         rests = self.weight > 0.0 and self.on_bed > 0.0
         span = float(np.hypot(*(self.high - self.low)[:2]))
@@ -192,7 +196,9 @@ class _Line:
         if self.closed is None:
             return None, None
         ends = self.closed.lower, self.closed.upper
-        return ends if self.weight > 0.0 else ends[::-1]
+        if self.weight > 0.0:
+            return ends
+        return ends[::-1]
 
     def facts(self, forces: np.ndarray, angles: np.ndarray) -> LineFacts:
         """The facts of the line, with the forces (2,) [N] on its points and the angles (2,) [deg] of its end links."""
@@ -259,6 +265,8 @@ def _closed_stiffness(
     scene: Scene, positions: np.ndarray, closed: dict[str, Shape | None], held: tuple[str, ...]
 ) -> tuple[float, float] | None:
     """Sum of the horizontal stiffnesses [N/m] along x and y of the lines at these points, all from a fixed anchor."""
+    if not held:
+        return None
     fixed = {point.name for point in scene.points if not point.is_free}
     total = np.zeros(2)
     for line in whole_lines(scene):
@@ -275,7 +283,7 @@ def _closed_stiffness(
         along = (across / span) ** 2
         # a displacement across turns the line
         total += along * shape.stiffness[0, 0] + (1.0 - along) * shape.horizontal / span
-    return (float(total[0]), float(total[1])) if held else None
+    return float(total[0]), float(total[1])
 
 
 def _wear(scene: Scene, state: State) -> list[Wear]:

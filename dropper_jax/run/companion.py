@@ -196,7 +196,9 @@ def parts_at(solution: Samples, finer: Samples) -> float | None:
     if travel is None:
         return None
     chaos = _chaos(_longest(finer.positions[2 : 2 * count : 2] - nodes) / travel, nodes)
-    return None if chaos is None else float(solution.t[1 + chaos])
+    if chaos is None:
+        return None
+    return float(solution.t[1 + chaos])
 
 
 def _longest(vectors: np.ndarray) -> np.ndarray:

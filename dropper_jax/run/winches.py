@@ -58,7 +58,9 @@ def _swings_from(rate: np.ndarray, control: WinchSpec) -> int | None:
     if len(changes) < CHANGES:
         return None
     between = side[changes[0] : changes[-1] + 1]
-    return int(changes[0]) if np.mean(between != 0) >= MOST else None
+    if np.mean(between != 0) < MOST:
+        return None
+    return int(changes[0])
 
 
 def _is_used_up(length: np.ndarray, control: WinchSpec) -> bool:

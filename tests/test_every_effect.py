@@ -63,7 +63,7 @@ HARD = {
     "point_bodies": "many-floats",
 }
 #: Effects that push or move points as they are told, or repeat a source: no hard case of their own, but a scene.
-TOLD = ("nodal_force", "recorded_motion", "sea_following_end", "thesis_wave_force", "vessel_motion")
+TOLD = ("clamp_motion", "nodal_force", "recorded_motion", "sea_following_end", "thesis_wave_force", "vessel_motion")
 #: Those whose derivatives have a test of their own too, or take long.
 CHECKED = ("bending", "body_bed", "body_buoyancy", "body_water", "buoyancy", "end_motion", "joint_friction", "torsion")
 CHECKED += ("line_contact", "morison_drag", "morison_inertia", "rigid_bodies", "seabed_friction", "sea_following_end")
@@ -88,6 +88,16 @@ def pushed():
     return {**recorded(), "effects": {"weight": {}, "nodal_force": {**force, "scale": [0.0, 1.0, 0.5]}}}
 
 
+def clamped():
+    directions = [[np.cos(0.2 * t), 0.1, np.sin(0.2 * t)] for t in TIMES]
+    clamp = {
+        "point": "a",
+        "time": TIMES,
+        "direction": [(d / np.linalg.norm(d)).tolist() for d in directions],
+    }
+    return {**recorded(), "effects": {"weight": {}, "bending": {"EI": 5.0}, "clamp_motion": clamp}}
+
+
 def vessel():
     rao = {"frequency": [0.4, 1.2], "headings": [0.0], "phases": "lead", "heave": [1.0, 0.5], "heave_phase": [0.0, 0.4]}
     rao |= {"pitch": [0.02, 0.03], "pitch_phase": [0.1, 0.2]}
@@ -107,7 +117,8 @@ def scene_of(name: str) -> dj.Scene:
     """A scene that has the effect."""
     if name in HARD:
         return sticky([0.3, 0.2]) if name == "joint_friction" else hard_scene(CASES[HARD[name]].scene)
-    scene = {"nodal_force": pushed, "recorded_motion": recorded, "vessel_motion": vessel}.get(name)
+    made = {"clamp_motion": clamped, "nodal_force": pushed, "recorded_motion": recorded, "vessel_motion": vessel}
+    scene = made.get(name)
     packaged = {"sea_following_end": "platform-longline", "thesis_wave_force": "dropper-north-sea-thesis"}
     return dj.load_scene(packaged[name] if scene is None else scene())
 

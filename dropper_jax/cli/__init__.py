@@ -45,7 +45,7 @@ PACKAGES = ("dropper-jax", "jax")
 HELP = ("-h", "--help")
 #: Commands by what they are for, those in frequent use first. Commands of other packages follow under `Others`.
 GROUPS = {
-    "Simulate": ("new", "check", "run", "equilibrium", "view", "report", "scenes", "demo", "library"),
+    "Simulate": ("new", "check", "run", "equilibrium", "explain", "view", "report", "scenes", "demo", "library"),
     "Sea and farm": ("sea", "cases", "optimise", "design", "season", "growth"),
     "Fit and design of experiments": ("track", "fit", "plan"),
     "Studies": ("sweep", "sensitivity", "modes", "stiffness", "offset", "response", "frequency"),

@@ -103,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--errors",
         action="store_true",
-        help="loads with their errors: repeats the run with smaller steps and more links, about 12 times the run time",
+        help="loads with their errors: repeats the run finer and with more links, about 6 times the run time",
     )
     parser.add_argument(
         "--no-companion",

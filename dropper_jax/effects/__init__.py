@@ -9,6 +9,7 @@ from types import ModuleType
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.bending import Bending
 from dropper_jax.effects.buoyancy import Buoyancy
+from dropper_jax.effects.clamp_motion import ClampMotion
 from dropper_jax.effects.end_motion import EndMotion
 from dropper_jax.effects.joint_friction import JointFriction
 from dropper_jax.effects.line_contact import LineContact
@@ -45,6 +46,7 @@ EFFECTS: dict[str, type[Effect]] = {
         Seabed,
         SeabedFriction,
         Bending,
+        ClampMotion,
         LineContact,
         Torsion,
     )

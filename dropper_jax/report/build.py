@@ -205,7 +205,7 @@ def line_bending(record: Record) -> list[dict[str, Any]]:
     """Per line the maximum moment [N m], its arc length [m] and time [s], the minimum radius [m], and the maximum and
     mean moment of each node [N m] against arc length from the first point [m]."""
     scene = record.scene
-    kappa = curvature(scene, record.positions)
+    kappa = curvature(scene, record.positions, record.t)
     moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))
     summary = bending_summary(scene, record.t, kappa, moment)
     found = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -90,48 +91,24 @@ def _observe_run(
     extra: dict[str, Any],
     rows: InMemory,
 ) -> Kind:
-    every = scene.run.save_every
-    dt = scene.run.interval / every
+    """The solution of the good saves of a run, observed at their times."""
+    dt = scene.run.interval / scene.run.save_every
     start = first.row
     before = int(first.carry.steps_done)
     good = _good_saves(run)
-    bad_step = int(run.first_bad[-1])
     kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
     join = rows.join
-    t = since.origin + (since.saves + np.arange(good + 1)) * (every * dt)
+    t = since.origin + (since.saves + np.arange(good + 1)) * (scene.run.save_every * dt)
     parted = jax.tree.map(join, start.parted, kept.parted)
     own = jax.tree.map(join, start.own, kept.own)
-    seen = _observe_states(
-        model, (join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own), rows
-    )
+    states = (join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own)
+    seen = _observe_states(model, states, rows)
     broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
-    names = ledger(stepper, model, scene.run)
-    work = join(start.work, kept.work)
-    status = "ok"
-    first_bad = None
-    if bad_step >= 0:
-        residual = float(run.residual[min((bad_step - before) // every, len(run.residual) - 1)])
-        status, reason = _reason(residual, stepper, model)
-        when = float(t[0]) + (bad_step - before + 1) * dt
-        first_bad = {"step": bad_step + 1, "time_s": when, "residual": residual, "reason": reason}
-    settings = {
-        "integrator": stepper.integrator.name,
-        "solver": stepper.solver_name,
-        "dt": dt,
-        "duration": scene.run.duration,
-        "steps": scene.run.steps,
-        "dtype": str(model.dtype),
-        **{key: getattr(stepper.integrator, key, None) for key in OPTIONS},
-        "residual_tolerance": stepper.limit(model),
-        "iterations": stepper.iterations,
-        "save_every": every,
-        **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
-    }
-    at_rest = scene.start.is_static and not t[0]
+    status, first_bad = _first_failure(run, stepper, model, before, scene.run.save_every, (float(t[0]), dt))
     found = kind(
         scene=scene,
-        settings=settings,
+        settings=_settings_of(scene, stepper, model, extra),
         t=t,
         positions=seen.each.positions,
         velocities=seen.each.velocities,
@@ -139,11 +116,11 @@ def _observe_run(
         t_tension=np.concatenate([t[:1], t[1:] - middle]),
         kinetic=seen.each.kinetic,
         potential=seen.each.potential,
-        work=work,
-        work_names=names,
+        work=join(start.work, kept.work),
+        work_names=ledger(stepper, model, scene.run),
         step_status=np.zeros(good + 1, np.int8),
         status=status,
-        failed_steps=int(np.sum(run.failed)) if bad_step < 0 else 1,
+        failed_steps=int(np.sum(run.failed)) if first_bad is None else 1,
         retried_steps=int(np.sum(run.retried[: good + 1])),
         first_bad=first_bad,
         max_residual=float(np.max(run.residual[: good + 1])),
@@ -153,18 +130,62 @@ def _observe_run(
         own=_name_leaves(own),
         continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
         **seen.bodies,
-        warnings=(
-            *scene_warnings(scene, at_rest),
-            *_precision(scene, model),
-            *(() if model.sea is None else sea_warnings(scene, model.sea)),
-            *(pose_remarks(scene, seen.each.positions[0], np.asarray(start.tension)) if at_rest else ()),
-            *(words(row) for row in broken),
-        ),
     )
-    if found.torque is None:
-        return found
-    notes = twist_remarks(scene, found.positions, found.tension, found.torque)
-    return replace(found, warnings=(*found.warnings, *notes))
+    return replace(found, warnings=tuple(_remarks(found, model, np.asarray(start.tension))))
+
+
+def _first_failure(
+    run: Trajectory, stepper: Stepper, model: Model, before: int, every: int, clock: tuple[float, float]
+) -> tuple[str, dict[str, Any] | None]:
+    """Status of a run, and its first step that failed, if one did.
+
+    Args:
+        before: steps done before this run.
+        every: steps between saved states.
+        clock: time of the first saved state, and step [s].
+    """
+    bad_step = int(run.first_bad[-1])
+    if bad_step < 0:
+        return "ok", None
+    began, dt = clock
+    residual = float(run.residual[min((bad_step - before) // every, len(run.residual) - 1)])
+    status, reason = _reason(residual, stepper, model)
+    when = began + (bad_step - before + 1) * dt
+    return status, {"step": bad_step + 1, "time_s": when, "residual": residual, "reason": reason}
+
+
+def _settings_of(scene: Scene, stepper: Stepper, model: Model, extra: dict[str, Any]) -> dict[str, Any]:
+    """Everything that a run was made with, in `extra` as far as the caller gave it."""
+    run = scene.run
+    return {
+        "integrator": stepper.integrator.name,
+        "solver": stepper.solver_name,
+        "dt": run.interval / run.save_every,
+        "duration": run.duration,
+        "steps": run.steps,
+        "dtype": str(model.dtype),
+        **{key: getattr(stepper.integrator, key, None) for key in OPTIONS},
+        "residual_tolerance": stepper.limit(model),
+        "iterations": stepper.iterations,
+        "save_every": run.save_every,
+        **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
+    }
+
+
+def _remarks(solution: Kind, model: Model, tension: np.ndarray) -> Iterator[str]:
+    """Warnings on a scene, its start with these tensions (n,) [N], what broke and how ropes are twisted."""
+    scene = solution.scene
+    at_rest = scene.start.is_static and not solution.t[0]
+    yield from scene_warnings(scene, at_rest)
+    yield from _precision(scene, model)
+    if model.sea is not None:
+        yield from sea_warnings(scene, model.sea)
+    if at_rest:
+        yield from pose_remarks(scene, solution.positions[0], tension)
+    for row in solution.broken:
+        yield words(row)
+    if solution.torque is not None:
+        yield from twist_remarks(scene, solution.positions, solution.tension, solution.torque)
 
 
 def ledger(stepper: Stepper, model: Model, run: RunSpec) -> tuple[str, ...]:

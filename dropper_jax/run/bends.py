@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.analysis.angles import writhe
+from dropper_jax.effects.clamp_motion import ClampMotion
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
@@ -90,16 +93,17 @@ def bending_stiffness(scene: Scene) -> np.ndarray:
     return np.broadcast_to(np.asarray(scene.effects["bending"]["EI"], float), sum(line.links for line in scene.lines))
 
 
-def curvature(scene: Scene, positions: np.ndarray) -> np.ndarray:
+def curvature(scene: Scene, positions: np.ndarray, t: np.ndarray | None = None) -> np.ndarray:
     """`kappa = |q_(j+1) - q_j|/l` (k, nodes) [1/m] as `effects.bending` has it: 0 at pinned ends.
 
     q are directions of links, l the mean length of a node's two; at a clamped end q_0 is the clamp's and l half a link.
 
     Args:
         positions: all nodes, line after line (k, nodes, 3) [m].
+        t: times (k,) [s], for clamps that turn; 0 if omitted.
     """
     found = np.zeros(positions.shape[:2])
-    clamps = _clamps(scene)
+    clamps = _clamps(scene, np.zeros(len(positions)) if t is None else t)
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         links = np.diff(positions[:, where.nodes], axis=1)
         size = np.linalg.norm(links, axis=-1, keepdims=True)
@@ -117,7 +121,7 @@ def bending_moment(
     scene: Scene, positions: np.ndarray, t: np.ndarray, broken: tuple[dict[str, Any], ...]
 ) -> np.ndarray:
     """`M = EI kappa` (k, nodes) [N m]; zero next to a broken link."""
-    kappa = curvature(scene, positions)
+    kappa = curvature(scene, positions, t)
     stiffness = bending_stiffness(scene)
     for where in line_slices(scene):
         each = stiffness[where.links]
@@ -129,12 +133,17 @@ def bending_moment(
     return kappa
 
 
-def _clamps(scene: Scene) -> dict[str, np.ndarray]:
-    """Directions (3,) in which lines leave their clamped points."""
+def _clamps(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
+    """Directions (3,), or (k, 3) at times t (k,) [s], in which lines leave their clamped points."""
     given = scene.effects.get("bending", {})
-    if not given.get("clamped"):
-        return {}
-    return {name: d / np.linalg.norm(d) for name, d in zip(given["clamped"], given["directions"], strict=True)}
+    found = {}
+    if given.get("clamped"):
+        for name, direction in zip(given["clamped"], given["directions"], strict=True):
+            found[name] = direction / np.linalg.norm(direction)
+    if ClampMotion.name in scene.effects:
+        clamp = ClampMotion.build(scene.effects[ClampMotion.name], scene)
+        found[clamp.point] = np.asarray(jax.vmap(clamp.leaving)(jnp.asarray(t)))
+    return found
 
 
 def bending_summary(

@@ -28,7 +28,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run.chunks import FACTOR, Companion, Program, RunOutcome
 from dropper_jax.run.samples import TOO_LONG, Kind, Samples, is_finished
-from dropper_jax.scene import whole_lines
+from dropper_jax.scene import RunSpec, whole_lines
 from dropper_jax.stepping.adaptive import Within
 from dropper_jax.stepping.integrate import Trajectory
 
@@ -113,14 +113,14 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
         number = done + np.arange(len(piece.r))
         both = piece.r[number % 2 == 1] if companion.finer else piece.r
         first = done // 2 if companion.finer else done
-        apart = both - run[first : first + len(both)]
-        distance.append(np.sqrt(np.max(np.sum(apart**2, axis=2), axis=1, initial=0.0)))
+        apart = np.asarray(both - run[first : first + len(both)])
+        distance.append(_longest(apart))
         turned.append(_turned(solution, apart))
         done += len(piece.r)
     compared = done // 2 if companion.finer else done
     if done == 0 or compared < len(run):
         return None
-    factor = _factor(solution, companion.finer)
+    factor = error_factor(solution, companion.finer)
     travel = _travel(solution, rows.r)
     separation = None if travel is None else np.concatenate(distance) / travel
     chaos = None if separation is None else _chaos(separation, run)
@@ -135,8 +135,8 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     }
 
 
-def _factor(solution: Samples, finer: bool) -> float:
-    """Error of the run over its difference from the companion."""
+def error_factor(solution: Samples, finer: bool) -> float:
+    """Error of a run over its difference from one that is coarser or finer by as much as a companion."""
     is_controlled = "refused_steps" in solution.settings
     if is_controlled:
         gain = FACTOR
@@ -181,6 +181,31 @@ def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) ->
         }
 
 
+def finer_values(run: RunSpec) -> dict[str, float]:
+    """Values of a scene whose run is finer by as much as a companion, with twice the saved states."""
+    if run.accuracy is None:
+        return {"run.dt": 0.5 * run.step}
+    return {"run.accuracy": run.accuracy / FACTOR, "run.save_interval": 0.5 * run.interval}
+
+
+def parts_at(solution: Samples, finer: Samples) -> float | None:
+    """Time [s] from which a run and one with `finer_values` are different motions (chaos); None if they are not."""
+    count = min(len(solution.t), (len(finer.t) + 1) // 2)
+    nodes = solution.positions[1:count]
+    travel = _travel(solution, nodes)
+    if travel is None:
+        return None
+    chaos = _chaos(_longest(finer.positions[2 : 2 * count : 2] - nodes) / travel, nodes)
+    if chaos is None:
+        return None
+    return float(solution.t[1 + chaos])
+
+
+def _longest(vectors: np.ndarray) -> np.ndarray:
+    """Length (k,) of the longest of vectors (k, nodes, 3)."""
+    return np.sqrt(np.max(np.sum(vectors**2, axis=2), axis=1, initial=0.0))
+
+
 def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
     """Maximum extent [m] of a node's path (k, nodes, 3); None for a run at rest."""
     travel = float(np.max(np.linalg.norm(np.ptp(nodes, axis=0), axis=1)))
@@ -193,7 +218,7 @@ def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
     """Saved time after which the two runs are different motions: small errors grow at a rate that only chaos has."""
     if not np.any(separation > SEPARATED):
         return None
-    shift = np.sqrt(np.max(np.sum((nodes - nodes[0]) ** 2, axis=2), axis=1))
+    shift = _longest(nodes - nodes[0])
     swing = int(np.argmax(shift > 0.5 * np.max(shift)))
     resolved = int(np.argmax(separation > CHAOS_RESOLVED))
     off = int(np.argmax(separation > SEPARATED))

@@ -15,6 +15,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.growth import lines_in_words
 from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.run.samples import TOO_LONG, Kind, Samples
+from dropper_jax.run.winches import winch_warnings
 from dropper_jax.scene import WholeLine, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
 
@@ -144,6 +145,7 @@ def with_quality_checks(solution: Kind) -> Kind:
     every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
     found = limit_warnings(_tensions(solution)) if every_step else []
     found += limit_warnings(_snatches(solution))
+    found += winch_warnings(solution)
     drift = solution.energy_drift
     scale = max(solution.energy_scale, _negligible(solution))
     status = solution.status

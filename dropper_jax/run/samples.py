@@ -193,7 +193,7 @@ class Samples:
     def curvature(self) -> np.ndarray | None:
         """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `run.bends`); else None."""
         if bends(self.scene):
-            return curvature(self.scene, self.positions)
+            return curvature(self.scene, self.positions, self.t)
         return None
 
     @cached_property

@@ -217,7 +217,7 @@ def simulate(
             interval, extremes are those of all steps.
         progress: called with the fraction done and a line of text.
         throw: raise `SimulationError` (with the partial solution) if the status is not `ok`.
-        errors: run again with smaller steps and more links (about 12 times the cost), and store the loads with an
+        errors: run again finer and with more links (about 6 times the time), and store the loads with an
             estimate of their errors in `settings["load_errors"]` (see `study.load_errors`).
         skip: time at the start [s] that is left out of these loads.
         start: a run of the same scene to continue from its last state, with times that continue (see

@@ -14,6 +14,7 @@ from dropper_jax.evaluation.extremes import line_snaps
 from dropper_jax.evaluation.record import Record, arc, record
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.run.companion import error_factor, finer_values, parts_at
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.sea.make import main_period
 
@@ -90,12 +91,10 @@ def _halve_value(value: Plain, parts: int) -> Plain:
 #: Loads of each line: mean and standard deviation in time of the link with the maximum tension [N], mean of the maxima
 #: in windows of a wave [N], maximum and minimum [N], number of snaps.
 QUANTITIES = ("mean", "deviation", "window_maximum", "maximum", "minimum", "snaps")
-#: Steps of the runs relative to that of the scene.
-FINER = (1, 2, 4)
+#: Loads that depend on few instants and converge irregularly: their error is the whole difference of two runs.
+EXTREMES = ("maximum", "minimum", "snaps")
 #: Factor on an estimated error so that the true one rarely exceeds it (Roache, J. Fluids Eng. 116 (1994) 405).
 GRID_SAFETY = 1.25
-#: Relative change of all masses.
-PERTURBED = 1e-8
 #: Relative error of the maximum tension of a line above which it is not resolved.
 UNRESOLVED = 0.05
 
@@ -109,20 +108,18 @@ def load_errors(
 ) -> dict[str, Any]:
     """Loads of a run with an estimate of their error.
 
-    The scene is run with its step h, h/2 and h/4; an accuracy is divided by 4 and 16, which halves the steps. It is
-    also run with twice the links at the same EA and BA and, if present, with twice the internal damping and twice the
-    stiffness of the seabed. The cost is some 12 times that of a single run. With q(h) a load,
+    The scene is also run finer (half the step, a quarter of the accuracy), with twice the links at the same EA and BA
+    and, if present, with twice the internal damping and twice the stiffness of the seabed, for some six times the time
+    of a single run. With q a load, g the gain of the finer run as in `run.companion`,
 
-        step:  1.25 (|q(h) - q(h/4)| + |q(h/2) - q(h/4)|/(2^p - 1)),    2^p = |q(h) - q(h/2)|/|q(h/2) - q(h/4)|,
-        links: 1.25 (2 |q(h) - q'(h)|),    q' with twice the links,
+        step:  1.25 |q - q_finer| g/(g - 1), for extremes and counts 1.25 |q - q_finer|,
+        links: 1.25 (2 |q - q'|),    q' with twice the links.
 
-    p is between 0.5 and 2. Links are taken as of first order, to which masses at nodes, contact and slack reduce them.
-    The total is the sum of both; the factor 1.25 (Roache 1994) turns the estimate into a limit. `chance` is the
-    standard error by batch means (8 batches; for maxima from the spread of the window maxima). It estimates the change
-    in another storm of the same length and is not an error of this one. A motion is chaotic if a relative change of
-    masses by 1e-8 changes it by 1e-4 of its range. Differences of single runs are then random as well: `chaotic` is
-    true, `horizon_s` is the time at which this starts, and the error of the step is the maximum difference between the
-    three runs.
+    Links are taken as of first order, to which masses at nodes, contact and slack reduce them. The total is the sum of
+    both; the factor 1.25 (Roache 1994) turns the estimate into a limit. `chance` is the standard error by batch means
+    (8 batches; for maxima from the spread of the window maxima). It estimates the change in another storm of the same
+    length and is not an error of this one. Once the two runs are different motions (`chaotic`, from `horizon_s` on),
+    differences of single runs are random, and the error of the step is the whole difference for all loads.
 
     Args:
         run: simulates a scene.
@@ -138,45 +135,44 @@ def load_errors(
         SceneError: a failed run, or a record that is too short.
     """
     variants, left_out = _variants(scene)
-    made: dict[str, list[dict[str, Any]]] = {}
-    horizon = scene.run.duration
-    for i, (name, variant) in enumerate(variants.items()):
-        say(i / len(variants), name)
-        known = first if name == "1" else None
-        solution = run(variant) if known is None else known
-        first = solution if name == "1" else first
-        if not len(solution.t) > 3 or not is_finished(solution):
-            if name in ("1", "2", "4"):
-                raise SceneError(f"--errors: the run with steps of 1/{name} ends with {solution.failure}")
+    base = run(scene) if first is None else first
+    _must_have_ended(base, "of the scene")
+    made = {"1": line_loads(record(base, skip))}
+    horizon = None
+    for i, (name, variant) in enumerate(variants.items(), start=1):
+        say(i / (1 + len(variants)), name)
+        solution = run(variant)
+        if name == "finer":
+            _must_have_ended(solution, "with half its step")
+            horizon = parts_at(base, solution)
+        elif not _has_ended(solution):
             left_out[name] = f"that run ends with {solution.failure}"
-        elif name == "perturbed":
-            horizon = _horizon(first, solution)
-        else:
-            made[name] = line_loads(record(solution, skip), made.get("1"))
-    chaotic = horizon < scene.run.duration
-    rows = [_row(i, made, chaotic) for i in range(len(made["1"]))]
+            continue
+        made[name] = line_loads(record(solution, skip), made["1"])
+    chaotic = horizon is not None
+    factor = 1.0 if chaotic else error_factor(base, finer=True)
+    rows = [_row(i, made, factor) for i in range(len(made["1"]))]
     return {
         "loads": rows,
         "chaotic": chaotic,
-        "horizon_s": horizon,
+        "horizon_s": scene.run.duration if horizon is None else horizon,
         "not_resolved": [row["line"] for row in rows if row["maximum"]["error"] > UNRESOLVED * row["maximum"]["value"]],
         "left_out": left_out,
     }
 
 
+def _has_ended(solution: Samples) -> bool:
+    return len(solution.t) > 3 and is_finished(solution)
+
+
+def _must_have_ended(solution: Samples, which: str) -> None:
+    if not _has_ended(solution):
+        raise SceneError(f"--errors: the run {which} ends with {solution.failure}")
+
+
 def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
     left_out = {}
-    run = scene.run
-    key = "dt"
-    value = run.step
-    power = 1
-    if run.accuracy is not None:
-        key = "accuracy"
-        value = run.accuracy
-        power = 2
-    found = {str(n): scene.with_values({f"run.{key}": value / n**power}) if n > 1 else scene for n in FINER}
-    heavier = {f"line.{i}.mass": (line.mass * (1.0 + PERTURBED)).tolist() for i, line in enumerate(scene.lines)}
-    found["perturbed"] = scene.with_values(heavier)
+    found = {"finer": scene.with_values(finer_values(scene.run))}
     try:
         found["links"] = twice_the_links(scene)
     except SceneError as error:
@@ -192,19 +188,6 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
         stiffness = 2.0 * float(scene.effects["seabed"]["stiffness"])
         found["twice_bed"] = scene.with_values({"effects.seabed.stiffness": stiffness})
     return found, left_out
-
-
-def _horizon(first: Samples, other: Samples) -> float:
-    """Time [s] up to which the difference of two runs is below the limit of chaos."""
-    k = min(len(first.t), len(other.t))
-    apart = np.abs(first.positions[:k] - other.positions[:k]).max(axis=(1, 2))
-    # minimum range of a motion, as a fraction of the longest line
-    moved = max(float(np.ptp(first.positions, axis=0).max()), 1e-3 * max(line.total for line in first.scene.lines))
-    # amplification of the change in the motion above which it is chaotic
-    over = np.flatnonzero(apart > 1e4 * PERTURBED * moved)
-    if over.size:
-        return float(first.t[over[0]])
-    return first.scene.run.duration
 
 
 def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[dict[str, Any]]:
@@ -281,13 +264,14 @@ def _period(scene: Scene) -> float:
     return float(period[np.argmax(amplitude)])
 
 
-def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[str, Any]:
+def _row(i: int, made: dict[str, list[dict[str, Any]]], factor: float) -> dict[str, Any]:
     first = made["1"][i]
     row: dict[str, Any] = {"line": first["line"], "at_m": first["at_m"]}
     for name in QUANTITIES:
         values = {key: rows[i][name][0] for key, rows in made.items()}
         value, chance = first[name]
-        step = step_error(*(values[str(n)] for n in FINER), chaotic)
+        gain = 1.0 if name in EXTREMES else factor
+        step = GRID_SAFETY * gain * abs(values["finer"] - value)
         change = {key: values[key] - value for key in ("links", "twice_damping", "twice_bed") if key in values}
         if "links" in change:
             links = GRID_SAFETY * 2.0 * abs(change["links"])
@@ -302,14 +286,3 @@ def _row(i: int, made: dict[str, list[dict[str, Any]]], chaotic: bool) -> dict[s
             **{key: change[key] for key in ("twice_damping", "twice_bed") if key in change},
         }
     return row
-
-
-def step_error(full: float, half: float, quarter: float, chaotic: bool) -> float:
-    """See `load_errors`."""
-    first = abs(full - half)
-    second = abs(half - quarter)
-    if chaotic:
-        return max(first, second, abs(full - quarter))
-    # allowed orders of the step error; measured values outside are random
-    ratio = np.clip(first / second if second > 0 else np.inf, *(2.0**p for p in (0.5, 2.0)))
-    return GRID_SAFETY * (abs(full - quarter) + second / (float(ratio) - 1.0))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from fitting.films.calibration import Lens, calibrate, plane_from_board
+from fitting.films.calibration import Lens, Plane, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
 from fitting.films.detection import Circles, MarkerAppearance, detect_at, scan
 from fitting.films.flattening import (
@@ -144,81 +144,143 @@ def track(
         SceneError: for any invalid input, in one line.
         AmbiguousOrderError: the film allows several orders of the nodes.
     """
-    if nodes < 2:
-        raise SceneError(f"--nodes: {nodes} is too few; allowed: at least 2, both ends of the chain included")
-    if sum(x is not None for x in (plane, scale, distance)) > 1:
-        raise SceneError("track: more than one of --plane, --scale, --distance; allowed: one of them")
-    if plane is not None and square is None:
-        raise SceneError("--square: missing; needed: the side of the board's squares in m, because --plane is given")
+    _check_options(nodes, start, plane, square, scale, distance)
     say = progress or silent
     film = Video(video, fps)
-    lens = calibrate(calibration, board) if calibration else None
-    if lens is not None and lens.size != film.size:
-        raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
+    setup = _Setup.of(film, calibration, board, plane, square)
     span = _span(film, begin, end)
-    if start is not None and np.shape(start) != (nodes, 2):
-        raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
     say(0.0, "looking for markers")
     appearance, circles = scan(film, span, nodes, radius, bright, say)
-    if plane is None:
-        board_plane = None
-    else:
-        board_plane = plane_from_board(plane, lens, board, square)
     say(0.75, "finding the order of the nodes")
+    flat = Flat(film.size, setup.lens, setup.seen_by(setup.lens))
     try:
-        flat = Flat(film.size, lens, board_plane)
         chain = follow_film(circles, nodes, appearance.radius, film.fps, flat, first, start)
     except AmbiguousOrderError as error:
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
     _detect_again(film, span, appearance, chain)
     chain, offset, message = _trim_frames(remove_blur(chain), film.fps)
-    marks = find_marks(chain.flat, chain.detected)
     size = len(chain.detected)
     if size < FEWEST:
         raise SceneError(f"{film.path.name}: {message or 'only'} {size} frames; allowed: at least {FEWEST}")
+    t = (offset + np.arange(size)) / film.fps
+    if not message and end is None:
+        message = _breaks_off(film, span[0] + len(circles), t[-1])
+    marks = find_marks(chain.flat, chain.detected)
     metres = _metres(chain, scale, distance)
     if level:
         metres = _level_chain(metres)
-    t = (offset + np.arange(size)) / film.fps
-    known = chain.detected[:, 1:] & chain.detected[:, :-1] & ~marks.links
-    level_unknown = 0.0
-    if lens is not None and not level:
-        planes = [None if plane is None else plane_from_board(plane, other, board, square) for other in lens.others]
-        others = [replace(chain.map, lens=a, plane=b) for a, b in zip(lens.others, planes, strict=True)]
-        level_unknown = level_error(chain.map, others, chain.pixels, chain.detected)
-    error = np.where(known, _errors(chain, ~marks.links, level_unknown), np.nan)
+    error, known = _measured(chain, marks, 0.0 if level else setup.level_error(chain))
     lost = why_no_chain(chain.flat, chain.detected, marks, error)
     uncertain = known & ~(error <= LARGEST_ERROR)
-    known &= ~uncertain
-    trace = to_trace(film.path.stem, t, metres, error, known)
-    trace = replace(trace, warnings=changing_lengths(chain.flat, known))
+    trace = to_trace(film.path.stem, t, metres, error, known & ~uncertain)
+    trace = replace(trace, warnings=changing_lengths(chain.flat, known & ~uncertain))
+    status = "not_converged" if message else "ok"
     if lost:
+        status = "lost"
         message = (
             f"{film.path.name}: the circles do not move as the nodes of a chain: {lost}; needed: a marker on each of "
             f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
         )
-    elif not message and end is None and span[0] + len(circles) < 0.95 * film.announced:  # cut short
-        message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
-    parameters = chain.map.parameters
     tracked = Tracked(
         trace=trace,
         pixels=chain.pixels,
         metres=metres - metres[0, 0],
         detected=chain.detected,
         appearance=appearance,
-        lens=lens,
+        lens=setup.lens,
         scaled=not (plane is None and scale is None and distance is None),
         first_frame=span[0] + offset,
         fps=film.fps,
-        status="lost" if lost else "not_converged" if message else "ok",
+        status=status,
         message=message,
         warnings=_warnings(film, chain, marks, trace.warnings, t, offset, int(uncertain.sum())),
         marks=marks,
-        slant=None if parameters is None or board_plane is not None else (float(parameters[0]), float(parameters[1])),
+        slant=setup.slant(chain),
         exposure=chain.exposure / film.fps,
     )
     say(1.0, tracked.status)
     return tracked
+
+
+def _check_options(
+    nodes: int,
+    start: Sequence[tuple[float, float]] | None,
+    plane: str | Path | None,
+    square: float | None,
+    scale: float | None,
+    distance: float | None,
+) -> None:
+    if nodes < 2:
+        raise SceneError(f"--nodes: {nodes} is too few; allowed: at least 2, both ends of the chain included")
+    if sum(x is not None for x in (plane, scale, distance)) > 1:
+        raise SceneError("track: more than one of --plane, --scale, --distance; allowed: one of them")
+    if plane is not None and square is None:
+        raise SceneError("--square: missing; needed: the side of the board's squares in m, because --plane is given")
+    if start is not None and np.shape(start) != (nodes, 2):
+        raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
+
+
+@dataclass(frozen=True)
+class _Setup:
+    """The camera's lens, and the board in the plane of motion, as far as there are pictures of them.
+
+    Attributes:
+        lens: from pictures of a board, or None.
+        plane, board, square: a picture of the board in the plane, its inner corners, and its squares [m].
+    """
+
+    lens: Lens | None
+    plane: str | Path | None
+    board: tuple[int, int]
+    square: float | None
+
+    @classmethod
+    def of(
+        cls,
+        film: Video,
+        calibration: Sequence[str | Path],
+        board: tuple[int, int],
+        plane: str | Path | None,
+        square: float | None,
+    ) -> _Setup:
+        """The setup of a film; refuses pictures of another size."""
+        lens = calibrate(calibration, board) if calibration else None
+        if lens is not None and lens.size != film.size:
+            raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
+        return cls(lens, plane, board, square)
+
+    def seen_by(self, lens: Lens | None) -> Plane | None:
+        """The plane of motion as a camera with this lens sees it; None without a picture of the board there."""
+        if self.plane is None:
+            return None
+        return plane_from_board(self.plane, lens, self.board, self.square)
+
+    def level_error(self, chain: TrackedChain) -> float:
+        """Standard error [rad] of the angle of the picture's rows, from the uncertainty of the lens; 0 without one."""
+        if self.lens is None:
+            return 0.0
+        others = [replace(chain.map, lens=lens, plane=self.seen_by(lens)) for lens in self.lens.others]
+        return level_error(chain.map, others, chain.pixels, chain.detected)
+
+    def slant(self, chain: TrackedChain) -> tuple[float, float] | None:
+        """Pan and pitch [rad] found from the motion; None where the board's plane is known."""
+        parameters = chain.map.parameters
+        if parameters is None or self.plane is not None:
+            return None
+        return float(parameters[0]), float(parameters[1])
+
+
+def _breaks_off(film: Video, frames: int, last: float) -> str:
+    """Why a film of this many frames, the last one at `last` [s], was cut short; '' if it was not."""
+    if frames >= 0.95 * film.announced:
+        return ""
+    return f"the video breaks off after {last:.3g} s of {film.announced / film.fps:.3g} s"
+
+
+def _measured(chain: TrackedChain, marks: Marks, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Standard errors (k, n - 1) [rad] of the angles, NaN where a marker is hidden or marked; where they are known."""
+    known = chain.detected[:, 1:] & chain.detected[:, :-1] & ~marks.links
+    return np.where(known, _errors(chain, ~marks.links, level), np.nan), known
 
 
 def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:

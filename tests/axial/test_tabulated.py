@@ -111,6 +111,7 @@ def test_hanging_weight_stretches_the_line_to_its_row_and_bounces_with_the_slope
     assert np.min(np.abs(omega / expected - 1)) < 1e-6
 
 
+@pytest.mark.check
 def test_a_weight_dropped_on_a_tabulated_line_keeps_its_energy_balance():
     model = build_model(load_scene(hanging(TABLE | {"damping": 200.0}, 1000.0)))
     node = model.geometry.point_node[1]

@@ -56,6 +56,7 @@ def test_a_member_that_halves_its_steps_and_one_that_fails_leave_the_others_unch
     assert list(retried > 0) == [False, False, True, True]
 
 
+@pytest.mark.check
 def test_derivatives_of_a_batch_are_those_of_single_runs(dropper):
     model, start, stepper = dropper
 

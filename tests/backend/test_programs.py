@@ -104,6 +104,7 @@ def test_a_compiler_without_an_option_compiles_without_all_of_them(monkeypatch):
         assert float(double(jnp.asarray(3.0))) == 6.0
 
 
+@pytest.mark.check
 def test_doctor_reports_an_option_that_the_compiler_does_not_know(monkeypatch, capsys):
     monkeypatch.setattr("dropper_jax.study.doctor.OPTIONS", {"xla_cpu_is_not_an_option": True, **programs.OPTIONS})
     main(["doctor", "--repeats", "2"])

@@ -150,6 +150,7 @@ def test_a_stored_run_gives_the_same_bits(tmp_path, scene):
         assert got.dtype == again.dtype
 
 
+@pytest.mark.check
 def test_a_stored_program_that_calls_lapack_runs_in_a_process_that_has_not_started_it(tmp_path):
     code = """
 import sys
@@ -166,6 +167,7 @@ print(solution.positions[-1].sum(), stored_programs().loaded)
     assert (first[1], int(second[1]) > 3) == ("0", True)
 
 
+@pytest.mark.check
 def test_a_stored_program_runs_in_a_process_with_several_processors(tmp_path):
     code = """
 import os, sys

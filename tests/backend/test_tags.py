@@ -226,6 +226,7 @@ def tags(request):
     return found
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("name", names(TAGGED))
 def test_a_tagged_function_has_the_values_of_the_plain_one(tags, name):
     assert isinstance(tags[name], int), tags[name]

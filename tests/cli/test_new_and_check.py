@@ -16,7 +16,7 @@ from dropper_jax.run.growth import end_force_vectors
 from dropper_jax.scene import line_slices, whole_lines
 
 #: Templates whose programs take longest to compile.
-LARGE = ("farm", "mussels")
+LARGE = ("farm", "longline", "mussels")
 
 
 @pytest.mark.parametrize(

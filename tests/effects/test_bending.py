@@ -173,6 +173,7 @@ def frame(rigid=False, links=5):
     }
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("rigid", [False, True])
 def test_the_network_holds_bending_exactly(rigid):
     model, s = build(frame(rigid))
@@ -249,6 +250,7 @@ def test_moments_go_to_netcdf_vtk_json_and_the_report(tmp_path, loaded):
     assert run["largest_moment_n_m"] == pytest.approx(np.max(solution.bending_moment[:]), rel=1e-6)
 
 
+@pytest.mark.check
 def test_work_of_a_clamp_that_moves_is_in_the_balance():
     scene = cantilever(4, EI=200.0, load=2.0, tip=5.0)
     scene["effects"]["end_motion"] = {"point": "a", "time": [0.0, 1.0], "displacement": [[0.0] * 3, [0.0, 0.5, 1.0]]}

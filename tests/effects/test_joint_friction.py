@@ -100,12 +100,13 @@ def test_viscous_joints_of_two_links_follow_the_linear_equations_of_small_angles
     np.testing.assert_allclose(np.arctan2(d[:, 0], -d[:, 2]), y[:2].real, atol=1e-5 * a0)
 
 
-@pytest.mark.parametrize("scene", ["dropper-release-a-undamped", "string"])
+@pytest.mark.parametrize("scene", ["dropper-release-a-undamped", pytest.param("string", marks=pytest.mark.check)])
 def test_dry_friction_never_raises_the_energy(scene):
     """In the plane and in space."""
     check_falling_energy(scene, 2e-5, 4.0)
 
 
+@pytest.mark.check
 def test_dry_friction_of_real_bearings_never_raises_the_energy_until_all_has_stopped():
     """8 joints of a plane loop with 5 motions: all of them end up held, and creep by nothing."""
     solution = check_falling_energy("dropper-release-a-undamped", 2e-3, 6.0, halvings=2)

@@ -156,6 +156,7 @@ def test_energy_balance_closes_to_rounding(law):
     assert np.max(np.abs(total - total[0])) < 1e-9 * scale
 
 
+@pytest.mark.check
 def test_derivatives_by_length_and_rate_agree_with_differences_of_runs():
     model, start = dj.build(scene([{**table()[0], "time": [0.0, 0.503, 1.507, 3.0, 4.0]}]))
     stepper = dj.make_stepper(model, "energy_momentum")
@@ -232,6 +233,23 @@ def test_winch_follows_its_equations_to_first_order():
     rates = np.diff(np.asarray(slow.own["length_in_time"][0].length)) / DURATION * count
     assert np.isclose(np.min(rates), -0.02)
     assert np.max(rates) <= 0.02 * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("control", "message"),
+    [
+        ({"target": 200.0, "gain": [1e-3, 0.0]}, None),
+        ({"target": 200.0, "gain": [0.5, 0.0]}, "winch of rope: swings between its limits of -1 and 1 m/s from 0."),
+        ({"lengths": [4.9, 6.0]}, "winch of rope: ends at its limit of 4.9 m, so the tension is not the target."),
+    ],
+    ids=["stable", "unstable gain", "used up"],
+)
+def test_a_run_says_what_its_winch_does_badly(control, message):
+    warnings = dj.simulate(scene(winch(**control))).warnings
+    assert [text for text in warnings if "winch" in text][:1] == [
+        text for text in warnings if message and message in text
+    ]
+    assert message is None or any(message in text for text in warnings)
 
 
 @pytest.mark.parametrize(

@@ -160,6 +160,7 @@ def test_the_nearest_places_are_those_that_a_reports_exact_search_finds():
         assert -float(force[i, end, axis]) == pytest.approx(float(slope), rel=1e-5, abs=1e-6)
 
 
+@pytest.mark.check
 def test_damping_and_friction_take_energy_whatever_the_motion():
     model, s = dj.build(crossing(50.0, friction=0.4))
     (contact,) = model.effects

@@ -76,6 +76,7 @@ def particle(hanging, form):
     return scene
 
 
+@pytest.mark.check
 def test_a_neutral_particle_stays_with_the_water_only_with_the_material_acceleration(hanging, runs):
     period, steps = 8.33, 8000
     dt = 10 * period / steps

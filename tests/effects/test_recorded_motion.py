@@ -52,6 +52,7 @@ def test_each_point_follows_its_own_parabola_with_its_rate_and_acceleration():
             assert np.allclose(fast[number], bend, atol=1e-6)
 
 
+@pytest.mark.check
 def test_a_run_begins_at_the_first_row_and_ends_at_the_last():
     found = dj.simulate(scene())
     assert found.status == "ok"

@@ -99,7 +99,7 @@ def sliding(friction, duration=1.0):
     ("friction", "integrator"),
     [
         pytest.param(None, "energy_momentum", marks=pytest.mark.check),
-        (0.2, "energy_momentum"),
+        pytest.param(0.2, "energy_momentum", marks=pytest.mark.check),
         pytest.param(0.2, "generalized_alpha", marks=pytest.mark.check),
     ],
 )

@@ -52,7 +52,7 @@ def test_a_sliding_weight_stops_after_v2_over_2_mu_g(one_line, integrator):
     np.testing.assert_array_equal(path.r[stopped[0] + 1 :, -1, 0], path.r[stopped[0] + 1, -1, 0])  # and stays
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_grounded_chain_does_not_creep_across_a_current_below_the_limit(one_line):
     kind = {"mass": 10.91, "diameter": 0.042, "EA": 48.884e6, "damping_ratio": 0.1, "cdn": 1.4, "cdt": 0.2}
     scene = on_the_bed(one_line, 6, 20.0, kind, seabed_friction={"kinetic": 0.5}, buoyancy={}, morison_drag={})

@@ -40,6 +40,7 @@ def test_a_moment_twists_a_rod_by_t_l_over_gj():
     np.testing.assert_allclose(solution.torque, MOMENT, rtol=1e-9)
 
 
+@pytest.mark.check
 def test_a_rod_turned_at_its_end_carries_gj_by_its_turn():
     solution = dj.simulate(rod(turn=1.5, turn_time=0.2, last="held", damping=0.05, duration=3.0))
     np.testing.assert_allclose(solution.torque[-1], GJ * 1.5 / LENGTH, rtol=1e-3)
@@ -60,6 +61,7 @@ def test_writhe_of_a_helix_is_its_turns_by_one_minus_the_cosine_of_its_pitch(han
     assert writhe(np.stack([arc, 0 * arc, arc**2], axis=1)[None], [1.0, 0.0, 0.0])[0] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.check
 def test_a_run_says_where_its_torque_would_throw_loops():
     scene = rod(torque=MOMENT, duration=0.02)
     plain = dj.simulate(scene)
@@ -90,7 +92,8 @@ def test_a_moment_put_on_at_once_swings_the_rod_with_its_natural_periods():
     np.testing.assert_allclose(stored - MOMENT * phi[:, -1], 0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("system", [pytest.param(False, marks=pytest.mark.check), True])
+@pytest.mark.check
+@pytest.mark.parametrize("system", [False, True])
 def test_twist_brings_tension_and_strain_torque_as_in_the_papers_20(system):
     table = rod(LINKED, duration=8.0, dt=0.02, system=system, coupling=COUPLING, damping=0.4)
     solution = dj.simulate(table)

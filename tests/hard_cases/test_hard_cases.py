@@ -30,6 +30,14 @@ LEFT_TO_CHECK = {
     *("slack-taut-stretch", "slack-taut-return", "slack-taut-coarse", "snap-peak", "snap-return"),
     *("end-kinks-rope", "end-kinks-rod", "cut-off", "parts-at-load", "near-breaking-float"),
     *("flow-coefficients", "row-of-wakes"),
+    *(
+        "steep-wave-float",
+        "dry-friction-two-joints",
+        "stick-slip",
+        "many-floats",
+        "gradient-mass-ratio",
+        "turning-tide",
+    ),
     *("rope-on-rope", "rope-on-rope-energy", "twisted-rod", "clamped-rod", "sliding-drum", "pinned-arm"),
 }
 

@@ -136,7 +136,8 @@ def test_the_instant_tension_is_that_of_a_swinging_pendulum():
     np.testing.assert_allclose(a[0], across - rate**2 * r[0], rtol=1e-12, atol=1e-14)
 
 
-@pytest.mark.parametrize("added_mass", [pytest.param("morison", marks=pytest.mark.check), "lagrangian"])
+@pytest.mark.check
+@pytest.mark.parametrize("added_mass", ["morison", "lagrangian"])
 def test_a_jump_under_water_leaves_tensions_that_do_not_alternate(added_mass):
     dt = 0.002
     scene = pendulum(dt, table(dt), links=3, duration=0.5)
@@ -155,7 +156,8 @@ def test_a_jump_under_water_leaves_tensions_that_do_not_alternate(added_mass):
     assert np.abs(run.tension[0] - run.tension[1]) == pytest.approx(np.zeros(3), abs=0.02 * np.max(late))
 
 
-@pytest.mark.parametrize("dt", [0.03, pytest.param(0.015, marks=pytest.mark.check)])
+@pytest.mark.check
+@pytest.mark.parametrize("dt", [0.03, 0.015])
 def test_added_mass_that_turns_does_not_feed_a_velocity_that_alternates(dt):
     """Ten minutes of a regular wave are periodic; tensions grew from 1.1 kN at 100 s to 300 kN at 400, 4 MN at 600."""
     found = dj.simulate("dropper-regular-wave", dt=dt, duration=500.0)

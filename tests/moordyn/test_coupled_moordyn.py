@@ -37,6 +37,7 @@ def theirs(folder):
     return np.array(found)
 
 
+@pytest.mark.check
 def test_forces_of_a_driven_chain_are_those_of_moordyn(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     coupled = dj.Coupled(DECK, points=["fairlead"], dt=0.01)

@@ -73,6 +73,7 @@ def lines_of_the_deck(name):
         yield ours[links][::step], nodes[links.start : links.stop + 1][::step]
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("name", each(WHEEL))
 def test_tensions_at_rest_are_those_of_moordyn(name):
     for (ours, places), theirs in zip(lines_of_the_deck(name), REST[name], strict=True):

@@ -350,6 +350,7 @@ def test_dropper_run_takes_a_moordyn_file_and_writes_its_channels(deck, tmp_path
     assert min(ends) <= inner[0] <= max(ends)
 
 
+@pytest.mark.check
 def test_channels_name_points_and_lines_by_the_ids_of_the_file(deck, tmp_path):
     """Point 2 of the file, the float, comes last in it, and line 7 first."""
     rows = FLOAT.splitlines(keepends=True)

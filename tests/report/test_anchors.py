@@ -80,6 +80,7 @@ def test_a_screw_anchor_holds_the_bearing_of_its_plates():
         assert dj.load_scene(dj.load_scene(table).to_dict()) == dj.load_scene(table)
 
 
+@pytest.mark.check
 def test_the_report_has_utilisation_and_factor():
     scene = dj.load_scene(SCENE)
     assert dj.Scene.from_dict(scene.to_dict()) == scene

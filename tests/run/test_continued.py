@@ -40,10 +40,10 @@ def halves(scene, tmp_path, suffix, **settings):
     ("scene", "suffix", "settings"),
     [
         (PENDULUM, ".npz", {"dt": 0.01, "duration": 1.0}),
-        (PENDULUM, ".nc", {"dt": 0.01, "duration": 1.2, "save_every": 3}),
+        pytest.param(PENDULUM, ".nc", {"dt": 0.01, "duration": 1.2, "save_every": 3}, marks=pytest.mark.check),
         (PENDULUM, ".nc", {"dt": 0.01, "duration": 0.62, "integrator": "tsit5"}),
         (ROPE, ".nc", {}),
-        ("measured-double-pendulum", ".npz", {"dt": 0.01, "duration": 0.4}),
+        pytest.param("measured-double-pendulum", ".npz", {"dt": 0.01, "duration": 0.4}, marks=pytest.mark.check),
     ],
     ids=["equal", "every-third", "held-error", "following-accuracy", "sticking-joints"],
 )

@@ -34,6 +34,7 @@ def current(flow, direction=0.0):
     return {"kind": "uniform", "speed": float(np.hypot(*flow[:2])), "direction": float(np.arctan2(flow[1], flow[0]))}
 
 
+@pytest.mark.check
 def test_a_current_is_the_same_as_ends_towed_against_it_in_still_water():
     """Galilei: in the frame of the water the line's points move by -U."""
     rest = dj.simulate(loop({"current": current(FLOW)}))

@@ -14,8 +14,8 @@ from dropper_jax import build, build_model, equilibrium, integrate, load_scene, 
 G = 9.81
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["rope", pytest.param("damped_rope", marks=pytest.mark.check)])
+@pytest.mark.check
+@pytest.mark.parametrize("law", ["rope", "damped_rope"])
 def test_a_falling_chain_in_water_at_rest_never_gains_energy(one_line, law):
     kind = {
         "law": law,

@@ -132,6 +132,7 @@ def test_files_keep_the_extremes_and_older_ones_without_them_load(thinned, suffi
     assert any("earlier version" in note for note in report_run(read)["notes"])
 
 
+@pytest.mark.check
 def test_a_run_with_an_embedded_error_has_the_extremes_of_all_steps():
     settings = {"accuracy": 1e-4, "duration": 1.2, "integrator": "tsit5"}
     fine, coarse = (dj.simulate(PENDULUM, **settings, save_interval=interval) for interval in (0.01, 0.12))

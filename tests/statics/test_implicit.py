@@ -57,7 +57,7 @@ def measured(pose):
     return jnp.concatenate([pose.tension[jnp.array([0, 6])] / 100.0, pose.state.r[-1]])
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_pose_follows_lengths_stiffness_drag_and_anchors_in_both_modes(mooring, both_modes):
     model, pose = mooring
     one = jnp.ones(4)

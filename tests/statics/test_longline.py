@@ -46,7 +46,7 @@ def fairlead(one_line, links):
     return pull[0], pull[2] + 0.5 * CHAIN["mass"] * G * 75.0 / links  # the last half link hangs on the fairlead itself
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_chain_on_a_bed_is_the_elastic_catenary_to_1e_4_and_of_second_order(one_line):
     exact = jonkman(75.0, CHAIN["mass"] * G, CHAIN["EA"], 60.0, 30.0)
     error = {links: np.max(np.abs(np.array(fairlead(one_line, links)) / exact - 1)) for links in (25, 100, 200)}

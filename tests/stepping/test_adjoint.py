@@ -63,6 +63,7 @@ def way(farm):
     return [leaves[i] for i in moving], start, run, by_leaf, by_start, values
 
 
+@pytest.mark.check
 def test_the_way_back_is_that_of_automatic_differentiation(way):
     """Along twelve random directions through all lengths, masses and positions at once; relative to their scale."""
     chosen, start, run, by_leaf, by_start, values = way

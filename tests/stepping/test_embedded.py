@@ -250,7 +250,7 @@ def changed(model, p):
     return replace(model, effects=tuple(replace(e, **new.get(e.name, {})) for e in model.effects))
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_a_run_along_the_steps_that_it_took_has_derivatives_in_both_modes(both_modes):
     model, start = dj.build(PENDULUM)
     lengths, number = dj.adaptive_step_lengths(STEPPER, model, start, jnp.asarray(0.05), 20, jnp.asarray(0.01), 128)

@@ -31,6 +31,7 @@ def slope():
     return of
 
 
+@pytest.mark.check
 def test_a_derivative_that_has_grown_is_warned_of_and_unchanged(slope):
     with pytest.warns(RuntimeWarning, match=r"grown by more than e\^10"):
         grown = slope(6_000)

@@ -37,6 +37,7 @@ def test_a_start_that_no_links_can_reach_exhausts_the_retries_and_stays_finite(l
     assert stepper.halvings == 2
 
 
+@pytest.mark.check
 def test_one_bad_member_of_a_batch_leaves_the_others_as_they_are_to_the_bit(lab):
     _, s, _, run = lab
     speed = 0.1 * np.random.default_rng(0).normal(size=(3, *s.r.shape))

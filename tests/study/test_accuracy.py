@@ -32,6 +32,7 @@ def report(tmp_path_factory):
     return code, json.loads(out.getvalue()), path
 
 
+@pytest.mark.check
 def test_rows_have_the_contract_and_measured_orders_are_the_design_ones(report) -> None:
     code, found, path = report
     assert code == 0
@@ -157,6 +158,7 @@ def test_the_thesis_own_scheme_has_no_numerical_damping_at_its_own_step_because_
     assert "no share" in found["text"]
 
 
+@pytest.mark.check
 def test_euler_schemes_do_what_the_thesis_says_on_the_pendulums() -> None:
     assert all(row["holds"] for row in euler_claims(dts=(0.005,)))
 

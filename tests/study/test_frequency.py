@@ -58,6 +58,7 @@ def closed_form(omega, amplitude, mass):
     return x, stiffness * (amplitude - x)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("state", range(len(STATES)))
 def test_hanging_mass_with_quadratic_drag_is_the_scalar_fixed_point(response, state):
     omega, hs = response.omega[state], STATES[state][0]
@@ -127,6 +128,7 @@ def test_command_prints_writes_and_draws(tmp_path, capsys, monkeypatch):
     assert "most probable maximum [N]" in capsys.readouterr().out
 
 
+@pytest.mark.check
 def test_runs_in_time_are_reported_beside_the_response(capsys, monkeypatch):
     """Linear waves on a spring with drag: the run has the same deviation within the error of the linearisation."""
     monkeypatch.setattr(command, "read_scene", lambda args: dj.load_scene(hanging_mass()))
@@ -165,6 +167,7 @@ def test_scenes_without_irregular_waves_are_rejected():
         dj.frequency_response(scene, STATES)
 
 
+@pytest.mark.check
 def test_slack_chain_on_the_seabed_is_flagged_not_an_error():
     """A float over a chain that is longer than the depth: what lies on the bed has no stiffness across itself."""
     chain = {"name": "chain", "mass": 10.0, "diameter": 0.04, "damping_ratio": 0.1, "EA": 1e7, "cdn": 1.4}

@@ -102,6 +102,7 @@ def test_a_rope_at_rest_has_no_errors(tmp_path):
     json.dumps(solution.summary())
 
 
+@pytest.mark.check
 def test_errors_hold_for_links_of_first_order():
     """Links' masses at their far nodes: the top link carries the whole rope, half a link more than it should."""
     found, rope = row(hanging(2, nodes="far"), dt=0.1)

@@ -10,7 +10,6 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress
 from dropper_jax.scene import whole_lines
-from dropper_jax.study.load_errors import step_error
 from fitting.farm.cases.one import STATUS, Found
 from fitting.farm.cases.run import CaseStore, run_cases
 from fitting.farm.site import Case, Site, Storm
@@ -56,9 +55,9 @@ def step_errors(
 ) -> dict[str, Any]:
     """Error of the load of each part in its worst case, by runs with half the step (and a quarter, `halvings` = 2).
 
-    Let q be the mean over the first `step_seeds` seeds of the worst line's maxima. With one halving the error is
-    `2 |q(h) - q(h/2)|`, that of a scheme of first order: contact and slack reduce one of second order to this. With two
-    halvings it follows `study.load_errors.load_errors`, with the observed order.
+    Let q be the mean over the first `step_seeds` seeds of the worst line's maxima. After k halvings the error is
+    `2^k/(2^k - 1) |q(h) - q(h/2^k)|`, that of a scheme of first order: contact and slack reduce one of second order to
+    this.
 
     Returns:
         by part {value_n, error_n, relative, by_step} or {skipped}.
@@ -85,10 +84,8 @@ def _error(
         if bad:
             return {"skipped": f"a run with a step of {dt:g} s ended with {bad[0]['status']}"}
         means.append(float(np.mean(runs.maxima(good, row["line"]))))
-    if len(means) == 2:
-        error = 2.0 * abs(means[0] - means[1])
-    else:
-        error = step_error(*means, chaotic=False)
+    gain = 2.0 ** (len(means) - 1)
+    error = gain / (gain - 1.0) * abs(means[0] - means[-1])
     return {
         "case": row["case"],
         "line": row["line"],

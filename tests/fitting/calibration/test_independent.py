@@ -30,6 +30,7 @@ def test_damping_of_another_simulators_traces_is_found_without_bias(two, ten):
     assert np.all(np.abs(np.mean(z, axis=0)) < 3 / np.sqrt(10))
 
 
+@pytest.mark.check
 def test_ninety_percent_intervals_cover_the_truth_at_least_seven_times_in_ten(two, ten):
     inside = [(result.uncertainty.low <= two.TRUTH) & (result.uncertainty.high >= two.TRUTH) for result in ten]
     assert np.all(np.sum(inside, axis=0) >= 7)

@@ -22,6 +22,7 @@ def rubbed(two, ready):
     return prepared, joined(prepared)
 
 
+@pytest.mark.check
 def test_missing_forces_have_the_derivatives_of_the_effects_and_change_nothing_at_zero(two, ready, motion):
     """The scene has viscous joints and quadratic drag; its drag is averaged over a step, an error of second order."""
     prepared = ready(two.seen(motion, 0))

@@ -58,6 +58,7 @@ def result(trace, prepared):
     return fit_by(prepared.simulator, [trace], rig(), 5 * TRUTH)
 
 
+@pytest.mark.check
 def test_the_fit_of_a_lifted_dropper_finds_its_damping(result):
     assert result.status == "ok"
     assert np.all(np.abs(result.values - TRUTH) < 3.5 * result.uncertainty.std_error)
@@ -184,6 +185,7 @@ def test_a_model_that_misses_its_trace_is_no_ok_until_its_error_is_stated(trace)
     assert stated.chi2_per_dof < 2
 
 
+@pytest.mark.check
 def test_angles_of_a_run_are_explained_up_to_the_error_of_its_step(tmp_path, prepared):
     path = write_angles(simulate(rig(), save_every=5, companion="coarser"), tmp_path / "angles.csv")
     result = fit_by(prepared.simulator, [path], rig(), 2 * TRUTH)

@@ -33,6 +33,7 @@ def test_the_loss_is_half_the_chi_square_that_the_windows_of_a_fit_have(problem)
     assert float(problem.loss(problem.params, problem.starts)) == pytest.approx(0.5 * np.sum(residual**2), rel=1e-9)
 
 
+@pytest.mark.check
 def test_the_loss_has_the_slopes_of_differences_and_goes_through_jit_grad_and_vmap(problem):
     slopes = jax.jit(jax.grad(problem.loss, argnums=(0, 1)))(problem.params, problem.starts)
     ends = []
@@ -64,6 +65,7 @@ def test_with_the_starts_eliminated_value_and_slopes_are_those_of_fitted_starts(
         assert float(gradient[i]) == pytest.approx(float(ends[0] - ends[1]) / (2 * size), rel=0.02)
 
 
+@pytest.mark.check
 def test_the_loss_is_a_function_of_the_parameters_whose_gradient_jax_takes(problem, two):
     at = jnp.asarray(1.05 * two.TRUTH)
     value, gradient = jax.value_and_grad(problem)(at)
@@ -154,7 +156,7 @@ def test_a_release_whose_windows_have_no_start_is_refused(program):
         loss_of_trace(program["file"], program["scene"], ["b_l", "release.time"], settings=FitSettings(window=0.5))
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_its_step_is_that_of_the_dense_solver(program):
     model, start = dj.build(program["scene"])
     stepper = dj.make_stepper(model, "energy_momentum", "dense")

@@ -212,6 +212,7 @@ def test_columns_of_two_different_runs_are_not_explained_by_a_change_of_the_file
     assert "likeliest cause: " in name_wrong_file(prepared)
 
 
+@pytest.mark.check
 def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_another(two, ready, motion):
     """A smooth error of 1 mrad, an encoder's noise of 20 microrad: short windows miss the angles by many times that."""
     trace = two.seen(motion, 6, 2e-5)

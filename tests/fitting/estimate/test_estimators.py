@@ -129,6 +129,7 @@ def test_scipy_least_squares_with_our_jacobian_finds_the_same_optimum(twins, sep
     assert ours.cost == pytest.approx(theirs.cost, rel=1e-5)
 
 
+@pytest.mark.check
 def test_window_jacobian_agrees_with_central_differences():
     """Of the first windows alone, whose truth takes a fifth of the time."""
     trace = observe(simulate_truth(SCENE, 5.0), Camera(angle_noise=0.005), 0)

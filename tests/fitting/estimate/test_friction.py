@@ -51,6 +51,7 @@ def ready():
     return prepare(trace, SCENE, FREE, start=start, settings=FitSettings(window=DURATION))
 
 
+@pytest.mark.check
 def test_dry_friction_and_linear_damping_are_told_apart(ready):
     result = summarise(ready, "windows", estimate(ready, "windows"))
     assert result.status == "ok"

@@ -52,6 +52,7 @@ def ready(motion):
     return prepare(seen(motion, 0), SCENE, FREE, start=far)
 
 
+@pytest.mark.check
 def test_release_time_force_and_damping_are_found_from_far_off(ready):
     for method in ("windows", "shooting"):
         result = summarise(ready, method, estimate(ready, method))
@@ -94,6 +95,7 @@ def test_before_its_release_a_run_rests_in_the_scenes_static_pose(ready):
     np.testing.assert_allclose(resting, np.broadcast_to(pose, resting.shape), rtol=1e-9)
 
 
+@pytest.mark.check
 def test_a_known_release_needs_no_free_parameter(motion):
     """Let go at t = 0 from the scene's pose."""
     trace = observe(motion, Camera(rate=RATE, angle_noise=NOISE), 1)
@@ -140,6 +142,7 @@ def test_a_release_that_the_scene_does_not_have_is_refused(motion, change, free,
         prepare(seen(motion, 0), {**SCENE, **change}, free)
 
 
+@pytest.mark.check
 def test_a_release_far_from_the_first_sample_is_refused(motion):
     trace = seen(motion, 0)
     with pytest.raises(SceneError, match="starts at 9 s; allowed"):

@@ -70,6 +70,7 @@ def tracked_lab(lab):
     return code, read_trace(folder / "traces.csv")
 
 
+@pytest.mark.check
 def test_angles_from_video_are_within_a_fifth_of_a_degree_and_no_node_is_swapped(lab, tracked_lab):
     code, trace = tracked_lab
     truth = lab[2]

@@ -75,6 +75,7 @@ def scored(scene, truth, tmp_path_factory):
     return lambda case: sweep_against_trace(scene, PAIRS, truth(case), out, listed=True, chunk=8, quantities=[])
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("case", [0, 2, 3])
 def test_the_true_pair_has_the_best_head_and_its_error_is_the_noise(scored, case):
     found = scored(case)

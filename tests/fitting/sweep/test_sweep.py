@@ -175,6 +175,7 @@ CHAIN = {
 }
 
 
+@pytest.mark.check
 def test_each_shape_of_the_model_gets_its_program_and_the_numbers_of_single_runs(tmp_path):
     """One chunk holds both shapes; arrays over links have those of the larger one."""
     counts, dampings = [2, 3], [0.1, 0.4]

@@ -49,6 +49,7 @@ def test_frames_saved_too_far_apart_for_the_waves_are_told(longline):
     assert "saved every 4 s in waves of 6" in told[0]
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("options", [WITH, WITHOUT], ids=["webgl", "canvas"])
 def test_a_click_on_a_rope_shows_its_tension_and_a_trail(page, in_browser, options):
     probe = """(() => {

@@ -101,6 +101,7 @@ def found(site, folder):
     return assess(site, folder, DT, step_errors(site, folder, DT, first))
 
 
+@pytest.mark.check
 def test_a_run_keeps_the_loads_of_a_plain_simulation_of_its_scene(site, folder):
     """The same scene by `simulate`, its extremes and held loads by the report of runs."""
     case = site.cases[-1]  # current, west leg broken
@@ -324,6 +325,7 @@ def by_standard(tmp_path_factory):
 SEAS = ((10, 0.8), (50, 1.0))
 
 
+@pytest.mark.check
 def test_every_number_of_the_page_can_be_followed_to_edition_and_clause(by_standard):
     text, factors = page(by_standard), standards("factors")["ns-9415-rope"]
     cases = standards("cases")["ns-9415"]

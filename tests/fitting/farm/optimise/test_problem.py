@@ -112,6 +112,7 @@ def test_a_bad_problem_is_refused_before_anything_runs(what):
         read_problem(changed(**sections))
 
 
+@pytest.mark.check
 def test_a_constraint_may_limit_a_quantity_by_name():
     limits = [{"kind": "quantity", "of": "tension.west-leg.fairlead.max", "maximum": 2e4}]
     limits += [{"kind": "quantity", "of": "offset.p1.max", "maximum": 5.0}]

@@ -83,6 +83,7 @@ def wet(rope, thickness=0.0):
     return G * (mass + DENSITY * math.pi / 4 * (whole**2 - bare**2) - RHO * math.pi / 4 * whole**2)
 
 
+@pytest.mark.check
 def test_floats_of_each_month_are_those_of_the_tributary_hand_calculation(found):
     """Each float carries a spacing of backbone and half a loop on either side; the outer ones half a loop in all."""
     lift = G * VOLUME * (RHO - FOAM)

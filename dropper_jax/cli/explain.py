@@ -1,0 +1,128 @@
+"""`dropper explain SCENE`: the questions that users ask most about a mooring, answered by numbers."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from dropper_jax.cli.options import (
+    add_examples,
+    add_scene,
+    done_object,
+    print_result,
+    read_scene,
+    table,
+)
+from dropper_jax.cli.outputs import add_out, deliver
+
+if TYPE_CHECKING:
+    from dropper_jax.explain.answers import Explained, LineFacts
+
+help = "answers on a mooring at rest: lengths, tensions, stiffnesses, damping, wear, each beside a closed form"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_examples(parser, "explain paper-case-1", "explain platform-longline --json")
+    add_scene(parser)
+    add_out(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    scene = read_scene(args, notes=False)
+
+    from dropper_jax.explain.answers import explain
+    from dropper_jax.run.build import equilibrium
+
+    pose = equilibrium(scene)
+    if pose.status != "ok":
+        return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
+    found = explain(scene, pose)
+    values = asdict(found)
+    for row, line in zip(values["lines"], found.lines, strict=True):
+        row["verdict"] = line.verdict
+    return deliver(args.json, done_object(scene=scene.name, **values), _text(found), args.out)
+
+
+def _text(found: Explained) -> str:
+    parts = [
+        _lengths(found),
+        _tensions(found),
+        _stiffness(found),
+        _damping(found),
+        _wear(found),
+        _ignored(found),
+    ]
+    return "\n\n".join(parts)
+
+
+def _lengths(found: Explained) -> str:
+    rows = [("line", "length [m]", "ends apart [m]", "on the bed [m]", "answer")]
+    for line in found.lines:
+        sizes = (line.length_m, line.apart_m, line.on_bed_m)
+        rows.append((line.name, *(f"{size:.5g}" for size in sizes), line.verdict))
+    return f"Is each line long enough?\n{table(rows)}"
+
+
+def _tensions(found: Explained) -> str:
+    rows = [("line", "lower end [N]", "closed form [N]", "upper end [N]", "closed form [N]")]
+    for line in found.lines:
+        rows.append(
+            (
+                line.name,
+                f"{line.lower_n:.6g}",
+                _or_dash(line.closed_lower_n),
+                f"{line.upper_n:.6g}",
+                _or_dash(line.closed_upper_n),
+            )
+        )
+    note = (
+        "closed form: the elastic catenary between the same ends, where the line is uniform, under water and in no "
+        "current;\nwhat differs is due to the number of links"
+    )
+    return f"What tension has each line along it?\n{table(rows)}\n{note}"
+
+
+def _stiffness(found: Explained) -> str:
+    rows = [("line", "axial, EA/L [N/m]", "of its upper end, horizontal [N/m]")]
+    rows += [(line.name, f"{line.axial_n_per_m:.5g}", _or_dash(line.horizontal_n_per_m, 5)) for line in found.lines]
+    text = f"Which stiffness is meant?\n{table(rows)}"
+    if found.stiffness is None:
+        return text
+    diagonal = [("", "x", "y", "z"), ("exact", *(f"{found.stiffness[i, i]:.5g}" for i in range(3)))]
+    if found.closed_stiffness is not None:
+        diagonal.append(("closed form", *(f"{value:.5g}" for value in found.closed_stiffness), "-"))
+    points = ", ".join(found.held)
+    more = f"6x6: dropper stiffness SCENE --of {','.join(found.held)}"
+    return f"{text}\nof the whole mooring as {points} move together [N/m]:\n{table(diagonal)}\n{more}"
+
+
+def _damping(found: Explained) -> str:
+    rows = [("line", "first axial period [s]", "damping ratio", "of the stiffest link")]
+    rows.extend(_damping_of(line) for line in found.lines)
+    note = "internal damping changes no force at rest: it damps axial waves, by these shares of the critical value"
+    return f"What does internal damping change?\n{table(rows)}\n{note}"
+
+
+def _damping_of(line: LineFacts) -> tuple[str, str, str, str]:
+    period = f"{line.axial_period_s:.3g}"
+    return line.name, period, f"{line.damping_ratio:.3g}", f"{line.link_damping_ratio:.3g}"
+
+
+def _wear(found: Explained) -> str:
+    rows = [("line", "largest tension [N]", "worn, by derivative [N]", "by equilibrium [N]", "use", "worn")]
+    for row in found.wear:
+        uses = ("-" if share is None else f"{share:.1%}" for share in (row.use, row.worn_use))
+        numbers = (f"{row.tension_n:.6g}", f"{row.by_derivative_n:.6g}", _or_dash(row.by_equilibrium_n))
+        rows.append((row.name, *numbers, *uses))
+    note = "a tenth of the diameter gone: area, mass, EA and breaking load are 0.81 of those now"
+    return f"What does 10 % wear do?\n{table(rows)}\n{note}"
+
+
+def _ignored(found: Explained) -> str:
+    lines = found.ignored or ("nothing",)
+    return "\n".join(["Which inputs were ignored?", *(f"- {text}" for text in lines)])
+
+
+def _or_dash(value: float | None, digits: int = 6) -> str:
+    return "-" if value is None else f"{value:.{digits}g}"

@@ -1,0 +1,166 @@
+"""A clamp that turns: the direction of a line at a fixed point, prescribed in time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import dot, safe_norm
+from dropper_jax.effects.bending import Bending
+from dropper_jax.effects.end_motion import interpolate_quintic
+from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
+from dropper_jax.model.slots import Force
+from dropper_jax.scene import SceneData
+
+#: Largest difference of a unit vector's or quaternion's length from 1.
+UNIT = 1e-3
+#: Largest turn from one row of the table to the next [rad]: between farther ones the way is not known.
+FARTHEST = np.pi / 3
+
+
+@component
+class ClampMotion(Effect):
+    """Bending moment between the end link of a line and a clamp whose direction w turns in time.
+
+    With q the direction of the link as it leaves the point, l its length, EI that of `bending`, the moment is that of
+
+        EI/l |q - w(t)|^2,
+
+    as of a point that `bending` clamps. It is a force from outside: its work, elastic energy included, is recorded
+    as `clamp_motion`. Between the rows w follows quintics, as `end_motion` does, which may move the point as well.
+    Before and after the table the clamp rests. Second order in the link length.
+    """
+
+    name: ClassVar[str] = "clamp_motion"
+    reach: ClassVar[int] = 1
+    needs: ClassVar[tuple[str, ...]] = ("bending",)
+    time: jax.Array = parameter("times of the table", unit="s", shape="table")
+    direction: jax.Array | None = parameter(
+        "direction (unit vector) in which the line leaves the point, at those times",
+        unit="-",
+        shape="vectors",
+        optional=True,
+    )
+    quaternion: jax.Array | None = parameter(
+        "turn of the clamp at those times, w, x, y, z of each row in one list", unit="-", shape="table", optional=True
+    )
+    along: jax.Array | None = parameter(
+        "direction of the line in the frame that the quaternions turn", unit="-", shape="vector", optional=True
+    )
+    point: str = option("name of the fixed point where the line is clamped", type=str, default="")
+
+    @classmethod
+    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+        _check_point(values["point"], scene)
+        time = np.asarray(values["time"])
+        if len(time) < 2 or np.any(np.diff(time) <= 0.0):
+            raise SceneError("effects.clamp_motion.time: needs at least 2 increasing times, one per direction")
+        turned = values["quaternion"] is not None
+        if turned == (values["direction"] is not None) or turned != (values["along"] is not None):
+            raise SceneError("effects.clamp_motion: give either `direction`, or `quaternion` and `along`")
+        _check_rows(values, len(time), turned)
+
+    @property
+    def corners(self) -> jax.Array:
+        return self.time
+
+    @property
+    def directions(self) -> jax.Array:
+        """Directions (k, 3) of the table, from vectors or quaternions."""
+        if self.quaternion is not None and self.along is not None:
+            return turned_by(self.quaternion.reshape(-1, 4), self.along)
+        return jnp.asarray(self.direction)
+
+    def leaving(self, t: jax.Array) -> jax.Array:
+        """Direction (3,) in which the line leaves the point at time t [s]."""
+        found = interpolate_quintic(t, self.time, self.directions)
+        return found / safe_norm(found)
+
+    def force(self, k: Kinematics) -> jax.Array:
+        return sum_of_pieces(self, k)
+
+    def piece_nodes(self, model: ModelView) -> np.ndarray:
+        """The point and the other node of the link there (1, 2)."""
+        graph = model.geometry
+        link, at_start = self._link(model)
+        nodes = [graph.first[link], graph.last[link]]
+        return np.array([nodes if at_start else nodes[::-1]])
+
+    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+        link, _ = self._link(k.model)
+        bending = next(effect for effect in k.model.having(Force) if isinstance(effect, Bending))
+        stiffness = jnp.broadcast_to(bending.EI, k.line.length.shape)[link] / k.line.length[link]
+        intact = k.line.axial.intact
+        if intact is not None:
+            stiffness = stiffness * intact[link]
+        wanted = self.leaving(k.t)
+
+        def energy(r: jax.Array) -> jax.Array:
+            away = r[:, 1] - r[:, 0]
+            bent = away / safe_norm(away)[:, None] - wanted
+            return stiffness * jnp.sum(dot(bent, bent))
+
+        return -jax.grad(energy)(r)
+
+    def _link(self, model: ModelView) -> tuple[int, bool]:
+        """The link at the point, and whether it is the first of its line."""
+        for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
+            if model.points[member.start].name == self.point:
+                return span.start, True
+            if model.points[member.end].name == self.point:
+                return span.stop - 1, False
+        raise SceneError(f"effects.clamp_motion.point: {self.point!r} has no line")
+
+
+def turned_by(quaternion: jax.Array, vector: jax.Array) -> jax.Array:
+    """The vector (3,) turned by quaternions (k, 4), w first: `v + 2 s x (s x v + w v)`, s their vector part, (k, 3)."""
+    w, s = quaternion[:, :1], quaternion[:, 1:]
+    unit = vector / safe_norm(vector)
+    return unit + 2.0 * jnp.cross(s, jnp.cross(s, unit) + w * unit)
+
+
+def _check_point(name: str, scene: SceneData) -> None:
+    held = [point.name for point in scene.points if not point.is_free]
+    if name not in held:
+        raise SceneError(f"effects.clamp_motion.point: {name!r} is not a fixed point; {nearest(name, held)}")
+    ends = [line.name for line in scene.lines for end in (line.start, line.end) if end == name]
+    if len(ends) != 1:
+        raise SceneError(
+            f"effects.clamp_motion.point: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line"
+        )
+    if name in scene.effects["bending"]["clamped"]:
+        raise SceneError(
+            f"effects.clamp_motion.point: {name!r} is in effects.bending.clamped too; allowed: one of the two"
+        )
+
+
+def _check_rows(values: Mapping[str, Any], rows: int, turned: bool) -> None:
+    """Refuse tables of another length, rows that are no unit vectors or quaternions, and frames that jump."""
+    key = "quaternion" if turned else "direction"
+    table = np.asarray(values[key], float).reshape(-1, 4 if turned else 3)
+    path = f"effects.clamp_motion.{key}"
+    if len(table) != rows:
+        raise SceneError(f"{path}: has {len(table)} rows; allowed: {rows}, one per time")
+    for i, row in enumerate(table):
+        size = float(np.linalg.norm(row))
+        if abs(size - 1.0) > UNIT:
+            raise SceneError(f"{path}.{i}: has the length {size:.4g}; allowed: 1, within {UNIT:g}")
+    directions = table
+    if turned:
+        if not np.linalg.norm(values["along"]) > 0.0:
+            raise SceneError(f"effects.clamp_motion.along: {list(values['along'])} has no direction")
+        directions = np.asarray(turned_by(jnp.asarray(table), jnp.asarray(values["along"], float)))
+    cosines = np.sum(directions[1:] * directions[:-1], axis=1)
+    turns = np.arccos(np.clip(cosines, -1.0, 1.0))
+    worst = int(np.argmax(turns))
+    if turns[worst] > FARTHEST:
+        raise SceneError(
+            f"{path}.{worst + 1}: jumps by {np.degrees(turns[worst]):.3g} degrees from the row before; allowed: "
+            f"{np.degrees(FARTHEST):.3g}. Use more rows"
+        )

@@ -1,0 +1,67 @@
+"""What a run says of its winches: gains with which a drum swings between its limits, and lengths that it used up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+
+import numpy as np
+
+from dropper_jax.effects.length_in_time import WinchState
+from dropper_jax.run.samples import Samples
+from dropper_jax.scene.length_in_time import WinchSpec
+
+#: Leaves of a winch's state, in order, of which a run keeps a series each.
+LEAVES = tuple(field.name for field in fields(WinchState))
+#: A drum turns at a limit from this fraction of it on.
+AT_LIMIT = 0.99
+#: Changes from one limit of the rate to the other with which it swings ...
+CHANGES = 6
+#: ... if it spends at least this fraction of the time between the first and the last of them at a limit.
+MOST = 0.8
+
+
+def winch_warnings(solution: Samples) -> Iterator[str]:
+    """One line for each winch whose drum swings between the limits of its rate, or ends at one of its length."""
+    number = 0
+    for line in solution.scene.lines:
+        for entry in line.length_in_time:
+            if entry.control is None:
+                continue
+            length, rate = (solution.own[_key(number, leaf)] for leaf in ("length", "rate"))
+            number += 1
+            swings = _swings_from(rate, entry.control)
+            if swings is not None:
+                low, high = entry.control.limits
+                yield (
+                    f"winch of {line.name}: swings between its limits of {low:g} and {high:g} m/s from "
+                    f"{solution.t[swings]:.3g} s on, so its gain is unstable. Use a smaller control.gain"
+                )
+            elif _is_used_up(length, entry.control):
+                yield (
+                    f"winch of {line.name}: ends at its limit of {length[-1]:.4g} m, so the tension is not the target. "
+                    "Use wider control.lengths, or another target"
+                )
+
+
+def _key(number: int, leaf: str) -> str:
+    """Name of the series of a leaf of a winch's state (see `Solution.own`)."""
+    return f"length_in_time.{len(LEAVES) * number + LEAVES.index(leaf)}"
+
+
+def _swings_from(rate: np.ndarray, control: WinchSpec) -> int | None:
+    """Saved state from which the rate (k,) [m/s] goes from one limit to the other again and again; None if not."""
+    low, high = control.limits
+    side = np.where(rate >= AT_LIMIT * high, 1, 0) - np.where(rate <= AT_LIMIT * low, 1, 0)
+    at = np.flatnonzero(side)
+    changes = at[1:][side[at[1:]] != side[at[:-1]]]
+    if len(changes) < CHANGES:
+        return None
+    between = side[changes[0] : changes[-1] + 1]
+    if np.mean(between != 0) < MOST:
+        return None
+    return int(changes[0])
+
+
+def _is_used_up(length: np.ndarray, control: WinchSpec) -> bool:
+    return bool(np.any(np.isclose(length[-1], control.lengths, rtol=1e-9)))

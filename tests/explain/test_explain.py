@@ -1,0 +1,115 @@
+"""Answers on moorings against an integration of the line's equations by SciPy, and against other equilibria."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import dropper_jax as dj
+from dropper_jax import SceneError
+from dropper_jax.cli import main
+from dropper_jax.explain.answers import explain
+from dropper_jax.explain.catenary import Hanging, offset_until_uplift, solve
+
+
+def laid_out(line, horizontal, vertical):
+    """Span and rise [m] of a line from its upper end down, by the forces there: dT/ds = w, stretch T/EA."""
+
+    def slopes(s, y):
+        v = vertical - line.weight * s
+        if line.on_bed and v <= 0.0:
+            return [1.0 + horizontal / line.EA, 0.0]
+        tension = np.hypot(horizontal, v)
+        stretch = 1.0 + tension / line.EA
+        return [stretch * horizontal / tension, stretch * v / tension]
+
+    touch = min(vertical / line.weight, line.length) if line.on_bed else line.length
+    hung = solve_ivp(slopes, (0.0, touch), [0.0, 0.0], rtol=1e-11, atol=1e-11).y[:, -1]
+    if touch == line.length:
+        return hung
+    return hung + (line.length - touch) * np.array([1.0 + horizontal / line.EA, 0.0])
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        Hanging(300.0, 80.0, 350.0, 600.0, 3e8, True),
+        Hanging(300.0, 80.0, 320.0, 600.0, 2e5, True),
+        Hanging(2.5, 0.3, 12.0, 40.0, 1e4, False),
+        Hanging(3.0, 0.5, 2.6, 3e-5, 36.0, False),
+        Hanging(0.4, 60.0, 61.0, 500.0, 1e7, False),
+    ],
+    ids=["long", "soft", "loop", "taut", "steep"],
+)
+def test_the_closed_form_is_the_line_that_its_forces_lay_out(line):
+    shape = solve(line)
+    np.testing.assert_allclose(laid_out(line, shape.horizontal, shape.vertical), [line.span, line.rise], rtol=1e-7)
+    # its stiffness is that of a difference
+    moved = [
+        solve(Hanging(line.span + d, line.rise, line.length, line.weight, line.EA, line.on_bed)) for d in (1e-4, -1e-4)
+    ]
+    slope = (moved[0].horizontal - moved[1].horizontal) / 2e-4
+    assert shape.stiffness[0, 0] == pytest.approx(slope, rel=1e-4)
+
+
+def test_a_line_lifts_its_anchor_at_the_offset_that_is_said():
+    line = Hanging(300.0, 80.0, 350.0, 600.0, 3e8, True)
+    reserve = offset_until_uplift(line)
+    at = solve(Hanging(line.span + reserve, line.rise, line.length, line.weight, line.EA, True))
+    assert at.bed == pytest.approx(0.0, abs=1e-6)
+    assert 0.0 < reserve < 40.0
+
+
+def chain(x, length, links=60):
+    """A chain of 70 kg/m from an anchor at x, 80 m deep, to a fairlead at 10 m."""
+    per_metre = {"length": length / links, "mass": 70.0 * length / links, "diameter": 0.1, "breaking_load": 4e6}
+    return {
+        "run": {"duration": 1.0},
+        "sea": {"depth": 80.0},
+        "point": [{"name": "anchor", "position": [x, 0.0, -80.0]}, {"name": "top", "position": [0.0, 0.0, -10.0]}],
+        "line": [
+            {"name": "chain", "from": "anchor", "to": "top", "links": links, **per_metre}
+            | {"axial": {"law": "rope", "EA": 3e8, "damping": 4e6}, "nodes": "shared"}
+        ],
+        "effects": {"weight": {}, "buoyancy": {}, "seabed": {}},
+    }
+
+
+@pytest.fixture(scope="module")
+def answers():
+    return explain(dj.load_scene(chain(120.0, 160.0)), dj.equilibrium(chain(120.0, 160.0)))
+
+
+def test_tensions_and_stiffness_are_those_of_the_closed_form_within_the_links(answers):
+    (line,) = answers.lines
+    assert line.upper_n == pytest.approx(line.closed_upper_n, rel=3e-3)
+    assert line.lower_n == pytest.approx(line.closed_lower_n, rel=1e-2)
+    assert answers.held == ("top",)
+    np.testing.assert_allclose(np.diag(answers.stiffness)[:2], answers.closed_stiffness, rtol=0.05)
+    assert line.verdict.startswith("long enough: its anchor lifts after")
+    # half a wave between held ends
+    assert line.axial_period_s == pytest.approx(2.0 * 160.0 / np.sqrt(3e8 / 70.0))
+
+
+def test_wear_by_the_derivative_is_that_of_another_equilibrium(answers):
+    (row,) = answers.wear
+    assert row.by_derivative_n == pytest.approx(row.by_equilibrium_n, rel=5e-3)
+    assert row.by_equilibrium_n < row.tension_n
+    # load and strength fall together
+    assert row.worn_use == pytest.approx(row.use, rel=0.02)
+
+
+def test_a_line_that_hangs_straight_down_is_too_long(capsys, tmp_path):
+    file = tmp_path / "long.toml"
+    file.write_text(dj.as_toml(chain(60.0, 150.0, links=50)))
+    assert main(["explain", str(file), "--json"]) == 0
+    (line,) = json.loads(capsys.readouterr().out)["lines"]
+    assert line["verdict"].startswith("too long by 20 m")
+    assert line["closed_upper_n"] == pytest.approx(42537.0, rel=1e-3)
+    assert line["closed_lower_n"] == line["lower_n"] == 0.0
+
+
+def test_rigid_links_are_refused():
+    with pytest.raises(SceneError, match="line dropper: rigid links have no stiffness"):
+        explain(dj.load_scene("dropper-release-a"), dj.equilibrium("dropper-release-a"))

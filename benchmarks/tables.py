@@ -24,6 +24,7 @@ PARTS = (
     "moordyn_hard_cases",
     "moordyn_tables",
     "edulis_anchors",
+    "paper_peaks",
 )
 for part in (*PARTS, "measured_once", "source_tables"):
     import_module(part)  # enters its tables

@@ -76,6 +76,8 @@ class LineFacts:
             return f"long enough: its anchor lifts after {self.reserve_m:.3g} m of offset"
         if self.reserve_m is not None:
             return f"lifts its anchor by {self.uplift_deg:.3g} degrees"
+        if self.on_bed_m > 0.0 and self.on_bed_m < self.length_m:
+            return "long enough: part of it rests on the bed"
         if self.length_m > self.apart_m:
             return "hangs between its ends"
         return "taut"

@@ -89,7 +89,7 @@ def join_laws(
         tries += [_onward(best, ~family.free_mask(law), widest.gap_weight) for best in inner[:1]]
         if not any(one.status == "ok" for one in tries):
             begin = fit_law(prepared, family, law, [laws[law]], ITERATIONS)
-            tries.append(fit_shooting(begin, continuity="tight", schedule=schedule))
+            tries.append(fit_shooting(begin, choose=False, schedule=schedule))
         found[law] = min(tries, key=lambda one: (one.status != "ok", one.cost))
     if all(one.status == "ok" for one in found.values()):
         return found

@@ -19,7 +19,7 @@ from fitting.estimate.gauss_newton import fit_windows
 from fitting.estimate.noise import mean_by_run
 from fitting.estimate.problem import Solution
 from fitting.estimate.scene_fit import SceneFit
-from fitting.estimate.windows import Windows, first_starts
+from fitting.estimate.windows import Span, Windows, first_starts
 from fitting.traces.trace import Trace
 
 
@@ -147,7 +147,7 @@ class FitResult(SceneFit):
     freed: list[Candidate | LawTest] = field(default_factory=list)
     wrong_file: str = ""
     likely: str = ""
-    left_out: tuple[tuple[int, float, float], ...] = ()
+    left_out: tuple[Span, ...] = ()
     laws: LawTests = LawTests()
     prepared: Prepared
     tested: list[Candidate] = field(default_factory=list)
@@ -232,9 +232,8 @@ class FitResult(SceneFit):
     @property
     def descent(self) -> list[dict[str, Any]]:
         """Loss per sample, parameters and gap weight of every step of the method `gradient`; otherwise empty."""
-        keys = ("loss", "values", "gap_weight")
         points = self.solution.history if self.method == "gradient" else []
-        return [{key: point.get(key) for key in keys} for point in points]
+        return [{"loss": one.loss, "values": one.values, "gap_weight": one.gap_weight} for one in points]
 
     @property
     def model(self) -> Model:

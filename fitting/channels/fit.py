@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError, part_of, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
@@ -152,13 +152,13 @@ def fit_channels(
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
     progress(0.0, "first run")
     point = first_point(problem, initial_loss(loss))
-    point = settle_noise(point, iterations, lambda share, text: progress(0.7 * share, text))
+    point = settle_noise(point, iterations, part_of(progress, 0.0, 0.7))
     if point.status == "ok" and point.problem.loss != loss:
         point = settle_noise(
             pose_again(point, replace(point.problem, loss=loss), point.evaluation), iterations, progress
         )
     if check_step and point.status == "ok":
-        say = lambda share, text: progress(0.7 + 0.25 * share, text)  # noqa: E731
+        say = part_of(progress, 0.7, 0.95)
         again = lambda ahead: settle_noise(replace(ahead, iterations=0), iterations, say)  # noqa: E731
         point = refine(point, say, again, sure=0.0)  # the interval of saved states, used by the cubics, stays the same
     result = ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))

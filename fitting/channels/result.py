@@ -177,11 +177,6 @@ class ChannelFit(SceneFit):
         """Estimates of the parameters, and what determines them."""
         return self.uncertainty
 
-    @property
-    def point(self) -> Solution:
-        """`solution` by its former name."""
-        return self.solution
-
     def note(self, i: int) -> str:
         """Remark on a parameter, by its number."""
         return ", ".join(filter(None, (VERDICTS[self.errors.determined[i]], super().note(i))))

@@ -249,9 +249,6 @@ class Released(Protocol):
 def resolve(
     model: Model,
     names: Sequence[str],
-    start: StartValues | None = None,
-    bounds: Bounds | None = None,
-    priors: Priors | None = None,
     option: str = "free",
     release: Released | None = None,
 ) -> tuple[Parameter, ...]:
@@ -259,21 +256,18 @@ def resolve(
 
     Args:
         names: paths; the path of a field with several values frees each of them.
-        start: start values by path, otherwise the model's.
-        bounds: (low, high) by path, inside the declared range; None keeps the declared one.
-        priors: (mean, standard deviation) by path.
         option: heading of error messages about `names`.
         release: provides the `release.*` names.
 
     Raises:
-        SceneError: a path that does not exist (with the nearest one), or an empty interval.
+        SceneError: a path that does not exist (with the nearest one), or is given twice.
     """
     found: list[Parameter] = []
     for name in names:
         released = release is not None and name.startswith("release.")
         found += release.parameters(name, option) if released else _expand(model, name, option)
     check_once([p.name for p in found], option)
-    return adjust_parameters(found, start, bounds, priors)
+    return adjust_parameters(found)
 
 
 def adjust_parameters(
@@ -286,6 +280,9 @@ def adjust_parameters(
     """The parameters with start values, bounds and priors given by path.
 
     Args:
+        start: start values by path, otherwise the parameters' own.
+        bounds: (low, high) by path, inside the declared range; None keeps the declared one.
+        priors: (mean, standard deviation) by path.
         wider: whether bounds may lie outside the parameters' own, which are a guess.
 
     Raises:

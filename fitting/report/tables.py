@@ -90,8 +90,6 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
         lengths = f"{shortest:.3g} to {longest:.3g} s"
     if gap is None:
         joined = "separate"
-    elif gap == 0:
-        joined = "joined exactly"
     else:
         joined = f"joined, gap weight {gap:g}"
     pairs = [

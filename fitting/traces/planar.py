@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import from_angles
@@ -43,6 +44,11 @@ def check_planar(model: Model, start: State) -> None:
             "motion in the x-z plane only. A static start turns out of the plane where a link is pushed: "
             "`dropper equilibrium` shows y; try another start.release_force [N]"
         )
+
+
+def pendulum_period(length: float | np.ndarray) -> float:
+    """Period [s] of small swings of the shortest of mathematical pendulums of these lengths [m]."""
+    return float(2 * np.pi * np.sqrt(np.min(length) / GRAVITY))
 
 
 def freedoms(model: Model) -> int:

@@ -183,10 +183,11 @@ def free_groups(
     trials.weigh(solution.errors, before.windows.weight, before.windows.run, memory_of(solution))
     progress(0.5, "testing what may be wrong: unchanged model")
     base = trials.fit(prepared.parameters, solution.values, pick(solution.starts, trials.used))
+    first = trials.score(base)
     search = Search(trials, shared, effective(trials, base, found), base)
     progress(0.55, "testing what may be wrong: everything free")
-    search.free_all(base)
-    if not search.least < trials.score(base) - np.log1p(NEEDED):
+    search.free_all()
+    if not search.least < first - np.log1p(NEEDED):
         return None
     search.free_late(search.fix_needless(progress), progress)
     if not search.free:
@@ -252,9 +253,8 @@ class Search:
         every = [*plain, *(p for group in free for p in group.parameters)]
         return self.trials.fit(every, np.array([self.values[p.name] for p in every]), self.best.starts)
 
-    def free_all(self, base: Solution) -> None:
+    def free_all(self) -> None:
         """All groups free, three times, weighted by the misfit of the fit before, which becomes smaller."""
-        self.best = base
         self.best = self.fit(self.groups)
         for _ in range(2):
             self.values |= self.best.by_name
@@ -270,9 +270,8 @@ class Search:
         for group in self.groups:
             progress(0.6, f"testing what may be wrong: without {group.name}")
             self.values |= self.best.by_name
-            self.values |= {
-                p.name: float(np.mean([self.values[q.name] for q in group.parameters])) for p in group.instead
-            }
+            mean = float(np.mean([self.values[p.name] for p in group.parameters]))
+            self.values |= {p.name: mean for p in group.instead}
             fewer = [other for other in self.free if other is not group]
             less = self.fit(fewer)
             now = self.trials.score(less)

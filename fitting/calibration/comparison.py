@@ -162,7 +162,7 @@ def compare_laws(
         inner = [one for name, one in found.items() if contains(law, name)]
         inner += [firsts[law]] if law in firsts else []
         found[law] = fit_law(prepared, families["dry" in LADDER[law]], law, inner, iterations)
-    near = [law for law in found if least_loss(first, families["dry" in LADDER[laws[-1]]].owner, law) < HOPELESS]
+    near = [law for law in found if least_loss(first, families["dry" in LADDER[laws[-1]]], law) < HOPELESS]
     found, costs = _from_larger(found, near, families, iterations)
     folds = fair(blocks(prepared.windows.run), prepared.windows.released)
     scores = [score(one, folds) for one in found.values()]
@@ -227,7 +227,7 @@ def _from_larger(
                 break
             more.remove(larger)
             one = found[law]
-            inside = fit_inside(found[larger], families["dry" in LADDER[larger]].owner, law, NEAR)
+            inside = fit_inside(found[larger], families["dry" in LADDER[larger]], law, NEAR)
             if inside.cost < one.cost:
                 again = fit_again(one, inside, iterations)
                 found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))

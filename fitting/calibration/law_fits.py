@@ -14,7 +14,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
 from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.normal_equations import eliminate_rows
 from fitting.estimate.problem import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
@@ -217,22 +217,19 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
     return min(found, key=lambda one: (one.status != "ok", one.cost))
 
 
-def least_loss(full: Solution, owner: tuple[str | None, ...], law: str) -> float:
+def least_loss(full: Solution, family: Family, law: str) -> float:
     """Loss of log likelihood for the coefficients c that a law lacks of a larger one: c' (C_cc)^-1 c / 2."""
-    free = np.flatnonzero(~full.problem.held_mask)
-    lacks = np.array([owner[i] is not None and owner[i] not in LADDER[law] for i in free])
-    c = full.values[free][lacks]
-    s = full.information[np.ix_(free, free)]
-    left = s[np.ix_(lacks, lacks)]
-    if lacks.any() and not lacks.all():
-        kept = s[np.ix_(~lacks, ~lacks)]
-        left = left - s[np.ix_(lacks, ~lacks)] @ solve_spd(kept, s[np.ix_(~lacks, lacks)])
+    free = ~full.problem.held_mask
+    used = family.free_mask(law)
+    lacks = np.flatnonzero(free & ~used)
+    c = full.values[lacks]
+    left = eliminate_rows(full.information, np.flatnonzero(free & used), lacks)
     return 0.5 * float(c @ left @ c) / full.problem.memory
 
 
-def fit_inside(near: Solution, owner: tuple[str | None, ...], law: str, iterations: int) -> Solution:
+def fit_inside(near: Solution, family: Family, law: str, iterations: int) -> Solution:
     """A law fitted with the simulator and step of a larger law, from the end of that fit, without its other parts."""
-    used = np.array([part is None or part in LADDER[law] for part in owner])
+    used = family.free_mask(law)
     problem = replace(near.problem, frozen=~used)
     return fit_windows(problem, np.where(used, near.values, 0.0), near.starts, iterations=iterations)
 

@@ -8,12 +8,14 @@ with N an orthonormal basis of the closed directions at the reference.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
@@ -118,6 +120,19 @@ def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax
     theta = jnp.arctan2(-link[:, 2], link[:, 0])
     omega = (-rate[:, 2] * link[:, 0] + link[:, 2] * rate[:, 0]) / (link[:, 0] ** 2 + link[:, 2] ** 2)
     return theta, omega
+
+
+def energy(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
+    """Kinetic and potential energy [J] of links at these angles and rates (n,)."""
+    s = to_state(model, theta, omega)
+    k = model.instant(s.r, s.v, s.t, model.ends(s.t))
+    return model.kinetic_energy(k) + model.potential_energy(k)
+
+
+@cached_jit()
+def energies(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
+    """The same of many angles and rates (k, n): (k,) [J]."""
+    return jax.vmap(partial(energy, model))(theta, omega)
 
 
 def wrap(angle: Angles) -> Angles:

@@ -44,11 +44,11 @@ from fitting.calibration.law_fits import (
     least_loss,
 )
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.gauss_newton import continue_windows
+from fitting.estimate.least_squares import continue_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import fit_with_noise
+from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
 from fitting.estimate.step_size import finer_step, refine
 from fitting.estimate.windows import Windows

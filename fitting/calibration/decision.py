@@ -42,7 +42,7 @@ from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law_fits import LADDER, Law, contains
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.of_scene import DAMPING
 from fitting.parameters.parameter import apply

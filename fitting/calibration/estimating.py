@@ -25,11 +25,11 @@ from scipy.special import chdtri
 from dropper_jax.base.errors import Progress, SceneError, nearest, part_of, silent
 from fitting.calibration.kicks import lost_frames, starts_from_previous_windows
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.gauss_newton import continue_windows, fit_starts, fit_windows, window_costs
+from fitting.estimate.least_squares import continue_windows, fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
-from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.residual_noise import fit_with_noise, pose_again
+from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.shooting import continue_shooting, fit_shooting, gaps, solve_to_end
 from fitting.estimate.step_size import finer_step, refine
 from fitting.estimate.uncertainty import start_covariances

@@ -24,10 +24,10 @@ from fitting.calibration.candidate import OR, WORTH, Candidate
 from fitting.calibration.kicks import SEVERAL, Fit, alone, far_off, lost_frames, starts_from_previous_windows
 from fitting.calibration.preparation import Prepared, at_frames
 from fitting.calibration.trials import free_groups, is_model_wrong
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.noise import log_volume
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import pick
 from fitting.parameters.parameter import LOST, resolve

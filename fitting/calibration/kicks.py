@@ -26,9 +26,9 @@ import numpy as np
 
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.gauss_newton import fit_starts
+from fitting.estimate.least_squares import fit_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.windows import Starts, Windows, pick, with_rows
 from fitting.traces.planar import wrap
 

@@ -30,7 +30,7 @@ from fitting.calibration.candidate import holm
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.normal_equations import Evaluation, Prior, eliminate_rows, solve_spd
-from fitting.estimate.problem import Residuals, Solution
+from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, moves_without, pieces

@@ -17,8 +17,8 @@ from dropper_jax.run.build import SceneLike, build
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
-from fitting.estimate.problem import Descent, Problem, Solution
 from fitting.estimate.release import Release, release_of
+from fitting.estimate.residuals import Descent, Problem, Solution
 from fitting.estimate.rest import Rest, advice_on_rest, held_start, rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper

@@ -15,9 +15,9 @@ from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
 from fitting.calibration.laws import LawTest, LawTests, freeing_option
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.noise import mean_by_run
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.windows import Span, Windows, first_starts
 from fitting.traces.trace import Trace

@@ -23,11 +23,11 @@ from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.preparation import LONGEST, Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one
-from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import memory_of
+from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Span, Starts, pick, with_rows

@@ -19,10 +19,10 @@ from fitting.channels.problem import MOST_HALVED, Evaluation, Problem
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
 from fitting.channels.setup import find_free
-from fitting.estimate.gauss_newton import continue_windows, first_solution
+from fitting.estimate.least_squares import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
-from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
+from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.of_scene import by_full_path, default_free, full_names, rig_priors

@@ -18,7 +18,7 @@ from dropper_jax.run.build import build_model, stepper_of
 from fitting.channels.channel import ByChannel, Data, Series
 from fitting.channels.setup import STARTS, Plan, SetupPlace, differentiate_channels, setup_with_directions
 from fitting.estimate.noise import correlates, lag_one_by_source, whiten
-from fitting.estimate.problem import Residuals, Solution, Timing
+from fitting.estimate.residuals import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
 
 #: Maximum factor by which one step may change a number of fixed sign.

@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from dropper_jax.base.toml_text import SCHEMA, jsonable
 from dropper_jax.load.scene import Scene
 from fitting.channels.setup import setup_with_directions
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
 from fitting.parameters.of_scene import fitted_scene

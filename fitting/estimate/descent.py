@@ -32,7 +32,7 @@ import optax
 from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.base.errors import Progress, SceneError, nearest
-from fitting.estimate.gauss_newton import Point, Separate
+from fitting.estimate.least_squares import Point, Separate
 from fitting.estimate.normal_equations import Step, cholesky_root
 
 #: Steps between restarts of an optimizer without a line search (Loshchilov and Hutter 2017: adam's cosine decay).
@@ -194,7 +194,7 @@ class Coordinates:
 
 
 class GradientSteps:
-    """Steps of an optimizer down an objective (`gauss_newton.Mover`).
+    """Steps of an optimizer down an objective (`least_squares.Mover`).
 
     Attributes:
         taken: number of steps.

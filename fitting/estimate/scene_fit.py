@@ -12,9 +12,9 @@ from scipy.special import chdtri
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
-from fitting.estimate.gauss_newton import descend
+from fitting.estimate.least_squares import descend
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS
 from fitting.estimate.uncertainty import FEW, Uncertainty, block_of, degrees_of_freedom, pieces, resample

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import Progress, part_of, silent
-from fitting.estimate.gauss_newton import Separate, descend
+from fitting.estimate.least_squares import Separate, descend
 from fitting.estimate.normal_equations import Evaluation, Joined, Normal, eliminate_joined
-from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Windows
 from fitting.traces.planar import chart, wrap

@@ -34,7 +34,7 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fitting.estimate.loss import Loss
 from fitting.estimate.normal_equations import Evaluation, Factor, Normal, Step, solve_spd
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import gaps, level_of
 
 #: Minimum number of blocks, for any memory of the scores.

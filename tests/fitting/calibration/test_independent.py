@@ -13,7 +13,7 @@ from fitting.calibration.comparison import Law, compare_laws, with_bic
 from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.prediction import PARTED
 from fitting.estimate.descent import ARRIVED, GradientDescent
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import drop_wild
 from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias

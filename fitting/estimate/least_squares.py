@@ -14,7 +14,7 @@ from scipy.linalg import LinAlgError
 
 from dropper_jax.base.errors import Progress, silent
 from fitting.estimate.normal_equations import Evaluation, Joined, Normal, Step, eliminate, normal_blocks
-from fitting.estimate.problem import Problem, Residuals, Solution, Visited
+from fitting.estimate.residuals import Problem, Residuals, Solution, Visited
 from fitting.estimate.windows import Starts, pick, with_rows
 
 #: Converged if the next step would move the parameters by less than this fraction of their standard errors (squared)

@@ -28,7 +28,7 @@ class Descent(Protocol):
     """How parameters move to a minimum, if not by Gauss-Newton steps (`descent.GradientDescent`)."""
 
     def mover(self, objective: Any, count: int = 0) -> Any:
-        """The mover between points (`gauss_newton.Mover`) on an objective, after this number of evaluations."""
+        """The mover between points (`least_squares.Mover`) on an objective, after this number of evaluations."""
 
 
 class Timing(NamedTuple):

@@ -237,9 +237,8 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
 
     def descend(point: Solution) -> Solution:
         nonlocal turn
-        say = lambda share, text, turn=turn: progress((turn + share) / (ROUNDS + 2), text)  # noqa: E731
         turn += 1
-        return continue_windows(point, iterations, say)
+        return continue_windows(point, iterations, part_of(progress, (turn - 1) / (ROUNDS + 2), turn / (ROUNDS + 2)))
 
     def claimed_series(point: Solution) -> Series:
         return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)

@@ -116,10 +116,7 @@ class Plan:
 
     @cached_property
     def stepper(self) -> Stepper:
-        settings = {"track_work": False, **dict(self.settings)}
-        if self.is_adaptive:
-            return stepper_of(self.base[0], self.scene.run, **settings)
-        return stepper_of(self.base[0], self.scene.run, **settings)
+        return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
 
     @property
     def is_adaptive(self) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.read import ScenePath
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
@@ -74,8 +75,9 @@ class Law:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        found = {key: value for key, value in vars(self).items() if key != "free"} | {"possible": self.possible}
-        return {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in found.items()}
+        return jsonable(
+            {key: value for key, value in vars(self).items() if key != "free"} | {"possible": self.possible}
+        )
 
 
 #: Every damping coefficient that a law may use.

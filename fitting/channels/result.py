@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import stdtrit
 
-from dropper_jax.base.toml_text import SCHEMA, jsonable
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import Scene
 from fitting.channels.setup import setup_with_directions
 from fitting.estimate.residuals import Solution
@@ -165,12 +165,10 @@ class ChannelFit(SceneFit):
 
     Attributes:
         between: parameters that each run has separately, over the runs.
-        seconds: wall time.
     """
 
     uncertainty: Errors
     between: tuple[Between, ...] = ()
-    seconds: float = 0.0
 
     @property
     def errors(self) -> Errors:
@@ -220,11 +218,7 @@ class ChannelFit(SceneFit):
         for row, determined, why, felt in zip(table.values(), e.determined, e.why, e.sensitivity, strict=True):
             row |= {"determined": determined, "why": why, "sensitivity": dict(zip(names, felt, strict=True))}
         found = {
-            "schema": SCHEMA,
-            "status": self.status,
-            "method": "channels",
             "parameters": table,
-            "correlation": e.correlation,
             "channels": self.channels(),
             "between": {
                 b.name: {
@@ -238,14 +232,5 @@ class ChannelFit(SceneFit):
                 }
                 for b in self.between
             },
-            "iterations": self.iterations,
-            "seconds": self.seconds,
-            "step_s": self.solution.problem.dt,
-            "step_bias_std_errors": self.step_bias,
-            "blocks": e.blocks,
-            "warnings": self.warnings,
-            **self.intervals(),
         }
-        if self.status != "ok":
-            found["error"] = f"{self.status}: {self.message}"
-        return jsonable(found)
+        return jsonable(self.common_json("channels", self.solution.problem.dt) | found)

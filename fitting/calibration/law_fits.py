@@ -19,7 +19,7 @@ from fitting.estimate.normal_equations import eliminate_rows
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
-from fitting.parameters.parameter import resolve, with_effects
+from fitting.parameters.parameter import given_effect, resolve, with_effects
 
 
 @dataclass(frozen=True)
@@ -127,11 +127,10 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     parts = [part for part in PARTS if dry or part != "dry"]
     names = [PARTS[part] for part in parts]
     free = [p.name for p in prepared.parameters]
-    given = prepared.scene.to_dict()["effects"].get("joint_friction", {})
     each = [
         part
         for part in OF_JOINTS
-        if isinstance(given.get(ScenePath(PARTS[part]).key), list)
+        if np.ndim(given_effect(prepared.scene, PARTS[part]))
         or any(name.startswith(PARTS[part] + ".") for name in free)
     ]
     model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), each))
@@ -179,8 +178,7 @@ def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Sce
     for path in PARTS.values():
         _, effect, field = path.split(".")
         fields = table["effects"].get(effect, {})
-        own = given.effects.get(effect, {})
-        if own.get(field) is None and not any(name.startswith(path) for name in free):
+        if given_effect(given, path) is None and not any(name.startswith(path) for name in free):
             fields.pop(field, None)
         if effect not in given.effects and not any(part.split(".")[2] in fields for part in PARTS.values()):
             table["effects"].pop(effect, None)  # an axis alone does not define friction

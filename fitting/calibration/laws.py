@@ -36,7 +36,7 @@ from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Pieces, Uncertainty, at_least, block_of, jackknife, pieces
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import free_option
-from fitting.parameters.parameter import CAMERA, Parameter, resolve, with_effects
+from fitting.parameters.parameter import CAMERA, Parameter, given_effect, resolve, with_effects
 
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
 LEVEL = 0.01
@@ -166,19 +166,12 @@ def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTest
 def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
     """Candidates that are not free, and changes of the free coefficients of drag, in the order of the derivatives."""
     names = [p.name for p in compress(problem.parameters, ~problem.held_mask)]
-    given = prepared.scene.effects
     found = []
     for p in tested_parameters(prepared.simulator.model, problem.parameters):
         name, path = FORCES.get(p.where.field, ("a roll of the camera", CAMERA))
         if any(one.startswith(path) for one in names):
             continue
-        if path.startswith("effects."):
-            _, effect, field = path.split(".")
-        else:
-            _ = ""
-            effect = ""
-            field = ""
-        lacks = bool(effect) and not np.any(given.get(effect, {}).get(field) or 0.0)
+        lacks = path.startswith("effects.") and not np.any(given_effect(prepared.scene, path))
         found.append(Suspect(name, (path,), p, grows=lacks))
     for i, p in enumerate(problem.parameters):
         if p.name in DRAG and p.name in names:

@@ -25,7 +25,7 @@ from fitting.calibration.preparation import Prepared
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.release import TIME
 from fitting.estimate.windows import Span, first_starts
-from fitting.parameters.of_scene import DAMPING, free_option
+from fitting.parameters.of_scene import DAMPING_PATHS, free_option
 from fitting.parameters.parameter import NODE, Parameter
 from fitting.traces.trace import Trace, without_spikes
 
@@ -74,7 +74,7 @@ def fit_short_windows(
     except SceneError:
         return Misfit(np.array([np.inf]), np.inf, prepared.values)
     names = [p.name for p in prepared.parameters]
-    damping = np.array([any(f".{part}." in name for part in DAMPING) for name in names])
+    damping = np.array([name.startswith(DAMPING_PATHS) for name in names])
     free = damping | [name.startswith(tuple(paths)) for name in names]
     values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
     starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.sigma)

@@ -13,7 +13,7 @@ from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
-from fitting.calibration.laws import LawTest, LawTests, freeing_option
+from fitting.calibration.laws import DRAG, LawTest, LawTests, freeing_option
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.noise import mean_by_run
@@ -84,8 +84,6 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterati
     return solution
 
 
-#: Linear and quadratic damping, which have similar effects.
-DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 #: chi-square per degree of freedom, and correlation of neighbouring residuals, above which a fit misses its trace.
 MISFIT = 2.0
 CORRELATED_MISFIT = 0.1
@@ -294,7 +292,7 @@ class FitResult(SceneFit):
         certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance. None if no node moves at that speed: the
         combination would have no meaning.
         """
-        mine = [i for name in DAMPING for i, p in enumerate(self.parameters) if p.name == name]
+        mine = [i for name in DRAG for i, p in enumerate(self.parameters) if p.name == name]
         C = self.uncertainty.covariance[np.ix_(mine, mine)]
         if len(mine) < 2 or not (np.diag(C) > 0).all():
             return None
@@ -302,7 +300,7 @@ class FitResult(SceneFit):
         if not 0.0 < speed <= self.fastest:
             return None
         value = self.values[mine[0]] + speed * self.values[mine[1]]
-        return Combination(DAMPING, speed, value, np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)))
+        return Combination(DRAG, speed, value, np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)))
 
     def add_advice(self, candidates: list[Candidate]) -> None:
         """Report candidates of `advise`, the first ones worth it as warnings too."""

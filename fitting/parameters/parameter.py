@@ -431,6 +431,12 @@ def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> M
     return model
 
 
+def given_effect(scene: Scene, path: str) -> Any:
+    """The value of a path `effects.NAME.FIELD` that a scene gives; None if it gives none."""
+    _, effect, field = path.split(".")
+    return scene.effects.get(effect, {}).get(field)
+
+
 def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
     """The scene with value 0 for damping parameters that it lacks, so that its model has them."""
     zero = {
@@ -438,9 +444,9 @@ def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
         for effect, cls in EFFECTS.items()
         for key, field in declared_fields(cls).items()
         if field.metadata["kind"] == "parameter" and field.metadata["low"] == 0.0
-        if scene.effects.get(effect, {}).get(key) is None
     }
-    found = dict.fromkeys((ScenePath(name).stem for name in names if ScenePath(name).stem in zero), 0.0)
+    stems = [ScenePath(name).stem for name in names]
+    found = {path: 0.0 for path in stems if path in zero and given_effect(scene, path) is None}
     if found:
         return scene.with_values(found)
     return scene

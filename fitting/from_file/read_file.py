@@ -186,8 +186,7 @@ def cut_span(trace: Trace, given: Given) -> Trace:
         SceneError: hardly a row lies between them.
     """
     low = -np.inf if given.begin is None else given.begin
-    high = np.inf if given.until is None else given.until
-    found = trace.between(low, high)
+    found = trace.between(low, np.inf)
     if len(found.t) < 10:
         raise SceneError(
             f"{trace.name}: {len(found.t)} rows between --from and --until; the file has {trace.t[0]:g} to "

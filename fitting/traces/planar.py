@@ -48,9 +48,9 @@ def check_planar(model: Model, start: State) -> None:
         )
 
 
-def pendulum_period(length: float | np.ndarray) -> float:
+def pendulum_period(length: float | jax.Array | np.ndarray) -> float:
     """Period [s] of small swings of the shortest of mathematical pendulums of these lengths [m]."""
-    return float(2 * np.pi * np.sqrt(np.min(length) / GRAVITY))
+    return float(2 * np.pi * np.sqrt(np.min(np.asarray(length)) / GRAVITY))
 
 
 def freedoms(model: Model) -> int:

@@ -16,7 +16,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.run.build import build_model, stepper_of
 from fitting.channels.channel import ByChannel, Data, Series
-from fitting.channels.setup import STARTS, Plan, SetupPlace, differentiate_channels, setup_with_directions
+from fitting.channels.setup import Plan, SetupPlace, differentiate_channels, setup_with_directions
 from fitting.estimate.noise import correlates, lag_one_by_source, whiten
 from fitting.estimate.residuals import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
@@ -196,7 +196,9 @@ class Problem(Residuals):
         more = {} if self.retries else {"halvings": 0}
         return Plan(
             stepper_of(build_model(scene), scene.run, track_work=False, **more),
-            replace(scene.start, **dict.fromkeys(STARTS)),
+            scene.start.kind,
+            scene.start.zero,
+            scene.start.release_nodes,
             tuple(sensor.channel for sensor in self.data.sensors),
             self._saves(),
             scene.run.save_every * 2**self.halved,

@@ -24,10 +24,10 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
-from dropper_jax.model import Model, State
+from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import build_model, initial_state
-from dropper_jax.scene import StartSpec
+from dropper_jax.run.build import build_model, from_angles
+from dropper_jax.statics.static_pose import nodal_loads, settle
 from dropper_jax.stepping.integrate import integrate
 from fitting.channels.channel import Channel, Data, SavedMotion
 from fitting.parameters.of_scene import find_parameters, full_names, scene_parameter
@@ -243,13 +243,34 @@ def set_parameter(setup: Setup, p: Parameter, value: Any) -> Setup:
 
 @dataclass(frozen=True)
 class Plan:
-    """Static settings of a run: scheme, start without its numbers, channels, and number of saved states."""
+    """Static settings of a run: scheme, kind of start, channels, and number of saved states."""
 
     stepper: Stepper
-    start: StartSpec
+    start: str
+    zero: str | None
+    release_nodes: tuple[int, ...] | None
     channels: tuple[Channel, ...]
     saves: int
     every: int
+
+
+def begin(plan: Plan, setup: Setup, near: State) -> State:
+    """The start, which follows the model: a static pose is solved from a nearby one, angles keep their values.
+
+    `initial_state` also gives the first tensions, whose derivatives compile three times as long.
+    """
+    model = setup.model
+    given = setup.start
+    if plan.start == "static":
+        return settle(model, near, nodal_loads(model, plan.release_nodes, given.get("release_force")))
+    if plan.start == "angles":
+        s = from_angles(model, *(given[key] for key in ("polar", "azimuth", "polar_rate", "azimuth_rate")), plan.zero)
+    elif plan.start == "positions":
+        free = slice(1, 1 + model.free_nodes)
+        s = state(model, given["positions"][free], given["velocities"][free])
+    else:
+        s = state(model, near.r, near.v)
+    return state(model, s.r, s.v, jax.lax.stop_gradient(near.tension))
 
 
 def at_times(y: jax.Array, first: jax.Array, spacing: jax.Array, t: jax.Array) -> jax.Array:
@@ -270,7 +291,7 @@ def observe_channels(
 ) -> tuple[tuple[jax.Array, ...], State, jax.Array]:
     """Channel values at the stamps `times`, (k, m) each [SI]; the start; the first failed step (-1: none)."""
     model = setup.model
-    s = initial_state(model, replace(plan.start, **setup.start), near)
+    s = begin(plan, setup, near)
     # tangents in all that a step changes, so that JAX differentiates the loop over the steps once
     zero = 0.0 * jnp.sum(s.r)
     s = replace(s, v=s.v + zero, tension=s.tension + zero)

@@ -33,7 +33,7 @@ from fitting.estimate.normal_equations import Evaluation, Prior, eliminate_rows,
 from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.uncertainty import Pieces, Uncertainty, at_least, block_of, jackknife, pieces
+from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces, raised_to
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import free_option
 from fitting.parameters.parameter import CAMERA, Parameter, given_effect, resolve, with_effects
@@ -286,7 +286,7 @@ def _one_step(
     count = len(after.run)
     blocks = [np.arange(i, min(i + length, count)) for i in range(0, count, length)]
     least = scale * np.diag(solve_spd(information, np.eye(len(chosen))))
-    return moved, at_least(jackknife(after, blocks, information), least), len(blocks)
+    return moved, raised_to(jackknife(after, blocks, information), least), len(blocks)
 
 
 def _matters(solution: Solution, u: Uncertainty, suspect: Suspect, free: np.ndarray, moved: np.ndarray) -> bool:

@@ -256,9 +256,9 @@ def solve_spd(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     return (scaled.T * size).T
 
 
-def eliminate_rows(information: np.ndarray, gone: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Information (r, r) of the numbers `rows` with the numbers `gone` eliminated (Schur complement)."""
-    if not len(gone):
+def eliminate_rows(information: np.ndarray, eliminated: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Information (r, r) of the numbers `rows` with the numbers `eliminated` eliminated (Schur complement)."""
+    if not len(eliminated):
         return information[np.ix_(rows, rows)]
-    cross = information[np.ix_(gone, rows)]
-    return information[np.ix_(rows, rows)] - cross.T @ solve_spd(information[np.ix_(gone, gone)], cross)
+    cross = information[np.ix_(eliminated, rows)]
+    return information[np.ix_(rows, rows)] - cross.T @ solve_spd(information[np.ix_(eliminated, eliminated)], cross)

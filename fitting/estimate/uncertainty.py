@@ -174,7 +174,7 @@ def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
     drift = _half_difference(parts, information) ** 2
     # independent blocks explain four times the variance
     more = np.maximum(0.25 * drift, drift - 4 * own)
-    return Scatter(at_least(covariance, own + np.maximum(more, 0.0)), blocks)
+    return Scatter(raised_to(covariance, own + more), blocks)
 
 
 def jackknife(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
@@ -183,9 +183,9 @@ def jackknife(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarr
     return (len(blocks) - 1) / len(blocks) * moved.T @ moved
 
 
-def at_least(covariance: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """The covariance with variances of at least `least` (k,) and the same correlations."""
-    grow = np.sqrt(np.maximum(least / np.maximum(np.diag(covariance), 1e-300), 1.0))
+def raised_to(covariance: np.ndarray, minimum: np.ndarray) -> np.ndarray:
+    """The covariance with these minimum variances (k,) and the same correlations."""
+    grow = np.sqrt(np.maximum(minimum / np.maximum(np.diag(covariance), 1e-300), 1.0))
     return covariance * np.outer(grow, grow)
 
 
@@ -319,7 +319,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
             data = solution.information[np.ix_(free, free)] - prior
             least = noise2 * np.diag(_inverse(data / problem.memory + prior))
             blocks = found.blocks
-            covariance = at_least(found.covariance, least)
+            covariance = raised_to(found.covariance, least)
             more = np.diag(covariance) / np.maximum(np.diag(white), 1e-300)
             inflation = float(np.sqrt(more.max(initial=1.0)))
     full = np.zeros((k, k))

@@ -16,16 +16,18 @@ import time
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from random_scenes import draw_scene
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.plots import style
-from dropper_jax.run.quantities import quantity
-from fitting.sensitivity import local, study
-from fitting.sensitivity.derivatives import Local, changed_quantity
-from fitting.sensitivity.differences import DIFFERENCES, StudyRuns
+from dropper_jax.run.chunks import run_chunks
+from dropper_jax.run.quantities import Quantity, quantity
+from fitting.sensitivity import Local, local, study
+from fitting.sensitivity.derivatives import changed_study
+from fitting.sensitivity.differences import DIFFERENCES, StudyRuns, measure_rows
 from fitting.sensitivity.problem import Study
 
 #: Number of random scenes.
@@ -130,7 +132,7 @@ def run_fresh(problem: Study) -> tuple[list[float], list[float]]:
     if not problem.stretches:
         changes = []
         for low, high in fresh_values(problem):
-            changes.append(changed_quantity(problem, high) - changed_quantity(problem, low))
+            changes.append(changed_study(problem, high)[0] - changed_study(problem, low)[0])
         return changes, changes
     runs = StudyRuns(problem)
     found = []
@@ -215,16 +217,30 @@ PLATEAU_QUANTITIES = ("tension.chain.mean", "tension.chain.sustained", "tension.
 SIZES = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 6e-2)
 
 
+def values_of(runs: StudyRuns, quantities: list[Quantity], values: np.ndarray) -> np.ndarray:
+    """Several quantities of the run with these values (p,); a maximum or minimum has to be that of the study."""
+    model, s, program = runs.prepare(values, runs.record)
+    rows = run_chunks(program, runs.settings.rows, silent).trajectory
+    interval = jnp.asarray(runs.settings.interval, model.dtype)
+    found = []
+    for one in quantities:
+        if one == runs.problem.of:
+            found.append(runs.measure(model, s, rows))
+        else:
+            found.append(float(measure_rows(one, model, s, rows, interval, None)))
+    return np.array(found)
+
+
 def measure_plateau() -> dict[str, Any]:
     """Scaled slopes of three quantities by central differences of each size."""
     scene = load_scene(PLATEAU_SCENE).with_values({"run.duration": PLATEAU_DURATION, "run.save_interval": 0.1})
     problem = study(scene, PLATEAU_QUANTITIES[-1], [PLATEAU_PARAMETER])
     runs = StudyRuns(problem)
     quantities = [quantity(name, problem.model) for name in PLATEAU_QUANTITIES]
-    here = np.array(runs.values_of(quantities, problem.values))
+    here = values_of(runs, quantities, problem.values)
     slopes = []
     for size in SIZES:
-        low, high = (np.array(runs.values_of(quantities, problem.values * (1.0 + sign * size))) for sign in (-1.0, 1.0))
+        low, high = (values_of(runs, quantities, problem.values * (1.0 + sign * size)) for sign in (-1.0, 1.0))
         slopes.append((high - low) / (2.0 * size) / here)
     return {
         "scene": PLATEAU_SCENE,

@@ -44,11 +44,11 @@ from fitting.calibration.law_fits import (
     least_loss,
 )
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.gauss_newton import continue_windows
+from fitting.estimate.least_squares import continue_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import fit_with_noise
+from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
 from fitting.estimate.step_size import finer_step, refine
 from fitting.estimate.windows import Windows
@@ -89,7 +89,7 @@ def join_laws(
         tries += [_onward(best, ~family.free_mask(law), widest.gap_weight) for best in inner[:1]]
         if not any(one.status == "ok" for one in tries):
             begin = fit_law(prepared, family, law, [laws[law]], ITERATIONS)
-            tries.append(fit_shooting(begin, continuity="tight", schedule=schedule))
+            tries.append(fit_shooting(begin, choose=False, schedule=schedule))
         found[law] = min(tries, key=lambda one: (one.status != "ok", one.cost))
     if all(one.status == "ok" for one in found.values()):
         return found
@@ -162,7 +162,7 @@ def compare_laws(
         inner = [one for name, one in found.items() if contains(law, name)]
         inner += [firsts[law]] if law in firsts else []
         found[law] = fit_law(prepared, families["dry" in LADDER[law]], law, inner, iterations)
-    near = [law for law in found if least_loss(first, families["dry" in LADDER[laws[-1]]].owner, law) < HOPELESS]
+    near = [law for law in found if least_loss(first, families["dry" in LADDER[laws[-1]]], law) < HOPELESS]
     found, costs = _from_larger(found, near, families, iterations)
     folds = fair(blocks(prepared.windows.run), prepared.windows.released)
     scores = [score(one, folds) for one in found.values()]
@@ -227,7 +227,7 @@ def _from_larger(
                 break
             more.remove(larger)
             one = found[law]
-            inside = fit_inside(found[larger], families["dry" in LADDER[larger]].owner, law, NEAR)
+            inside = fit_inside(found[larger], families["dry" in LADDER[larger]], law, NEAR)
             if inside.cost < one.cost:
                 again = fit_again(one, inside, iterations)
                 found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))

@@ -42,18 +42,18 @@ from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law_fits import LADDER, Law, contains
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.of_scene import DAMPING
 from fitting.parameters.parameter import apply
 from fitting.traces import planar
 from fitting.traces.trace import smooth_stretch
 
-# Energy of a measured motion and its dissipation by damping, without any simulation
+# Dissipation of a measured motion by damping, without any simulation
 
 
-def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Energy [J] of a pose with rates, and the power [W] dissipated by the damping."""
+def dissipation(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
+    """Power [W] dissipated by the damping in a pose with rates."""
     s = planar.to_state(model, theta, omega)
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
     taken = jnp.zeros(())
@@ -64,7 +64,7 @@ def balance(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array
         if isinstance(effect, JointFriction) and effect.dry is not None:
             rate = jnp.sum(jnp.abs(effect.relative_rates(k)), axis=1)
             taken = taken + jnp.sum(jnp.broadcast_to(effect.dry, (model.line.links + 1,))[: len(rate)] * rate)
-    return model.kinetic_energy(k) + model.potential_energy(k), taken
+    return taken
 
 
 #: Fraction of the lost energy that must be detectable for a part, and normal quantile of its upper limit.
@@ -81,7 +81,7 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
     @jax.jit
     def power(values: jax.Array, theta: jax.Array, omega: jax.Array) -> jax.Array:
         model = apply(simulator.model, simulator.parameters, values)
-        return jax.vmap(lambda a, w: balance(model, *planar.close_chain(model, a, w))[1])(theta, omega)
+        return jax.vmap(lambda a, w: dissipation(model, *planar.close_chain(model, a, w)))(theta, omega)
 
     for run, trace in enumerate(prepared.traces):
         mine = prepared.windows.run == run

@@ -22,18 +22,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import chdtri
 
-from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from dropper_jax.base.errors import Progress, SceneError, nearest, part_of, silent
 from fitting.calibration.kicks import lost_frames, starts_from_previous_windows
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.gauss_newton import continue_windows, fit_starts, fit_windows, window_costs
+from fitting.estimate.least_squares import continue_windows, fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
-from fitting.estimate.problem import Problem, Solution
 from fitting.estimate.residual_noise import fit_with_noise, pose_again
+from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.shooting import continue_shooting, fit_shooting, gaps, solve_to_end
 from fitting.estimate.step_size import finer_step, refine
 from fitting.estimate.uncertainty import start_covariances
-from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts
+from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts, pick, with_rows
 
 if TYPE_CHECKING:
     from fitting.estimate.descent import GradientDescent
@@ -138,7 +138,7 @@ def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solutio
     """The solution with better starts of lost windows (K,) bool, if any are found."""
     windows = solution.windows.pick(lost)
     model = solution.problem.simulator.model_at(solution.values)
-    ahead = Starts(*(part[lost] for part in starts_from_previous_windows(solution, lost)))
+    ahead = pick(starts_from_previous_windows(solution, lost), lost)
     # noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach
     # that the noise allows, and of long reach
     sigmas = [[share * s for s in prepared.sigma] for share in (0.2, 1.0, 5.0)]
@@ -156,9 +156,8 @@ def _with_starts(solution: Solution, which: np.ndarray, starts: Starts) -> Solut
     if not better.any():
         return solution
     replaced = np.flatnonzero(which)[better]
-    whole, every = (type(old)(*(part.copy() for part in old)) for old in (solution.evaluation, solution.starts))
-    for part, new in zip((*whole, *every), (*evaluation, *starts), strict=True):
-        part[replaced] = new[better]
+    every = with_rows(solution.starts, replaced, pick(starts, better))
+    whole = with_rows(solution.evaluation, replaced, pick(evaluation, better))
     return replace(solution, starts=every, evaluation=whole, weights=problem.weights(whole))
 
 
@@ -176,9 +175,7 @@ def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Pr
     new = prepared.windows
     origin = np.array([kept_at.get((int(r), round(float(b), 9)), -1) for r, b in zip(new.run, new.begin, strict=True)])
     same = (origin >= 0) & (new.step_counts == np.where(origin >= 0, windows.step_counts[origin], 0))
-    starts = Starts(*(part.copy() for part in prepared.starts))
-    for part, was in zip(starts, solution.starts, strict=True):
-        part[same] = was[origin[same]]
+    starts = with_rows(prepared.starts, same, pick(solution.starts, origin[same]))
     problem = replace(solution.problem, windows=replace(prepared.first_windows, substeps=windows.substeps))
     evaluation = problem.evaluate(solution.values, starts)
     found = replace(solution, problem=problem, starts=starts, evaluation=evaluation, status="not_converged")
@@ -225,9 +222,15 @@ def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tupl
     removed = zip(*(a[lost].tolist() for a in (windows.run, windows.begin, windows.ends)), strict=True)
     prepared = replace(prepared, windows=prepared.windows.exclude(lost), left_out=(*prepared.left_out, *removed))
     problem = replace(solution.problem, windows=windows.exclude(lost))
-    starts, evaluation = (type(all_)(*(a[~lost] for a in all_)) for all_ in (solution.starts, solution.evaluation))
-    found = replace(solution, problem=problem, starts=starts, evaluation=evaluation, status="not_converged")
-    return prepared, replace(found, weights=solution.weights[~lost])
+    found = replace(
+        solution,
+        problem=problem,
+        starts=pick(solution.starts, ~lost),
+        evaluation=pick(solution.evaluation, ~lost),
+        weights=solution.weights[~lost],
+        status="not_converged",
+    )
+    return prepared, found
 
 
 #: Maximum iterations of a first fit before links are weighted by their misfit and windows are inspected one by one.
@@ -249,7 +252,7 @@ def with_sound_windows(
     Args:
         keep_jumps: leave windows with missing frames unchanged, so that `freeing` can report them.
     """
-    say = lambda fraction, text: progress(0.05 + 0.3 * fraction, text)  # noqa: E731
+    say = part_of(progress, 0.05, 0.35)
 
     def fit_again(problem: Problem, before: Solution) -> Solution:
         found = fit_windows(problem, before.values, before.starts, iterations=min(FIRST, iterations), progress=say)
@@ -288,13 +291,11 @@ class Method:
     Attributes:
         name: `windows` (separate), `shooting` (joined; both by Gauss-Newton steps), or `gradient`: the minimum of
             `shooting` by gradient descent.
-        continuity: of joined windows: `estimate`, `tight` or `exact`.
         iterations: maximum Gauss-Newton iterations over separate windows.
         descent: of `gradient`; None is its default.
     """
 
     name: str = "shooting"
-    continuity: str = "estimate"
     iterations: int = 40
     descent: GradientDescent | None = None
 
@@ -303,12 +304,6 @@ class Method:
             raise SceneError(f"method: {self.name!r} is unknown; {nearest(self.name, METHODS)}")
         if self.iterations < 1:
             raise SceneError(f"iterations: {self.iterations} is too small; allowed: at least 1")
-
-    def reporting(self, progress: Progress) -> tuple[GradientDescent, Progress]:
-        """The descent, and the progress function that also receives the loss of each of its steps."""
-        from fitting.estimate.descent import GradientDescent, reporting  # noqa: PLC0415 - optax is slow to import
-
-        return reporting(self.descent or GradientDescent(), progress)
 
 
 METHODS = ("windows", "shooting", "gradient")
@@ -337,9 +332,11 @@ def estimate(
     """Run an estimator; arguments as in `fit`, with `frozen` parameters (k,) bool at their start values."""
     method = as_method(method)
     if method.name == "gradient":
+        from fitting.estimate.descent import GradientDescent  # noqa: PLC0415 - optax is slow to import
+
         # only the steps differ: windows, noise, gap weight and time step are the default ones
-        descent, progress = method.reporting(progress)
-        found = estimate(replace(prepared, descent=descent), replace(method, name="shooting"), loss, progress, frozen)
+        by_gradient = replace(prepared, descent=method.descent or GradientDescent())
+        found = estimate(by_gradient, replace(method, name="shooting"), loss, progress, frozen)
         return replace(found, problem=replace(found.problem, descent=None))
     share = 0.5 if method.name == "shooting" else 0.9
     solution = fit_windows(
@@ -347,12 +344,13 @@ def estimate(
         prepared.values,
         prepared.starts,
         iterations=method.iterations,
-        progress=lambda fraction, text: progress(0.05 + share * fraction, text),
+        progress=part_of(progress, 0.05, 0.05 + share),
     )
     if solution.status != "ok":
         return solution
     own_noise = partial(fit_with_noise, claimed=prepared.claimed_windows, floor=prepared.floor, traces=prepared.traces)
-    refined = partial(refine, progress=lambda _, text: progress(0.95, text))
+    last = part_of(progress, 0.95, 0.95)
+    refined = partial(refine, progress=last)
     solution = own_noise(solution, again=continue_windows)
     if solution.problem.loss != loss:
         there = replace(solution.problem, loss=loss)
@@ -361,10 +359,9 @@ def estimate(
         return refined(solution)
     joined = fit_shooting(
         solution,
-        continuity=method.continuity,
         finer=finer_step,
-        progress=lambda fraction, text: progress(0.55 + 0.4 * fraction, text),
+        progress=part_of(progress, 0.55, 0.95),
     )
     if joined.status != "ok":
         return joined
-    return solve_to_end(refined(own_noise(joined, again=continue_shooting)))
+    return solve_to_end(refined(own_noise(joined, again=continue_shooting)), last)

@@ -23,7 +23,7 @@ from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, Tr
 from fitting.calibration.result import FitResult, direction_text, score_held_out
 from fitting.calibration.short_windows import SUSPECT, name_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss
-from fitting.estimate.problem import CHI2_RANGE, CORRELATION_FLOOR, Solution
+from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.shooting import lyapunov
 from fitting.estimate.uncertainty import Uncertainty, degrees_of_freedom, uncertainty

@@ -24,12 +24,12 @@ from fitting.calibration.candidate import OR, WORTH, Candidate
 from fitting.calibration.kicks import SEVERAL, Fit, alone, far_off, lost_frames, starts_from_previous_windows
 from fitting.calibration.preparation import Prepared, at_frames
 from fitting.calibration.trials import free_groups, is_model_wrong
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import LEAST_SQUARES, Loss, StudentT
 from fitting.estimate.noise import log_volume
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.windows import Starts
+from fitting.estimate.windows import pick
 from fitting.parameters.parameter import LOST, resolve
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
@@ -312,7 +312,7 @@ def _join_before(at: Freed, fit: Fit, clean: Solution, k: int) -> Solution:
     """
     pieces = [at.prepared.windows.piece(i) for i in range(at.prepared.windows.count)]
     pieces[k - 1 : k + 1] = [pieces[k - 1]._replace(steps=pieces[k - 1].steps + pieces[k].steps)]
-    starts = Starts(*(np.delete(part, k, axis=0) for part in clean.starts))
+    starts = pick(clean.starts, np.arange(len(pieces) + 1) != k)
     at.prepared = replace(at.prepared.with_pieces(pieces), begin=clean.values, starts=starts)
     at.solution = fit(at.prepared, "windows", at.loss)
     return replace(clean, starts=starts)

@@ -26,10 +26,10 @@ import numpy as np
 
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.gauss_newton import fit_starts
+from fitting.estimate.least_squares import fit_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
-from fitting.estimate.problem import Solution
-from fitting.estimate.windows import Starts, Windows
+from fitting.estimate.residuals import Solution
+from fitting.estimate.windows import Starts, Windows, pick, with_rows
 from fitting.traces.planar import wrap
 
 #: Numbers of lost frames that are tested; negative numbers are duplicate frames.
@@ -85,7 +85,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     if not len(right):
         return None
     both = _extend_windows(windows, right)
-    starts = Starts(*(part[right - 1] for part in starts_from_previous_windows(solution, ~fitted)))
+    starts = pick(starts_from_previous_windows(solution, ~fitted), right - 1)
     found = solution.problem.simulator(solution.values, starts, both).theta
     if not np.isfinite(found).all():
         return None
@@ -108,14 +108,12 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
 
 def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Starts:
     """Starts of all windows; for some (K,) bool the end of the previous window."""
-    starts = Starts(*(part.copy() for part in solution.starts))
     ends = solution.evaluation.end
-    n = starts.theta.shape[1]
+    n = ends.shape[1] // 2
     # one after another: if two in a row are left out, the second has no predecessor to start from
     after = np.flatnonzero(which & solution.windows.follows)
     after = after[~which[after - 1]]
-    starts.theta[after], starts.omega[after] = ends[after - 1, :n], ends[after - 1, n:]
-    return starts
+    return with_rows(solution.starts, after, Starts(ends[after - 1, :n], ends[after - 1, n:]))
 
 
 def far_off(solution: Solution) -> np.ndarray:
@@ -244,8 +242,7 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
         removed.append((kick.run, kick.begin, last))
         if kick.begin < windows.begin[kick.windows[0]]:
             windows = windows.end_early(kick.windows[0] - 1, kick.begin)
-    starts = Starts(*(part[~off] for part in clean.starts))
-    fewer = replace(prepared, windows=windows.exclude(off), starts=starts, begin=clean.values)
+    fewer = replace(prepared, windows=windows.exclude(off), starts=pick(clean.starts, ~off), begin=clean.values)
     return replace(fewer, left_out=(*prepared.left_out, *removed)), names
 
 
@@ -275,7 +272,7 @@ def find_kicks(
         sizes = misfit(own, claimed), misfit(ahead, claimed)
         better = sizes[1] < sizes[0]
         size = np.minimum(*sizes)
-        starts = Starts(*(np.where(better[:, None], b, a) for a, b in zip(own.starts, ahead.starts, strict=True)))
+        starts = with_rows(own.starts, better, pick(ahead.starts, better))
         before = good
         good = size <= KICKED * np.median(size[good])
         if good.sum() < few or (before == good).all():
@@ -296,7 +293,7 @@ def find_kicks(
             return kicked, replace(clean, starts=starts)
         # on a wrong branch, not kicked
         mine = first[whole]
-        starts.theta[mine], starts.omega[mine] = found.theta[whole], found.omega[whole]
+        starts = with_rows(starts, mine, pick(found, whole))
         good[mine], size[mine] = True, left[whole]
     return [], solution
 
@@ -316,7 +313,7 @@ def _first_missed(solution: Solution, windows: Windows, which: np.ndarray, start
     predicted from the other frames. Frames that are missing around a kick leave such a window.
     """
     mine = windows.pick(which)
-    starts = Starts(*(part[which] for part in starts))
+    starts = pick(starts, which)
     known = (mine.weight > 0).any(axis=2)
     late = known & (np.cumsum(known, axis=1) > QUANTILE * known.sum(axis=1, keepdims=True))
     found = _only_starts(solution, replace(mine, weight=np.where(late[..., None], 0.0, mine.weight)), starts)
@@ -347,7 +344,7 @@ def _fit_following(
 ) -> tuple[np.ndarray, Starts, np.ndarray]:
     """Times [s] up to which windows `which` can be followed, by halving; their starts there and total misfits."""
     mine = windows.pick(which)
-    starts = Starts(*(part[which] for part in starts))
+    starts = pick(starts, which)
     elapsed = mine.times() - mine.begin[:, None]
     low = np.zeros(len(which))
     high = mine.lengths
@@ -359,6 +356,6 @@ def _fit_following(
         fine = misfit(found, early) <= limit
         low = np.where(fine, middle, low)
         high = np.where(fine, high, middle)
-        starts = Starts(*(np.where(fine[:, None], a, b) for a, b in zip(found.starts, starts, strict=True)))
+        starts = with_rows(starts, fine, pick(found.starts, fine))
     whole = _only_starts(solution, mine, starts)
     return mine.begin + high, whole.starts, misfit(whole, mine)

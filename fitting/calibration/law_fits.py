@@ -10,15 +10,16 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.read import ScenePath
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
-from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.problem import Solution
+from fitting.estimate.least_squares import fit_windows
+from fitting.estimate.normal_equations import eliminate_rows
+from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
-from fitting.parameters.parameter import resolve, with_effects
+from fitting.parameters.parameter import given_effect, resolve, with_effects
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,9 @@ class Law:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
-        found = {key: value for key, value in vars(self).items() if key != "free"} | {"possible": self.possible}
-        return {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in found.items()}
+        return jsonable(
+            {key: value for key, value in vars(self).items() if key != "free"} | {"possible": self.possible}
+        )
 
 
 #: Every damping coefficient that a law may use.
@@ -125,11 +127,10 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     parts = [part for part in PARTS if dry or part != "dry"]
     names = [PARTS[part] for part in parts]
     free = [p.name for p in prepared.parameters]
-    given = prepared.scene.to_dict()["effects"].get("joint_friction", {})
     each = [
         part
         for part in OF_JOINTS
-        if isinstance(given.get(ScenePath(PARTS[part]).key), list)
+        if np.ndim(given_effect(prepared.scene, PARTS[part]))
         or any(name.startswith(PARTS[part] + ".") for name in free)
     ]
     model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), each))
@@ -177,8 +178,7 @@ def without_unused_parts(scene: Scene, given: Scene, free: Sequence[str]) -> Sce
     for path in PARTS.values():
         _, effect, field = path.split(".")
         fields = table["effects"].get(effect, {})
-        own = given.effects.get(effect, {})
-        if own.get(field) is None and not any(name.startswith(path) for name in free):
+        if given_effect(given, path) is None and not any(name.startswith(path) for name in free):
             fields.pop(field, None)
         if effect not in given.effects and not any(part.split(".")[2] in fields for part in PARTS.values()):
             table["effects"].pop(effect, None)  # an axis alone does not define friction
@@ -217,22 +217,19 @@ def fit_law(prepared: Prepared, family: Family, law: str, inner: list[Solution],
     return min(found, key=lambda one: (one.status != "ok", one.cost))
 
 
-def least_loss(full: Solution, owner: tuple[str | None, ...], law: str) -> float:
+def least_loss(full: Solution, family: Family, law: str) -> float:
     """Loss of log likelihood for the coefficients c that a law lacks of a larger one: c' (C_cc)^-1 c / 2."""
-    free = np.flatnonzero(~full.problem.held_mask)
-    lacks = np.array([owner[i] is not None and owner[i] not in LADDER[law] for i in free])
-    c = full.values[free][lacks]
-    s = full.information[np.ix_(free, free)]
-    left = s[np.ix_(lacks, lacks)]
-    if lacks.any() and not lacks.all():
-        kept = s[np.ix_(~lacks, ~lacks)]
-        left = left - s[np.ix_(lacks, ~lacks)] @ solve_spd(kept, s[np.ix_(~lacks, lacks)])
+    free = ~full.problem.held_mask
+    used = family.free_mask(law)
+    lacks = np.flatnonzero(free & ~used)
+    c = full.values[lacks]
+    left = eliminate_rows(full.information, np.flatnonzero(free & used), lacks)
     return 0.5 * float(c @ left @ c) / full.problem.memory
 
 
-def fit_inside(near: Solution, owner: tuple[str | None, ...], law: str, iterations: int) -> Solution:
+def fit_inside(near: Solution, family: Family, law: str, iterations: int) -> Solution:
     """A law fitted with the simulator and step of a larger law, from the end of that fit, without its other parts."""
-    used = np.array([part is None or part in LADDER[law] for part in owner])
+    used = family.free_mask(law)
     problem = replace(near.problem, frozen=~used)
     return fit_windows(problem, np.where(used, near.values, 0.0), near.starts, iterations=iterations)
 

@@ -29,14 +29,14 @@ from dropper_jax.run.build import build
 from fitting.calibration.candidate import holm
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.normal_equations import Evaluation, Prior, solve_spd
-from fitting.estimate.problem import Residuals, Solution
+from fitting.estimate.normal_equations import Evaluation, Prior, eliminate_rows, solve_spd
+from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, moves_without, pieces
+from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces, raised_to
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import free_option
-from fitting.parameters.parameter import CAMERA, Parameter, resolve, with_effects
+from fitting.parameters.parameter import CAMERA, Parameter, given_effect, resolve, with_effects
 
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
 LEVEL = 0.01
@@ -166,19 +166,12 @@ def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTest
 def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
     """Candidates that are not free, and changes of the free coefficients of drag, in the order of the derivatives."""
     names = [p.name for p in compress(problem.parameters, ~problem.held_mask)]
-    given = prepared.scene.effects
     found = []
     for p in tested_parameters(prepared.simulator.model, problem.parameters):
         name, path = FORCES.get(p.where.field, ("a roll of the camera", CAMERA))
         if any(one.startswith(path) for one in names):
             continue
-        if path.startswith("effects."):
-            _, effect, field = path.split(".")
-        else:
-            _ = ""
-            effect = ""
-            field = ""
-        lacks = bool(effect) and not np.any(given.get(effect, {}).get(field) or 0.0)
+        lacks = path.startswith("effects.") and not np.any(given_effect(prepared.scene, path))
         found.append(Suspect(name, (path,), p, grows=lacks))
     for i, p in enumerate(problem.parameters):
         if p.name in DRAG and p.name in names:
@@ -236,15 +229,19 @@ def _judge(
 ) -> LawTests:
     """The tests of all candidates, from the pieces' gradients and information (`_scores`)."""
     free = np.flatnonzero(~solution.problem.held_mask & ~u.at_bound)
-    first = len(solution.values)
+    candidates = len(solution.values) + np.arange(len(suspects))
+    alone = np.diag(eliminate_rows(separate, free, candidates)) / np.maximum(np.diag(separate)[candidates], 1e-300)
+    rest = eliminate_rows(information, free, candidates)
+    size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
+    like = np.abs(rest) / np.outer(size, size) > ALIKE
     names = [p.name for p in solution.problem.parameters]
     scale = u.noise**2 * solution.problem.memory
     tests: list[tuple[LawTest, int]] = []
     included: dict[str, tuple[str, ...]] = {}
     blocks = 0
     for i, suspect in enumerate(suspects):
-        mine = first + i
-        if not _remains(separate, free, mine) > REMAINS:
+        mine = candidates[i]
+        if not alone[i] > REMAINS:
             twin = _nearest(separate, free, mine)
             if suspect.grows and twin is not None:
                 included[names[twin]] = (*included.get(names[twin], ()), suspect.name)
@@ -262,18 +259,17 @@ def _judge(
             p = 2 * float(stdtr(degrees, -abs(t)))
         moves = dict(zip([names[j] for j in free], map(float, moved[:-1]), strict=True))
         matters = _matters(solution, u, suspect, free, moved)
-        gain = 0.5 * float(moved[-1]) ** 2 * float(_rest(information, free, [mine])[0, 0]) / scale
+        gain = 0.5 * float(moved[-1]) ** 2 * float(rest[i, i]) / scale
         row = LawTest(suspect.name, suspect.free, float(moved[-1]), error, t, p, moves, gain, matters)
-        tests.append((row, mine))
+        tests.append((row, i))
     tests.sort(key=lambda row: row[0].p)
     over_family = holm([test.p for test, _ in tests])
-    tests = [(replace(test, p=p), mine) for (test, mine), p in zip(tests, over_family, strict=True)]
+    tests = [(replace(test, p=p), i) for (test, i), p in zip(tests, over_family, strict=True)]
     shown = [(test, k) for test, k in tests if test.p < LEVEL and test.free]
-    alike = [
-        tuple(other.name for other, k in shown if k != mine and _correlation(information, free, mine, k) > ALIKE)
-        for _, mine in tests
-    ]
-    found = [replace(test, alike=same) for (test, _), same in zip(tests, alike, strict=True)]
+    found = []
+    for test, i in tests:
+        alike = tuple(other.name for other, k in shown if k != i and like[i, k])
+        found.append(replace(test, alike=alike))
     found.sort(key=lambda test: (not test.free, -test.gain))
     return LawTests(tuple(found), included, blocks)
 
@@ -289,11 +285,8 @@ def _one_step(
     length = block_of(after, information)
     count = len(after.run)
     blocks = [np.arange(i, min(i + length, count)) for i in range(0, count, length)]
-    apart = moves_without(after, blocks, information)
-    covariance = (len(blocks) - 1) / len(blocks) * apart.T @ apart
-    least = scale * solve_spd(information, np.eye(len(chosen)))
-    grow = np.sqrt(np.maximum(np.diag(least) / np.maximum(np.diag(covariance), 1e-300), 1.0))
-    return moved, covariance * np.outer(grow, grow), len(blocks)
+    least = scale * np.diag(solve_spd(information, np.eye(len(chosen))))
+    return moved, raised_to(jackknife(after, blocks, information), least), len(blocks)
 
 
 def _matters(solution: Solution, u: Uncertainty, suspect: Suspect, free: np.ndarray, moved: np.ndarray) -> bool:
@@ -305,32 +298,12 @@ def _matters(solution: Solution, u: Uncertainty, suspect: Suspect, free: np.ndar
     return bool(np.any(change > np.maximum(ERRORS * u.std_error[free], SHARE * np.abs(solution.values[free]))))
 
 
-def _rest(information: np.ndarray, free: np.ndarray, rows: Sequence[int]) -> np.ndarray:
-    """Information of some numbers with the free ones eliminated."""
-    rows = np.asarray(rows)
-    if not len(free):
-        return information[np.ix_(rows, rows)]
-    cross = information[np.ix_(free, rows)]
-    return information[np.ix_(rows, rows)] - cross.T @ solve_spd(information[np.ix_(free, free)], cross)
-
-
-def _remains(information: np.ndarray, free: np.ndarray, mine: int) -> float:
-    """Fraction of a candidate's information that the free parameters leave."""
-    return float(_rest(information, free, [mine])[0, 0]) / max(float(information[mine, mine]), 1e-300)
-
-
 def _nearest(information: np.ndarray, free: np.ndarray, mine: int) -> int | None:
     """The free parameter whose effect is most like a candidate's; None without any effect."""
     if not information[mine, mine] > 0 or not len(free):
         return None
     size = np.sqrt(np.maximum(np.diag(information), 1e-300))
     return int(free[np.argmax(np.abs(information[free, mine]) / size[free])])
-
-
-def _correlation(information: np.ndarray, free: np.ndarray, one: int, other: int) -> float:
-    """Correlation of two candidates' effects that the free parameters leave."""
-    rest = _rest(information, free, [one, other])
-    return abs(float(rest[0, 1])) / max(float(np.sqrt(rest[0, 0] * rest[1, 1])), 1e-300)
 
 
 def freeing_option(test: LawTest, names: Sequence[str]) -> str:

@@ -13,17 +13,21 @@ Checked in this order, by short windows whose starts and damping are free:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.errors import SceneError
 from fitting.calibration.advice import candidates, wide
 from fitting.calibration.freeing import with_freed
 from fitting.calibration.preparation import Prepared
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.release import TIME
-from fitting.parameters.of_scene import free_option
+from fitting.estimate.windows import Span, first_starts
+from fitting.parameters.of_scene import DAMPING_PATHS, free_option
 from fitting.parameters.parameter import NODE, Parameter
-from fitting.traces.trace import Trace
+from fitting.traces.trace import Trace, without_spikes
 
 #: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.
 LEAVES = 0.1
@@ -34,6 +38,8 @@ INTERPOLATED = 0.4
 SMALL = 0.04
 #: Short windows in the order of time that find a driven beginning.
 PIECES = 12
+#: Evaluations of short windows.
+EVALUATIONS = 4
 
 
 class Misfit(NamedTuple):
@@ -44,14 +50,6 @@ class Misfit(NamedTuple):
     values: np.ndarray
 
 
-class ShortFit(Protocol):
-    """Fits short windows `pieces` with damping and the parameters at `paths` free."""
-
-    def __call__(
-        self, prepared: Prepared, pieces: Sequence[tuple[int, float, float]], paths: Sequence[str] = ()
-    ) -> Misfit: ...
-
-
 class Cause(NamedTuple):
     """A cause in words, and what to try."""
 
@@ -59,12 +57,52 @@ class Cause(NamedTuple):
     remedy: str
 
 
-def likely_cause(prepared: Prepared, pieces: Sequence[tuple[int, float, float]], misfit: ShortFit) -> Cause:
+def fit_short_windows(
+    prepared: Prepared, pieces: Sequence[Span], paths: Sequence[str] = (), traces: Sequence[Trace] | None = None
+) -> Misfit:
+    """Short windows fitted with their starts, damping and the parameters at `paths` free.
+
+    Of a fit's parameters only the damping is fitted, starting from zero: a wrong file makes all others arbitrary.
+
+    Args:
+        pieces: run, start and end [s] of the windows.
+        traces: other ones than those of the preparation.
+    """
+    at = replace(prepared, traces=[without_spikes(trace) for trace in traces or prepared.traces])
+    try:
+        windows = at.cut(min(high - low for _, low, high in pieces), pieces)
+    except SceneError:
+        return Misfit(np.array([np.inf]), np.inf, prepared.values)
+    names = [p.name for p in prepared.parameters]
+    damping = np.array([name.startswith(DAMPING_PATHS) for name in names])
+    free = damping | [name.startswith(tuple(paths)) for name in names]
+    values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
+    starts = first_starts(prepared.simulator.model_at(values), at.traces, windows, at.sigma)
+    problem = replace(at.problem(frozen=~free), windows=windows)
+    solution = fit_windows(problem, values, starts, iterations=EVALUATIONS)
+    weight = windows.weight
+    mean = np.sum(weight * windows.theta, axis=1) / np.maximum(weight.sum(axis=1), 1e-300)
+    chi2 = _mean_square(solution.errors * weight, weight)
+    moved = _mean_square((windows.theta - mean[:, None]) * weight, weight)
+    chi2 = np.where(np.isfinite(chi2), chi2, np.inf)
+    part = float(np.median(np.sqrt(chi2 / np.maximum(moved, 1e-300))))
+    return Misfit(chi2, part, solution.values)
+
+
+def _mean_square(size: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Mean square (K,) of windows' samples (K, S, n), without the largest 5 %, which may be outliers."""
+    found = []
+    for one, known in zip(size, weight > 0, strict=True):
+        square = np.sort(one[known] ** 2)
+        found.append(square[: int(np.ceil(0.95 * len(square)))].mean())
+    return np.array(found)
+
+
+def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
     """The likeliest cause.
 
     Args:
         pieces: run, start and end [s] of short windows that move.
-        misfit: fits them.
     """
     trace = prepared.traces[0]
     if _interpolated(trace) > INTERPOLATED:
@@ -72,10 +110,10 @@ def likely_cause(prepared: Prepared, pieces: Sequence[tuple[int, float, float]],
             "angles interpolated between frames, as clicked by hand",
             "leave the cells of frames that were not measured empty",
         )
-    given = misfit(prepared, pieces)
+    given = fit_short_windows(prepared, pieces)
     return (
-        _wrong_number(prepared, pieces, misfit, float(np.median(given.chi2)))
-        or _driven_beginning(prepared, misfit, pieces[0][2] - pieces[0][1])
+        _wrong_number(prepared, pieces, float(np.median(given.chi2)))
+        or _driven_beginning(prepared, pieces[0][2] - pieces[0][1])
         or _shared_errors(prepared, given.part)
         or Cause(
             "a line of other links than the scene's, or a force that the scene lacks",
@@ -84,9 +122,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[tuple[int, float, float]],
     )
 
 
-def _wrong_number(
-    prepared: Prepared, pieces: Sequence[tuple[int, float, float]], misfit: ShortFit, given: float
-) -> Cause | None:
+def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> Cause | None:
     """The number of the scene that explains most if it is free."""
     free = [p.name for p in prepared.parameters]
     simulator = wide(prepared)
@@ -96,7 +132,7 @@ def _wrong_number(
         if any(path.startswith((NODE, TIME)) for path in paths) or any(one.startswith(tuple(paths)) for one in free):
             continue
         tried = with_freed(prepared, paths, None, simulator)
-        found = misfit(tried, pieces, paths)
+        found = fit_short_windows(tried, pieces, paths)
         left = float(np.median(found.chi2))
         # another candidate that explains as much is less common than those before it
         if left < (0.5 if cause else 1.0) * best and _plausible(tried.parameters, found.values):
@@ -116,7 +152,7 @@ def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
     return f"free them: {free_option([p.name for p in prepared.parameters], paths)}"
 
 
-def _driven_beginning(prepared: Prepared, misfit: ShortFit, length: float) -> Cause | None:
+def _driven_beginning(prepared: Prepared, length: float) -> Cause | None:
     """Windows that miss the angles until some time, and none later."""
     windows = prepared.windows
     low = float(windows.begin.min())
@@ -125,7 +161,7 @@ def _driven_beginning(prepared: Prepared, misfit: ShortFit, length: float) -> Ca
     mine = np.unique(windows.run)
     if len(mine) > 1 or length >= (high - low) / PIECES:
         return None
-    chi2 = misfit(prepared, [(int(mine[0]), float(t), float(t) + length) for t in starts]).chi2
+    chi2 = fit_short_windows(prepared, [Span(int(mine[0]), float(t), float(t) + length) for t in starts]).chi2
     missed = np.flatnonzero(chi2 > EXPLAINED)
     if len(chi2) != PIECES or not len(missed) or missed[-1] > PIECES // 2 or len(missed) < 0.5 * (missed[-1] + 1):
         return None

@@ -23,11 +23,11 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import Evaluation, Step, solve_spd
-from fitting.estimate.problem import Problem
+from fitting.estimate.residuals import Problem
 from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
-from fitting.estimate.windows import PER_WINDOW, Windows
+from fitting.estimate.windows import PER_WINDOW, Windows, pick
 from fitting.parameters.of_scene import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
@@ -143,7 +143,7 @@ def _errors(
     if not count:
         raise SceneError(f"duration: {duration:g} s is shorter than a window; allowed: at least {windows.length:.3g} s")
     few = replace(problem, windows=first(windows, count))
-    seen = Evaluation(*(part[:count] for part in evaluation))
+    seen = pick(evaluation, np.arange(count))
     weight = gap_weight or _expected_weight(few, seen, values)
     step = at_weight(few, seen, values, weight)
     return np.sqrt(np.diag(solve_spd(step.information, np.eye(len(values))))), weight

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax import load_scene
-from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
@@ -18,12 +17,12 @@ from dropper_jax.run.build import SceneLike, build
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
-from fitting.estimate.problem import Descent, Problem, Solution
 from fitting.estimate.release import Release, release_of
+from fitting.estimate.residuals import Descent, Problem, Solution
 from fitting.estimate.rest import Rest, advice_on_rest, held_start, rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.windows import Piece, Starts, Windows, cut, fewest_frames, fill, first_starts
+from fitting.estimate.windows import Piece, Span, Starts, Windows, cut, fewest_frames, fill, first_starts
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import (
     JointPrior,
@@ -44,7 +43,7 @@ from fitting.parameters.parameter import (
     with_effects,
 )
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
-from fitting.traces.planar import check_planar
+from fitting.traces.planar import check_planar, pendulum_period
 from fitting.traces.trace import Convention, Trace, as_trace, convention, noise
 
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
@@ -105,7 +104,7 @@ class Samples:
 
     Attributes:
         traces: in the model's convention; their standard errors include the model error.
-        spans: (run, from, to) [s] of the fitted samples.
+        spans: of the fitted samples.
         sigma: noise of each run's links (n,) [rad].
         held_out: (from, to) [s] that are scored.
         rest: poses at rest.
@@ -114,7 +113,7 @@ class Samples:
     """
 
     traces: list[Trace]
-    spans: list[tuple[int, float, float]]
+    spans: list[Span]
     sigma: list[np.ndarray]
     held_out: tuple[tuple[float, float], ...]
     rest: Rest | None
@@ -169,7 +168,7 @@ def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple
     return tuple(found)
 
 
-def fitted_parts(traces: Sequence[Trace], spans: Sequence[tuple[int, float, float]]) -> list[Trace]:
+def fitted_parts(traces: Sequence[Trace], spans: Sequence[Span]) -> list[Trace]:
     """The traces with every sample outside the spans (run, from, to) [s] marked as missing."""
     found = []
     for i, trace in enumerate(traces):
@@ -214,7 +213,7 @@ class Prepared:
     known: JointPrior = JointPrior()
     rest: Rest | None = None
     begin: np.ndarray | None = None
-    left_out: tuple[tuple[int, float, float], ...] = ()
+    left_out: tuple[Span, ...] = ()
     breaks: tuple[tuple[int, float], ...] = ()
     iterations: int = 0
     first_noise: Noise | None = None
@@ -251,7 +250,7 @@ class Prepared:
             return self
         return replace(self, windows=noise.apply_to(self.windows, self.traces), noise=noise)
 
-    def cut(self, length: float, pieces: Sequence[tuple[int, float, float]]) -> Windows:
+    def cut(self, length: float, pieces: Sequence[Span]) -> Windows:
         """Windows of `length` [s] of these (run, from, to), of the same substeps and noise."""
         return self._as_fitted(cut(self.traces, length, self.windows.dt, self.sigma, pieces))
 
@@ -436,8 +435,8 @@ def choose_samples(
         trace if trace.se is None else replace(trace, se=np.hypot(trace.se, trace.model_error)) for trace in traces
     ]
     length = np.asarray(model.line.length)
-    slowest = pendulum_period(float(np.sum(length)))
-    period = pendulum_period(float(np.min(length)))
+    slowest = pendulum_period(np.sum(length))
+    period = pendulum_period(length)
     if not released:
         seen = fitted_parts(traces, spans)
         spans, more = without_held_starts(spans, seen, sigma, slowest, lambda: resting_angles(model))
@@ -450,11 +449,6 @@ def choose_samples(
         for trace, size in zip(found.seen, sigma, strict=True):
             notes += advice_on_rest(trace, size, slowest)
     return found
-
-
-def pendulum_period(length: float) -> float:
-    """Period [s] of small swings of a mathematical pendulum of this length [m]."""
-    return 2 * np.pi * np.sqrt(length / GRAVITY)
 
 
 def with_model_error(traces: list[Trace], scene: Scene) -> tuple[list[Trace], list[str]]:
@@ -475,7 +469,7 @@ def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) 
     """
     period = samples.period
     interval = samples.interval
-    span = max(high - low for _, low, high in samples.spans)
+    span = max(one.high - one.low for one in samples.spans)
     dt = time_step(samples.traces, settings.dt or period / STEPS_PER_PERIOD[simulator.stepper.integrator.order])
     fewest = fewest_frames(simulator.model.line.links, simulator.freedoms)
     short = max(SHORTEST_PART * period, fewest * interval)
@@ -580,7 +574,7 @@ def fitted_spans(
     until: float | None,
     held_out: Sequence[tuple[float, float]],
     begin: float | None = None,
-) -> list[tuple[int, float, float]]:
+) -> list[Span]:
     """(run, from, to) of all samples that may be fitted: from `begin` to `until`, outside the held-out spans.
 
     Raises:
@@ -595,7 +589,7 @@ def fitted_spans(
         last = min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
         for start, end in [*held_out, (last, last)]:
             if low < min(start, last):
-                found.append((i, low, min(start, last)))
+                found.append(Span(i, low, min(start, last)))
             low = max(low, end)
     if not found:
         raise SceneError("from, until, held-out: nothing remains to fit. Use spans that leave part of the trace")
@@ -603,12 +597,12 @@ def fitted_spans(
 
 
 def without_held_starts(
-    spans: Sequence[tuple[int, float, float]],
+    spans: Sequence[Span],
     traces: Sequence[Trace],
     sigma: Sequence[np.ndarray],
     slowest: float,
     pose: Callable[[], np.ndarray],
-) -> tuple[list[tuple[int, float, float]], list[str]]:
+) -> tuple[list[Span], list[str]]:
     """The fitted spans of traces without the still stretch before a release, and a note on each stretch left out.
 
     Args:
@@ -621,12 +615,12 @@ def without_held_starts(
     notes = []
     for i, trace in enumerate(traces):
         if (begin := held_start(trace, sigma[i], slowest, pose)) is not None:
-            found = [(run, max(low, begin) if run == i else low, high) for run, low, high in found]
+            found = [span._replace(low=max(span.low, begin)) if span.run == i else span for span in found]
             notes.append(
                 f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit "
                 "starts there"
             )
-    return [(run, low, high) for run, low, high in found if low < high], notes
+    return [span for span in found if span.low < span.high], notes
 
 
 def time_step(traces: Sequence[Trace], requested: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,13 @@ from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict
 from fitting.calibration.law_fits import Law
-from fitting.calibration.laws import LawTest, LawTests, freeing_option
+from fitting.calibration.laws import DRAG, LawTest, LawTests, freeing_option
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.noise import mean_by_run
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import SceneFit
-from fitting.estimate.windows import Windows, first_starts
+from fitting.estimate.windows import Span, Windows, first_starts
 from fitting.traces.trace import Trace
 
 
@@ -84,9 +84,6 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterati
     return solution
 
 
-SCHEMA = 1
-#: Linear and quadratic damping, which have similar effects.
-DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 #: chi-square per degree of freedom, and correlation of neighbouring residuals, above which a fit misses its trace.
 MISFIT = 2.0
 CORRELATED_MISFIT = 0.1
@@ -112,6 +109,17 @@ class HeldOut:
     def rms(self) -> float:
         """RMS angle error [rad]."""
         return self.solution.rms
+
+
+@dataclass(frozen=True)
+class Combination:
+    """`b_l + speed_m_per_s b_q`: the paths `of` both, its value and standard error."""
+
+    of: tuple[str, str]
+    speed_m_per_s: float
+    value: float
+    std_error: float
+    unit: str = "kg/s"
 
 
 @dataclass(kw_only=True)
@@ -147,7 +155,7 @@ class FitResult(SceneFit):
     freed: list[Candidate | LawTest] = field(default_factory=list)
     wrong_file: str = ""
     likely: str = ""
-    left_out: tuple[tuple[int, float, float], ...] = ()
+    left_out: tuple[Span, ...] = ()
     laws: LawTests = LawTests()
     prepared: Prepared
     tested: list[Candidate] = field(default_factory=list)
@@ -232,9 +240,8 @@ class FitResult(SceneFit):
     @property
     def descent(self) -> list[dict[str, Any]]:
         """Loss per sample, parameters and gap weight of every step of the method `gradient`; otherwise empty."""
-        keys = ("loss", "values", "gap_weight")
         points = self.solution.history if self.method == "gradient" else []
-        return [{key: point.get(key) for key in keys} for point in points]
+        return [{"loss": one.loss, "values": one.values, "gap_weight": one.gap_weight} for one in points]
 
     @property
     def model(self) -> Model:
@@ -243,32 +250,21 @@ class FitResult(SceneFit):
 
     def to_json(self) -> dict[str, Any]:
         """Plain values with the keys of the command line's JSON; values that are not finite become null."""
-        u = self.uncertainty
         found = {
-            "schema": SCHEMA,
-            "status": self.status,
-            "method": self.method,
-            "parameters": self.estimates(),
-            "correlation": u.correlation,
             "rms_rad": self.rms,
             "held_out_rms_rad": [h.rms for h in self.held_out],
             "chi2_per_dof": self.chi2_per_dof,
             "noise_rad": self.noise,
-            "iterations": self.iterations,
-            "seconds": self.seconds,
             "window_s": self.windows.length,
             "shortest_window_s": float(self.windows.lengths.min()),
-            "step_s": self.windows.dt / self.windows.substeps,
-            "step_bias_std_errors": self.step_bias,
             "gap_weight": self.solution.gap_weight,
-            "blocks": u.blocks,
             "lyapunov_per_s": self.lyapunov,
-            "warnings": self.warnings,
             "laws": [test.to_json() for test in self.laws.tests],
+            "noise": self.noise_table(),
         }
-        found |= {"noise": self.noise_table(), **self.intervals()}
         if self.advice or self.freed:
             found |= {key: [row.to_json() for row in getattr(self, key)] for key in ("advice", "freed")}
+        best = self.best_combination if self.has_errors else None
         requested = {
             "descent": self.descent,
             "comparison": [row.to_json() for row in self.comparison],
@@ -276,10 +272,10 @@ class FitResult(SceneFit):
             "left_out": [
                 {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out
             ],
-            "best_determined": self.has_errors and self.best_combination,
-            "error": self.status != "ok" and self.outcome,
+            "best_determined": best and asdict(best),
         }
-        return jsonable(found | {key: value for key, value in requested.items() if value})
+        common = self.common_json(self.method, self.windows.dt / self.windows.substeps)
+        return jsonable(common | found | {key: value for key, value in requested.items() if value})
 
     @property
     def fastest(self) -> float:
@@ -289,27 +285,22 @@ class FitResult(SceneFit):
         return max(float(np.max(np.nansum(rate * length, axis=1), initial=0.0)) for rate in rates)
 
     @property
-    def best_combination(self) -> dict[str, Any] | None:
+    def best_combination(self) -> Combination | None:
         """`b_l + v b_q` with the speed v [m/s] at which the trace determines it best, its value and standard error.
 
         Linear and quadratic damping have similar effects at the speed of the motion, so that each alone is much less
         certain. With covariance C, `v = -C_lq/C_qq` has the minimum variance. None if no node moves at that speed: the
         combination would have no meaning.
         """
-        mine = [i for name in DAMPING for i, p in enumerate(self.parameters) if p.name == name]
+        mine = [i for name in DRAG for i, p in enumerate(self.parameters) if p.name == name]
         C = self.uncertainty.covariance[np.ix_(mine, mine)]
         if len(mine) < 2 or not (np.diag(C) > 0).all():
             return None
         speed = -C[0, 1] / C[1, 1]
         if not 0.0 < speed <= self.fastest:
             return None
-        return {
-            "of": list(DAMPING),
-            "speed_m_per_s": speed,
-            "value": self.values[mine[0]] + speed * self.values[mine[1]],
-            "std_error": np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)),
-            "unit": "kg/s",
-        }
+        value = self.values[mine[0]] + speed * self.values[mine[1]]
+        return Combination(DRAG, speed, value, np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)))
 
     def add_advice(self, candidates: list[Candidate]) -> None:
         """Report candidates of `advise`, the first ones worth it as warnings too."""

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
+import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import Prepared, TracesLike, prepare
-from fitting.estimate.simulator import at_samples, march
+from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import apply, camera_angles, clock_rate, losses
+from fitting.parameters.parameter import apply, losses
 from fitting.traces import planar
 
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of
@@ -72,7 +72,14 @@ class TraceLoss:
         self.scale = jnp.array([p.scale for p in prepared.parameters])
         self.starts = Starts(*(jnp.asarray(part) for part in prepared.starts))
         self.samples = windows.samples
-        self._samples = tuple(jnp.asarray(a) for a in (windows.theta, windows.weight, windows.index, windows.fraction))
+        own = prepared.simulator
+        simulator = Simulator(own.model, prepared.parameters, own.stepper)
+        on_grid = not windows.fraction.any()
+        self._window = partial(
+            simulator.window, stepper=own.stepper, dt=windows.dt, capacity=windows.steps, on_grid=on_grid
+        )
+        samples = (windows.theta, windows.weight, windows.index, windows.fraction, simulator.jumps(windows))
+        self._samples = tuple(jnp.asarray(a) for a in (*samples, windows.step_counts.astype(np.int32)))
         model = prepared.simulator.model_at(prepared.values)
         self._basis = jnp.asarray(planar.chart(model, prepared.starts.theta))
         self._cost = jax.custom_jvp(self._half_square)
@@ -94,11 +101,12 @@ class TraceLoss:
 
     def residuals(self, params: jax.Array, starts: Starts) -> jax.Array:
         """Simulated minus measured angles over their noise (windows, samples, links), 0 where there is no sample."""
-        return jax.vmap(partial(self._residual, params))(*starts, *self._samples)
+        found = jax.vmap(partial(self._derivatives, params))(*starts, self._basis, *self._samples)[0]
+        return found.reshape(self.prepared.windows.theta.shape)
 
     def _loss(self, params: jax.Array, starts: Starts) -> jax.Array:
         """Half of chi-square and the priors, at parameters (k,) and starts."""
-        cost = jax.vmap(self._cost, in_axes=(None, *(0 for _ in range(6))))(params, *starts, *self._samples)
+        cost = jax.vmap(self._cost, in_axes=(None, *(0 for _ in range(8))))(params, *starts, *self._samples)
         return jnp.sum(cost) + self._prior(params)
 
     def _gauss_newton(self, params: jax.Array, starts: Starts | None = None) -> GaussNewton:
@@ -133,42 +141,28 @@ class TraceLoss:
         moved = (start + move for start, move in zip(first, moves, strict=True))
         return Starts(*jax.vmap(partial(planar.close_chain, model))(*moved))
 
-    def _residual(
-        self,
-        params: jax.Array,
-        theta: jax.Array,
-        omega: jax.Array,
-        measured: jax.Array,
-        weight: jax.Array,
-        index: jax.Array,
-        fraction: jax.Array,
-    ) -> jax.Array:
-        """Residuals (S, n) of one window."""
+    def _derivatives(
+        self, params: jax.Array, theta: jax.Array, omega: jax.Array, basis: jax.Array, *samples: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
+        """Residuals (r,) of one window, and their derivatives (r, 2 m + k) by its start along the basis (n, m) and by
+        the parameters, as a fit computes them."""
         windows = self.prepared.windows
-        parameters = self.prepared.parameters
-        model = apply(self.prepared.simulator.model, parameters, params)
-        rate = clock_rate(parameters, params)
-        h = jnp.asarray(windows.dt) if rate is None else windows.dt * rate
-        start = planar.close_chain(model, theta, omega)
-        state = planar.to_state(model, *start)
-        stepper = self.prepared.simulator.stepper
-        angles, rates, _ = march(stepper, model, state, h, windows.steps, windows.substeps, *(2 * [windows.steps]))
-        on_grid = not self.prepared.windows.fraction.any()
-        angle = camera_angles(model, parameters, params, at_samples(start, angles, rates, index, fraction, h, on_grid))
-        return planar.wrap(angle - measured) * weight
+        seeds = jnp.eye(2 * basis.shape[1] + len(params), dtype=params.dtype)
+        steps = jnp.int32(windows.substeps), jnp.int32(windows.steps)
+        found = self._window(params, seeds, *steps, theta, omega, basis, *samples)
+        return found[1].ravel(), found[2].reshape(-1, len(seeds))
 
-    def _half_square(self, params: jax.Array, theta: jax.Array, omega: jax.Array, *measured: jax.Array) -> jax.Array:
+    def _half_square(self, params: jax.Array, theta: jax.Array, omega: jax.Array, *samples: jax.Array) -> jax.Array:
         """Half of chi-square of one window."""
-        return 0.5 * jnp.sum(self._residual(params, theta, omega, *measured) ** 2)
+        return 0.5 * jnp.sum(self._derivatives(params, theta, omega, jnp.eye(len(theta)), *samples)[0] ** 2)
 
     def _half_square_jvp(
         self, primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]
     ) -> tuple[jax.Array, jax.Array]:
         """Its value and derivative: linear in the tangents, so that JAX can transpose it."""
-        flat, back = ravel_pytree(primals[:3])
-        push = lambda d: jax.jvp(lambda x: self._half_square(*back(x), *primals[3:]), (flat,), (d,))  # noqa: E731
-        value, slope = jax.vmap(push, out_axes=(None, 0))(jnp.eye(len(flat), dtype=flat.dtype))
-        return value, slope @ ravel_pytree(tangents[:3])[0]
+        params, theta, omega, *samples = primals
+        r, slope = self._derivatives(params, theta, omega, jnp.eye(len(theta)), *samples)
+        return 0.5 * jnp.sum(r**2), r @ slope @ jnp.concatenate([tangents[1], tangents[2], tangents[0]])
 
     def _prior(self, params: jax.Array) -> jax.Array:
         """Half of the squared distances from the priors."""
@@ -187,17 +181,10 @@ class TraceLoss:
     ) -> Blocks:
         """Levenberg and Marquardt's method for the start of one window, in the chart around (theta, omega)."""
         m = basis.shape[1]
-        k = len(params)
-
-        def residual(x: jax.Array) -> jax.Array:
-            z = x[: 2 * m]
-            p = x[2 * m :]
-            return self._residual(p, theta + basis @ z[:m], omega + basis @ z[m:], *measured).ravel()
 
         def blocks(z: jax.Array) -> Blocks:
-            along = jnp.eye(2 * m + k, dtype=z.dtype)
-            point = jnp.concatenate([z, params])
-            r, slope = jax.vmap(lambda d: jax.jvp(residual, (point,), (d,)), out_axes=(None, -1))(along)
+            at = theta + basis @ z[:m], omega + basis @ z[m:]
+            r, slope = self._derivatives(params, *at, basis, *measured)
             own = slope[:, : 2 * m]
             shared = slope[:, 2 * m :]
             cross = own.T @ shared

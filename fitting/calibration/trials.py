@@ -23,14 +23,14 @@ from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.preparation import LONGEST, Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one
-from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import memory_of
+from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.estimate.windows import Starts
+from fitting.estimate.windows import Span, Starts, pick, with_rows
 from fitting.parameters.parameter import Parameter, all_joints, resolve
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
@@ -96,13 +96,13 @@ class Trials:
         # maximum evaluations of a trial, which starts near its end
         return fit_windows(problem, values, starts, iterations=12)
 
-    def score(self, solution: Solution) -> np.ndarray:
-        """Logarithms of the RMS errors [rad] of the windows of all scored stretches."""
+    def score(self, solution: Solution) -> float:
+        """Mean logarithm of the RMS errors [rad] of the windows of all scored stretches."""
         at = self.prepared.with_parameters(solution.problem.parameters, solution.values)
         held = [score_held_out(at, solution.values, span, [run]).solution for run, *span in self.spans]
         known = np.concatenate([(one.windows.weight > 0).sum(axis=(1, 2)) for one in held])
         square = np.concatenate([np.sum(one.errors**2, axis=(1, 2)) for one in held])
-        return 0.5 * np.log(np.maximum(square[known > 0] / known[known > 0], 1e-24))
+        return float(np.mean(0.5 * np.log(np.maximum(square[known > 0] / known[known > 0], 1e-24))))
 
 
 def scored_windows(prepared: Prepared) -> np.ndarray:
@@ -118,7 +118,7 @@ def scored_windows(prepared: Prepared) -> np.ndarray:
     return scored & ~windows.released
 
 
-def stretches(prepared: Prepared, scored: np.ndarray) -> list[tuple[int, float, float]]:
+def stretches(prepared: Prepared, scored: np.ndarray) -> list[Span]:
     """(run, from, to) of neighbouring scored windows, in equal parts of at most `LONGEST` [s]."""
     windows = prepared.windows
     found = []
@@ -127,11 +127,11 @@ def stretches(prepared: Prepared, scored: np.ndarray) -> list[tuple[int, float, 
         low = float(windows.begin[k])
         high = float(windows.ends[k])
         if found and k and scored[k - 1] and windows.follows[k]:
-            found[-1] = (*found[-1][:2], high)
+            found[-1] = found[-1]._replace(high=high)
         else:
-            found.append((run, low, high))
+            found.append(Span(run, low, high))
     parts = [(run, np.linspace(low, high, int(np.ceil((high - low) / LONGEST)) + 1)) for run, low, high in found]
-    return [(run, float(a), float(b)) for run, edge in parts for a, b in zip(edge[:-1], edge[1:], strict=True)]
+    return [Span(run, float(a), float(b)) for run, edge in parts for a, b in zip(edge[:-1], edge[1:], strict=True)]
 
 
 def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, list[Parameter]]:
@@ -176,85 +176,130 @@ def free_groups(
     found = groups(prepared.simulator.model, prepared.parameters, shared)
     zero = [replace(p, value=0.0) for p in shared]
     simulator = wide(prepared, [*(p for group in found for p in group.parameters), *zero])
-    prepared = replace(prepared, simulator=simulator)
-    trials = Trials(prepared, loss)
+    trials = Trials(replace(prepared, simulator=simulator), loss)
     if not (trials.spans and trials.used.any()):  # no windows to score, or none to fit
         return None
-    longest = max(window_length(prepared, span) for _, *span in trials.spans)
+    reserve_held_out(simulator, prepared, trials.spans)
+    trials.weigh(solution.errors, before.windows.weight, before.windows.run, memory_of(solution))
+    progress(0.5, "testing what may be wrong: unchanged model")
+    base = trials.fit(prepared.parameters, solution.values, pick(solution.starts, trials.used))
+    first = trials.score(base)
+    search = Search(trials, shared, effective(trials, base, found), base)
+    progress(0.55, "testing what may be wrong: everything free")
+    search.free_all()
+    if not search.least < first - np.log1p(NEEDED):
+        return None
+    search.free_late(search.fix_needless(progress), progress)
+    if not search.free:
+        return None
+    best = search.best
+    at = trials.prepared.with_parameters(best.problem.parameters, best.values)
+    scene = without_unused_parts(at.scene, before.scene, [p.name for p in at.parameters])
+    at = replace(
+        at,
+        scene=scene,
+        traces=before.traces,
+        held_out=before.held_out,
+        noise=before.noise,
+        starts=with_rows(solution.starts, trials.used, best.starts),
+    )
+    return at, simulator, [_candidate(group, search.needed[group.name], best) for group in search.free]
+
+
+def reserve_held_out(simulator: Simulator, prepared: Prepared, spans: Sequence[Span]) -> None:
+    """Space for the windows that score these stretches in the programs of a simulator."""
+    longest = max(window_length(prepared, (low, high)) for _, low, high in spans)
     frames = int(longest / min(trace.interval for trace in prepared.traces) + 1.5)
     steps, slots = simulator.capacity
     simulator.capacity = max(steps, int(longest / prepared.windows.dt + 1e-6)), max(slots, frames)
-    trials.weigh(solution.errors, before.windows.weight, before.windows.run, memory_of(solution))
-    starts = Starts(*(part[trials.used] for part in solution.starts))
-    progress(0.5, "testing what may be wrong: unchanged model")
-    base = trials.fit(prepared.parameters, solution.values, starts)
-    first = float(np.mean(trials.score(base)))
-    found = effective(trials, base, found)
-    names = [p.name for p in shared]
-    values = base.by_name
-    start = {
-        p.name: values.get(ScenePath(p.name).stem, values.get(p.name, p.value)) for g in found for p in g.parameters
-    }
-    values = start | values
 
-    def try_free(free: Sequence[Group], starts: Starts) -> Solution:
-        held = [p for group in found if group not in free for p in group.instead]
-        plain = [p for p in prepared.parameters if p.name not in names] + [
-            p for p in shared if p in held or not any(p in group.instead for group in found)
-        ]
+
+class Search:
+    """Groups that trials show to be needed.
+
+    Args:
+        trials: fit and score.
+        shared: friction of all joints that separate joints replace.
+        found: groups that may be free.
+        base: fit without them.
+
+    Attributes:
+        values: of every number at the end of the last fit in which it was free.
+        free, best, least: free groups, their fit, and the smallest score so far.
+        needed: by name of a group, the factor of the held-out error without it.
+    """
+
+    def __init__(self, trials: Trials, shared: Sequence[Parameter], found: Sequence[Group], base: Solution) -> None:
+        self.trials = trials
+        self.shared = shared
+        self.groups = found
+        values = base.by_name
+        self.start = {
+            p.name: values.get(ScenePath(p.name).stem, values.get(p.name, p.value)) for g in found for p in g.parameters
+        }
+        self.values = self.start | values
+        self.free: list[Group] = []
+        self.best = base
+        self.least = np.inf
+        self.needed: dict[str, float] = {}
+
+    def fit(self, free: Sequence[Group]) -> Solution:
+        """A fit with these groups free, from the best one so far."""
+        replaced = [p for group in self.groups for p in group.instead]
+        held = [p for group in self.groups if group not in free for p in group.instead]
+        names = [p.name for p in self.shared]
+        plain = [p for p in self.trials.prepared.parameters if p.name not in names]
+        plain += [p for p in self.shared if p in held or p not in replaced]
         every = [*plain, *(p for group in free for p in group.parameters)]
-        return trials.fit(every, np.array([values[p.name] for p in every]), starts)
+        return self.trials.fit(every, np.array([self.values[p.name] for p in every]), self.best.starts)
 
-    progress(0.55, "testing what may be wrong: everything free")
-    best = try_free(found, base.starts)
-    for _ in range(2):  # weighted by its own misfit, which is smaller
-        values |= best.by_name
-        trials.weigh(best.errors, trials.claimed.weight, trials.claimed.run, memory_of(best))
-        best = try_free(found, best.starts)
-    score = least = float(np.mean(trials.score(best)))
-    if not score < first - np.log1p(NEEDED):
-        return None
-    free = list(found)
-    needed = {}
-    fixed = {}
-    for group in found:
-        progress(0.6, f"testing what may be wrong: without {group.name}")
-        values |= best.by_name
-        values |= {p.name: float(np.mean([values[q.name] for q in group.parameters])) for p in group.instead}
-        less = try_free([other for other in free if other is not group], best.starts)
-        now = float(np.mean(trials.score(less)))
-        if now < least + np.log1p(NEEDED):
-            free.remove(group)
-            best = less
-            least = min(least, now)
-            fixed[group] = least
-        else:
-            needed[group.name] = float(np.exp(now - least))
-    # what was fixed while others held the fit far from its minimum is tried once more, the best first
-    late = [group for group, then in fixed.items() if least < then - np.log1p(NEEDED)]
-    while late:
-        values |= best.by_name | {p.name: start[p.name] for group in late for p in group.parameters}
-        progress(0.7, f"testing what may be wrong: with {', '.join(group.name for group in late)}")
-        tries = [try_free([*free, group], best.starts) for group in late]
-        scores = [float(np.mean(trials.score(one))) for one in tries]
-        now, group, more = min(zip(scores, late, tries, strict=True), key=lambda row: row[0])
-        if not now < least - np.log1p(NEEDED):
-            break
-        needed[group.name] = float(np.exp(least - now))
-        late.remove(group)
-        free = [*free, group]
-        best = more
-        least = now
-    if not free:
-        return None
-    whole = Starts(*(part.copy() for part in solution.starts))
-    for part, own in zip(whole, best.starts, strict=True):
-        part[trials.used] = own
-    at = trials.prepared.with_parameters(best.problem.parameters, best.values)
-    freed = [_candidate(group, needed[group.name], best) for group in free]
-    scene = without_unused_parts(at.scene, before.scene, [p.name for p in at.parameters])
-    at = replace(at, scene=scene, traces=before.traces, held_out=before.held_out, noise=before.noise, starts=whole)
-    return at, simulator, freed
+    def free_all(self) -> None:
+        """All groups free, three times, weighted by the misfit of the fit before, which becomes smaller."""
+        self.best = self.fit(self.groups)
+        for _ in range(2):
+            self.values |= self.best.by_name
+            claimed = self.trials.claimed
+            self.trials.weigh(self.best.errors, claimed.weight, claimed.run, memory_of(self.best))
+            self.best = self.fit(self.groups)
+        self.free = list(self.groups)
+        self.least = self.trials.score(self.best)
+
+    def fix_needless(self, progress: Progress) -> dict[Group, float]:
+        """Fix every group without which the score is not worse; returns them and the smallest score at that time."""
+        fixed = {}
+        for group in self.groups:
+            progress(0.6, f"testing what may be wrong: without {group.name}")
+            self.values |= self.best.by_name
+            mean = float(np.mean([self.values[p.name] for p in group.parameters]))
+            self.values |= {p.name: mean for p in group.instead}
+            fewer = [other for other in self.free if other is not group]
+            less = self.fit(fewer)
+            now = self.trials.score(less)
+            if now < self.least + np.log1p(NEEDED):
+                self.free = fewer
+                self.best = less
+                self.least = min(self.least, now)
+                fixed[group] = self.least
+            else:
+                self.needed[group.name] = float(np.exp(now - self.least))
+        return fixed
+
+    def free_late(self, fixed: dict[Group, float], progress: Progress) -> None:
+        """Free again, the best first, what was fixed while others held the fit far from its minimum."""
+        late = [group for group, then in fixed.items() if self.least < then - np.log1p(NEEDED)]
+        while late:
+            self.values |= self.best.by_name | {p.name: self.start[p.name] for group in late for p in group.parameters}
+            progress(0.7, f"testing what may be wrong: with {', '.join(group.name for group in late)}")
+            tries = [self.fit([*self.free, group]) for group in late]
+            scores = [self.trials.score(one) for one in tries]
+            k = int(np.argmin(scores))
+            if not scores[k] < self.least - np.log1p(NEEDED):
+                return
+            group = late.pop(k)
+            self.needed[group.name] = float(np.exp(self.least - scores[k]))
+            self.free.append(group)
+            self.best = tries[k]
+            self.least = scores[k]
 
 
 def effective(trials: Trials, base: Solution, found: Sequence[Group]) -> list[Group]:

@@ -29,7 +29,7 @@ from fitting.traces.conventions import (
     shift,
     units,
 )
-from fitting.traces.planar import wrap
+from fitting.traces.planar import energies, wrap
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, smooth_stretch
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
@@ -174,8 +174,10 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
     motion = smooth_stretch(trace.between(low, high), (low, high), 0.06 * period)
     if motion is None:
         return
-    t = motion[0]
-    energy = _energy(model, *motion[1:])
+    t, theta, omega = motion
+    rest = resting_angles(model)
+    *energy, at_rest = np.asarray(energies(model, np.vstack([theta, rest]), np.vstack([omega, 0 * rest])))
+    energy = np.array(energy) - at_rest
     inside = np.any([(t >= begin) & (t < end) for begin, end in spans], axis=0)
     t = t[inside]
     energy = energy[inside]
@@ -195,23 +197,6 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
             f"{trace.name}: time is reversed, as it seems: the energy of the motion rises from "
             f"{parts[:2].mean():.3g} to {parts[-2:].mean():.3g} J. Reverse the rows"
         )
-
-
-def _energy(model: Model, theta: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Energy (k,) [J] of angles and rates (k, n) above that at rest."""
-    line = model.line
-    length = np.asarray(model.line.length)
-    weights = next((np.asarray(line.node_share(e.per_link(line))) for e in model.effects if e.name == "weight"), 0.0)
-    free = len(np.asarray(line.node_mass))
-    v = np.cumsum(1j * omega * length * np.exp(1j * theta), axis=1)
-    if line.compound:
-        near, both, far = (np.asarray(block) for block in line.blocks())
-        first = np.concatenate([np.zeros_like(v[:, :1]), v[:, :-1]], axis=1)
-        kinetic = near * np.abs(first) ** 2 + 2 * both * np.real(first * v.conj()) + far * np.abs(v) ** 2
-    else:
-        kinetic = np.asarray(line.node_mass) * np.abs(v[:, :free]) ** 2
-    height = lambda angle: -np.cumsum(length * np.sin(angle), axis=-1)[..., :free] @ (weights + np.zeros(free))  # noqa: E731
-    return 0.5 * kinetic.sum(axis=1) + height(theta) - height(resting_angles(model))
 
 
 def _breaks(trace: Trace) -> Iterator[float]:

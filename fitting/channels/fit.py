@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError, part_of, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
@@ -19,10 +19,10 @@ from fitting.channels.problem import MOST_HALVED, Evaluation, Problem
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
 from fitting.channels.setup import find_free
-from fitting.estimate.gauss_newton import continue_windows, first_solution
+from fitting.estimate.least_squares import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
-from fitting.estimate.problem import Solution
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
+from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.of_scene import by_full_path, default_free, full_names, rig_priors
@@ -152,13 +152,13 @@ def fit_channels(
     problem = pose(data, scene, free, own, start or {}, bounds or {}, priors or {})
     progress(0.0, "first run")
     point = first_point(problem, initial_loss(loss))
-    point = settle_noise(point, iterations, lambda share, text: progress(0.7 * share, text))
+    point = settle_noise(point, iterations, part_of(progress, 0.0, 0.7))
     if point.status == "ok" and point.problem.loss != loss:
         point = settle_noise(
             pose_again(point, replace(point.problem, loss=loss), point.evaluation), iterations, progress
         )
     if check_step and point.status == "ok":
-        say = lambda share, text: progress(0.7 + 0.25 * share, text)  # noqa: E731
+        say = part_of(progress, 0.7, 0.95)
         again = lambda ahead: settle_noise(replace(ahead, iterations=0), iterations, say)  # noqa: E731
         point = refine(point, say, again, sure=0.0)  # the interval of saved states, used by the cubics, stays the same
     result = ChannelFit(scene=scene, solution=point, uncertainty=errors_of(point))
@@ -237,9 +237,8 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
 
     def descend(point: Solution) -> Solution:
         nonlocal turn
-        say = lambda share, text, turn=turn: progress((turn + share) / (ROUNDS + 2), text)  # noqa: E731
         turn += 1
-        return continue_windows(point, iterations, say)
+        return continue_windows(point, iterations, part_of(progress, (turn - 1) / (ROUNDS + 2), turn / (ROUNDS + 2)))
 
     def claimed_series(point: Solution) -> Series:
         return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)

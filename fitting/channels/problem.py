@@ -18,7 +18,7 @@ from dropper_jax.run.build import build_model, stepper_of
 from fitting.channels.channel import ByChannel, Data, Series
 from fitting.channels.setup import Plan, SetupPlace, differentiate_channels, setup_with_directions
 from fitting.estimate.noise import correlates, lag_one_by_source, whiten
-from fitting.estimate.problem import Residuals, Solution, Timing
+from fitting.estimate.residuals import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
 
 #: Maximum factor by which one step may change a number of fixed sign.
@@ -27,36 +27,9 @@ FACTOR = 3.0
 MOST_HALVED = 2
 
 
-def step_bounds(problem: Residuals, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maximum change of the parameters in one step (p,), in both directions."""
-    low = np.array([p.low for p in problem.parameters]) - values
-    high = np.array([p.high for p in problem.parameters]) - values
-    for i, p in enumerate(problem.parameters):
-        if is_axial_stiffness(p) and values[i] > 0:
-            ends = max(p.low, values[i] / FACTOR), min(p.high, values[i] * FACTOR)
-            low[i], high[i] = (values[i] * (1 - values[i] / end) for end in ends)
-        elif p.low >= 0 and values[i] > 0:
-            low[i] = max(low[i], (1 / FACTOR - 1) * values[i]) if p.low > 0 else low[i]
-            high[i] = min(high[i], (FACTOR - 1) * max(values[i], 0.1 * p.scale))
-    return low, high
-
-
 def is_axial_stiffness(p: Parameter) -> bool:
     """Whether the motion depends on the inverse of a parameter: an axial stiffness acts through the stretch."""
     return p.name.split("@")[0].rstrip(".0123456789").endswith(".EA") and p.low >= 0
-
-
-def apply_step(problem: Residuals, values: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """The parameters after a step: `p + dp`, and for stiffnesses the same step of their inverse, `p/(1 - dp/p)`.
-
-    A stiffness with little effect is far from linear: Newton's step from 1e8 N would end below zero, while that of the
-    compliance ends at the required stretch.
-    """
-    found = values + step
-    for i, p in enumerate(problem.parameters):
-        if is_axial_stiffness(p) and values[i] > 0:
-            found[i] = values[i] / (1 - step[i] / values[i])
-    return found
 
 
 class Evaluation(NamedTuple):
@@ -151,11 +124,29 @@ class Problem(Residuals):
 
     def step_bounds(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Maximum change of the parameters in one step (p,), in both directions: by a factor if the sign is fixed."""
-        return tuple(np.where(self.held_mask, 0.0, end) for end in step_bounds(self, values))
+        low, high = super().step_bounds(values)
+        for i in np.flatnonzero(~self.held_mask):
+            p = self.parameters[i]
+            value = values[i]
+            if is_axial_stiffness(p) and value > 0:
+                ends = max(p.low, value / FACTOR), min(p.high, value * FACTOR)
+                low[i], high[i] = (value * (1 - value / end) for end in ends)
+            elif p.low >= 0 and value > 0:
+                low[i] = max(low[i], (1 / FACTOR - 1) * value) if p.low > 0 else low[i]
+                high[i] = min(high[i], (FACTOR - 1) * max(value, 0.1 * p.scale))
+        return low, high
 
     def after_step(self, values: np.ndarray, dp: np.ndarray) -> np.ndarray:
-        """The parameters (p,) after a step."""
-        return np.clip(apply_step(self, values, dp), *self.bounds(values))
+        """The parameters (p,) after a step: `p + dp`, and for stiffnesses the same step of their inverse.
+
+        A stiffness with little effect is far from linear: Newton's step from 1e8 N would end below zero, while that of
+        the compliance, `p/(1 - dp/p)`, ends at the required stretch.
+        """
+        found = values + dp
+        for i, p in enumerate(self.parameters):
+            if is_axial_stiffness(p) and values[i] > 0:
+                found[i] = values[i] / (1 - dp[i] / values[i])
+        return np.clip(found, *self.bounds(values))
 
     def move_starts(self, starts: tuple[State, ...], values: np.ndarray, dz: np.ndarray) -> tuple[State, ...]:
         """The runs' starts, which follow the parameters."""

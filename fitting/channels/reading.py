@@ -36,7 +36,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, check_keys, read_integer, read_list, read_table, read_text
+from dropper_jax.base.read import Plain, check_keys, read_integer, read_items, read_list, read_table, read_text
 from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
@@ -52,7 +52,6 @@ from fitting.channels.sensors import (
     name_of,
     number_of,
     read_camera,
-    tables_of,
     unit_of,
     value_of,
 )
@@ -101,6 +100,7 @@ def read_columns(path: Path) -> Columns:
 
 
 def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: tuple[CameraSpec, ...]) -> Sensor:
+    read_table(table, path)
     cls = KINDS[read_text(value_of(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
     check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
     names = [camera.name for camera in cameras]
@@ -142,7 +142,7 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
 
 def read_motion(table: Mapping[str, Any], path: str, scene: SceneData) -> tuple[str, tuple[str, ...], str]:
     """A fixed point that moves as measured, its columns and their unit."""
-    check_keys(table, ("point", "columns", "unit"), path)
+    check_keys(read_table(table, path), ("point", "columns", "unit"), path)
     held = [point.name for point in scene.points if not point.is_free]
     if table.get("point") not in held:
         raise SceneError(
@@ -162,7 +162,7 @@ def read_run(
     motions: tuple[tuple[str, tuple[str, ...], str], ...],
     scene: SceneData,
 ) -> Run:
-    check_keys(table, ("file", "name", "from", "until", "scene"), path)
+    check_keys(read_table(table, path), ("file", "name", "from", "until", "scene"), path)
     files, default = _files(value_of(table, path, "file", "a CSV, or a list of them"), path, folder)
     owners = _files_of_channels(files, [sensor.channel for sensor in sensors], path)
     low = number_of(table, path, "from", -np.inf)
@@ -279,19 +279,14 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
         folder = folder or Path(source).parent
         source = parse_file(Path(source))
     check_keys(source, ("run", "channel", "camera", "motion"), "")
-    cameras = tuple(read_camera(table, f"camera.{i}") for i, table in enumerate(tables_of(source, "camera")))
+    cameras = read_items(read_camera, source.get("camera", []), "camera")
     check_once([c.name for c in cameras], "camera")
-    sensors = tuple(
-        read_sensor(table, f"channel.{i}", scene, cameras)
-        for i, table in enumerate(tables_of(source, "channel", needed=True))
-    )
+    sensors = read_items(read_sensor, source.get("channel", []), "channel", scene, cameras, needed=True)
     check_once([s.channel.name for s in sensors], "channel")
-    motions = tuple(read_motion(table, f"motion.{i}", scene) for i, table in enumerate(tables_of(source, "motion")))
+    motions = read_items(read_motion, source.get("motion", []), "motion", scene)
     check_once([point for point, _, _ in motions], "motion")
-    runs = tuple(
-        read_run(table, f"run.{i}", folder or Path(), sensors, motions, scene)
-        for i, table in enumerate(tables_of(source, "run", needed=True))
-    )
+    more = folder or Path(), sensors, motions, scene
+    runs = read_items(read_run, source.get("run", []), "run", *more, needed=True)
     check_once([run.name for run in runs], "run")
     return Data(sensors, cameras, runs)
 

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import stdtrit
 
-from dropper_jax.base.toml_text import SCHEMA, jsonable
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import Scene
 from fitting.channels.setup import setup_with_directions
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
 from fitting.parameters.of_scene import fitted_scene
@@ -165,22 +165,15 @@ class ChannelFit(SceneFit):
 
     Attributes:
         between: parameters that each run has separately, over the runs.
-        seconds: wall time.
     """
 
     uncertainty: Errors
     between: tuple[Between, ...] = ()
-    seconds: float = 0.0
 
     @property
     def errors(self) -> Errors:
         """Estimates of the parameters, and what determines them."""
         return self.uncertainty
-
-    @property
-    def point(self) -> Solution:
-        """`solution` by its former name."""
-        return self.solution
 
     def note(self, i: int) -> str:
         """Remark on a parameter, by its number."""
@@ -225,11 +218,7 @@ class ChannelFit(SceneFit):
         for row, determined, why, felt in zip(table.values(), e.determined, e.why, e.sensitivity, strict=True):
             row |= {"determined": determined, "why": why, "sensitivity": dict(zip(names, felt, strict=True))}
         found = {
-            "schema": SCHEMA,
-            "status": self.status,
-            "method": "channels",
             "parameters": table,
-            "correlation": e.correlation,
             "channels": self.channels(),
             "between": {
                 b.name: {
@@ -243,14 +232,5 @@ class ChannelFit(SceneFit):
                 }
                 for b in self.between
             },
-            "iterations": self.iterations,
-            "seconds": self.seconds,
-            "step_s": self.solution.problem.dt,
-            "step_bias_std_errors": self.step_bias,
-            "blocks": e.blocks,
-            "warnings": self.warnings,
-            **self.intervals(),
         }
-        if self.status != "ok":
-            found["error"] = f"{self.status}: {self.message}"
-        return jsonable(found)
+        return jsonable(self.common_json("channels", self.solution.problem.dt) | found)

@@ -12,7 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.base.read import Plain, check_keys, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import Plain, check_keys, read_list, read_number, read_rows, read_table, read_text, refuse
 from dropper_jax.scene.fit import PRIOR_UNITS
 from fitting.channels.channel import (
     CameraSpec,
@@ -28,13 +28,6 @@ from fitting.channels.channel import (
 )
 
 # Entries of the tables in a channels file: names, numbers, units, columns; errors give the path of the entry
-
-
-def tables_of(source: Mapping[str, Any], key: str, needed: bool = False) -> list[Mapping[str, Any]]:
-    items = read_list(source.get(key, []), key, None, f"one or more [[{key}]] tables")
-    if needed and not items:
-        raise SceneError(f"{key}: missing; needed: one or more [[{key}]] tables")
-    return [read_table(item, f"{key}.{i}") for i, item in enumerate(items)]
 
 
 def check_once(names: Sequence[str], section: str) -> None:
@@ -268,10 +261,11 @@ class Depth(Channel):
 
 
 def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:
-    check_keys(table, ("name", "position", "look_at", "focal", "centre", "projection", "delay", "rate"), path)
+    keys = ("name", "position", "look_at", "focal", "centre", "projection", "delay", "rate")
+    check_keys(read_table(table, path), keys, path)
     if "projection" in table:
         rows = read_list(table["projection"], f"{path}.projection", 3, "3 rows of 4 numbers")
-        matrix = np.array([vector_of({"row": row}, f"{path}.projection.{i}", "row", 4) for i, row in enumerate(rows)])
+        matrix = read_rows(rows, f"{path}.projection", {"unit": "-"}, 4, "4 numbers")
     else:
         position, look_at = (vector_of(table, path, key, 3) for key in ("position", "look_at"))
         ahead = look_at - position

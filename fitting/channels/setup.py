@@ -100,12 +100,8 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
     model = build_model(scene)
     for name in names:
         section = ScenePath(name).section.strip()
-        if section == "start":
-            found += _of_start(scene, name, option)
-        elif section == "channel":
-            found += _of_channel(data, name, option)
-        elif section == "camera":
-            found.append(_of_camera(data, name, option))
+        if section in ("start", "channel", "camera"):
+            found += _of_setup(scene, data, name.strip(), option)
         else:
             found += find_parameters(scene, model, full_names(scene, [name], option), option)
     for p in found:
@@ -115,72 +111,64 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
     return tuple(found)
 
 
-def _of_start(scene: Scene, name: str, option: str) -> list[Parameter]:
-    given = {f"start.{key}": key for key in STARTS if getattr(scene.start, key) is not None}
-    found = ScenePath(name).entry_of(given)
-    if found is None:
-        raise SceneError(f"{option}: {name!r} is not given in the scene's start; {nearest(name, given)}")
-    key = given[found[0]]
-    index = found[1]
-    array = np.asarray(getattr(scene.start, key), float)
-    if len(index) > array.ndim or any(i >= size for i, size in zip(index, array.shape, strict=False)):
-        raise SceneError(f"{option}: {name!r} has no such entry; allowed: below {', '.join(map(str, array.shape))}")
-    return [
-        Parameter(
-            ".".join(["start", key, *map(str, (*index, *more))]),
-            SetupPlace("start", key, key, (*index, *more)),
-            float(array[(*index, *more)]),
-            unit=STARTS[key],
-        )
-        for more in np.ndindex(array.shape[len(index) :])
-    ]
+def _of_setup(scene: Scene, data: Data, name: str, option: str) -> list[Parameter]:
+    """The numbers of the start, a sensor or a camera at a path."""
+    section, *rest = name.split(".")
+    found = []
+    if section == "start" or len(rest) > 1:
+        found = [p for p in _numbers(scene, data) if f"{p.name}.".startswith(f"{name}.")]
+    if not found:
+        raise SceneError(f"{option}: {name!r}{_why_missing(scene, data, section, rest, name)}")
+    return found
 
 
-def _find(
-    name: str, kind: str, names: Sequence[str], fields: Sequence[str], option: str
-) -> tuple[int, str, tuple[int, ...]]:
-    """Number of the channel or camera, field, and entries of a name such as `channel.tension.offset.0`."""
-    known = {f"{kind}.{label}.{field}": (i, field) for i, label in enumerate(names) for field in fields}
-    found = ScenePath(name).entry_of(known)
-    label = name.split(".")[1] if name.count(".") > 1 else name
-    if found is None and label not in names:
-        raise SceneError(f"{option}: {name!r}: {label!r} is not a {kind}; {nearest(label, names)}")
-    if found is None or (found[1] and not found[0].endswith(".offset")):
-        raise SceneError(f"{option}: {name!r} does not exist; allowed: {kind}.{label} and {', '.join(fields)}")
-    return *known[found[0]], found[1]
+def _numbers(scene: Scene, data: Data) -> list[Parameter]:
+    """Every number of the start, the sensors and the cameras."""
+    found = []
+    for key, unit in STARTS.items():
+        given = getattr(scene.start, key)
+        array = np.asarray([] if given is None else given, float)
+        for at in np.ndindex(array.shape):
+            path = ".".join(["start", key, *map(str, at)])
+            found.append(Parameter(path, SetupPlace("start", key, key, at), float(array[at]), unit=unit))
+    for i, sensor in enumerate(data.sensors):
+        path = f"channel.{sensor.channel.name}"
+        unit = sensor.channel.measures
+        for j in range(len(sensor.channel.columns)):
+            column = f".{j}" if len(sensor.channel.columns) > 1 else ""
+            where = SetupPlace("readings", i, "offset", (j,))
+            found.append(Parameter(f"{path}.offset{column}", where, sensor.offset, unit=unit))
+        found.append(Parameter(f"{path}.gain", SetupPlace("readings", i, "gain"), sensor.gain, 0.0))
+        found.append(_of_time(f"{path}.delay", SetupPlace("readings", i, "delay"), sensor.delay))
+    for i, camera in enumerate(data.cameras):
+        path = f"camera.{camera.name}"
+        ends = camera.rate * (1 - RATE_RANGE), camera.rate * (1 + RATE_RANGE)
+        found.append(_of_time(f"{path}.delay", SetupPlace("clocks", i, "delay"), camera.delay))
+        found.append(Parameter(f"{path}.rate", SetupPlace("clocks", i, "rate"), camera.rate, *ends, unit="s/s"))
+    return found
 
 
-def _of_channel(data: Data, name: str, option: str) -> list[Parameter]:
-    names = [s.channel.name for s in data.sensors]
-    index, field, entries = _find(name, "channel", names, ("offset", "gain", "delay"), option)
-    sensor = data.sensors[index]
-    if field == "gain":
-        return [Parameter(name, SetupPlace("readings", index, field), sensor.gain, 0.0)]
-    if field == "delay":
-        return [_of_time(name, SetupPlace("readings", index, field), sensor.delay)]
-    columns = len(sensor.channel.columns)
-    if len(entries) > 1 or any(i >= columns for i in entries):
-        raise SceneError(f"{option}: {name!r} has no such column; allowed: 0 to {columns - 1}")
-    stem = ScenePath(name).stem
-    unit = sensor.channel.measures
-    return [
-        Parameter(
-            stem if columns == 1 else f"{stem}.{i}",
-            SetupPlace("readings", index, field, (i,)),
-            sensor.offset,
-            unit=unit,
-        )
-        for i in entries or range(columns)
-    ]
-
-
-def _of_camera(data: Data, name: str, option: str) -> Parameter:
-    index, field, _ = _find(name, "camera", [c.name for c in data.cameras], ("delay", "rate"), option)
-    camera = data.cameras[index]
-    if field == "delay":
-        return _of_time(name, SetupPlace("clocks", index, field), camera.delay)
-    ends = camera.rate * (1 - RATE_RANGE), camera.rate * (1 + RATE_RANGE)
-    return Parameter(name, SetupPlace("clocks", index, field), camera.rate, *ends, unit="s/s")
+def _why_missing(scene: Scene, data: Data, section: str, rest: Sequence[str], name: str) -> str:
+    """Why a name of `section.rest` does not exist, and what is allowed."""
+    if section == "start":
+        every = {f"start.{key}": getattr(scene.start, key) for key in STARTS}
+        given = {path: np.shape(value) for path, value in every.items() if value is not None}
+        shape = given.get(ScenePath(name).stem)
+        if shape is None:
+            return f" is not given in the scene's start; {nearest(name, given)}"
+        return f" has no such entry; allowed: below {', '.join(map(str, shape))}"
+    if section == "channel":
+        columns = {s.channel.name: len(s.channel.columns) for s in data.sensors}
+        fields = "offset, gain, delay"
+    else:
+        columns = dict.fromkeys((c.name for c in data.cameras), 0)
+        fields = "delay, rate"
+    label = rest[0] if len(rest) > 1 else name
+    if label not in columns:
+        return f": {label!r} is not a {section}; {nearest(label, columns)}"
+    if columns[label] and rest[1] == "offset":
+        return f" has no such column; allowed: 0 to {columns[label] - 1}"
+    return f" does not exist; allowed: {section}.{label} and {fields}"
 
 
 def _of_time(name: str, where: SetupPlace, delay: float) -> Parameter:
@@ -267,7 +255,10 @@ class Plan:
 
 
 def begin(plan: Plan, setup: Setup, near: State) -> State:
-    """The start, which follows the model: a static pose is solved from a nearby one, angles keep their values."""
+    """The start, which follows the model: a static pose is solved from a nearby one, angles keep their values.
+
+    `initial_state` also gives the first tensions, whose derivatives compile three times as long.
+    """
     model = setup.model
     given = setup.start
     if plan.start == "static":

@@ -60,6 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_set(parser)
     add_allow_outside(parser)
     add_effects(parser)
+    add_parameters(parser)
+
+
+def add_parameters(parser: argparse.ArgumentParser) -> None:
+    """What is fitted: parameters, their start values, bounds and priors, and the samples."""
     parser.add_argument(
         "--free",
         metavar="NAMES",
@@ -90,6 +95,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rest", metavar="LO:HI,...", help="stretches [s] in which the line is at rest: their poses are fitted too"
     )
+    add_method(parser)
+
+
+def add_method(parser: argparse.ArgumentParser) -> None:
+    """How it is fitted: estimator, windows, files, loss."""
     parser.add_argument("--method", choices=METHODS, default="shooting", help="estimator (default: shooting)")
     parser.add_argument("--optimizer", metavar="NAME", help="of --method gradient: lbfgs (default), adam or sgd")
     parser.add_argument(
@@ -122,6 +132,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--iterations", type=int, default=40, help="maximum iterations over separate windows (default: 40)"
     )
     parser.add_argument("--static-start", action="store_true", help="release every run at t = 0 as defined in [start]")
+    add_judging(parser)
+
+
+def add_judging(parser: argparse.ArgumentParser) -> None:
+    """What judges the result, and where it is written."""
     parser.add_argument("--advice", action="store_true", help="test what else may be wrong: lengths, roll, clock")
     parser.add_argument("--auto-free", action="store_true", help="add free parameters while the fit improves")
     parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")

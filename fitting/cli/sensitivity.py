@@ -61,7 +61,8 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
 
     from fitting import sensitivity
-    from fitting.sensitivity.derivatives import global_text, local_text
+    from fitting.sensitivity.derivatives import global_text
+    from fitting.sensitivity.result import local_text
 
     problem = sensitivity.study(scene, args.of, args.to.split(","))
     say = progress(args.quiet) or silent

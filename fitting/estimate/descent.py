@@ -22,9 +22,8 @@ minimum. Each component alone below 0.05 would stop half a standard error away i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +32,7 @@ import optax
 from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.base.errors import Progress, SceneError, nearest
-from fitting.estimate.gauss_newton import Point, Separate
+from fitting.estimate.least_squares import Point, Separate
 from fitting.estimate.normal_equations import Step, cholesky_root
 
 #: Steps between restarts of an optimizer without a line search (Loshchilov and Hutter 2017: adam's cosine decay).
@@ -79,14 +78,12 @@ class GradientDescent:
         learning_rate: see `RATES`; None uses those.
         steps: maximum steps of each stage: over separate windows, and at every gap weight.
         preconditioner: `information` or `size`, the coordinates of the parameters.
-        note: called with the loss of every step.
     """
 
     optimizer: str | optax.GradientTransformation = "lbfgs"
     learning_rate: float | None = None
     steps: int = 100
     preconditioner: str = "information"
-    note: Callable[[str], None] = field(default=str, compare=False)
 
     def __post_init__(self) -> None:
         if isinstance(self.optimizer, str) and self.optimizer not in OPTIMIZERS:
@@ -197,7 +194,7 @@ class Coordinates:
 
 
 class GradientSteps:
-    """Steps of an optimizer down an objective (`gauss_newton.Mover`).
+    """Steps of an optimizer down an objective (`least_squares.Mover`).
 
     Attributes:
         taken: number of steps.
@@ -212,13 +209,12 @@ class GradientSteps:
 
     def report(self, point: Point, progress: Progress) -> None:
         record = self.objective.record(point.cost, point.values)
-        if "gap_weight" in record:
-            stage = f"gap weight {record['gap_weight']:g}"
-        else:
+        if record.gap_weight is None:
             stage = "separate windows"
-        text = f"{stage}, {self.descent.name} step {self.taken}, loss per sample {record['loss']:.5g}"
+        else:
+            stage = f"gap weight {record.gap_weight:g}"
+        text = f"{stage}, {self.descent.name} step {self.taken}, loss per sample {record.loss:.5g}"
         progress(min(self.taken / self.descent.steps, 0.99), text)
-        self.descent.note(text)
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
         close = self.objective.close
@@ -302,15 +298,3 @@ class GradientSteps:
                     system = None
                 return Point(values, evaluation, cost, system)
         return None
-
-
-def reporting(descent: GradientDescent, progress: Progress) -> tuple[GradientDescent, Progress]:
-    """The descent with a progress function that also receives the loss of every step."""
-    last = [0.0]
-
-    def show(fraction: float, text: str) -> None:
-        last[0] = fraction
-        progress(fraction, text)
-
-    values: dict[str, Any] = vars(descent) | {"note": lambda text: progress(last[0], text)}
-    return GradientDescent(**values), show

@@ -254,3 +254,11 @@ def solve_spd(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     factor = cho_factor(matrix * np.outer(size, size) + 1e-13 * np.eye(len(size)))
     scaled = cho_solve(factor, (rhs.T * size).T)
     return (scaled.T * size).T
+
+
+def eliminate_rows(information: np.ndarray, eliminated: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Information (r, r) of the numbers `rows` with the numbers `eliminated` eliminated (Schur complement)."""
+    if not len(eliminated):
+        return information[np.ix_(rows, rows)]
+    cross = information[np.ix_(eliminated, rows)]
+    return information[np.ix_(rows, rows)] - cross.T @ solve_spd(information[np.ix_(eliminated, eliminated)], cross)

@@ -24,7 +24,7 @@ from dropper_jax import statics
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
-from fitting.estimate.windows import Starts, Windows
+from fitting.estimate.windows import Starts, Windows, pick
 from fitting.parameters.parameter import Parameter, ReleasePlace, apply
 from fitting.traces import planar
 from fitting.traces.trace import Trace
@@ -214,7 +214,7 @@ class Release:
             return values
         which = np.flatnonzero(windows.released)
         few = windows.pick(which)
-        first = Starts(starts.theta[which], starts.omega[which])
+        first = pick(starts, which)
         tries = np.tile(values, (TRIED, 1))
         times = [*index.values()]
         low, high = (np.array([getattr(parameters[i], end) for i in times]) for end in ("low", "high"))

@@ -35,7 +35,7 @@ from fitting.estimate.noise import (
     whiten,
 )
 from fitting.estimate.normal_equations import Evaluation
-from fitting.estimate.problem import Residuals, Solution
+from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import leverage, start_covariances
 from fitting.estimate.windows import Windows

@@ -114,8 +114,7 @@ def _band(model: Model) -> np.ndarray | float:
     still = jnp.zeros(len(theta))
 
     def energy(z: jax.Array) -> jax.Array:
-        s = planar.to_state(model, planar.close_chain(model, theta + basis @ z, still)[0], still)
-        return model.potential_energy(model.instant(s.r, s.v, s.t, model.ends(s.t)))
+        return planar.energy(model, planar.close_chain(model, theta + basis @ z, still)[0], still)
 
     stiffness = np.asarray(jax.hessian(energy)(jnp.zeros(basis.shape[1])))
     joints = model.line.links + (1 if model.end_held else 0)

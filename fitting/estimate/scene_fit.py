@@ -11,10 +11,11 @@ import numpy as np
 from scipy.special import chdtri
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from dropper_jax.base.toml_text import SCHEMA
 from dropper_jax.load.scene import Scene
-from fitting.estimate.gauss_newton import descend
+from fitting.estimate.least_squares import descend
 from fitting.estimate.normal_equations import solve_spd
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS
 from fitting.estimate.uncertainty import FEW, Uncertainty, block_of, degrees_of_freedom, pieces, resample
@@ -131,6 +132,7 @@ class SceneFit:
         solution: end of the fit.
         uncertainty: errors of the estimates.
         warnings: one line each.
+        seconds: wall time, or that of its parts.
         profiles: requested profile likelihoods.
         bootstrap: parameters (draws, k) of resampled blocks of time, if requested.
     """
@@ -139,6 +141,7 @@ class SceneFit:
     solution: Solution
     uncertainty: Uncertainty
     warnings: list[str] = field(default_factory=list)
+    seconds: float | dict[str, float] = 0.0
     profiles: list[Profile] = field(default_factory=list)
     bootstrap: np.ndarray | None = None
 
@@ -209,6 +212,26 @@ class SceneFit:
             }
             for i, p in enumerate(self.parameters)
         }
+
+    def common_json(self, method: str, step: float) -> dict[str, Any]:
+        """The values that every fit reports, with the keys of the command line's JSON; `step` [s] is the time step."""
+        found = {
+            "schema": SCHEMA,
+            "status": self.status,
+            "method": method,
+            "parameters": self.estimates(),
+            "correlation": self.uncertainty.correlation,
+            "iterations": self.iterations,
+            "seconds": self.seconds,
+            "step_s": step,
+            "step_bias_std_errors": self.step_bias,
+            "blocks": self.uncertainty.blocks,
+            "warnings": self.warnings,
+            **self.intervals(),
+        }
+        if self.status != "ok":
+            found["error"] = self.outcome
+        return found
 
     def intervals(self) -> dict[str, Any]:
         """Profiles and bootstrap as plain values, if requested."""

@@ -1,10 +1,10 @@
-"""Multiple shooting: windows joined by weighted gaps, tightened step by step, or closed exactly.
+"""Multiple shooting: windows joined by weighted gaps, tightened step by step.
 
     minimise  1/2 sum |r_k|^2 + 1/2 sum |N' (end_k - start_{k+1})/(w s)|^2,      s = 0.1 rad and 1 rad/s
 
 With small w the sensitivity of a chaotic motion improves the estimate: every window constrains all others. A real
 system always differs from the model, so w (its process noise) is not driven to zero. It is estimated by Laplace's
-approximation of the evidence; on request, the gaps are closed exactly by augmented Lagrangian multipliers.
+approximation of the evidence.
 
 Gaps in units of weight 1: `N' (end_k - start_{k+1})/(c_k s)`, with c_k the root of the ratio of window k's length to
 the mean length, so that splitting a window does not allow more process noise. Only neighbours are coupled: a
@@ -15,14 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.gauss_newton import Separate, descend
+from dropper_jax.base.errors import Progress, part_of, silent
+from fitting.estimate.least_squares import Separate, descend
 from fitting.estimate.normal_equations import Evaluation, Joined, Normal, eliminate_joined
-from fitting.estimate.problem import Problem, Solution
+from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Windows
 from fitting.traces.planar import chart, wrap
@@ -40,14 +40,8 @@ EVIDENCE_DROP = 5.0
 #: weight is solved to the end.
 INTERMEDIATE = 0.2**2
 LITTLE = 0.5
-#: Gap weight and rounds of the multipliers when gaps are closed exactly.
-EXACT_WEIGHT = 1e-3
-EXACT_ROUNDS = 4
 #: Maximum evaluations when a joined solution continues with finer steps.
 CONTINUED = 12
-#: No multipliers.
-NO_OFFSET = np.zeros((1, 1))
-
 
 #: Sizes of a gap in angle [rad] and rate [rad/s] that weight 1 allows.
 GAP_SCALE = (0.1, 1.0)
@@ -82,13 +76,13 @@ def gaps(simulator: Simulator, windows: Windows, evaluation: Evaluation, values:
     return Gaps(left, value, end[..., :m2], -start[..., :m2], end[..., m2:] - start[..., m2:])
 
 
-def join(normal: Normal, g: Gaps, weight: float, offset: np.ndarray) -> Joined:
-    """The normal equations with gaps of this weight, each shifted by its multiplier `offset` (g, m2)."""
+def join(normal: Normal, g: Gaps, weight: float) -> Joined:
+    """The normal equations with gaps of this weight."""
     A = normal.A.copy()
     B = normal.B.copy()
     gz = normal.gz.copy()
     below = np.zeros((len(A) - 1, *A.shape[1:]))
-    value, before, after, shared = ((x / weight) for x in (g.value + offset, g.before, g.after, g.shared))
+    value, before, after, shared = ((x / weight) for x in (g.value, g.before, g.after, g.shared))
     turn = lambda x: np.swapaxes(x, 1, 2)  # noqa: E731
     right = g.left + 1
     A[g.left] += turn(before) @ before
@@ -137,15 +131,14 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
 
 
 class JoinedWindows(Separate):
-    """Cost and steps at one gap weight, with gaps shifted by multipliers `offset` (g, m2)."""
+    """Cost and steps at one gap weight; `intermediate`: accurate enough for the choice of the weight."""
 
     damping = 1e-4
 
-    def __init__(
-        self, problem: Problem, weight: float, offset: np.ndarray = NO_OFFSET, intermediate: bool = False
-    ) -> None:
+    def __init__(self, problem: Problem, weight: float, intermediate: bool = False) -> None:
         super().__init__(problem)
-        self.weight, self.offset, self.intermediate = weight, offset, intermediate
+        self.weight = weight
+        self.intermediate = intermediate
         if intermediate:
             self.close = INTERMEDIATE
         self.goal = f"no convergence at gap weight {weight:g}"
@@ -159,29 +152,22 @@ class JoinedWindows(Separate):
         total = super().cost(evaluation, values)
         if not np.isfinite(total):
             return np.inf
-        value = self.gaps(evaluation, values) + self.offset
+        value = gaps(self.problem.simulator, self.problem.windows, evaluation, values).value
         return total + 0.5 * float(np.sum((value / self.weight) ** 2))
 
     def unit(self, evaluation: Evaluation, cost: float) -> float:
         return super().unit(evaluation, self.problem.data_cost(evaluation))
 
-    def gaps(self, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
-        """Scaled gaps (g, m2)."""
-        return gaps(self.problem.simulator, self.problem.windows, evaluation, values).value
-
     def system(self, evaluation: Evaluation, values: np.ndarray) -> Joined:
         found = gaps(self.problem.simulator, self.problem.windows, evaluation, values)
-        return join(self.problem.normal(evaluation), found, self.weight, self.offset)
+        return join(self.problem.normal(evaluation), found, self.weight)
 
     eliminate = staticmethod(eliminate_joined)
 
-    def record(self, cost: float, values: np.ndarray) -> dict[str, Any]:
-        return {**super().record(cost, values), "gap_weight": self.weight}
-
-    def descend(self, begin: Solution, iterations: int, count: int = 0) -> Solution:
+    def descend(self, begin: Solution, iterations: int, count: int = 0, progress: Progress = silent) -> Solution:
         """Continue from a solution, after `count` evaluations."""
-        found = descend(self, begin, iterations)
-        return replace(found, iterations=count + found.iterations, gap_weight=self.weight)
+        found = descend(self, begin, iterations, progress=progress)
+        return replace(found, iterations=count + found.iterations)
 
     def expected_decrease(self, ahead: Solution, point: Solution) -> float:
         """Predicted decrease of the cost when a solution continues with finer steps."""
@@ -206,13 +192,13 @@ class JoinedWindows(Separate):
         """A point of another weight as a solution at this weight, not converged."""
         cost = self.cost(point.evaluation, point.values)
         known = self.undamped_step(point.evaluation, point.values) or point
-        return self.solution(point.values, point.evaluation, cost, known, gap_weight=self.weight)
+        return self.solution(point.values, point.evaluation, cost, known)
 
 
 def fit_shooting(
     begin: Solution,
     *,
-    continuity: str = "estimate",
+    choose: bool = True,
     schedule: Sequence[float] = SCHEDULE,
     iterations: int = 12,
     finer: Callable[[Solution], Solution | None] = lambda point: None,
@@ -222,8 +208,7 @@ def fit_shooting(
 
     Args:
         begin: the separate windows' solution.
-        continuity: `estimate` stops tightening at the maximum of the evidence; `tight` goes to the end of the
-            schedule; `exact` closes the gaps by multipliers.
+        choose: whether tightening stops at the maximum of the evidence; otherwise at the end of the schedule.
         schedule: gap weights.
         iterations: maximum evaluations at each weight.
         finer: the solution on windows of half the step, or None if the step is fine enough. It is called when a smaller
@@ -239,25 +224,24 @@ def fit_shooting(
     total = begin.iterations
     worse = 0
     found = []
-    if continuity == "exact":
-        schedule = [w for w in schedule if w > EXACT_WEIGHT] + [EXACT_WEIGHT]
     separate = gaps(begin.problem.simulator, begin.windows, begin.evaluation, begin.values).value
     # if gaps are much smaller than a weight allows, the weight has no effect
     # gap weights larger than this multiple of the gaps' own RMS are skipped
     wide = 5.0 * float(np.sqrt(np.mean(separate**2)))
     schedule = [*(w for w in schedule[:-1] if w < wide), schedule[-1]]
-    if continuity == "estimate" and begin.problem.memory == 1:
+    if choose and begin.problem.memory == 1:
         found_at_once = follow_linear_model(begin, schedule, iterations, finer, progress)
         if found_at_once is not None:
             return found_at_once
     for i, weight in enumerate(schedule):
         again = point
+        done = (i + 1) / (len(schedule) + 1)
         while again is not None:
             level = JoinedWindows(again.problem, weight, intermediate=True)
-            point = level.descend(again, iterations, total)
+            point = level.descend(again, iterations, total, part_of(progress, done, done))
             total, point.evidence = point.iterations, level.evidence(point)
             text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
-            progress((i + 1) / (len(schedule) + 1), text)
+            progress(done, text)
             fell = max((p.evidence for p in found), default=-np.inf) - point.evidence
             again = finer(point) if fell > SAME_EVIDENCE else None
             # fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not
@@ -268,14 +252,12 @@ def fit_shooting(
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
         worse = worse + 1 if drop > EVIDENCE_DROP else 0
         # change of the evidence between weights below which smaller weights are not tried
-        if continuity == "estimate" and i and abs(point.evidence - found[-2].evidence) < 0.02:
+        if choose and i and abs(point.evidence - found[-2].evidence) < 0.02:
             break
         # with correlated residuals the maximum of the evidence is clear
-        if continuity == "estimate" and worse == (2 if begin.problem.memory == 1 else 1):
+        if choose and worse == (2 if begin.problem.memory == 1 else 1):
             break
-    best = loosest(found) if continuity == "estimate" else found[-1]
-    if continuity == "exact":
-        best = _close(best, iterations)
+    best = loosest(found) if choose else found[-1]
     best.iterations = max(total, best.iterations)
     return best
 
@@ -301,7 +283,7 @@ def follow_linear_model(
         chosen = int(np.argmax(expected >= expected.max() - SAME_EVIDENCE))
         if point.gap_weight != schedule[chosen]:
             level = JoinedWindows(point.problem, schedule[chosen], intermediate=True)
-            point = level.descend(point, iterations, total)
+            point = level.descend(point, iterations, total, part_of(progress, 0.5, 0.5))
             total = point.iterations
             before = expected
             expected = log_evidence(point, schedule)
@@ -329,12 +311,12 @@ def log_evidence(point: Solution, schedule: Sequence[float]) -> np.ndarray:
     return np.array([JoinedWindows(point.problem, weight).evidence(point) for weight in schedule])
 
 
-def solve_to_end(point: Solution) -> Solution:
+def solve_to_end(point: Solution, progress: Progress = silent) -> Solution:
     """A solution fully converged at its gap weight; `fit_shooting` stops earlier, as finer steps may have to follow."""
     if not point.gap_weight:
         return point
     level = JoinedWindows(point.problem, point.gap_weight)
-    found = level.descend(point, CONTINUED, point.iterations)
+    found = level.descend(point, CONTINUED, point.iterations, progress)
     if found.status == "ok":
         found.evidence = level.evidence(found)
     return replace(found, step_bias=point.step_bias)
@@ -350,20 +332,10 @@ def level_of(problem: Problem, gap_weight: float | None) -> Separate:
     """Cost and steps of a problem whose windows are separate (None) or joined with this gap weight."""
     if gap_weight is None or not problem.windows.follows.any():
         return Separate(problem)
-    return JoinedWindows(problem, gap_weight or EXACT_WEIGHT)
+    return JoinedWindows(problem, gap_weight)
 
 
 def loosest(found: Sequence[Solution]) -> Solution:
     """The largest weight whose evidence is near the best: below it, the noise cannot distinguish weights."""
     most = max(point.evidence for point in found)
     return next((point for point in found if point.evidence >= most - SAME_EVIDENCE), found[-1])
-
-
-def _close(point: Solution, iterations: int) -> Solution:
-    """Iterations of the multipliers, y <- y + gap, until the gaps are closed."""
-    offset = np.zeros_like(JoinedWindows(point.problem, EXACT_WEIGHT).gaps(point.evaluation, point.values))
-    for _ in range(EXACT_ROUNDS):
-        level = JoinedWindows(point.problem, EXACT_WEIGHT, offset)
-        point = level.descend(point, iterations, point.iterations)
-        offset = offset + level.gaps(point.evaluation, point.values)
-    return replace(point, gap_weight=0.0)

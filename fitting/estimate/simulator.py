@@ -27,7 +27,7 @@ from dropper_jax.stepping.integrate import begin, scan_steps
 from dropper_jax.stepping.stepper import make_stepper
 from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
-from fitting.estimate.windows import ON_GRID, Starts, Windows
+from fitting.estimate.windows import ON_GRID, Starts, Windows, with_rows
 from fitting.parameters.missing_forces import add_missing_forces
 from fitting.parameters.parameter import Parameter, apply, camera_angles, clock_rate, losses
 from fitting.traces import planar
@@ -172,8 +172,7 @@ class Simulator:
             # tried
             self._plain = len(again) <= 0.5 * windows.count
             better = self._run(values, tuple(a[again] for a in inputs), windows, False)
-            for old, new in zip(found, better, strict=True):
-                old[again] = new
+            found = with_rows(found, again, better)
         self._last = (asked.copy(), starts, windows), drop_wild(found)
         return self._last[1]
 

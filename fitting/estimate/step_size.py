@@ -17,8 +17,8 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.gauss_newton import fit_windows
-from fitting.estimate.problem import Solution
+from fitting.estimate.least_squares import fit_windows
+from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import continue_shooting, level_of
 from fitting.estimate.uncertainty import uncertainty
 

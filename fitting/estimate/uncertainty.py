@@ -34,7 +34,7 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fitting.estimate.loss import Loss
 from fitting.estimate.normal_equations import Evaluation, Factor, Normal, Step, solve_spd
-from fitting.estimate.problem import Solution
+from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import gaps, level_of
 
 #: Minimum number of blocks, for any memory of the scores.
@@ -167,15 +167,26 @@ def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
     blocks = names.shape[1]
     if blocks < 2:
         return None
-    moved = moves_without(parts, [np.flatnonzero(block.ravel() == b) for b in range(blocks)], information)
     inner = solve_spd(information, np.eye(len(information)))
-    covariance = (blocks - 1) / blocks * moved.T @ moved + inner @ prior @ inner
+    covariance = jackknife(parts, [np.flatnonzero(block.ravel() == b) for b in range(blocks)], information)
+    covariance = covariance + inner @ prior @ inner
     own = np.diag(covariance)
     drift = _half_difference(parts, information) ** 2
     # independent blocks explain four times the variance
     more = np.maximum(0.25 * drift, drift - 4 * own)
-    grow = np.sqrt(1 + more / np.maximum(own, 1e-300))
-    return Scatter(covariance * np.outer(grow, grow), blocks)
+    return Scatter(raised_to(covariance, own + more), blocks)
+
+
+def jackknife(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
+    """Covariance (k, k) of the estimates by leaving out each block of pieces."""
+    moved = moves_without(parts, blocks, information)
+    return (len(blocks) - 1) / len(blocks) * moved.T @ moved
+
+
+def raised_to(covariance: np.ndarray, minimum: np.ndarray) -> np.ndarray:
+    """The covariance with these minimum variances (k,) and the same correlations."""
+    grow = np.sqrt(np.maximum(minimum / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    return covariance * np.outer(grow, grow)
 
 
 def moves_without(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
@@ -308,9 +319,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
             data = solution.information[np.ix_(free, free)] - prior
             least = noise2 * np.diag(_inverse(data / problem.memory + prior))
             blocks = found.blocks
-            size = np.diag(found.covariance)
-            grow = np.sqrt(np.maximum(least / np.maximum(size, 1e-300), 1.0))
-            covariance = found.covariance * np.outer(grow, grow)
+            covariance = raised_to(found.covariance, least)
             more = np.diag(covariance) / np.maximum(np.diag(white), 1e-300)
             inflation = float(np.sqrt(more.max(initial=1.0)))
     full = np.zeros((k, k))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -26,6 +26,14 @@ ON_GRID = 1e-6
 PER_WINDOW = ("begin", "run", "theta", "weight", "index", "fraction", "released", "step_counts")
 #: Optional fields of the same kind.
 OF_NOISE = ("decay", "jitter")
+
+
+class Span(NamedTuple):
+    """From `low` to `high` [s] of a run."""
+
+    run: int
+    low: float
+    high: float
 
 
 class Piece(NamedTuple):
@@ -173,7 +181,7 @@ def cut(
     length: float,
     dt: float,
     sigma: Sequence[np.ndarray],
-    spans: Sequence[tuple[int, float, float]] | None = None,
+    spans: Sequence[Span] | None = None,
 ) -> Windows:
     """Windows of `length` [s], one after another.
 
@@ -183,11 +191,11 @@ def cut(
     Args:
         traces: runs in the model's convention.
         sigma: noise of each run's links (n,) [rad], used if the trace has no standard errors.
-        spans: (run, from, to) to cut; default: each run as a whole.
+        spans: to cut; default: each run as a whole.
     """
     steps = max(1, int(length / dt + 1e-6))
     length = steps * dt
-    spans = spans or [(i, float(tr.t[0]), float(tr.t[-1]) + tr.interval) for i, tr in enumerate(traces)]
+    spans = spans or [Span(i, float(tr.t[0]), float(tr.t[-1]) + tr.interval) for i, tr in enumerate(traces)]
     pieces = []
     for i, low, high in spans:
         count = int((high - low) / length + 1e-6)
@@ -242,11 +250,28 @@ class Starts(NamedTuple):
     omega: np.ndarray
 
 
+#: A named tuple of arrays with a row for each window.
+ByWindow = TypeVar("ByWindow", bound=tuple)
+
+
+def pick(rows: ByWindow, which: np.ndarray) -> ByWindow:
+    """The rows of some windows."""
+    return type(rows)(*(part[which] for part in rows))
+
+
+def with_rows(rows: ByWindow, which: np.ndarray, new: ByWindow) -> ByWindow:
+    """A copy with new rows for some windows."""
+    found = type(rows)(*(part.copy() for part in rows))
+    for part, other in zip(found, new, strict=True):
+        part[which] = other
+    return found
+
+
 def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma: Sequence[np.ndarray]) -> Starts:
     """Starts from the traces: value and slope of local polynomials, with the width that the noise `sigma` allows."""
     traces = [without_spikes(trace) for trace in traces]
     # maximum reach of a start's polynomial, as a fraction of the shortest link's period
-    longest = 0.3 * 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / 9.81)
+    longest = 0.3 * planar.pendulum_period(model.line.length)
     at = zip(windows.run, windows.begin, strict=True)
     value = np.array([local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest) for i, t0 in at])
     # multiple of the starts closed in one call, so that one program serves most traces

@@ -8,6 +8,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.from_file.swing import main_period, unit_of_angle
+from fitting.traces.trace import unwrap
 
 #: Radians per unit.
 RADIANS = {"rad": 1.0, "deg": np.pi / 180, "mrad": 1e-3}
@@ -66,7 +67,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         size = RADIANS.get(unit or "", 0.0)
         turn = 2 * np.pi / size if size else None
     if turn:
-        theta = np.stack([without_wraps(column, turn) for column in raw.T], axis=1)
+        theta = unwrap(raw, turn)
     else:
         theta = raw
     if theta.shape[1] == 1 and is_log_of_steps(theta[:, 0], step):
@@ -118,14 +119,6 @@ def wrap_of(raw: np.ndarray) -> float | None:
         if np.all(np.abs(large - turn) < max(0.1 * turn, 3 * usual)) and reach <= 1.001 * turn and reach > 0.9 * turn:
             return turn
     return None
-
-
-def without_wraps(column: np.ndarray, turn: float) -> np.ndarray:
-    """A column (k,) without jumps of a full turn; missing samples stay."""
-    found = column.copy()
-    known = np.isfinite(column)
-    found[known] = np.unwrap(column[known], period=turn)
-    return found
 
 
 def step_of(column: np.ndarray) -> float:

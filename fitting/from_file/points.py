@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from dropper_jax.base.errors import SceneError
+from fitting.traces.trace import unwrap
 
 #: Movement of a fixed point as a fraction of the fastest point's.
 FIXED = 0.03
@@ -113,7 +114,7 @@ def read_points(file: str, points: np.ndarray) -> Links:
         ends_at_point = not last or not body.pair
         lengths.append(float(np.nanmedian(np.abs(reach))) if ends_at_point else np.nan)
         directions.append(unit(reach) if ends_at_point else body.direction)
-    found = np.stack([unwrapped(np.angle(direction)) for direction in directions], axis=1)
+    found = unwrap(np.angle(np.stack(directions, axis=1)))
     down = resting_direction(found)
     for j in range(found.shape[1]):  # each link hangs at rest
         found[:, j] -= down + 2 * np.pi * np.round(float(np.nanmedian(found[:, j]) - down) / (2 * np.pi))
@@ -253,14 +254,6 @@ def joint_of(one: Body, other: Body, sigma: float) -> tuple[np.ndarray, float]:
     expected = 2.45 * sigma * grown + LENS * float(np.median(np.abs(apart)))
     joint = 0.5 * (one.origin + own * one.direction + other.origin + shift * other.direction)
     return joint, left / expected
-
-
-def unwrapped(column: np.ndarray) -> np.ndarray:
-    """An angle (k,) without jumps of a full turn."""
-    found = column.copy()
-    known = np.isfinite(column)
-    found[known] = np.unwrap(column[known])
-    return found
 
 
 def resting_direction(theta: np.ndarray) -> float:

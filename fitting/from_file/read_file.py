@@ -17,6 +17,7 @@ from fitting.from_file.columns import Columns, find_columns
 from fitting.from_file.points import read_points
 from fitting.from_file.swing import Swing, find_swing, gravity_of_last_link, main_period
 from fitting.from_file.thinning import thin
+from fitting.traces.planar import pendulum_period
 from fitting.traces.trace import Convention, Trace, noise, without_spikes
 
 #: Metres per unit of length.
@@ -42,7 +43,7 @@ class Given:
         counts: of an encoder per turn.
         lengths: of the links [m].
         mass: of each link's end [kg].
-        begin, until: span that is used [s] of the file's clock.
+        begin: start of the span that is used [s] of the file's clock.
     """
 
     columns: Mapping[str, str] | None = None
@@ -52,7 +53,6 @@ class Given:
     lengths: tuple[float, ...] | None = None
     mass: float | None = None
     begin: float | None = None
-    until: float | None = None
 
 
 #: Everything is found from the file.
@@ -155,7 +155,7 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
         if lengths is None:
             fastest = 0.5 * period
         else:
-            fastest = 2 * np.pi * np.sqrt(float(lengths.min()) / GRAVITY)
+            fastest = pendulum_period(lengths)
     before = len(trace.t)
     thinned_t, theta, many = thin(trace.t, trace.theta, fastest)
     if len(thinned_t) < before:
@@ -186,8 +186,7 @@ def cut_span(trace: Trace, given: Given) -> Trace:
         SceneError: hardly a row lies between them.
     """
     low = -np.inf if given.begin is None else given.begin
-    high = np.inf if given.until is None else given.until
-    found = trace.between(low, high)
+    found = trace.between(low, np.inf)
     if len(found.t) < 10:
         raise SceneError(
             f"{trace.name}: {len(found.t)} rows between --from and --until; the file has {trace.t[0]:g} to "

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from fitting.from_file.read_file import NOTHING, Given, Measured
+from fitting.traces.planar import pendulum_period
 
 #: Drag at the start of the fit of several links, per mass [1/s], [1/m].
 DAMPING = 0.02
@@ -40,7 +41,7 @@ def propose_scene(measured: Measured, given: Given = NOTHING) -> dict[str, Any]:
     start = next(row for row in measured.trace.theta if np.isfinite(row).all())
     return {
         "description": f"Proposed by `dropper fit` for {measured.trace.name}.",
-        "run": {"dt": float(np.round(2 * np.pi * np.sqrt(lengths.min() / GRAVITY) / 200, 6)), "duration": 10.0},
+        "run": {"dt": float(np.round(pendulum_period(lengths) / 200, 6)), "duration": 10.0},
         "point": [
             {"name": "pivot", "position": [0.0, 0.0, 0.0]},
             {"name": "end", "kind": "free", "position": [0.0, 0.0, -float(np.sum(lengths))]},

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
+from fitting.calibration.laws import DRAG
 from fitting.calibration.result import FitResult
 from fitting.from_file.read_file import Measured
 from fitting.report.tables import significant
-
-LINEAR = "effects.linear_damping.b_l"
-QUADRATIC = "effects.quadratic_damping.b_q"
 
 
 @dataclass(frozen=True)
@@ -50,10 +48,10 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
         # the offset is added to angles that grow against those of the file
         zero = measured.zero - value["camera.offset"]
         found.append(Value("angle at rest", zero, error["camera.offset"], "rad"))
-    if one and LINEAR in value:
+    if one and DRAG[0] in value:
         rate = np.sqrt(GRAVITY / value[length])
         share = 0.5 / (rate * (mass or 1.0))
-        found.append(Value("damping ratio", share * value[LINEAR], share * error[LINEAR], "-"))
+        found.append(Value("damping ratio", share * value[DRAG[0]], share * error[DRAG[0]], "-"))
     for name in value:
         if name.startswith("effects."):
             unit = estimates[name]["unit"]

@@ -32,6 +32,7 @@ from fitting.parameters.parameter import (
     Released,
     StartValues,
     check_once,
+    given_effect,
     paths,
     resolve,
 )
@@ -193,6 +194,8 @@ DAMPING = {
     "quadratic_damping": ("b_q",),
     "joint_friction": ("viscous", "dry"),
 }
+#: Paths of them.
+DAMPING_PATHS = tuple(f"effects.{effect}.{key}" for effect, keys in DAMPING.items() for key in keys)
 
 
 def default_free(scene: Scene) -> list[str]:
@@ -203,8 +206,7 @@ def default_free(scene: Scene) -> list[str]:
     """
     if scene.fit is not None and scene.fit.free:
         return full_names(scene, scene.fit.free, "fit.free")
-    every = ((name, key) for name, keys in DAMPING.items() for key in keys)
-    found = [f"effects.{name}.{key}" for name, key in every if scene.effects.get(name, {}).get(key) is not None]
+    found = [path for path in DAMPING_PATHS if given_effect(scene, path) is not None]
     if not found:
         raise SceneError("free: the scene has no damping to fit. Use --free with paths such as b_l, b_q")
     return found
@@ -233,7 +235,7 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
 
 def free_option(names: Sequence[str], more: Sequence[str]) -> str:
     """The option that frees parameters of these names and the paths `more`."""
-    fields = {key for keys in DAMPING.values() for key in keys}
+    fields = {ScenePath(path).key for path in DAMPING_PATHS}
     short = [ScenePath(name).key if ScenePath(name).key in fields else name for name in names]
     return f"--free {','.join(dict.fromkeys([*short, *more]))}"
 
@@ -262,13 +264,12 @@ def _full(name: str, names: Sequence[str], option: str) -> str:
         raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
     stem, _, entry = name.partition(".")
     names = [p for p in names if not p.startswith("line.") or p.split(".")[1].isdecimal()]
-    damping = [f"effects.{effect}.{key}" for effect, keys in DAMPING.items() for key in keys]
     own = [p for p in names if ScenePath(p).section != "parameters"]
-    found = next(
-        (found for group in (own, damping, names) if (found := [p for p in group if ScenePath(p).key == stem])), []
-    )
+    found: list[str] = []
+    for group in (own, DAMPING_PATHS, names):
+        found = found or [p for p in group if ScenePath(p).key == stem]
     if len(found) != 1:
-        short = sorted({ScenePath(p).key for p in names + damping})
+        short = sorted({ScenePath(p).key for p in [*names, *DAMPING_PATHS]})
         raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + names)}")
     return found[0] + (f".{entry}" if entry else "")
 

@@ -249,9 +249,6 @@ class Released(Protocol):
 def resolve(
     model: Model,
     names: Sequence[str],
-    start: StartValues | None = None,
-    bounds: Bounds | None = None,
-    priors: Priors | None = None,
     option: str = "free",
     release: Released | None = None,
 ) -> tuple[Parameter, ...]:
@@ -259,21 +256,18 @@ def resolve(
 
     Args:
         names: paths; the path of a field with several values frees each of them.
-        start: start values by path, otherwise the model's.
-        bounds: (low, high) by path, inside the declared range; None keeps the declared one.
-        priors: (mean, standard deviation) by path.
         option: heading of error messages about `names`.
         release: provides the `release.*` names.
 
     Raises:
-        SceneError: a path that does not exist (with the nearest one), or an empty interval.
+        SceneError: a path that does not exist (with the nearest one), or is given twice.
     """
     found: list[Parameter] = []
     for name in names:
         released = release is not None and name.startswith("release.")
         found += release.parameters(name, option) if released else _expand(model, name, option)
     check_once([p.name for p in found], option)
-    return adjust_parameters(found, start, bounds, priors)
+    return adjust_parameters(found)
 
 
 def adjust_parameters(
@@ -286,6 +280,9 @@ def adjust_parameters(
     """The parameters with start values, bounds and priors given by path.
 
     Args:
+        start: start values by path, otherwise the parameters' own.
+        bounds: (low, high) by path, inside the declared range; None keeps the declared one.
+        priors: (mean, standard deviation) by path.
         wider: whether bounds may lie outside the parameters' own, which are a guess.
 
     Raises:
@@ -434,6 +431,12 @@ def apply(model: Model, parameters: Sequence[Parameter], values: jax.Array) -> M
     return model
 
 
+def given_effect(scene: Scene, path: str) -> Any:
+    """The value of a path `effects.NAME.FIELD` that a scene gives; None if it gives none."""
+    _, effect, field = path.split(".")
+    return scene.effects.get(effect, {}).get(field)
+
+
 def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
     """The scene with value 0 for damping parameters that it lacks, so that its model has them."""
     zero = {
@@ -441,9 +444,9 @@ def with_effects(scene: Scene, names: Sequence[str]) -> Scene:
         for effect, cls in EFFECTS.items()
         for key, field in declared_fields(cls).items()
         if field.metadata["kind"] == "parameter" and field.metadata["low"] == 0.0
-        if scene.effects.get(effect, {}).get(key) is None
     }
-    found = dict.fromkeys((ScenePath(name).stem for name in names if ScenePath(name).stem in zero), 0.0)
+    stems = [ScenePath(name).stem for name in names]
+    found = {path: 0.0 for path in stems if path in zero and given_effect(scene, path) is None}
     if found:
         return scene.with_values(found)
     return scene

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax import load_scene
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.errors import Progress, part_of, silent
 from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.markdown import markdown_table
 from dropper_jax.base.toml_text import as_toml, literal
@@ -269,8 +269,9 @@ def calibrate_synthetic(
     progress: Progress | None = None,
 ) -> FitResult:
     """Make the traces, fit them together, write traces and report to `folder`; `method` as in `fitting.fit`."""
-    # fraction of the progress for the simulation of the traces
+    # fractions of the progress at which the traces are made, and the fit has ended
     making = 0.4
+    fitted = 0.91
     say = progress or silent
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -279,7 +280,7 @@ def calibrate_synthetic(
         scenes,
         example.duration,
         Camera(angle_noise=example.noise),
-        progress=lambda fraction, text: say(making * fraction, text),
+        progress=part_of(say, 0.0, making),
     )
     for trace in traces:
         write_trace(folder / f"{trace.name}.csv", trace)
@@ -289,10 +290,10 @@ def calibrate_synthetic(
         list(example.truth),
         method=method,
         start=example.start,
-        progress=lambda fraction, text: say(making + 0.85 * (1 - making) * fraction, text),
+        progress=part_of(say, making, fitted),
     )
     result.warnings.insert(0, LABEL)
-    say(1 - 0.15 * (1 - making), "report")
+    say(fitted, "report")
     write_report(result, folder)
     say(1.0, result.status)
     return result

@@ -90,8 +90,6 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
         lengths = f"{shortest:.3g} to {longest:.3g} s"
     if gap is None:
         joined = "separate"
-    elif gap == 0:
-        joined = "joined exactly"
     else:
         joined = f"joined, gap weight {gap:g}"
     pairs = [
@@ -100,8 +98,8 @@ def summary(result: FitResult) -> list[tuple[str, str]]:
         ("noise of the residuals", noise_text(result)),
     ]
     if result.has_errors and (best := result.best_combination) is not None:
-        value = f"{best['value']:.5g} +- {best['std_error']:.2g} {best['unit']}"
-        pairs.append(("best determined", f"b_l + ({best['speed_m_per_s']:.3g} m/s) b_q = {value}"))
+        value = f"{best.value:.5g} +- {best.std_error:.2g} {best.unit}"
+        pairs.append(("best determined", f"b_l + ({best.speed_m_per_s:.3g} m/s) b_q = {value}"))
     pairs += [
         ("time step", step_text(result, result.windows.dt / result.windows.substeps)),
         ("chaos", f"small errors grow as exp({result.lyapunov:.2g} t)"),

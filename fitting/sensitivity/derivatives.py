@@ -20,14 +20,14 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.cli.options import listing, table
+from dropper_jax.cli.options import table
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
 from dropper_jax.run.storage import extra
 from dropper_jax.stepping.integrate import Trajectory
 from dropper_jax.study.reference import lyapunov
 from fitting.parameters.parameter import apply
-from fitting.sensitivity.differences import MOTION_GROWTH, TANGENT_GROWTH, central_differences, difference_sizes
+from fitting.sensitivity.differences import central_differences
 from fitting.sensitivity.problem import (
     Plan,
     Study,
@@ -37,114 +37,7 @@ from fitting.sensitivity.problem import (
     vary_start,
     vary_study,
 )
-
-TANGENT = "tangent"
-DIFFERENCES = "differences"
-#: Error of the steps of a run, over that of its accuracy, which is warned of.
-MISSED = 3.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Local:
-    """Derivatives at the scene's values.
-
-    Attributes:
-        names, units, values: of the parameters.
-        of, unit, value: the quantity.
-        forward: dQ/dp (p,).
-        method: `tangent` (exact derivatives) or `differences` (of runs with links that stretch).
-        error: of `forward` (p,); None if it is not known.
-        growth: logarithm of the growth of small changes over the run, those of the tangent; None without a run.
-        motion_growth: the same of changes by 0.3 %: above `MOTION_GROWTH` the motion is chaotic; None if not known.
-        value_error, noise: error of the quantity by the steps of its run, and what rounding makes of it; NaN if not
-            known.
-        unclear: names of parameters whose slope is not known to a third.
-        horizon: time [s] up to which derivatives are valid; `duration` [s] of the run.
-        reverse: dQ/dp by reverse mode (p,); None unless requested.
-        exponent: growth rate [1/s] of the derivatives where they are not valid for the whole run, or of small errors,
-            the Lyapunov exponent, if that was requested; otherwise None.
-        window: length [s] of the windows of the means; None if derivatives are valid for the whole run.
-        window_mean, window_error: mean derivative of the windows' values and its standard error (p,).
-        linear_range, warnings: relative change of all parameters that the derivatives predict, at most 0.01, and a
-            warning if it is less (see `problem.linear_range`).
-    """
-
-    names: list[str]
-    units: list[str]
-    values: np.ndarray
-    of: str
-    unit: str
-    value: float
-    forward: np.ndarray
-    horizon: float
-    duration: float
-    reverse: np.ndarray | None = None
-    exponent: float | None = None
-    window: float | None = None
-    window_mean: np.ndarray | None = None
-    window_error: np.ndarray | None = None
-    linear_range: float = 0.01
-    warnings: list[str] = dataclasses.field(default_factory=list)
-    method: str = TANGENT
-    error: np.ndarray | None = None
-    growth: float | None = None
-    motion_growth: float | None = None
-    value_error: float = np.nan
-    noise: float = np.nan
-    unclear: tuple[str, ...] = ()
-
-    @property
-    def scaled(self) -> np.ndarray:
-        """`p/Q dQ/dp` (p,): percentage change of the quantity for 1 % change of the parameter; NaN if Q is 0."""
-        if self.value:
-            return self.forward * self.values / self.value
-        return np.full(len(self.names), np.nan)
-
-    @property
-    def finite(self) -> bool:
-        """Whether every step of the run was solved."""
-        return bool(np.isfinite(self.value) and np.isfinite(self.forward).all())
-
-    @property
-    def scaled_error(self) -> np.ndarray | None:
-        """The error of `scaled` (p,)."""
-        if self.error is None or not self.value:
-            return None
-        return np.abs(self.error * self.values / self.value)
-
-    @property
-    def trusted(self) -> bool:
-        return self.window is None and not self.unclear
-
-    @property
-    def grows(self) -> str:
-        """What grows over the run: `nothing`, `tangent` (small changes, but not those of a size that matters), or
-        `motion` (chaos)."""
-        if self.motion_growth is not None and self.motion_growth > MOTION_GROWTH:
-            return "motion"
-        if self.growth is not None and self.growth > TANGENT_GROWTH:
-            return "tangent"
-        return "nothing"
-
-    @property
-    def mismatch(self) -> float | None:
-        """Maximum difference of the two modes, relative to the maximum derivative; None without reverse mode."""
-        if self.reverse is None:
-            return None
-        size = float(np.max(np.abs(self.forward), initial=0.0))
-        if size:
-            return float(np.max(np.abs(self.forward - self.reverse), initial=0.0)) / size
-        return 0.0
-
-    def to_json(self) -> dict[str, Any]:
-        """The fields and the properties derived from them."""
-        return {
-            **dataclasses.asdict(self),
-            "scaled": self.scaled,
-            "scaled_error": self.scaled_error,
-            "trusted": self.trusted,
-            "grows": self.grows,
-        }
+from fitting.sensitivity.result import TANGENT, Local, empty_result
 
 
 @cached_jit(static=("plan",))
@@ -171,7 +64,7 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
         check: also compute exact derivatives by reverse mode, and the Lyapunov exponent, by separate programs.
     """
     if problem.stretches:
-        found = _by_differences(problem, say)
+        found = central_differences(problem, say)
     else:
         found = _by_tangents(problem, say, check)
     if check and problem.stretches:
@@ -193,7 +86,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
     settings = problem.scene.run
     duration = 0.0 if problem.of.at_rest else settings.steps * settings.dt
     found = dataclasses.replace(
-        _empty(problem, duration),
+        empty_result(problem, duration),
         value=value,
         forward=forward,
         growth=None if run is None else _tangent_growth(problem, start, run),
@@ -205,7 +98,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
         changed = []
 
         def evaluate(values: jax.Array) -> float:
-            quantity, changed_run = _changed_study(problem, values)
+            quantity, changed_run = changed_study(problem, values)
             changed.append(changed_run)
             return quantity
 
@@ -229,22 +122,6 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
     return found
 
 
-def _empty(problem: Study, duration: float) -> Local:
-    """The study's parameters and quantity, without derivatives."""
-    nothing = np.full(len(problem.names), np.nan)
-    return Local(
-        names=problem.names,
-        units=[p.unit for p in problem.parameters],
-        values=problem.values,
-        of=problem.of.name,
-        unit=problem.of.unit,
-        value=np.nan,
-        forward=nothing,
-        horizon=duration,
-        duration=duration,
-    )
-
-
 def _with_check(problem: Study, found: Local, say: Progress) -> Local:
     """The result with the growth rate of small errors, and derivatives by reverse mode if they are exact."""
     settings = problem.scene.run
@@ -257,40 +134,6 @@ def _with_check(problem: Study, found: Local, say: Progress) -> Local:
         found = dataclasses.replace(found, reverse=reverse)
     growth = lyapunov(problem.model, problem.start, problem.stepper, settings.dt, max(settings.steps, 2))
     return dataclasses.replace(found, exponent=float(growth.exponent))
-
-
-def _by_differences(problem: Study, say: Progress) -> Local:
-    """Differences of runs, and warnings of what is not known."""
-    found = central_differences(problem, say)
-    settings = problem.run_scene.run
-    notes = list(found.warnings)
-    for i in found.unclear:
-        large, small = (f"{100 * size:g} %" for size in difference_sizes(problem.parameters[i]))
-        notes.append(
-            f"{problem.of.name}: its differences by {large} and {small} of {problem.names[i]} give "
-            f"{found.slopes[i]:.3g} +- {found.errors[i]:.2g} per unit: it has no slope at this size. Use a mean, or a "
-            "sweep over the range"
-        )
-    if settings.accuracy is not None and found.value_error > MISSED * settings.accuracy * abs(found.value):
-        notes.append(
-            f"{problem.of.name} may be off by {100.0 * abs(found.value_error / found.value):.2g} %. Use --accuracy "
-            f"{0.25 * settings.accuracy:.2g}"
-        )
-    sizes = [difference_sizes(p)[0] for p in problem.parameters]
-    return dataclasses.replace(
-        _empty(problem, settings.rows * settings.interval),
-        value=found.value,
-        value_error=found.value_error,
-        forward=found.slopes,
-        method=DIFFERENCES,
-        error=found.errors,
-        noise=found.noise,
-        growth=found.growth,
-        motion_growth=found.motion_growth,
-        unclear=tuple(problem.names[i] for i in found.unclear),
-        linear_range=0.0 if len(found.unclear) == len(sizes) else min(sizes),
-        warnings=notes,
-    )
 
 
 def _displacements(problem: Study, start: Varied, run: Varied) -> tuple[np.ndarray, np.ndarray, float]:
@@ -327,13 +170,8 @@ def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
     return float(times[over[0]]), float(np.log(size[-1] / size[middle]) / (times[-1] - times[middle]))
 
 
-def changed_quantity(problem: Study, values: jax.Array | np.ndarray) -> float:
-    """The quantity with these values (p,), NaN if the scene has no start with them."""
-    return _changed_study(problem, values)[0]
-
-
-def _changed_study(problem: Study, values: jax.Array | np.ndarray) -> tuple[float, Varied | None]:
-    """The same, and its run."""
+def changed_study(problem: Study, values: jax.Array | np.ndarray) -> tuple[float, Varied | None]:
+    """The quantity with these values (p,), NaN if the scene has no start with them; and its run."""
     try:
         s = initial_state(apply(problem.model, problem.parameters, jnp.asarray(values)), problem.scene.start)
     except SceneError:
@@ -470,62 +308,6 @@ def global_indices(
 
 
 # Sensitivities as text for the terminal
-
-
-def local_text(found: Local) -> str:
-    """Derivatives as text, the largest first, and their range of validity."""
-    order = np.argsort(-np.abs(found.scaled if np.isfinite(found.scaled).all() else found.forward))
-    columns = {
-        "parameter p": found.names,
-        "value": [f"{x:.5g} {unit}" for x, unit in zip(found.values, found.units, strict=True)],
-        f"dQ/dp [{found.unit} per unit of p]": [f"{x:.6g}" for x in found.forward],
-        "p/Q dQ/dp [% per %]": [f"{x:.4g}" for x in found.scaled],
-    }
-    if found.error is not None:
-        columns["error of dQ/dp"] = [f"{x:.2g}" for x in found.error]
-    if found.window is not None:
-        columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
-        columns["std error"] = [f"{x:.2g}" for x in found.window_error]
-    rows = [list(columns), *([column[i] for column in columns.values()] for i in order)]
-    if found.exponent is None:
-        rate = ""
-    else:
-        rate = f" (growth rate {found.exponent:.2g} per s)"
-    pairs = [
-        ("quantity Q", f"{found.of} = {found.value:.6g}{_plus_minus(found)} {found.unit} over {found.duration:g} s"),
-        ("derivatives valid", f"{_validity(found)}{rate}"),
-    ]
-    if found.method == DIFFERENCES:
-        sizes = "1 % of a parameter (0.3 % of a length), error from 0.3 % (0.1 %) and rounding"
-        pairs.append(("method", f"differences of runs by {sizes}"))
-    if found.grows != "nothing":
-        pairs.append(("grows", _GROWS[found.grows]))
-    if found.mismatch is not None:
-        pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))
-    if found.window is not None:
-        pairs.append(("windows", f"of {found.window:.3g} s: the quantity of each, averaged over the motion"))
-    return f"{listing(pairs)}\n\n{table(rows)}"
-
-
-def _plus_minus(found: Local) -> str:
-    """The error of the quantity."""
-    if np.isfinite(found.value_error):
-        return f" +- {found.value_error:.2g}"
-    return ""
-
-
-_GROWS = {
-    "tangent": "tangent: changes of 1e-6 grow, those of 0.3 % do not; `jax.grad` of this run is of no use",
-    "motion": "motion: it is chaotic, so only means and distributions have slopes",
-}
-
-
-def _validity(found: Local) -> str:
-    if found.window is not None:
-        return f"up to {found.horizon:.3g} s only: beyond, they predict over 10 % of the motion for 1 % of a parameter"
-    if found.unclear:
-        return f"not by {', '.join(found.unclear)}: see the warnings"
-    return "over the whole run"
 
 
 def global_text(found: Global, of: str) -> str:

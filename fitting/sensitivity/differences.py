@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -44,6 +44,7 @@ from dropper_jax.stepping.integrate import Progress as RunProgress
 from dropper_jax.stepping.integrate import Trajectory, begin
 from fitting.parameters.parameter import Parameter, apply
 from fitting.sensitivity.problem import Study
+from fitting.sensitivity.result import MOTION_GROWTH, OF_RUNS, Local, empty_result
 
 #: Relative changes of central differences: the slope, and a smaller one whose difference is its error. A farm's runs
 #: differ linearly from 0.3 % to 3 % of a current, wave height or EA, but are 20 % off for 1 % of the length of a leg.
@@ -52,11 +53,6 @@ DIFFERENCES = (0.01, 0.003)
 LENGTH_DIFFERENCES = (0.003, 0.001)
 #: Relative change of all parameters of the run that shows noise, and how small differences grow.
 SMALL_CHANGE = 1e-6
-#: Growth of a difference of two runs by `DIFFERENCES`, as a power of e, from which the motion itself is chaotic: 0.3 %
-#: then displace a node by a sixth of the motion.
-MOTION_GROWTH = 4.0
-#: Growth of the small difference, as a power of e, from which rounding errors and exact tangents grow.
-TANGENT_GROWTH = 5.0
 #: Displacement by a change over that by the opposite change from which a run is on another branch.
 JUMP = 6.0
 #: Median of the square of a standard normal number.
@@ -79,31 +75,8 @@ class Run(NamedTuple):
     at_most: float
 
 
-@dataclass(frozen=True)
-class Differences:
-    """Slopes of a quantity by parameters.
-
-    Attributes:
-        value, value_error: of the study's own run; the error is that of its steps, NaN if they are equal.
-        slopes, errors: (p,), NaN without a run on either side.
-        noise: standard deviation of the quantity by rounding.
-        growth: logarithm of the growth of a difference of `SMALL_CHANGE`: of the tangent.
-        motion_growth: the same of the smaller of the two changes, of the parameter for which it is largest.
-        unclear: numbers of the parameters whose slope is not known to a third.
-        runs: number of runs.
-        warnings: of runs on another branch, and of a statistic that does not apply.
-    """
-
-    value: float
-    value_error: float
-    slopes: np.ndarray
-    errors: np.ndarray
-    noise: float = 0.0
-    growth: float = 0.0
-    motion_growth: float = 0.0
-    unclear: tuple[int, ...] = ()
-    runs: int = 0
-    warnings: tuple[str, ...] = field(default_factory=tuple)
+#: Error of the steps of a run, over that of its accuracy, which is warned of.
+MISSED = 3.0
 
 
 class StudyRuns:
@@ -117,14 +90,14 @@ class StudyRuns:
         self.problem = problem
         self.settings: RunSpec = problem.run_scene.run
         self.say = say
-        own = self._prepare(problem.values, None)
+        own = self.prepare(problem.values, None)
         if own is None:
             raise SceneError(f"{problem.of.name}: the scene has no start")
         self.model, self.start, program = own
         outcome = run_chunks(program, self.settings.rows, partial(self._report, "own run"))
         self.rows: Trajectory = outcome.trajectory
         self.record = _recorded(outcome.carry, problem.of)
-        self.value = self._value(self.model, self.start, self.rows)
+        self.value = self.measure(self.model, self.start, self.rows)
         self.extent = float(np.linalg.norm(self.rows.r - self.rows.r[0], axis=-1).max())
         self.value_error = self._error_of_steps(program.companion(False))
 
@@ -140,9 +113,9 @@ class StudyRuns:
             return np.nan
         rows = jax.tree.map(lambda *parts: np.concatenate(parts), *pieces)
         gain = 1.0 if self.problem.of.statistic in OVER_STEPS else FACTOR - 1.0
-        return abs(self._value(self.model, self.start, rows, 2.0) - self.value) / gain
+        return abs(self.measure(self.model, self.start, rows, 2.0) - self.value) / gain
 
-    def _prepare(self, values: np.ndarray, record: Record | None) -> tuple[Model, State, Program] | None:
+    def prepare(self, values: np.ndarray, record: Record | None) -> tuple[Model, State, Program] | None:
         """Model, start and program of the run with these values; None if the scene has no such start."""
         problem = self.problem
         settings = self.settings
@@ -165,36 +138,26 @@ class StudyRuns:
             return quantity_signals([self.problem.of], s.r)
         return None
 
-    def _value(self, model: Model, s: State, rows: Trajectory, intervals: float = 1.0) -> float:
+    def measure(self, model: Model, s: State, rows: Trajectory, intervals: float = 1.0) -> float:
+        """The quantity of the rows of a run, NaN if a step failed."""
         if rows.first_bad[-1] >= 0:
             return np.nan
         watch = None if rows.extremes is None else self._watch(s)
         interval = jnp.asarray(intervals * self.settings.interval, model.dtype)
-        return float(_measure(self.problem.of, model, s, rows, interval, watch))
+        return float(measure_rows(self.problem.of, model, s, rows, interval, watch))
 
     def run(self, values: np.ndarray) -> Run:
         """The run with these values (p,)."""
-        prepared = self._prepare(values, self.record)
+        prepared = self.prepare(values, self.record)
         if prepared is None:
             return Run(np.nan, np.nan, np.nan)
         return self._run_prepared(*prepared)
-
-    def values_of(self, quantities: Sequence[Quantity], values: np.ndarray) -> list[float]:
-        """Several quantities of the run with these values (p,); a maximum or minimum has to be that of the study."""
-        model, s, program = self._prepare(values, self.record)
-        rows = run_chunks(program, self.settings.rows, silent).trajectory
-        own = self.problem.of
-        interval = jnp.asarray(self.settings.interval, model.dtype)
-        return [
-            self._value(model, s, rows) if one == own else float(_measure(one, model, s, rows, interval, None))
-            for one in quantities
-        ]
 
     def _run_prepared(self, model: Model, s: State, program: Program) -> Run:
         rows = run_chunks(program, self.settings.rows, silent).trajectory
         apart = rows.r - self.rows.r[: len(rows.r)]
         at_start = np.linalg.norm(np.asarray(s.r) - np.asarray(self.start.r), axis=-1).max()
-        return Run(self._value(model, s, rows), float(at_start), float(np.linalg.norm(apart, axis=-1).max()))
+        return Run(self.measure(model, s, rows), float(at_start), float(np.linalg.norm(apart, axis=-1).max()))
 
     def run_all(self, values: np.ndarray) -> list[Run]:
         """The runs with these values (cases, p), on all cores at once."""
@@ -221,9 +184,10 @@ def _recorded(carry: object, of: Quantity) -> Record | None:
 
 
 @partial(jax.jit, static_argnums=0)
-def _measure(
+def measure_rows(
     of: Quantity, model: Model, s: State, rows: Trajectory, interval: jax.Array, watch: QuantitySignals | None
 ) -> jax.Array:
+    """A quantity of the rows of a run; `watch`: what was recorded over its steps."""
     if watch is not None:
         return OVER_STEPS[of.statistic](watch.over_steps(rows.extremes)[of])
     return of(model, s.r, rows, s.t + interval * (1.0 + jnp.arange(len(rows.r))))
@@ -268,23 +232,33 @@ class Pair(NamedTuple):
         return 0.5 * (self.runs[0].value + self.runs[1].value) - value
 
 
-def central_differences(problem: Study, say: Progress = silent) -> Differences:
+def central_differences(problem: Study, say: Progress = silent) -> Local:
     """Slopes by runs at two sizes: four runs for each parameter, and three in addition.
 
     A change beyond a bound ends there.
     """
     base = StudyRuns(problem, say)
+    settings = base.settings
     nothing = np.full(len(problem.parameters), np.nan)
+    found = replace(
+        empty_result(problem, settings.rows * settings.interval),
+        value=base.value,
+        value_error=base.value_error,
+        method=OF_RUNS,
+        error=nothing,
+        noise=0.0,
+        growth=0.0,
+        motion_growth=0.0,
+        linear_range=min(difference_sizes(p)[0] for p in problem.parameters),
+    )
     if not np.isfinite(base.value):
-        return Differences(np.nan, np.nan, nothing, nothing, runs=1)
+        return found
     rows = _changed_values(problem)
-    found = base.run_all(rows)
-    shown = found[0]
-    found = found[1:]
+    shown, *runs = base.run_all(rows)
     pairs = []
     for i in range(len(problem.parameters)):
         change = (rows[1 + 4 * i : 5 + 4 * i, i] - problem.values[i]).reshape(2, 2)
-        pairs.append((Pair(change[0], found[4 * i : 4 * i + 2]), Pair(change[1], found[4 * i + 2 : 4 * i + 4])))
+        pairs.append((Pair(change[0], runs[4 * i : 4 * i + 2]), Pair(change[1], runs[4 * i + 2 : 4 * i + 4])))
     slopes = np.array([both[0].slope(base.value) for both in pairs])
     spread = np.abs(slopes - [both[1].slope(base.value) for both in pairs])
     noise, own = _noise(base.value, shown, pairs)
@@ -298,19 +272,46 @@ def central_differences(problem: Study, say: Progress = silent) -> Differences:
     # a third of the change, or 0.01 in p/Q dQ/dp, as of exact derivatives (`linear_range`)
     unclear = ~(errors <= np.maximum(np.abs(slopes) / 3.0, 0.01 * abs(base.value) / scale))
     motion = max(_motion_growth(base.extent, p, both[1]) for p, both in zip(problem.parameters, pairs, strict=True))
-    notes = [*_branches(problem, pairs, motion), *statistic_notes(problem, base)]
-    return Differences(
-        base.value,
-        base.value_error,
-        slopes,
-        errors,
-        noise,
-        _growth(base.extent, shown, SMALL_CHANGE),
-        motion,
-        tuple(map(int, np.flatnonzero(unclear))),
-        len(rows) + 1,
-        tuple(notes),
+    return replace(
+        found,
+        forward=slopes,
+        error=errors,
+        noise=noise,
+        growth=_growth(base.extent, shown, SMALL_CHANGE),
+        motion_growth=motion,
+        unclear=tuple(name for name, doubt in zip(problem.names, unclear, strict=True) if doubt),
+        linear_range=0.0 if unclear.all() else found.linear_range,
+        warnings=[
+            *_branches(problem, pairs, motion),
+            *statistic_notes(problem, base),
+            *_unclear(problem, slopes, errors, unclear),
+            *_error_of_value(problem, base),
+        ],
     )
+
+
+def _unclear(problem: Study, slopes: np.ndarray, errors: np.ndarray, unclear: np.ndarray) -> list[str]:
+    """A line on each parameter whose slope is not known to a third."""
+    notes = []
+    for i in np.flatnonzero(unclear):
+        large, small = (f"{100 * size:g} %" for size in difference_sizes(problem.parameters[i]))
+        notes.append(
+            f"{problem.of.name}: its differences by {large} and {small} of {problem.names[i]} give "
+            f"{slopes[i]:.3g} +- {errors[i]:.2g} per unit: it has no slope at this size. Use a mean, or a "
+            "sweep over the range"
+        )
+    return notes
+
+
+def _error_of_value(problem: Study, base: StudyRuns) -> list[str]:
+    """A line if the steps of the own run are too long for its accuracy."""
+    accuracy = base.settings.accuracy
+    if accuracy is None or not base.value_error > MISSED * accuracy * abs(base.value):
+        return []
+    return [
+        f"{problem.of.name} may be off by {100.0 * abs(base.value_error / base.value):.2g} %. Use --accuracy "
+        f"{0.25 * accuracy:.2g}"
+    ]
 
 
 def _changed_values(problem: Study) -> np.ndarray:

@@ -147,16 +147,8 @@ class Study:
         where = tuple(Parameter(p.name, p.where, 0.0) for p in self.parameters)
         return Plan(self.of, where, self.scene.start, self.scene.run, self.stepper)
 
-    def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
-        """Saved states of a run from s."""
-        return self.plan.march(model, s, saves, checkpoint)
-
-    def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
-        """The quantity, NaN if a step failed."""
-        return self.plan.measure(model, s, run)
-
-    def __call__(self, values: jax.Array, checkpoint: bool = False) -> jax.Array:
-        return self.plan.evaluate(self.model, self.start, values, checkpoint)[0]
+    def __call__(self, values: jax.Array) -> jax.Array:
+        return self.plan.evaluate(self.model, self.start, values)[0]
 
     def check_derivatives(self, found: np.ndarray) -> None:
         """Reject derivatives (p,) that do not exist, such as those of a static pose with an unconstrained direction.

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.plots import style
-from fitting.sensitivity.derivatives import Global, Local
+from fitting.sensitivity.derivatives import Global
+from fitting.sensitivity.result import Local
 
 
 def local_picture(found: Local, path: str | Path) -> Path:

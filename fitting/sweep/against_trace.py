@@ -210,9 +210,7 @@ def sweep_against_trace(
     check_trace(trace)
     if integrator is None and Rattle4().refuse(model) is None:
         integrator = "rattle_4"
-    if integrator is None:
-        scene = scene
-    else:
+    if integrator is not None:
         scene = scene.with_values({"run.integrator": integrator})
     scene = at_samples(scene, trace)
     t = (1 + np.arange(scene.run.saves)) * scene.run.step * scene.run.save_every

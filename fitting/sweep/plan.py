@@ -32,7 +32,7 @@ from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
-from fitting.parameters.of_scene import DAMPING, full_names
+from fitting.parameters.of_scene import DAMPING_PATHS, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.
@@ -116,10 +116,7 @@ class Plan:
 
     @cached_property
     def stepper(self) -> Stepper:
-        settings = {"track_work": False, **dict(self.settings)}
-        if self.is_adaptive:
-            return stepper_of(self.base[0], self.scene.run, **settings)
-        return stepper_of(self.base[0], self.scene.run, **settings)
+        return stepper_of(self.base[0], self.scene.run, **{"track_work": False, **dict(self.settings)})
 
     @property
     def is_adaptive(self) -> bool:
@@ -373,7 +370,7 @@ def _axis(scene: Scene, path: str, values: np.ndarray) -> Axis:
         raise SceneError(f"vary: {path}: no finite numbers; allowed: at least one")
     if changes_size(scene, path, values):
         return Axis(path, values, resizes=True)
-    still = any(ScenePath(path).stem == f"effects.{name}.{key}" for name, keys in DAMPING.items() for key in keys)
+    still = ScenePath(path).stem in DAMPING_PATHS
     model = build_model(scene)
     try:
         parameters = resolve(model, [path], option="vary")

@@ -17,7 +17,7 @@ from dropper_jax import statics
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.traces.planar import wrap
+from fitting.traces.planar import pendulum_period, wrap
 from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 
 
@@ -147,7 +147,7 @@ def check_sampling(trace: Trace, model: Model) -> None:
     """Reject samples that are too far apart for the shortest link."""
     # minimum number of samples per period of the shortest link as a pendulum
     samples_per_period = 6
-    period = 2 * np.pi * np.sqrt(float(np.min(np.asarray(model.line.length))) / GRAVITY)
+    period = pendulum_period(model.line.length)
     if trace.interval > period / samples_per_period:
         raise SceneError(
             f"{trace.name}: a sample every {trace.interval:g} s is too few per oscillation of {period:.2g} s; "
@@ -180,7 +180,7 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
 
 def _specific_energy(trace: Trace, length: np.ndarray) -> float:
     """Kinetic energy per mass [J/kg] of the nodes in the median frame, with angles read as radians."""
-    period = 2 * np.pi * np.sqrt(float(np.min(length)) / GRAVITY)
+    period = pendulum_period(length)
     # fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small
     # then
     apart = max(1, round(0.05 * period / trace.interval))

@@ -8,12 +8,15 @@ with N an orthonormal basis of the closed directions at the reference.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import from_angles
@@ -43,6 +46,11 @@ def check_planar(model: Model, start: State) -> None:
             "motion in the x-z plane only. A static start turns out of the plane where a link is pushed: "
             "`dropper equilibrium` shows y; try another start.release_force [N]"
         )
+
+
+def pendulum_period(length: float | jax.Array | np.ndarray) -> float:
+    """Period [s] of small swings of the shortest of mathematical pendulums of these lengths [m]."""
+    return float(2 * np.pi * np.sqrt(np.min(np.asarray(length)) / GRAVITY))
 
 
 def freedoms(model: Model) -> int:
@@ -112,6 +120,19 @@ def from_nodes(model: Model, r: jax.Array, v: jax.Array) -> tuple[jax.Array, jax
     theta = jnp.arctan2(-link[:, 2], link[:, 0])
     omega = (-rate[:, 2] * link[:, 0] + link[:, 2] * rate[:, 0]) / (link[:, 0] ** 2 + link[:, 2] ** 2)
     return theta, omega
+
+
+def energy(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
+    """Kinetic and potential energy [J] of links at these angles and rates (n,)."""
+    s = to_state(model, theta, omega)
+    k = model.instant(s.r, s.v, s.t, model.ends(s.t))
+    return model.kinetic_energy(k) + model.potential_energy(k)
+
+
+@cached_jit()
+def energies(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
+    """The same of many angles and rates (k, n): (k,) [J]."""
+    return jax.vmap(partial(energy, model))(theta, omega)
 
 
 def wrap(angle: Angles) -> Angles:

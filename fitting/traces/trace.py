@@ -108,12 +108,12 @@ class Trace:
         return replace(self, theta=theta, omega=rates, se=se, convention=convention, model_error=error)
 
 
-def unwrap(theta: np.ndarray) -> np.ndarray:
-    """Angles (k, n) [rad] without jumps of a full turn, missing samples skipped."""
+def unwrap(theta: np.ndarray, turn: float = 2 * np.pi) -> np.ndarray:
+    """Angles (k, n) without jumps of a full turn, by default in radians; missing samples stay."""
     theta = np.array(theta, float)
     for column in theta.T:
         known = np.isfinite(column)
-        column[known] = np.unwrap(column[known])
+        column[known] = np.unwrap(column[known], period=turn)
     return theta
 
 
@@ -251,25 +251,13 @@ def check_trace(trace: Trace) -> None:
 DEGREE = 3
 
 
-def smoothers(width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (width, width) of a cubic through `width` equidistant samples: its values at all of them, and its rates.
-
-    The middle rows are the filters of Savitzky and Golay (1964).
-    """
-    powers = np.vander(np.arange(width) - width // 2, DEGREE + 1, increasing=True).astype(float)
-    fit = np.linalg.pinv(powers)
-    return powers @ fit, powers[:, :-1] * np.arange(1, DEGREE + 1) @ fit[1:] / step
-
-
 def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Angles and rates (N, n) by cubics through `width` samples around each; at both ends by the last full one."""
-    half = width // 2
-    around = np.lib.stride_tricks.sliding_window_view(theta, width, axis=0)  # (N - width + 1, n, width)
-    angles, rates = (
-        np.concatenate([w[:half] @ theta[:width], around @ w[half], w[half + 1 :] @ theta[-width:]])
-        for w in smoothers(width, step)
-    )
-    return angles, rates
+    """Angles and rates (N, n) by cubics through `width` samples around each (Savitzky and Golay 1964); at both ends by
+    the last full one."""
+    from scipy.signal import savgol_filter  # noqa: PLC0415 - slow to import
+
+    rates = savgol_filter(theta, width, DEGREE, deriv=1, delta=step, axis=0)
+    return savgol_filter(theta, width, DEGREE, axis=0), rates
 
 
 def smooth_stretch(

@@ -13,7 +13,7 @@ from fitting.calibration.comparison import Law, compare_laws, with_bic
 from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.prediction import PARTED
 from fitting.estimate.descent import ARRIVED, GradientDescent
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import drop_wild
 from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
@@ -180,7 +180,7 @@ def test_gradient_descent_ends_at_the_defaults_estimate_gap_weight_and_errors(tw
     error = joined.uncertainty.std_error
     assert result.status == "ok"
     assert result.solution.gap_weight == joined.solution.gap_weight
-    weights = [{row.get("gap_weight") for row in each.solution.history} for each in (result, joined)]
+    weights = [{row.gap_weight for row in each.solution.history} for each in (result, joined)]
     assert weights[0] == weights[1]  # chosen by the linear model of the motion
     assert np.all(np.abs(result.values - joined.values) < 0.1 * error)
     np.testing.assert_allclose(result.uncertainty.std_error, error, rtol=0.05)
@@ -198,7 +198,7 @@ def test_descent_stops_near_the_minimum_along_every_combination_of_the_parameter
     assert left < ARRIVED**2 * found.chi2 / found.windows.samples * 1.01
     apart = found.values - fit_windows(prepared.problem(), prepared.values, prepared.starts).values
     assert apart @ found.information @ apart < (2 * ARRIVED) ** 2
-    losses = [point["loss"] for point in found.history[1:]]
+    losses = [point.loss for point in found.history[1:]]
     assert len(losses) == found.iterations - 1
     assert losses[-1] == pytest.approx(2 * found.cost / found.windows.samples)
 

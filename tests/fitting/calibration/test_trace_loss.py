@@ -13,7 +13,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Camera, FitSettings, TraceLoss, fit, loss_of_trace, observe, simulate_truth, write_trace
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.windows import Starts
 
 DOCS = Path(__file__).parents[3] / "docs"

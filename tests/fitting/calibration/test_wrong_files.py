@@ -13,6 +13,7 @@ from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.cli import main
 from fitting import Camera, Convention, Method, fit, observe, prepare, simulate_truth, write_trace
 from fitting.calibration import short_windows
+from fitting.calibration.likely_cause import fit_short_windows
 from fitting.calibration.short_windows import name_wrong_file
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.traces.conventions import settle_convention
@@ -219,9 +220,10 @@ def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_
     error = 1e-3 * np.sin(12 * trace.t)[:, None] * [1.0, -0.7]
     trace = replace(trace, theta=trace.theta + error, se=np.full_like(trace.theta, 2e-5))
     prepared = ready(trace)
-    given, part = short_windows._misfit(prepared, prepared.traces, short_windows._moving_pieces(prepared))
+    found = fit_short_windows(prepared, short_windows._moving_pieces(prepared))
+    given = float(np.median(found.chi2))
     assert given > short_windows.WRONG
-    assert part < short_windows.OTHER_RIG
+    assert found.part < short_windows.OTHER_RIG
     assert name_wrong_file(prepared) == ""
 
 

@@ -9,7 +9,7 @@ from fitting import Huber, StudentT
 from fitting.channels.channel import Data, Run, Sensor
 from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.sensors import Angle
-from fitting.estimate.gauss_newton import first_solution
+from fitting.estimate.least_squares import first_solution
 from fitting.estimate.loss import LEAST_SQUARES
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.residual_noise import ResidualNoiseModel

@@ -17,7 +17,7 @@ from dropper_jax import SceneError, build_model
 from fitting import Camera, FitSettings, Huber, bootstrap, observe, prepare, profile, simulate_truth
 from fitting.calibration.fit import estimate, summarise
 from fitting.estimate import shooting
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.shooting import fit_shooting, loosest, solve_to_end
 from fitting.estimate.windows import Starts

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from fitting import Convention, FitSettings, Trace, prepare
 from fitting.calibration.fit import estimate, summarise
-from fitting.estimate.gauss_newton import fit_windows
+from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.windows import Starts
 
 LENGTH, MASS, G = 0.5, 0.4, 9.81

@@ -128,7 +128,7 @@ def test_the_diagonal_of_a_block_tridiagonal_inverse_is_that_of_the_dense_one():
 
 
 def test_the_error_of_a_solution_is_in_radians_whatever_the_noise(windows):
-    from fitting.estimate.problem import Solution
+    from fitting.estimate.residuals import Solution
 
     theta = 0.3 * np.random.default_rng(6).standard_normal(windows.theta.shape)
     problem = SimpleNamespace(windows=replace(windows, decay=np.array([[5.0, 5.0]])))

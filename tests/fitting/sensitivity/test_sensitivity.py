@@ -17,8 +17,9 @@ from dropper_jax.run.quantities import STATISTICS, excess_kurtosis, quantity, st
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows
-from fitting.sensitivity.derivatives import global_text, local_text
+from fitting.sensitivity.derivatives import global_text
 from fitting.sensitivity.differences import StudyRuns, central_differences, difference_sizes, statistic_notes
+from fitting.sensitivity.result import local_text
 from fitting.sensitivity.tornado import path_label
 
 SCENE = {
@@ -132,8 +133,8 @@ def test_a_parameter_without_effect_has_slope_zero_with_error_zero(loop):
     assert (found.forward[0], found.error[0]) == (0.0, 0.0)
     assert found.forward[1] != 0.0
     by_differences = central_differences(problem)
-    assert (by_differences.slopes[0], by_differences.errors[0]) == (0.0, 0.0)
-    assert by_differences.slopes[1] == pytest.approx(found.forward[1], abs=5.0 * by_differences.errors[1])
+    assert (by_differences.forward[0], by_differences.error[0]) == (0.0, 0.0)
+    assert by_differences.forward[1] == pytest.approx(found.forward[1], abs=5.0 * by_differences.error[1])
 
 
 def test_a_number_of_links_is_refused_in_one_line():
@@ -157,7 +158,7 @@ def test_differences_of_lengths_are_smaller_and_end_at_bounds(loop):
     problem = replace(loop, parameters=(from_bound,))
     found = central_differences(problem)
     one_sided = np.diff([StudyRuns(problem).run(np.array([x])).value for x in (1.0, 1.01)])[0] / 0.01
-    assert found.slopes[0] == pytest.approx(one_sided, rel=1e-12)
+    assert found.forward[0] == pytest.approx(one_sided, rel=1e-12)
 
 
 @pytest.mark.check
@@ -182,7 +183,7 @@ def test_window_as_long_as_the_run_is_the_run_from_a_held_start(loop):
     @jax.jit
     def held(p):
         model = apply(loop.model, loop.parameters, p)
-        return loop.measure(model, loop.start, loop.march(model, loop.start, loop.scene.run.saves))
+        return loop.plan.measure(model, loop.start, loop.plan.march(model, loop.start, loop.scene.run.saves))
 
     mean, _, length = windows(loop, jnp.asarray(loop.values), 0.5)
     assert length == pytest.approx(0.5)

@@ -56,7 +56,7 @@ def differences(of, path, value, start="static"):
 @pytest.mark.check
 def test_a_run_from_the_static_pose_differentiates_through_it(storm):
     found = local(storm, check=True)
-    run = jax.jit(lambda model, s: storm.measure(model, s, storm.march(model, s, storm.scene.run.saves)))
+    run = jax.jit(lambda model, s: storm.plan.measure(model, s, storm.plan.march(model, s, storm.scene.run.saves)))
     for i, p in enumerate(storm.parameters):
         expected = differences(lambda scene, model, s: float(run(model, s)), p.name, p.value)
         assert found.forward[i] == pytest.approx(expected, rel=1e-6), p.name

@@ -14,8 +14,8 @@ from scipy.linalg import LinAlgError
 
 from dropper_jax.base.errors import Progress, silent
 from fitting.estimate.normal_equations import Evaluation, Joined, Normal, Step, eliminate, normal_blocks
-from fitting.estimate.problem import Problem, Residuals, Solution
-from fitting.estimate.windows import Starts
+from fitting.estimate.residuals import Problem, Residuals, Solution, Visited
+from fitting.estimate.windows import Starts, pick, with_rows
 
 #: Converged if the next step would move the parameters by less than this fraction of their standard errors (squared)
 STEP_TOLERANCE = 1e-4
@@ -45,8 +45,8 @@ class Separate:
     #: Damping of the first step, and the message if the descent does not converge.
     damping = 1e-3
     goal = "no convergence"
-    #: Weight of the gaps between windows.
-    weight = 1.0
+    #: Weight of the gaps between windows; None: they are not joined.
+    weight: float | None = None
     #: Convergence limits at the minimum: the parameters' next step in standard errors, squared, and its decrease of
     #: chi-square.
     close = STEP_TOLERANCE
@@ -91,9 +91,9 @@ class Separate:
             limits = np.outer([-1, 1], reach + 0 * values)
         return self.solve(self.system(evaluation, values), values, 0.0, *limits)
 
-    def record(self, cost: float, values: np.ndarray) -> dict[str, Any]:
+    def record(self, cost: float, values: np.ndarray) -> Visited:
         """A row of the history."""
-        return {"cost": cost, "values": values.tolist(), "loss": 2 * cost / max(self.problem.samples, 1)}
+        return Visited(cost, values.tolist(), 2 * cost / max(self.problem.samples, 1), self.weight)
 
     def remaining_gain(self, newton: Step, evaluation: Evaluation, cost: float) -> tuple[float, float]:
         """Effect of a full step: the move in standard errors, squared, and the decrease of chi-square."""
@@ -114,6 +114,7 @@ class Separate:
             information=step.information,
             gradient=step.gradient,
             eliminated=step.eliminated,
+            gap_weight=self.weight,
             **outcome,
         )
 
@@ -177,9 +178,7 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
             break
         trial = problem.evaluate(values, problem.move_starts(starts, values, dz))
         lower = window_costs(problem, trial.residual) < cost
-        evaluation = Evaluation(*(a.copy() for a in evaluation))
-        for part, new in zip(evaluation, trial, strict=True):
-            part[lower] = new[lower]
+        evaluation = with_rows(evaluation, lower, pick(trial, lower))
         starts = evaluation.starts
         cost = window_costs(problem, evaluation.residual)
         damping = np.clip(np.where(lower, 0.1 * damping, np.maximum(10 * damping, 1e-3)), 1e-9, LARGEST_DAMPING)

@@ -28,7 +28,7 @@ class Descent(Protocol):
     """How parameters move to a minimum, if not by Gauss-Newton steps (`descent.GradientDescent`)."""
 
     def mover(self, objective: Any, count: int = 0) -> Any:
-        """The mover between points (`gauss_newton.Mover`) on an objective, after this number of evaluations."""
+        """The mover between points (`least_squares.Mover`) on an objective, after this number of evaluations."""
 
 
 class Timing(NamedTuple):
@@ -271,6 +271,15 @@ class Problem(Residuals):
         return replace(self, windows=replace(self.windows, substeps=2 * self.windows.substeps))
 
 
+class Visited(NamedTuple):
+    """A point of a descent: its cost, the parameters, the loss per sample, and the gap weight of joined windows."""
+
+    cost: float
+    values: list[float]
+    loss: float
+    gap_weight: float | None
+
+
 @dataclass
 class Solution:
     """End of an estimator.
@@ -286,7 +295,7 @@ class Solution:
         eliminated: dz/dp along the optimum of the starts (K, m2, k).
         status: `ok` or `not_converged`; with `message`, which an `ok` fit has if its cost is non-smooth.
         iterations: number of evaluations.
-        history: one row per iteration: cost, values.
+        history: the points of the descent.
         gap_weight: standard deviation allowed between windows, in units of their scale; None if they are free.
         step_bias: shift of the parameters (k,) by the time step, in standard errors, to first order.
     """
@@ -303,7 +312,7 @@ class Solution:
     status: str = "not_converged"
     message: str = ""
     iterations: int = 0
-    history: list[dict[str, Any]] = field(default_factory=list)
+    history: list[Visited] = field(default_factory=list)
     gap_weight: float | None = None
     evidence: float | None = None
     step_bias: np.ndarray | None = None

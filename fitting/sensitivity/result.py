@@ -1,0 +1,194 @@
+"""Result of a local study: derivatives of a quantity, their errors and range of validity, as text and plain values."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.cli.options import listing, table
+from fitting.sensitivity.problem import Study
+
+#: Growth of a difference of two runs by 0.3 %, as a power of e, from which the motion itself is chaotic: it
+#: then displaces a node by a sixth of the motion.
+MOTION_GROWTH = 4.0
+#: Growth of the small difference, as a power of e, from which rounding errors and exact tangents grow.
+TANGENT_GROWTH = 5.0
+TANGENT = "tangent"
+OF_RUNS = "differences"
+
+
+@dataclasses.dataclass(frozen=True)
+class Local:
+    """Derivatives at the scene's values.
+
+    Attributes:
+        names, units, values: of the parameters.
+        of, unit, value: the quantity.
+        forward: dQ/dp (p,).
+        method: `tangent` (exact derivatives) or `differences` (of runs with links that stretch).
+        error: of `forward` (p,); None if it is not known.
+        growth: logarithm of the growth of small changes over the run, those of the tangent; None without a run.
+        motion_growth: the same of changes by 0.3 %: above `MOTION_GROWTH` the motion is chaotic; None if not known.
+        value_error, noise: error of the quantity by the steps of its run, and what rounding makes of it; NaN if not
+            known.
+        unclear: names of parameters whose slope is not known to a third.
+        horizon: time [s] up to which derivatives are valid; `duration` [s] of the run.
+        reverse: dQ/dp by reverse mode (p,); None unless requested.
+        exponent: growth rate [1/s] of the derivatives where they are not valid for the whole run, or of small errors,
+            the Lyapunov exponent, if that was requested; otherwise None.
+        window: length [s] of the windows of the means; None if derivatives are valid for the whole run.
+        window_mean, window_error: mean derivative of the windows' values and its standard error (p,).
+        linear_range, warnings: relative change of all parameters that the derivatives predict, at most 0.01, and a
+            warning if it is less (see `problem.linear_range`).
+    """
+
+    names: list[str]
+    units: list[str]
+    values: np.ndarray
+    of: str
+    unit: str
+    value: float
+    forward: np.ndarray
+    horizon: float
+    duration: float
+    reverse: np.ndarray | None = None
+    exponent: float | None = None
+    window: float | None = None
+    window_mean: np.ndarray | None = None
+    window_error: np.ndarray | None = None
+    linear_range: float = 0.01
+    warnings: list[str] = dataclasses.field(default_factory=list)
+    method: str = TANGENT
+    error: np.ndarray | None = None
+    growth: float | None = None
+    motion_growth: float | None = None
+    value_error: float = np.nan
+    noise: float = np.nan
+    unclear: tuple[str, ...] = ()
+
+    @property
+    def scaled(self) -> np.ndarray:
+        """`p/Q dQ/dp` (p,): percentage change of the quantity for 1 % change of the parameter; NaN if Q is 0."""
+        if self.value:
+            return self.forward * self.values / self.value
+        return np.full(len(self.names), np.nan)
+
+    @property
+    def finite(self) -> bool:
+        """Whether every step of the run was solved."""
+        return bool(np.isfinite(self.value) and np.isfinite(self.forward).all())
+
+    @property
+    def scaled_error(self) -> np.ndarray | None:
+        """The error of `scaled` (p,)."""
+        if self.error is None or not self.value:
+            return None
+        return np.abs(self.error * self.values / self.value)
+
+    @property
+    def trusted(self) -> bool:
+        return self.window is None and not self.unclear
+
+    @property
+    def grows(self) -> str:
+        """What grows over the run: `nothing`, `tangent` (small changes, but not those of a size that matters), or
+        `motion` (chaos)."""
+        if self.motion_growth is not None and self.motion_growth > MOTION_GROWTH:
+            return "motion"
+        if self.growth is not None and self.growth > TANGENT_GROWTH:
+            return "tangent"
+        return "nothing"
+
+    @property
+    def mismatch(self) -> float | None:
+        """Maximum difference of the two modes, relative to the maximum derivative; None without reverse mode."""
+        if self.reverse is None:
+            return None
+        size = float(np.max(np.abs(self.forward), initial=0.0))
+        if size:
+            return float(np.max(np.abs(self.forward - self.reverse), initial=0.0)) / size
+        return 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields and the properties derived from them."""
+        return {
+            **dataclasses.asdict(self),
+            "scaled": self.scaled,
+            "scaled_error": self.scaled_error,
+            "trusted": self.trusted,
+            "grows": self.grows,
+        }
+
+
+def empty_result(problem: Study, duration: float) -> Local:
+    """The study's parameters and quantity, without derivatives."""
+    nothing = np.full(len(problem.names), np.nan)
+    return Local(
+        names=problem.names,
+        units=[p.unit for p in problem.parameters],
+        values=problem.values,
+        of=problem.of.name,
+        unit=problem.of.unit,
+        value=np.nan,
+        forward=nothing,
+        horizon=duration,
+        duration=duration,
+    )
+
+
+def local_text(found: Local) -> str:
+    """Derivatives as text, the largest first, and their range of validity."""
+    order = np.argsort(-np.abs(found.scaled if np.isfinite(found.scaled).all() else found.forward))
+    columns = {
+        "parameter p": found.names,
+        "value": [f"{x:.5g} {unit}" for x, unit in zip(found.values, found.units, strict=True)],
+        f"dQ/dp [{found.unit} per unit of p]": [f"{x:.6g}" for x in found.forward],
+        "p/Q dQ/dp [% per %]": [f"{x:.4g}" for x in found.scaled],
+    }
+    if found.error is not None:
+        columns["error of dQ/dp"] = [f"{x:.2g}" for x in found.error]
+    if found.window is not None:
+        columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
+        columns["std error"] = [f"{x:.2g}" for x in found.window_error]
+    rows = [list(columns), *([column[i] for column in columns.values()] for i in order)]
+    if found.exponent is None:
+        rate = ""
+    else:
+        rate = f" (growth rate {found.exponent:.2g} per s)"
+    pairs = [
+        ("quantity Q", f"{found.of} = {found.value:.6g}{_plus_minus(found)} {found.unit} over {found.duration:g} s"),
+        ("derivatives valid", f"{_validity(found)}{rate}"),
+    ]
+    if found.method == OF_RUNS:
+        sizes = "1 % of a parameter (0.3 % of a length), error from 0.3 % (0.1 %) and rounding"
+        pairs.append(("method", f"differences of runs by {sizes}"))
+    if found.grows != "nothing":
+        pairs.append(("grows", _GROWS[found.grows]))
+    if found.mismatch is not None:
+        pairs.append(("modes", f"forward and reverse differ by {found.mismatch:.1e}"))
+    if found.window is not None:
+        pairs.append(("windows", f"of {found.window:.3g} s: the quantity of each, averaged over the motion"))
+    return f"{listing(pairs)}\n\n{table(rows)}"
+
+
+def _plus_minus(found: Local) -> str:
+    """The error of the quantity."""
+    if np.isfinite(found.value_error):
+        return f" +- {found.value_error:.2g}"
+    return ""
+
+
+_GROWS = {
+    "tangent": "tangent: changes of 1e-6 grow, those of 0.3 % do not; `jax.grad` of this run is of no use",
+    "motion": "motion: it is chaotic, so only means and distributions have slopes",
+}
+
+
+def _validity(found: Local) -> str:
+    if found.window is not None:
+        return f"up to {found.horizon:.3g} s only: beyond, they predict over 10 % of the motion for 1 % of a parameter"
+    if found.unclear:
+        return f"not by {', '.join(found.unclear)}: see the warnings"
+    return "over the whole run"

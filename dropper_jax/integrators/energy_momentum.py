@@ -269,14 +269,7 @@ class MidpointProblem(StepProblem):
             return powers
         # the force that accelerates the links' masses at the end, times the mean of the end's velocities: exactly the
         # change of their kinetic energy, while tensions work along the end's path
-        first, coupling, last = line.blocks()
         a = u.x / (self.gamma * self.h**2)
-        acc = self.end_acceleration
-        mean = self.end_mean_velocity
-        free = model.free_nodes
-        hold = first[0] * acc[0] + (coupling[0] * a[0] if free else 0.0)
-        powers[MOVING_ENDS] += jnp.sum(hold * mean[0])
-        if model.end_held:
-            hold = last[-1] * acc[1] + (coupling[-1] * a[-1] if free else 0.0)
-            powers[MOVING_ENDS] += jnp.sum(hold * mean[1])
+        hold = model.geometry.held_at_ends(*line.inertia_forces(a, self.end_acceleration))
+        powers[MOVING_ENDS] += jnp.sum(hold * self.end_mean_velocity)
         return powers

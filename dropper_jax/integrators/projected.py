@@ -114,7 +114,7 @@ class ProjectedRungeKutta(Embedded):
         return len(self.b) + 1
 
     def refuse(self, model: Model) -> str | None:
-        if model.geometry.branched:
+        if not model.geometry.is_path:
             return "it runs single lines only; use energy_momentum, theta_midpoint"
         if model.line.failures is not None:
             return "it has no links that break; use energy_momentum"

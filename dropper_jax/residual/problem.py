@@ -5,16 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.model import Effect, ElementForce, Kinematics, Model, State
-from dropper_jax.residual.step import Unknowns
 
 GRAVITY_SCALE = GRAVITY  # [m/s^2]; only scales residuals, the gravity of the scene is a parameter of an effect
+
+
+class Unknowns(NamedTuple):
+    """Unknowns of a step, or its rows, or scales of either.
+
+    Attributes:
+        x: per free node, (nodes, 3).
+        y: per link, (n,): tensions; as rows: the axial laws.
+        z: per law of an effect, (joints, c) each.
+    """
+
+    x: jax.Array
+    y: jax.Array
+    z: tuple[jax.Array, ...] = ()
 
 
 class StepProblem:

@@ -126,7 +126,7 @@ class Implicit(Integrator, ABC):
         return self.equations(model.with_internal_state(s.own).with_lengths(s.t, h), s, h)
 
     def refuse(self, model: Model) -> str | None:
-        if model.geometry.branched and not self.networkable:
+        if not model.geometry.is_path and not self.networkable:
             if model.line.axial.elastic:
                 elastic = ", rk2, rk4, semi_implicit_euler"
             else:

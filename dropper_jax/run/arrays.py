@@ -23,7 +23,7 @@ from dropper_jax.effects.rigid_bodies import MOMENTS, RigidBodies, tetrahedron
 from dropper_jax.effects.spar_buoys import SparBuoys
 from dropper_jax.effects.vessel_motion import VesselByTable, VesselInWaves
 from dropper_jax.load.checks_water import line_reach
-from dropper_jax.model import Failures, Graph, Line, Member, Model, Parted, Path, Point, check_slots
+from dropper_jax.model import Failures, Graph, Line, Member, Model, Parted, Point, check_slots
 from dropper_jax.scene import BodySpec, LineSpec, PointSpec, SceneData, VesselSpec, attitude, join_lines
 from dropper_jax.sea import Sea
 from dropper_jax.sea.make import make_sea
@@ -251,11 +251,12 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
 
 def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Graph:
     far = scene.link_mass_nodes
-    members = tuple(Member(n.name, n.links, index[n.start], index[n.end], far[n.name] == "far") for n in scene.lines)
+    single = not scene.branched
+    members = tuple(
+        Member(n.name, n.links, index[n.start], index[n.end], single or far[n.name] == "far") for n in scene.lines
+    )
     held = tuple(not p.is_free for p in scene.points)
-    if scene.branched:
-        return Graph(members, held + (False,) * corners)
-    return Path(members, held)
+    return Graph(members, held + (False,) * corners, is_path=single)
 
 
 def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:

@@ -240,7 +240,7 @@ class MidpointProblem(StepProblem):
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
-        ends = {name: h * power for name, power in self._end_powers(u, self._directions(links1), k).items()}
+        ends = self._end_works(u, self._directions(links1), k)
         axial = line.axial.works(self.start, links1, line.length, h)
         drums = line.axial.drum_works(self.links0, links1, u.y)
         return book_works(model, works, stopped, struck, turned, axial, drums, ends)
@@ -259,17 +259,14 @@ class MidpointProblem(StepProblem):
         spent = h * jnp.sum(k.v * effect.inertia(k, x / (self.gamma * h**2)))
         return effect.kinetic(after) - effect.kinetic(before) - spent
 
-    def _end_powers(self, u: Unknowns, directions: jax.Array, k: Kinematics) -> dict[str, jax.Array]:
-        """Power of moving ends by name, scalar [W]: the force that holds each end (own weight aside) times its
-        velocity."""
-        model = self.model
+    def _end_works(self, u: Unknowns, directions: jax.Array, k: Kinematics) -> Works:
+        """Work [J] of moving ends by name: the force that holds each end (own weight aside) times its velocity."""
         line = self.model.line
-        powers = model.end_powers(u.y[:, None] * directions, self.ends, k)
-        if not (line.compound and powers):
-            return powers
+        works = self.end_works(u.y[:, None] * directions, self.ends, k=k)
+        if not (line.compound and works):
+            return works
         # the force that accelerates the links' masses at the end, times the mean of the end's velocities: exactly the
         # change of their kinetic energy, while tensions work along the end's path
         a = u.x / (self.gamma * self.h**2)
-        hold = model.geometry.held_at_ends(*line.inertia_forces(a, self.end_acceleration))
-        powers[MOVING_ENDS] += jnp.sum(hold * self.end_mean_velocity)
-        return powers
+        hold = line.geometry.held_at_ends(*line.inertia_forces(a, self.end_acceleration))
+        return {**works, MOVING_ENDS: works[MOVING_ENDS] + self.h * jnp.sum(hold * self.end_mean_velocity)}

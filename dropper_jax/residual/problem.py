@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.model import Effect, ElementForce, Kinematics, Model, State
+from dropper_jax.model import Effect, ElementForce, Ends, Kinematics, Model, State, Works
 
 GRAVITY_SCALE = GRAVITY  # [m/s^2]; only scales residuals, the gravity of the scene is a parameter of an effect
 
@@ -103,6 +103,16 @@ class StepProblem:
         done = s.work + work() if s.work.size else s.work
         return replace(s, r=r, v=v, tension=tension, t=t, work=done, own=own, **{"angles": None, **more})
 
+    def force_works(self, k: Kinematics, v: jax.Array, share: jax.Array | float = 1.0) -> Works:
+        """Work [J] over the step, by name, of this share of the forces of an instant on nodes that move at v (nodes, 3)
+        [m/s]."""
+        forces = self.model.working_forces(k)
+        return {name: share * self.h * jnp.sum(force * v) for name, force in forces.items()}
+
+    def end_works(self, pull: jax.Array, rates: Ends, share: float = 1.0, k: Kinematics | None = None) -> Works:
+        """Work [J] over the step, by name, of this share of `Model.end_powers`."""
+        return {name: share * self.h * power for name, power in self.model.end_powers(pull, rates, k).items()}
+
     def row_scale(self) -> Unknowns:
         """Sizes of the rows: max(m g, m L/h^2) on nodes, L on links, and those of the laws."""
         model = self.model
@@ -137,6 +147,8 @@ class SpeedProblem(StepProblem):
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.mass = model.line.node_mass
         self.pull0 = self.unit_forces(model.links(s.r, self.ends0))
+        #: Link vectors (n, 3) [m] of nodes that do not move between ends that do.
+        self.waiting = model.links(s.r, self.ends1)
 
     def unit_forces(self, links: jax.Array) -> jax.Array:
         """Forces (n, 3) of unit tensions in links (n, 3) [m]."""
@@ -145,6 +157,10 @@ class SpeedProblem(StepProblem):
     def link_vectors(self, x: jax.Array) -> jax.Array:
         """Differences (n, 3) [m/s] of the speeds; fixed points count as at rest."""
         return self.model.geometry.differences(x, None)
+
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        line = self.model.line
+        return y[:, None] * self.pull0, line.axial.at_rest(self.waiting + self.h * d, y, line.length)
 
     def unknown_size(self) -> jax.Array:
         """Size of x, (nodes, 1) [m/s]: a link's length per step."""

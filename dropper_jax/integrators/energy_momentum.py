@@ -140,12 +140,8 @@ class MidpointProblem(StepProblem):
     def _laws(self, mid: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         """Forces (nodes, 3) [N] of the unknowns of laws and constraints, and the rows that determine them."""
         model = self.model
-        pairs = tuple(zip(model.laws, z, strict=False))
-        constraints = tuple(zip(model.constraints, z[len(pairs) :], strict=True))
-        force = sum(law.law_force(mid, unknown) for law, unknown in pairs)
-        rows = tuple(law.law_residual(mid, unknown, self.h, self.easing) for law, unknown in pairs)
-        if not constraints:
-            return force, rows
+        force, rows = self.law_rows(mid, z)
+        constraints = tuple(zip(model.constraints, z[len(rows) :], strict=True))
         middle = mid.r + (0.5 - self.gamma) * self.h * mid.v
         end = mid.r + (1.0 - self.gamma) * self.h * mid.v
         force = force + sum(

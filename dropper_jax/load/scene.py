@@ -224,9 +224,7 @@ class Scene(SceneData):
         )
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)
         check_scene(scene)
-        if branched:
-            scene = scene
-        else:
+        if not branched:
             scene = dataclasses.replace(scene, start=closed_start(scene))
         pose = None if branched else given_pose(scene)
         if pose is not None:

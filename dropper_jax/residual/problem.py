@@ -75,6 +75,12 @@ class StepProblem:
         only."""
         raise NotImplementedError
 
+    def law_rows(self, k: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        """Forces (nodes, 3) [N] of the unknowns of laws at an instant, and the rows that determine these."""
+        pairs = tuple(zip(self.model.laws, z, strict=False))
+        force = sum((law.law_force(k, unknown) for law, unknown in pairs), jnp.zeros_like(k.r))
+        return force, tuple(law.law_residual(k, unknown, self.h, self.easing) for law, unknown in pairs)
+
     def link_vectors(self, x: jax.Array) -> jax.Array:
         """Link vectors (n, 3) at the unknowns, in a unit in which they change as the differences of x do."""
         raise NotImplementedError

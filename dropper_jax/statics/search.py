@@ -196,8 +196,6 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
     ends = model.ends(t)
     if r is None:
         r = jnp.broadcast_to(ends.start, (model.free_nodes, 3))
-    else:
-        r = r
     return ends, model.force(model.instant(r, jnp.zeros_like(r), t, ends))
 
 

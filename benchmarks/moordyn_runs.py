@@ -21,7 +21,6 @@ from dropper_jax.run.build import build, stepper_of
 from dropper_jax.sea.make import make_sea
 from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
 from dropper_jax.stepping.control import advance_over
-from dropper_jax.stepping.extremes import link_tensions
 from dropper_jax.stepping.integrate import begin
 
 #: Time between rows [s], in both codes.
@@ -127,6 +126,9 @@ def _march(
         its ends, its far end's place (saves, 3), and whether all is well (saves,).
     """
     ends = jnp.array([0, links - 1])
+
+    def link_tensions(model, before, after):
+        return after.tension, after.t
 
     def advance(carry):
         _, s, alive, again = carry

@@ -106,9 +106,7 @@ def unwritable(path: Path, error: Exception) -> OSError:
         number = None
         reason = None
     reason = " ".join(str(reason or error).split())
-    if reason.startswith("cannot be written"):
-        reason = reason
-    else:
+    if not reason.startswith("cannot be written"):
         reason = f"cannot be written: {reason}"
     return OSError(number, reason, str(path))
 

@@ -7,50 +7,39 @@ from pathlib import Path
 from types import ModuleType
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.effects.bending import Bending
-from dropper_jax.effects.buoyancy import Buoyancy
-from dropper_jax.effects.clamp_motion import ClampMotion
-from dropper_jax.effects.end_motion import EndMotion
-from dropper_jax.effects.joint_friction import JointFriction
-from dropper_jax.effects.line_contact import LineContact
-from dropper_jax.effects.linear_damping import LinearDamping
-from dropper_jax.effects.morison_drag import MorisonDrag
-from dropper_jax.effects.morison_inertia import MorisonInertia
-from dropper_jax.effects.nodal_force import NodalForce
-from dropper_jax.effects.quadratic_damping import QuadraticDamping
-from dropper_jax.effects.recorded_motion import RecordedMotion
-from dropper_jax.effects.sea_following_end import SeaFollowingEnd
-from dropper_jax.effects.seabed import Seabed
-from dropper_jax.effects.seabed_friction import SeabedFriction
-from dropper_jax.effects.thesis_wave_force import ThesisWaveForce
-from dropper_jax.effects.torsion import Torsion
-from dropper_jax.effects.weight import Weight
+from dropper_jax.base.registry import Registry
 from dropper_jax.model import Effect, Law
 
-#: Effects by their name in a scene, in the order in which a model lists them.
-EFFECTS: dict[str, type[Effect]] = {
-    cls.name: cls
-    for cls in (
-        Weight,
-        LinearDamping,
-        QuadraticDamping,
-        JointFriction,
-        NodalForce,
-        EndMotion,
-        RecordedMotion,
-        Buoyancy,
-        MorisonDrag,
-        MorisonInertia,
-        ThesisWaveForce,
-        SeaFollowingEnd,
-        Seabed,
-        SeabedFriction,
-        Bending,
-        ClampMotion,
-        LineContact,
-        Torsion,
-    )
+#: Class of each effect, in the module of the effect's name, in the order in which a model lists them.
+CLASSES = {
+    "weight": "Weight",
+    "linear_damping": "LinearDamping",
+    "quadratic_damping": "QuadraticDamping",
+    "joint_friction": "JointFriction",
+    "nodal_force": "NodalForce",
+    "end_motion": "EndMotion",
+    "recorded_motion": "RecordedMotion",
+    "buoyancy": "Buoyancy",
+    "morison_drag": "MorisonDrag",
+    "morison_inertia": "MorisonInertia",
+    "thesis_wave_force": "ThesisWaveForce",
+    "sea_following_end": "SeaFollowingEnd",
+    "seabed": "Seabed",
+    "seabed_friction": "SeabedFriction",
+    "bending": "Bending",
+    "clamp_motion": "ClampMotion",
+    "line_contact": "LineContact",
+    "torsion": "Torsion",
 }
+#: Effects by their name in a scene, each imported when it is first looked up.
+EFFECTS: Registry[type[Effect]] = Registry({name: f"{__name__}.{name}:{cls}" for name, cls in CLASSES.items()})
+
+
+def __getattr__(name: str) -> type[Effect]:
+    for effect, cls in CLASSES.items():
+        if cls == name:
+            return EFFECTS[effect]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def register(cls: type[Effect]) -> type[Effect]:
@@ -101,7 +90,7 @@ def register_file(file: str) -> None:
     path = Path(file)
     if path.suffix != ".py" or not path.is_file():
         raise SceneError(f"--effects: {file!r} is not a Python file; allowed: an existing FILE.py with effects")
-    before = dict(EFFECTS)
+    before = EFFECTS.data.copy()
     try:
         module = _run_file(path)
         own = [cls for cls in vars(module).values() if isinstance(cls, type) and cls.__module__ == module.__name__]
@@ -135,29 +124,4 @@ def _run_file(path: Path) -> ModuleType:
     return module
 
 
-__all__ = [
-    "EFFECTS",
-    "Bending",
-    "Buoyancy",
-    "Effect",
-    "EndMotion",
-    "JointFriction",
-    "Law",
-    "LineContact",
-    "LinearDamping",
-    "MorisonDrag",
-    "MorisonInertia",
-    "NodalForce",
-    "REGISTERED_FILES",
-    "QuadraticDamping",
-    "RecordedMotion",
-    "SeaFollowingEnd",
-    "Seabed",
-    "SeabedFriction",
-    "ThesisWaveForce",
-    "Torsion",
-    "Weight",
-    "register",
-    "register_file",
-    "register_installed",
-]
+__all__ = ["EFFECTS", "REGISTERED_FILES", "Effect", "Law", "register", "register_file", "register_installed"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, ClassVar
 
 import jax
@@ -12,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
-from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
+from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData
 
 
@@ -65,23 +66,10 @@ class Bending(Effect):
                 raise SceneError(f"{path}: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line")
 
     def potential(self, k: Kinematics) -> jax.Array:
-        return self._energy(k, k.r)
+        return self._energy(k, at_pieces(k, self.piece_nodes(k.model))[0])
 
     def force(self, k: Kinematics) -> jax.Array:
-        if k.model.geometry.branched:
-            return sum_of_pieces(self, k)
-        return -jax.grad(lambda r: self._energy(k, r))(k.r)
-
-    def _energy(self, k: Kinematics, r: jax.Array) -> jax.Array:
-        links = k.model.links(r, k.ends)
-        directions = links / jnp.sqrt(dot(links, links) + 1e-30)[:, None]
-        first = k.model.geometry.previous_links
-        bend = directions[first + 1] - directions[first]
-        inside = jnp.sum(self._stiffness(k, first, first + 1) * dot(bend, bend))
-        if not self.clamped:
-            return inside
-        at, leaving = self._clamps(k.model)
-        return inside + jnp.sum(self._stiffness(k, at, at) * _squares(directions[at] - leaving))
+        return sum_of_pieces(self, k)
 
     def _stiffness(self, k: Kinematics, first: np.ndarray, last: np.ndarray) -> jax.Array:
         """`EI/(2 l)` (joints,) [J] of the joints between two links each, or between a link and the wall."""
@@ -115,21 +103,17 @@ class Bending(Effect):
         return np.concatenate([inner, np.stack([graph.first[at], graph.first[at], graph.last[at]], axis=1)])
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+        return -jax.grad(partial(self._energy, k))(r)
+
+    def _energy(self, k: Kinematics, r: jax.Array) -> jax.Array:
+        """Energy [J] of the joints with nodes at positions r (joints, 3, 3)."""
         first = k.model.geometry.previous_links
-        at, leaving = self._clamps(k.model)
         stiffness = self._stiffness(k, first, first + 1)
+        links = r[:, 1:] - r[:, :-1]
+        before, after = jnp.moveaxis(links / jnp.sqrt(dot(links, links) + 1e-30)[..., None], 1, 0)
         if self.clamped:
+            at, leaving = self._clamps(k.model)
             stiffness = jnp.concatenate([stiffness, self._stiffness(k, at, at)])
-
-        def energy(r: jax.Array) -> jax.Array:
-            links = r[:, 1:] - r[:, :-1]
-            before, after = jnp.moveaxis(links / jnp.sqrt(dot(links, links) + 1e-30)[..., None], 1, 0)
-            if self.clamped:
-                before = jnp.concatenate([before[: len(first)], leaving])
-            return jnp.sum(stiffness * _squares(after - before))
-
-        return -jax.grad(energy)(r)
-
-
-def _squares(a: jax.Array) -> jax.Array:
-    return dot(a, a)
+            before = jnp.concatenate([before[: len(first)], leaving])
+        bend = after - before
+        return jnp.sum(stiffness * dot(bend, bend))

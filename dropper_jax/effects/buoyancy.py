@@ -52,7 +52,7 @@ class Buoyancy(Effect):
         up = jnp.zeros_like(k.r[:, 2])
         for part in k.line.parts():
             wet = wet_share(k, part, water.tangents, water.motion.elevation)
-            up = up + part.collect(part.share * part.take(lift) * wet)
+            up = up + part.collect(part.share * lift * wet)
         return upright(up)
 
 

@@ -108,11 +108,11 @@ class MorisonDrag(Effect):
         for part in k.line.parts():
             flow = part.at(relative)
             if self.shelter is not None:
-                flow = flow - part.at(water.current) * part.take((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]
-            across, along = split(flow, part.take(tangents))
+                flow = flow - part.at(water.current) * ((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]
+            across, along = split(flow, tangents)
             wet = part.share * wet_share(k, part, tangents, water.motion.elevation)
-            normal = (wet * part.take(skin * self.cdn) * safe_norm(across))[:, None] * across
-            axial = (wet * part.take(jnp.pi * skin * self.cdt) * safe_norm(along))[:, None] * along
+            normal = (wet * (skin * self.cdn) * safe_norm(across))[:, None] * across
+            axial = (wet * (jnp.pi * skin * self.cdt) * safe_norm(along))[:, None] * along
             total = total + part.collect(normal + axial)
         return total
 

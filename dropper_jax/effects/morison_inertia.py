@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.effects.cylinder import SOURCES, check_source
 from dropper_jax.effects.submerged import split, wet_share
-from dropper_jax.model import Effect, Kinematics, Part
+from dropper_jax.model import Effect, Kinematics, LinkEnd
 from dropper_jax.scene import SceneData
 
 
@@ -23,13 +23,13 @@ class _InertiaForce(Effect):
     def needs_material(self) -> bool:
         return self.fluid_acceleration == "material"
 
-    def _coefficients(self, k: Kinematics, part: Part) -> tuple[jax.Array | float, jax.Array | float]:
+    def _coefficients(self, k: Kinematics) -> tuple[jax.Array | float, jax.Array | float]:
         return 0.0, 0.0
 
-    def _wet_mass(self, k: Kinematics, part: Part) -> jax.Array:
-        """Mass of the water displaced by the submerged rows of a part (rows, 1) [kg]."""
+    def _wet_mass(self, k: Kinematics, part: LinkEnd) -> jax.Array:
+        """Mass of the water displaced by the submerged ends of links (n, 1) [kg]."""
         wet = wet_share(k, part, k.water.tangents, k.water.motion.elevation)
-        return (part.share * part.take(k.model.sea.density * k.line.volume) * wet)[:, None]
+        return (part.share * (k.model.sea.density * k.line.volume) * wet)[:, None]
 
     def force(self, k: Kinematics) -> jax.Array:
         water = k.water
@@ -39,8 +39,8 @@ class _InertiaForce(Effect):
             change = water.motion.acceleration
         total = jnp.zeros_like(k.r)
         for part in k.line.parts():
-            across, along = split(part.at(change), part.take(water.tangents))
-            can, cat = self._coefficients(k, part)
+            across, along = split(part.at(change), water.tangents)
+            can, cat = self._coefficients(k)
             total = total + part.collect(self._wet_mass(k, part) * ((1.0 + can) * across + (1.0 + cat) * along))
         return total
 
@@ -123,22 +123,22 @@ class MorisonInertia(_InertiaForce):
         """Whether can and cat actually differ anywhere."""
         return jnp.any(self.can != self.cat)
 
-    def _coefficients(self, k: Kinematics, part: Part) -> tuple[jax.Array, jax.Array]:
-        """C_A across and along over the displaced mass, ready to multiply (nodes, 3)."""
-        column = lambda value: value if jnp.ndim(value) == 0 else part.take(value)[:, None]  # noqa: E731
+    def _coefficients(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
+        """C_A across and along over the displaced mass, ready to multiply (n, 3)."""
+        can, cat = (value if jnp.ndim(value) == 0 else value[:, None] for value in (self.can, self.cat))
         if k.line.outer_diameter is None:
-            return column(self.can), column(self.cat)
-        size = part.take((k.line.outer_diameter / k.line.diameter) ** 2)[:, None]
-        return size * column(self.can), size * column(self.cat)
+            return can, cat
+        size = ((k.line.outer_diameter / k.line.diameter) ** 2)[:, None]
+        return size * can, size * cat
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         """Inertia force (nodes, 3) [N] of the added mass for accelerations a."""
         if self.added_mass == "lagrangian":
             return self._lagrangian(k, a)
         total = jnp.zeros_like(a)
+        can, cat = self._coefficients(k)
         for part in k.line.parts():
-            across, along = split(part.at(a), part.take(k.water.tangents))
-            can, cat = self._coefficients(k, part)
+            across, along = split(part.at(a), k.water.tangents)
             total = total + part.collect(self._wet_mass(k, part) * (can * across + cat * along))
         return total
 
@@ -151,15 +151,16 @@ class MorisonInertia(_InertiaForce):
         middle = k.links / length
         turn = 0.5 * h * k.link_velocities / length
         dot = lambda p, q: jnp.sum(p * q, axis=-1, keepdims=True)  # noqa: E731
+        start, end = middle - turn, middle + turn
         total = jnp.zeros_like(a)
+        can, cat = self._coefficients(k)
         for part in k.line.parts():
             mass = self._wet_mass(k, part)
-            can, cat = self._coefficients(k, part)
-            start, mean, end = (part.take(d) for d in (middle - turn, middle, middle + turn))
-            momentum = end * dot(end, after) - start * dot(start, before)
-            total = total + mass * (can * a + (cat - can) * momentum / h)
-            force = 0.5 * mass * (cat - can) * (before * dot(mean, after) + after * dot(mean, before))
-            total = total + k.model.gather(part.spread(force, k.line.links) / length)
+            change, v0, v1 = (part.at(nodal) for nodal in (a, before, after))
+            momentum = end * dot(end, v1) - start * dot(start, v0)
+            total = total + part.collect(mass * (can * change + (cat - can) * momentum / h))
+            force = 0.5 * mass * (cat - can) * (v0 * dot(middle, v1) + v1 * dot(middle, v0))
+            total = total + k.model.gather(force / length)
         return total
 
     def kinetic(self, k: Kinematics) -> jax.Array:
@@ -168,11 +169,11 @@ class MorisonInertia(_InertiaForce):
         line = k.line
         elevation = sea.elevation(k.r, k.t)
         total = jnp.zeros((), k.r.dtype)
+        can, cat = self._coefficients(k)
         for part in k.line.parts():
             wet = wet_share(k, part, k.tangents, elevation)
-            mass = (part.share * part.take(sea.density * line.volume) * wet)[:, None]
-            can, cat = self._coefficients(k, part)
+            mass = (part.share * (sea.density * line.volume) * wet)[:, None]
             v = part.at(k.v)
-            along = split(v, part.take(k.links / line.length[:, None]))[1]
+            along = split(v, k.links / line.length[:, None])[1]
             total = total + 0.5 * jnp.sum(mass * v * (can * v + (cat - can) * along))
         return total

@@ -7,18 +7,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import Kinematics, Part
+from dropper_jax.model import Kinematics, LinkEnd
 
 #: A NumPy or JAX array.
 Array = Any
 
 
-def wet_share(k: Kinematics, part: Part, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
-    """Submerged fraction of each row (rows,), 0 to 1."""
-    line = k.line
-    height = part.take(line.diameter * jnp.ones_like(line.length) + line.length * jnp.abs(tangents[:, 2]))
-    # a free end has no next link: its near part has no height and its share is zero
-    height = jnp.where(height > 0.0, height, 1.0)
+def wet_share(k: Kinematics, part: LinkEnd, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
+    """Submerged fraction of this end of each link (n,), 0 to 1."""
+    height = k.line.diameter + k.line.length * jnp.abs(tangents[:, 2])
     return submerged_fraction(part.at(elevation - k.r[:, 2]), height)
 
 

@@ -134,9 +134,7 @@ class CoupledTorsion(Torsion):
         return where.twists * self.coupling * where.differences(phi) / model.line.length
 
     def force(self, k: Kinematics) -> jax.Array:
-        if k.model.geometry.branched:
-            return sum_of_pieces(self, k)
-        return k.model.gather(self.twist_tension(k.model)[:, None] * k.tangents)
+        return sum_of_pieces(self, k)
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """Both nodes of every link."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from importlib import import_module
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
+
+from dropper_jax.base.registry import Registry
 
 if TYPE_CHECKING:
     from dropper_jax.residual import Integrator
@@ -26,29 +27,37 @@ SCHEMES = {
     "thesis_angles": "ThesisAngles",
 }
 
+#: Schemes that take an option of `[run]`, by the option's name.
+TAKERS = {
+    "gamma": ("theta", "theta_midpoint", "thesis_angles"),
+    "rho_infinity": ("generalized_alpha",),
+}
+
+
+class Options(Mapping[str, Mapping[str, Any]]):
+    """Meaning and widest range of every option of a scheme, by name; each scheme checks its own range."""
+
+    def __getitem__(self, name: str) -> Mapping[str, Any]:
+        declared = [INTEGRATORS[scheme].options()[name] for scheme in TAKERS[name]]
+        return {
+            **declared[-1],
+            "low": min(one["low"] for one in declared),
+            "high": max(one["high"] for one in declared),
+            "open_low": all(one["open_low"] for one in declared),
+        }
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(TAKERS)
+
+    def __len__(self) -> int:
+        return len(TAKERS)
+
+
 #: Class of each scheme by name.
-INTEGRATORS: dict[str, type[Integrator]]
-#: Keys that `[run]` may contain in addition to its own; each scheme checks its own range.
-OPTIONS: dict[str, Mapping[str, Any]]
+INTEGRATORS: Registry[type[Integrator]] = Registry(
+    {scheme: f"{__name__}.{scheme}:{cls}" for scheme, cls in SCHEMES.items()}
+)
+#: Keys that `[run]` may contain in addition to its own.
+OPTIONS = Options()
 
 __all__ = ["INTEGRATORS", "OPTIONS", "SCHEMES"]
-
-
-def __getattr__(name: str) -> Mapping[str, Any]:
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    schemes = {scheme: getattr(import_module(f"{__name__}.{scheme}"), cls) for scheme, cls in SCHEMES.items()}
-    globals().update(INTEGRATORS=schemes, OPTIONS=_options(schemes))
-    return globals()[name]
-
-
-def _options(schemes: Mapping[str, type[Integrator]]) -> dict[str, Mapping[str, Any]]:
-    """Meaning and widest range of every option of a scheme, by name."""
-    found: dict[str, Mapping[str, Any]] = {}
-    for scheme in schemes.values():
-        for name, one in scheme.options().items():
-            other = found.get(name, one)
-            low = min(one["low"], other["low"])
-            high = max(one["high"], other["high"])
-            found[name] = {**one, "low": low, "high": high, "open_low": one["open_low"] and other["open_low"]}
-    return found

@@ -114,7 +114,7 @@ def _solve_projection(problem: ProjectionProblem) -> Unknowns:
     model = problem.model
     u = Unknowns(jnp.zeros_like(k.r), jnp.zeros_like(k.line.length))
     coupled = k.line.compound or (problem.added and couples_inertia(model))
-    solver = SOLVERS["network" if model.geometry.branched else "banded" if coupled else "condensed"]
+    solver = SOLVERS["network" if not model.geometry.is_path else "banded" if coupled else "condensed"]
     found = solver.linearise(problem, u).apply(problem.residual(u))
     return Unknowns(-found.x, -found.y)
 

@@ -140,12 +140,8 @@ class MidpointProblem(StepProblem):
     def _laws(self, mid: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         """Forces (nodes, 3) [N] of the unknowns of laws and constraints, and the rows that determine them."""
         model = self.model
-        pairs = tuple(zip(model.laws, z, strict=False))
-        constraints = tuple(zip(model.constraints, z[len(pairs) :], strict=True))
-        force = sum(law.law_force(mid, unknown) for law, unknown in pairs)
-        rows = tuple(law.law_residual(mid, unknown, self.h, self.easing) for law, unknown in pairs)
-        if not constraints:
-            return force, rows
+        force, rows = self.law_rows(mid, z)
+        constraints = tuple(zip(model.constraints, z[len(rows) :], strict=True))
         middle = mid.r + (0.5 - self.gamma) * self.h * mid.v
         end = mid.r + (1.0 - self.gamma) * self.h * mid.v
         force = force + sum(
@@ -240,7 +236,7 @@ class MidpointProblem(StepProblem):
             forces[law.name] = forces.get(law.name, 0.0) + law.law_force(k, z)
         works = {name: h * jnp.sum(force * k.v) for name, force in forces.items()}
         turned = {turning(e): self._turning(e, k, u) for e in model.having(AddedMass)}
-        ends = {name: h * power for name, power in self._end_powers(u, self._directions(links1), k).items()}
+        ends = self._end_works(u, self._directions(links1), k)
         axial = line.axial.works(self.start, links1, line.length, h)
         drums = line.axial.drum_works(self.links0, links1, u.y)
         return book_works(model, works, stopped, struck, turned, axial, drums, ends)
@@ -259,24 +255,14 @@ class MidpointProblem(StepProblem):
         spent = h * jnp.sum(k.v * effect.inertia(k, x / (self.gamma * h**2)))
         return effect.kinetic(after) - effect.kinetic(before) - spent
 
-    def _end_powers(self, u: Unknowns, directions: jax.Array, k: Kinematics) -> dict[str, jax.Array]:
-        """Power of moving ends by name, scalar [W]: the force that holds each end (own weight aside) times its
-        velocity."""
-        model = self.model
+    def _end_works(self, u: Unknowns, directions: jax.Array, k: Kinematics) -> Works:
+        """Work [J] of moving ends by name: the force that holds each end (own weight aside) times its velocity."""
         line = self.model.line
-        powers = model.end_powers(u.y[:, None] * directions, self.ends, k)
-        if not (line.compound and powers):
-            return powers
+        works = self.end_works(u.y[:, None] * directions, self.ends, k=k)
+        if not (line.compound and works):
+            return works
         # the force that accelerates the links' masses at the end, times the mean of the end's velocities: exactly the
         # change of their kinetic energy, while tensions work along the end's path
-        first, coupling, last = line.blocks()
         a = u.x / (self.gamma * self.h**2)
-        acc = self.end_acceleration
-        mean = self.end_mean_velocity
-        free = model.free_nodes
-        hold = first[0] * acc[0] + (coupling[0] * a[0] if free else 0.0)
-        powers[MOVING_ENDS] += jnp.sum(hold * mean[0])
-        if model.end_held:
-            hold = last[-1] * acc[1] + (coupling[-1] * a[-1] if free else 0.0)
-            powers[MOVING_ENDS] += jnp.sum(hold * mean[1])
-        return powers
+        hold = line.geometry.held_at_ends(*line.inertia_forces(a, self.end_acceleration))
+        return {**works, MOVING_ENDS: works[MOVING_ENDS] + self.h * jnp.sum(hold * self.end_mean_velocity)}

@@ -161,11 +161,8 @@ class GeneralizedAlphaProblem(StepProblem):
         k = self.instant(x)
         old = self.s.acceleration
         a = old + self.new_a * (self._acceleration(x) - old)
-        rows = self.model.inertia(k, a, self.end_acceleration) - self.model.force(k)
-        laws = tuple(zip(self.model.laws, z, strict=True))
-        for law, unknown in laws:
-            rows = rows - law.law_force(k, unknown)
-        return rows, tuple(law.law_residual(k, unknown, self.h, self.easing) for law, unknown in laws)
+        force, laws = self.law_rows(k, z)
+        return self.model.inertia(k, a, self.end_acceleration) - self.model.force(k) - force, laws
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
         return self.model.links(self.s.r + (self.h * self.s.v + x), self.ends1)

@@ -29,7 +29,8 @@ import numpy as np
 
 from dropper_jax.backend.tridiagonal import cyclic_reduction
 from dropper_jax.base.numerics import components, dot, time_just_after
-from dropper_jax.model import Kinematics, Model, State, book_works, work_names
+from dropper_jax.integrators.runge_kutta import powers
+from dropper_jax.model import Model, State, book_works, work_names
 from dropper_jax.model.model import MOVING_ENDS
 from dropper_jax.residual import Embedded, point_masses_only
 from dropper_jax.solvers.condensed import ConstraintMatrix
@@ -54,11 +55,12 @@ def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) 
     rate = k.link_velocities
     rhs = dot(unit, model.geometry.differences(loose, ends)) + dot(rate, rate) / model.line.length
     tension = _solve_multipliers(unit, inverse, rhs)
+    a = loose + model.tension_force(tension, unit) * inverse[:, None]
     if track and work_names(model):
-        power = _powers(model, k, tension[:, None] * unit)
+        power = powers(model, k, tension, a)
     else:
         power = jnp.zeros(0, r.dtype)
-    return Moving(loose + model.tension_force(tension, unit) * inverse[:, None], tension, power)
+    return Moving(a, tension, power)
 
 
 def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -92,11 +94,6 @@ def _solve_multipliers(unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -> j
     return cyclic_reduction(*ConstraintMatrix.of(inverse, components(unit), components(unit)), rhs)
 
 
-def _powers(model: Model, k: Kinematics, force: jax.Array) -> jax.Array:
-    forces = {name: jnp.sum(force * k.v) for name, force in model.working_forces(k).items()}
-    return book_works(model, forces, model.end_powers(force, k.ends, k))
-
-
 @dataclass(frozen=True)
 class ProjectedRungeKutta(Embedded):
     """A tableau; the last stage is at the end of the step."""
@@ -106,15 +103,13 @@ class ProjectedRungeKutta(Embedded):
     b: ClassVar[tuple[float, ...]]
     #: Weights of the error estimates, each (s,), or (s + 1,) with the rate at the end of the step.
     errors: ClassVar[tuple[tuple[float, ...], ...]]
-    #: h b/m above which damping makes the scheme unstable.
-    stable: ClassVar[float]
 
     @property
     def evaluations(self) -> int:
         return len(self.b) + 1
 
     def refuse(self, model: Model) -> str | None:
-        if model.geometry.branched:
+        if not model.geometry.is_path:
             return "it runs single lines only; use energy_momentum, theta_midpoint"
         if model.line.failures is not None:
             return "it has no links that break; use energy_momentum"

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import jax
-import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.numerics import components, dot
 from dropper_jax.model import Kinematics, Model, State, book_works
-from dropper_jax.residual import Implicit, SpeedProblem, Unknowns, point_masses_only
+from dropper_jax.residual import Implicit, SpeedProblem, Unknowns
 from dropper_jax.solvers.condensed import ConstraintMatrix
 
 
@@ -29,10 +28,8 @@ class Rattle(Implicit):
     name: ClassVar[str] = "rattle"
     order: ClassVar[int] = 2
     condensable: ClassVar[bool] = True
+    point_masses: ClassVar[bool] = True
     enough: ClassVar[float] = 1.0  # its energy is bounded by the scheme, not conserved to rounding
-
-    def refuse(self, model: Model) -> str | None:
-        return point_masses_only(model) or super().refuse(model)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> RattleProblem:
         return RattleProblem(model, s, h)
@@ -44,8 +41,6 @@ class RattleProblem(SpeedProblem):
     def __init__(self, model: Model, s: State, h: jax.Array) -> None:
         super().__init__(model, s, h)
         self.prepared = model.prepare(model.kinematics(s.r, s.v, s.t, self.ends0))
-        #: Link vectors (n, 3) [m] of nodes that do not move between ends that do.
-        self.waiting = model.links(s.r, self.ends1)
 
     def guess(self) -> Unknowns:
         return Unknowns(self.s.v + 0.5 * self.h * self.s.acceleration, self.s.tension)
@@ -61,10 +56,6 @@ class RattleProblem(SpeedProblem):
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         return (2 / self.h) * self.mass[:, None] * (x - self.s.v) - self.model.force(self._start_kinematics(x)), ()
-
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        line = self.model.line
-        return y[:, None] * self.pull0, line.axial.at_rest(self.waiting + self.h * d, y, line.length)
 
     def finish(self, u: Unknowns) -> State:
         model = self.model
@@ -91,11 +82,10 @@ class RattleProblem(SpeedProblem):
         return solve_tridiagonal(*matrix, dot(direction, self.model.rates(v, self.ends1)))
 
     def _work(self, u: Unknowns, after: Kinematics, pull1: jax.Array, mu: jax.Array) -> jax.Array:
-        model = self.model
-        h = self.h
-        then = model.working_forces(self._start_kinematics(u.x))
-        now = model.working_forces(after)
-        works = {name: 0.5 * h * jnp.sum((then[name] + now[name]) * u.x) for name in now}
-        halves = ((u.y, self.pull0, self.ends0), (mu, pull1, self.ends1))
-        ends = [model.end_powers(y[:, None] * direction, rates) for y, direction, rates in halves]
-        return book_works(model, works, *({name: 0.5 * h * power for name, power in half.items()} for half in ends))
+        return book_works(
+            self.model,
+            self.force_works(self._start_kinematics(u.x), u.x, 0.5),
+            self.force_works(after, u.x, 0.5),
+            self.end_works(u.y[:, None] * self.pull0, self.ends0, 0.5),
+            self.end_works(mu[:, None] * pull1, self.ends1, 0.5),
+        )

@@ -45,7 +45,7 @@ def accelerations(model: Model, k: Kinematics, force: jax.Array, t: jax.Array) -
     if not line.compound:
         return force / diagonal[:, None]
     if model.moving:
-        force = force - line.inertia_force(jnp.zeros_like(force), model.end_acceleration(t))
+        force = force - model.nodal_inertia(jnp.zeros_like(force), model.end_acceleration(t))
     off = line.blocks()[1][1:free]
     zero = jnp.zeros_like(diagonal[:1])
     return solve_tridiagonal(jnp.concatenate([zero, off]), diagonal, jnp.concatenate([off, zero]), force)

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import jax
-import jax.numpy as jnp
 
 from dropper_jax.integrators.runge_kutta import combine, rates
 from dropper_jax.model import Model, State, book_works
@@ -25,7 +24,6 @@ from dropper_jax.residual import (
     Integrator,
     SpeedProblem,
     Unknowns,
-    point_masses_only,
 )
 
 
@@ -36,14 +34,12 @@ class SemiImplicitEuler(Implicit):
     name: ClassVar[str] = "semi_implicit_euler"
     order: ClassVar[int] = 1
     condensable: ClassVar[bool] = True
+    point_masses: ClassVar[bool] = True
 
     def form_for(self, model: Model) -> Integrator:
         if model.line.axial.elastic:
             return ElasticSemiImplicitEuler()
         return self
-
-    def refuse(self, model: Model) -> str | None:
-        return point_masses_only(model) or super().refuse(model)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> SemiImplicitProblem:
         return SemiImplicitProblem(model, s, h)
@@ -68,18 +64,12 @@ class SemiImplicitProblem(SpeedProblem):
         super().__init__(model, s, h)
         self.before = model.instant(s.r, s.v, s.t, self.ends0)
         self.force0 = model.force(self.before)
-        #: Link vectors (n, 3) [m] of nodes that do not move between ends that do.
-        self.waiting = model.links(s.r, self.ends1)
 
     def guess(self) -> Unknowns:
         return Unknowns(self.s.v + self.h * self.s.acceleration, self.s.tension)
 
     def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
         return self.mass[:, None] * (x - self.s.v) / self.h - self.force0, ()
-
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        line = self.model.line
-        return y[:, None] * self.pull0, line.axial.at_rest(self.waiting + self.h * d, y, line.length)
 
     def finish(self, u: Unknowns) -> State:
         s = self.s
@@ -93,8 +83,5 @@ class SemiImplicitProblem(SpeedProblem):
         )
 
     def _work(self, u: Unknowns) -> jax.Array:
-        model = self.model
-        h = self.h
-        works = {name: h * jnp.sum(force * u.x) for name, force in model.working_forces(self.before).items()}
-        ends = model.end_powers(u.y[:, None] * self.pull0, self.ends1, self.before)
-        return book_works(model, works, {name: h * power for name, power in ends.items()})
+        ends = self.end_works(u.y[:, None] * self.pull0, self.ends1, k=self.before)
+        return book_works(self.model, self.force_works(self.before, u.x), ends)

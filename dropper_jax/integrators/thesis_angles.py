@@ -22,7 +22,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.model import Ends, Kinematics, Model, State, book_works
-from dropper_jax.residual import GRAVITY_SCALE, Implicit, StepProblem, Unknowns, point_masses_only
+from dropper_jax.residual import GRAVITY_SCALE, Implicit, StepProblem, Unknowns
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class ThesisAngles(Implicit):
     name: ClassVar[str] = "thesis_angles"
     order: ClassVar[int] = 1
     local_rows: ClassVar[bool] = False
+    point_masses: ClassVar[bool] = True
     gamma: float = parameter(
         "weight of the new time, 1 for implicit Euler", unit="-", low=0.0, high=1.0, open_low=True, default=0.51
     )
@@ -43,7 +44,7 @@ class ThesisAngles(Implicit):
     def refuse(self, model: Model) -> str | None:
         if model.moving:
             return "the thesis' scheme holds both ends still; use energy_momentum"
-        return point_masses_only(model) or super().refuse(model)
+        return super().refuse(model)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> AnglesProblem:
         return AnglesProblem(model, self.begin(model, s), h, self.gamma, carried=s.angles is not None)
@@ -167,12 +168,6 @@ class AnglesProblem(StepProblem):
         )
 
     def _work(self, before: Kinematics, after: Kinematics) -> jax.Array:
-        model = self.model
         gamma = self.gamma
-        h = self.h
         mean = gamma * after.v + (1 - gamma) * before.v
-        then = model.working_forces(before)
-        now = model.working_forces(after)
-        return book_works(
-            model, {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now}
-        )
+        return book_works(self.model, self.force_works(after, mean, gamma), self.force_works(before, mean, 1 - gamma))

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import jax
-import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics, Model, State, book_works
-from dropper_jax.residual import Implicit, SpeedProblem, Unknowns, point_masses_only
+from dropper_jax.residual import Implicit, SpeedProblem, Unknowns
 
 
 @dataclass(frozen=True)
@@ -28,6 +27,7 @@ class Theta(Implicit):
     name: ClassVar[str] = "theta"
     order: ClassVar[int] = 1
     condensable: ClassVar[bool] = True
+    point_masses: ClassVar[bool] = True
     gamma: float = parameter(
         "weight of the new time, 0 for explicit, 1 for implicit Euler", unit="-", low=0.0, high=1.0, default=0.51
     )
@@ -39,9 +39,6 @@ class Theta(Implicit):
     @property
     def dissipates(self) -> bool:
         return self.gamma > 0.5
-
-    def refuse(self, model: Model) -> str | None:
-        return point_masses_only(model) or super().refuse(model)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> ThetaProblem:
         return ThetaProblem(model, s, h, self.gamma)
@@ -97,13 +94,11 @@ class ThetaProblem(SpeedProblem):
 
     def _work(self, u: Unknowns, after: Kinematics) -> jax.Array:
         """Weighted power of both ends (k,) [J]; first order like the scheme."""
-        model = self.model
         gamma = self.gamma
-        h = self.h
-        before = self.before
-        mean = gamma * after.v + (1 - gamma) * before.v
-        then = model.working_forces(before)
-        now = model.working_forces(after)
-        works = {name: h * jnp.sum((gamma * now[name] + (1 - gamma) * then[name]) * mean) for name in now}
-        ends = model.end_powers(u.y[:, None] * self.unit_forces(after.links), self.ends1, after)
-        return book_works(model, works, {name: h * power for name, power in ends.items()})
+        mean = gamma * after.v + (1 - gamma) * self.before.v
+        return book_works(
+            self.model,
+            self.force_works(after, mean, gamma),
+            self.force_works(self.before, mean, 1 - gamma),
+            self.end_works(u.y[:, None] * self.unit_forces(after.links), self.ends1, k=after),
+        )

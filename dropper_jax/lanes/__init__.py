@@ -19,7 +19,6 @@ from typing import Any, Literal, TypeVar
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.extend import core
 
 from dropper_jax.backend.one_kernel import ELEMENTWISE, separate_call
 from dropper_jax.lanes.rules import STRUCTURAL, Value, lined_up, spread
@@ -61,7 +60,10 @@ def lanes(f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0) -> Calla
     return run_batch
 
 
-Atom = core.Var | core.Literal
+#: Of JAX, which makes them by `jax.make_jaxpr`: a traced function, an operation of it, and what this reads.
+Program = Any
+Operation = Any
+Atom = Any
 
 #: Operations that call a function once, and which parameter holds it.
 CALLS = {
@@ -75,32 +77,37 @@ CALLS = {
 }
 
 
-def close_jaxpr(program: core.Jaxpr | core.ClosedJaxpr) -> core.ClosedJaxpr:
-    """The function of a call, with its constants."""
+def split_constants(program: Program) -> tuple[Program, Sequence[Any]]:
+    """A traced function, and its constants: that of a call may have none."""
     if hasattr(program, "consts"):
-        return program
-    return core.ClosedJaxpr(program, ())
+        return program.jaxpr, program.consts
+    return program, ()
 
 
-def _which(program: core.ClosedJaxpr, many: Sequence[bool]) -> list[bool]:
-    jaxpr = program.jaxpr
+def is_literal(atom: Atom) -> bool:
+    """Whether it is a number in the program, not a variable."""
+    return hasattr(atom, "val")
+
+
+def _which(program: Program, many: Sequence[bool]) -> list[bool]:
+    jaxpr, _ = split_constants(program)
     known = dict.fromkeys(jaxpr.constvars, False) | dict(zip(jaxpr.invars, many, strict=True))
 
     def read(atom: Atom) -> bool:
-        return not isinstance(atom, core.Literal) and known[atom]
+        return not is_literal(atom) and known[atom]
 
     for eqn in jaxpr.eqns:
         known.update(zip(eqn.outvars, _which_of(eqn, [read(a) for a in eqn.invars]), strict=True))
     return [read(a) for a in jaxpr.outvars]
 
 
-def _which_of(eqn: core.JaxprEqn, many: list[bool]) -> list[bool]:
+def _which_of(eqn: Operation, many: list[bool]) -> list[bool]:
     name = eqn.primitive.name
     p = eqn.params
     if not any(many):
         return [False] * len(eqn.outvars)
     if name in CALLS:
-        return _which(close_jaxpr(p[CALLS[name]]), many)
+        return _which(p[CALLS[name]], many)
     if name == "scan":
         return which_scanned(p, many)
     if name == "while":
@@ -164,18 +171,18 @@ class Interpreter:
         """Arrays with the member axis where `many` requires it."""
         return [spread(v, self.members) if m else v.array for v, m in zip(values, many, strict=True)]
 
-    def run(self, program: core.ClosedJaxpr, inputs: Sequence[Value]) -> list[Value]:
+    def run(self, program: Program, inputs: Sequence[Value]) -> list[Value]:
         """The results of a traced function.
 
         Raises:
             Unreadable: an operation of a JAX that names its parameters differently.
         """
-        jaxpr = program.jaxpr
-        known = dict(zip(jaxpr.constvars, (Value(c, False) for c in program.consts), strict=True))
+        jaxpr, consts = split_constants(program)
+        known = dict(zip(jaxpr.constvars, (Value(c, False) for c in consts), strict=True))
         known |= dict(zip(jaxpr.invars, inputs, strict=True))
 
         def read(atom: Atom) -> Value:
-            if isinstance(atom, core.Literal):
+            if is_literal(atom):
                 return Value(atom.val, False)
             return known[atom]
 
@@ -187,11 +194,11 @@ class Interpreter:
             known.update(zip(eqn.outvars, found, strict=True))
         return [read(a) for a in jaxpr.outvars]
 
-    def operation(self, eqn: core.JaxprEqn, inputs: list[Value]) -> list[Value]:
+    def operation(self, eqn: Operation, inputs: list[Value]) -> list[Value]:
         name = eqn.primitive.name
         p = eqn.params
         if name in CALLS:
-            return self.run(close_jaxpr(p[CALLS[name]]), inputs)
+            return self.run(p[CALLS[name]], inputs)
         if not any(v.many for v in inputs):
             return [Value(x, False) for x in alone(eqn, [v.array for v in inputs])]
         if name in self.control:
@@ -258,7 +265,7 @@ class Interpreter:
             return [Value(x, True) for x in chosen]
         many = which_branched(p, [v.many for v in given])
 
-        def branch(program: core.ClosedJaxpr, arrays: list[Any]) -> list[Any]:
+        def branch(program: Program, arrays: list[Any]) -> list[Any]:
             return self.with_member_axis(self.run(program, as_values(arrays, [v.many for v in given])), many)
 
         branches = [partial(branch, b) for b in p["branches"]]
@@ -276,7 +283,7 @@ def as_values(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:
     return [Value(x, m) for x, m in zip(arrays, many, strict=True)]
 
 
-def alone(eqn: core.JaxprEqn, inputs: Sequence[Any]) -> list[Any]:
+def alone(eqn: Operation, inputs: Sequence[Any]) -> list[Any]:
     """The operation itself, on inputs without members."""
     found = eqn.primitive.bind(*inputs, **eqn.params)
     if eqn.primitive.multiple_results:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -66,8 +66,10 @@ WITHOUT_PATHS = ("point_type.*", "line_type.*", "fit", "fit.sensor.*", "fit.prio
 OF_SECTIONS = ("type", "length", "links")
 
 
-def declared_sections() -> list[SectionRow]:
-    """All sections of a scene in the order of a file, with effects registered from outside."""
+def declared_sections(effects: Collection[str] | None = None) -> list[SectionRow]:
+    """All sections of a scene in the order of a file, with those of these effects only, or with effects registered
+    from outside."""
+    named = [name for name in EFFECTS if effects is None or name in effects]
     return [
         ("", "", None),
         ("run", "[run]", RunSpec),
@@ -85,7 +87,7 @@ def declared_sections() -> list[SectionRow]:
         ("body.*.spheres.*", "body.spheres", SphereSpec),
         ("vessel.*", "[[vessel]]", VesselSpec),
         ("vessel.*.rao", "vessel.rao", RaoSpec),
-        *((f"effects.{name}", f"[effects.{name}]", cls) for name, cls in EFFECTS.items()),
+        *((f"effects.{name}", f"[effects.{name}]", EFFECTS[name]) for name in named),
         ("start", "[start]", StartSpec),
         ("growth", "[growth]", SeasonSpec),
         ("sea", "[sea]", SeaSpec),
@@ -118,7 +120,7 @@ def describe(path: str) -> Mapping[str, Any]:
 def locate(table: Mapping[str, Any]) -> dict[str, Steps]:
     """Steps to each value that a scene with one value per link may have, by path; without entries of lists."""
     found: dict[str, Steps] = {}
-    for pattern, _, cls in declared_sections():
+    for pattern, _, cls in declared_sections(table.get("effects", ())):
         if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
             found |= _steps(table, pattern, (*(declared_fields(cls) if cls else ()), *MORE_KEYS.get(pattern, ())))
     for pattern in BY_NAME:

@@ -224,9 +224,7 @@ class Scene(SceneData):
         )
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)
         check_scene(scene)
-        if branched:
-            scene = scene
-        else:
+        if not branched:
             scene = dataclasses.replace(scene, start=closed_start(scene))
         pose = None if branched else given_pose(scene)
         if pose is not None:
@@ -345,9 +343,8 @@ def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:
         own = "own effects: register in Python, --effects FILE.py, or an entry point of the group dropper.effects"
         raise SceneError(f"{error}; {own}") from None
     counts = {"node": links, "link": links, "joint": links + 1}
-    return {
-        name: read_fields(cls, table[name], f"effects.{name}", counts) for name, cls in EFFECTS.items() if name in table
-    }
+    given = [name for name in EFFECTS if name in table]
+    return {name: read_fields(EFFECTS[name], table[name], f"effects.{name}", counts) for name in given}
 
 
 def load_scene(source: str | Path | Mapping[str, Any] | Scene, *, allow_outside: bool = False) -> Scene:

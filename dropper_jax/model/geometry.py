@@ -7,65 +7,10 @@ of the link there: `w = s^2 (3 - 2 s)`, `s = 1/2 + (eta - z)/(D + L |q_z|)` betw
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
-
-
-class Part(ABC):
-    """One share of the links' water forces: the rows on which it is computed, and the mapping from and to the free
-    nodes.
-
-    Attributes:
-        share: the fraction of a link's force, a number or (rows,).
-    """
-
-    share: jax.Array | float
-
-    @abstractmethod
-    def take(self, per_link: jax.Array) -> jax.Array:
-        """Values (n, ...) of the links, one per row; a number stays one."""
-
-    @abstractmethod
-    def at(self, nodal: jax.Array) -> jax.Array:
-        """Values (nodes, ...) of the free nodes, one per row."""
-
-    @abstractmethod
-    def collect(self, rows: jax.Array) -> jax.Array:
-        """Sum of the rows on the free nodes (nodes, ...)."""
-
-
-@dataclass(frozen=True)
-class PathPart(Part):
-    """For one line: the rows are its free nodes, each taken from one link."""
-
-    share: jax.Array | float
-    first: int
-    nodes: int
-
-    def take(self, per_link: jax.Array) -> jax.Array:
-        if jnp.ndim(per_link) == 0:
-            return per_link
-        taken = per_link[self.first : self.first + self.nodes]
-        lacking = self.nodes - taken.shape[0]
-        if lacking:
-            return jnp.concatenate([taken, jnp.zeros_like(per_link[:lacking])])
-        return taken
-
-    def at(self, nodal: jax.Array) -> jax.Array:
-        return nodal
-
-    def collect(self, rows: jax.Array) -> jax.Array:
-        return rows
-
-    def spread(self, per_node: jax.Array, links: int) -> jax.Array:
-        """The transpose of `take`: values of the nodes (nodes, 3) on their links (n, 3)."""
-        kept = per_node[: links - self.first]
-        return jnp.pad(kept, ((self.first, links - self.first - kept.shape[0]), (0, 0)))
 
 
 class Ends(NamedTuple):
@@ -92,7 +37,7 @@ class Member(NamedTuple):
     """One line: its name, its number of links and the numbers of its start and end points.
 
     Attributes:
-        far: whether a link's mass and forces go to its far node, not in halves to both; in a path they all do.
+        far: whether a link's mass and forces go to its far node, not in halves to both, as in a path.
     """
 
     name: str

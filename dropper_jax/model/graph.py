@@ -4,7 +4,7 @@ Numbering of free nodes: the inner nodes of line 0, of line 1, ..., then the fre
 the numbering of all nodes. Links are numbered line by line from each line's first point. Every sum over the links of a
 node is a gather, never a scatter: inner nodes have two links, points a short list.
 
-A single line is a graph with one member (`Path`), in which neighbours are found by shifts.
+A single line is a graph with one member, a path: its neighbours are found by slices (`take`).
 """
 
 from __future__ import annotations
@@ -12,35 +12,46 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.numerics import gather_sums, index_table
-from dropper_jax.model.geometry import Member, Part, PathPart, line_number
+from dropper_jax.model.geometry import Member, line_number
+
+#: Number of runs of consecutive indices up to which slices are joined in place of a gather.
+RUNS = 3
 
 
-class LinkEnd(Part):
-    """One end of all links: rows are links; sums per node are gathers over the graph."""
+def take(values: jax.Array, index: np.ndarray) -> jax.Array:
+    """Rows of `values` by static indices; where these are few runs of consecutive numbers, as in a path, by slices."""
+    if not len(index):
+        return values[:0]
+    runs = np.split(index, np.flatnonzero(np.diff(index) != 1) + 1)
+    if len(runs) > RUNS:
+        return values[index]
+    return jnp.concatenate([values[run[0] : run[-1] + 1] for run in runs])
 
-    def __init__(self, graph: Graph, last: bool) -> None:
-        self.graph, self.last = graph, last
-        self.share = 1.0 - graph.near_share if last else graph.near_share
-        # values at fixed nodes are arbitrary and not collected
-        self._node = np.minimum(graph.last if last else graph.first, max(graph.free - 1, 0))
 
-    def take(self, per_link: jax.Array) -> jax.Array:
-        return per_link
+class LinkEnd:
+    """One end of all links, on which a share of their water forces acts: rows are links.
+
+    Attributes:
+        share: the fraction of a link's force, a number or (n,); zero at fixed points.
+    """
+
+    def __init__(self, graph: Graph, last: bool, share: jax.Array | np.ndarray | float) -> None:
+        node = graph.last if last else graph.first
+        fixed = node >= graph.free
+        self.share = jnp.where(fixed, 0.0, share) if fixed.any() else share
+        self._node = np.where(fixed, max(graph.free - 1, 0), node)
+        #: Sum of the rows on the free nodes (nodes, ...).
+        self.collect = graph.from_last if last else graph.from_first
 
     def at(self, nodal: jax.Array) -> jax.Array:
-        return nodal[self._node]
-
-    def collect(self, rows: jax.Array) -> jax.Array:
-        if self.last:
-            return self.graph.from_last(rows)
-        return self.graph.from_first(rows)
+        """Values (nodes, ...) of the free nodes, one per row; those of fixed points are arbitrary."""
+        return take(nodal, self._node)
 
 
 @dataclass(frozen=True)
@@ -54,12 +65,12 @@ class Graph:
     Attributes:
         members: the lines.
         held: of all points, whether they are fixed or follow a prescribed motion.
-        branched: whether it is a system of lines joined at points.
+        is_path: whether it is a single line from a fixed point, not a system of lines joined at points.
     """
 
     members: tuple[Member, ...]
     held: tuple[bool, ...]
-    branched: ClassVar[bool] = True
+    is_path: bool = False
 
     @property
     def links(self) -> int:
@@ -72,7 +83,9 @@ class Graph:
 
     @cached_property
     def held_points(self) -> np.ndarray:
-        """Numbers of the fixed points, in the order of `Ends`."""
+        """Numbers of the fixed points, in the order of `Ends`: along a path."""
+        if self.is_path:
+            return np.array([point for point in (self.members[0].start, self.members[0].end) if self.held[point]])
         return np.flatnonzero(np.array(self.held))
 
     @cached_property
@@ -142,9 +155,9 @@ class Graph:
 
     @cached_property
     def near_share(self) -> np.ndarray | float:
-        """Fraction of each link's mass and forces (n,) at its first node; one number if all lines have halves."""
-        if not any(m.far for m in self.members):
-            return 0.5
+        """Fraction of each link's mass and forces (n,) at its first node; one number if it is the same for all."""
+        if len({m.far for m in self.members}) == 1:
+            return 0.0 if self.members[0].far else 0.5
         # exact in half precision: models keep their precision
         return np.repeat([0.0 if m.far else 0.5 for m in self.members], [m.links for m in self.members]).astype("f2")
 
@@ -179,61 +192,66 @@ class Graph:
 
     def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
         """A nodal field on the nodes of all lines, line after line, both ends of each included (n + lines, ...)."""
-        return self.everywhere(free, held)[np.concatenate(self.paths)]
+        return take(self.everywhere(free, held), np.concatenate(self.paths))
 
     def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
         """Differences of a nodal field over the links (n, ...); fixed points without values count as zero."""
-        field = self.everywhere(free, held)
-        return field[self.last] - field[self.first]
+        return self.over_links(self.everywhere(free, held))
+
+    def over_links(self, field: jax.Array) -> jax.Array:
+        """Differences (n, ...) over the links of a field on all nodes."""
+        return take(field, self.last) - take(field, self.first)
 
     @partial(jax.jit, static_argnums=0, inline=True)
     def from_first(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their first nodes."""
-        inner = value[self.previous_links + 1]
-        if len(self.free_points):
-            return jnp.concatenate([inner, gather_sums(value, self.leaving)])
-        return inner
+        return self._sum(value, self.previous_links + 1, self.leaving)
 
     @partial(jax.jit, static_argnums=0, inline=True)
     def from_last(self, value: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the contributions (n, ...) of links to their last nodes."""
-        inner = value[self.previous_links]
-        if len(self.free_points):
-            return jnp.concatenate([inner, gather_sums(value, self.arriving)])
-        return inner
+        return self._sum(value, self.previous_links, self.arriving)
+
+    def _sum(self, value: jax.Array, inner: np.ndarray, at_points: np.ndarray) -> jax.Array:
+        if at_points.size == 1:  # the free end of a path
+            return take(value, np.append(inner, at_points))
+        if at_points.shape[1]:
+            return jnp.concatenate([take(value, inner), gather_sums(value, at_points)])
+        return take(value, inner)
+
+    def at_ends(self, first: jax.Array, last: jax.Array) -> jax.Array:
+        """Sum on the free nodes (free, ...) of values (n, ...) of links at their first and at their last nodes."""
+        return self.from_first(first) + self.from_last(last)
 
     def gather(self, link_force: jax.Array) -> jax.Array:
         """Sum on the free nodes (free, ...) of the links' tension forces (n, ...): + on their first node, - on their
         last."""
         return self.from_first(link_force) - self.from_last(link_force)
 
-    def held_force(self, link_force: jax.Array) -> jax.Array:
-        """The same on the fixed points (held, ...)."""
+    def held_at_ends(self, first: jax.Array, last: jax.Array) -> jax.Array:
+        """As `at_ends`, on the fixed points (held, ...)."""
         rows = []
         for node in self.point_node[self.held_points]:
             leaving = np.flatnonzero(self.first == node)
             arriving = np.flatnonzero(self.last == node)
-            rows.append(jnp.sum(link_force[leaving], axis=0) - jnp.sum(link_force[arriving], axis=0))
+            rows.append(jnp.sum(first[leaving], axis=0) + jnp.sum(last[arriving], axis=0))
         if rows:
             return jnp.stack(rows)
-        return jnp.zeros((0, 3), link_force.dtype)
+        return jnp.zeros((0, *first.shape[1:]), first.dtype)
 
-    def share_to_nodes(self, value: jax.Array) -> jax.Array:
-        """Values that links have or carry (n,), on the free nodes (free,) that they are assigned to."""
-        return self.from_first(self.near_share * value) + self.from_last((1.0 - self.near_share) * value)
-
-    def parts(self) -> tuple[Part, ...]:
-        """The same for water forces, as shares (see `effects.submerged.wet_share`)."""
-        return LinkEnd(self, last=True), LinkEnd(self, last=False)
+    def held_force(self, link_force: jax.Array) -> jax.Array:
+        """As `gather`, on the fixed points (held, ...)."""
+        return self.held_at_ends(link_force, -link_force)
 
     def link_length(self, length: jax.Array) -> jax.Array:
-        """The mean over the links that meet at each point."""
-        one = jnp.ones_like(length)
-        links, count = (self.from_first(x) + self.from_last(x) for x in (length, one))
+        """The mean over the links that meet at each node."""
+        links, count = (self.at_ends(x, x) for x in (length, jnp.ones_like(length)))
         return links / jnp.maximum(count, 1.0)
 
     def without_fixed(self, points: Sequence[int]) -> Graph:
-        """The same with these points free."""
+        """The same with these points free, except the first point of a path."""
+        if self.is_path:
+            points = [point for point in points if point != self.members[0].start]
         return replace(self, held=tuple(held and i not in points for i, held in enumerate(self.held)))
 
     def node_of_point(self, point: int) -> int:
@@ -267,48 +285,3 @@ class Graph:
         if not 0 <= numbers[j] < self.free:
             raise ValueError(f"node: {j} of line {line!r} is fixed; allowed: a free node")
         return int(numbers[j])
-
-
-@dataclass(frozen=True)
-class Path(Graph):
-    """A single line from a fixed point as a graph with one member; each link's mass and forces are on its far node.
-
-    Its free nodes are the far nodes of links 1..n, or of 1..n - 1 if the end is fixed.
-    """
-
-    branched: ClassVar[bool] = False
-
-    @cached_property
-    def held_points(self) -> np.ndarray:
-        ends = self.members[0].start, self.members[0].end
-        return np.array([point for point in ends if self.held[point]])
-
-    def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
-        return jnp.concatenate([held[:1], free, held[1:]])
-
-    def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
-        held = self.values_or_zero(held, free)
-        if self.ends == 1:
-            return free - jnp.concatenate([held, free[:-1]])
-        return jnp.concatenate([free, held[1:]]) - jnp.concatenate([held[:1], free])
-
-    def gather(self, link_force: jax.Array) -> jax.Array:
-        following = link_force[1:]
-        if self.ends == 2:
-            return following - link_force[:-1]
-        return jnp.concatenate([following, jnp.zeros_like(link_force[:1])]) - link_force
-
-    def share_to_nodes(self, value: jax.Array) -> jax.Array:
-        return value[: self.free]
-
-    def link_length(self, length: jax.Array) -> jax.Array:
-        return length[: self.free]
-
-    def parts(self) -> tuple[Part, ...]:
-        return (PathPart(1.0, 0, self.free),)
-
-    def without_fixed(self, points: Sequence[int]) -> Path:
-        return super().without_fixed([point for point in points if point != self.members[0].start])
-
-    def name_of_node(self, node: int, points: Sequence[str]) -> str:
-        return f"node {node + 1}"

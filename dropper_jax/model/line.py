@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.axial import AxialLaw, Rigid
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.model.geometry import Part, PathPart
-from dropper_jax.model.graph import Graph
+from dropper_jax.model.graph import Graph, LinkEnd, take
 
 
 @component
@@ -111,39 +108,30 @@ class Line:
 
     def node_share(self, per_link: jax.Array) -> jax.Array:
         """Values acting at the links' centres of mass, distributed to the free nodes (free,)."""
-        if not self.compound:
-            return self.geometry.share_to_nodes(per_link)
-        ratio = self.centre_of_mass / self.length
-        return self.at_nodes(per_link * (1 - ratio), per_link * ratio)
-
-    def at_nodes(self, near: jax.Array, far: jax.Array) -> jax.Array:
-        """Sum on the free nodes (free,) of a single line of values of links at their near and far ends (n,)."""
-        return (far + jnp.concatenate([near[1:], jnp.zeros_like(near[:1])]))[: self.geometry.free]
+        near = self.near_share
+        return self.geometry.at_ends(near * per_link, (1.0 - near) * per_link)
 
     @property
     def node_mass(self) -> jax.Array:
         """Diagonal of the mass matrix on the free nodes (free,) [kg]."""
         if not self.compound:
-            return self.geometry.share_to_nodes(self.mass)
+            return self.node_share(self.mass)
         first, _, last = self.blocks()
-        return self.at_nodes(first, last)
+        return self.geometry.at_ends(first, last)
 
-    def parts(self) -> tuple[Part, ...]:
-        """Which fraction of the links' water forces acts on which free node (see `effects.submerged.wet_share`)."""
-        if not self.compound:
-            return self.geometry.parts()
-        ratio = self.centre_of_mass / self.length
-        free = self.geometry.free
-        near = PathPart(1.0, 1, free)
-        return PathPart(ratio[:free], 0, free), replace(near, share=near.take(1.0 - ratio))
+    def parts(self) -> tuple[LinkEnd, ...]:
+        """Which fraction of the links' water forces acts on which end (see `effects.submerged.wet_share`)."""
+        near = self.near_share
+        far = LinkEnd(self.geometry, True, 1.0 - near)
+        if isinstance(near, float) and near == 0.0:
+            return (far,)
+        return far, LinkEnd(self.geometry, False, near)
 
-    def inertia_force(self, a: jax.Array, ends: jax.Array | None) -> jax.Array:
-        """M a on the free nodes (free, 3) of compound links, for accelerations of nodes and ends (None: 0)."""
-        _, coupling, _ = self.blocks()
-        held = self.geometry.values_or_zero(ends, a)
-        zero = jnp.zeros_like(a[:1])
-        free = a.shape[0]
-        before = jnp.concatenate([held[:1], a[:-1]])
-        after = jnp.concatenate([a[1:], held[1:] if held.shape[0] > 1 else zero])
-        next_coupling = jnp.concatenate([coupling[1:], jnp.zeros_like(coupling[:1])])[:free]
-        return self.node_mass[:, None] * a + coupling[:free, None] * before + next_coupling[:, None] * after
+    def inertia_forces(self, a: jax.Array, ends: jax.Array | None) -> tuple[jax.Array, jax.Array]:
+        """M a of compound links at their first and at their last nodes, (n, 3) each, for accelerations of nodes and
+        ends (None: 0)."""
+        geometry = self.geometry
+        field = geometry.everywhere(a, ends)
+        first, last = take(field, geometry.first), take(field, geometry.last)
+        own, coupling, other = (block[:, None] for block in self.blocks())
+        return own * first + coupling * last, coupling * first + other * last

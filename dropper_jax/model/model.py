@@ -226,7 +226,7 @@ class Model:
     def nodal_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
         """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
         if self.line.compound:
-            own = self.line.inertia_force(a, ends)
+            own = self.geometry.at_ends(*self.line.inertia_forces(a, ends))
         else:
             own = self.node_mass[:, None] * a
         return sum((e.coupled(self, a) for e in self.having(CoupledMass)), own)
@@ -318,23 +318,11 @@ class Model:
 
     def kinetic_energy(self, k: Kinematics) -> jax.Array:
         """Kinetic energy, scalar [J]; for moving ends including that of the link masses at them."""
-        own = 0.5 * jnp.sum(k.v * self.nodal_inertia(k.v))
+        own = 0.5 * jnp.sum(k.v * self.nodal_inertia(k.v, k.ends.velocities))
         if self.line.compound and self.moving:
-            own = own + self._end_kinetic(k)
+            held = self.geometry.held_at_ends(*self.line.inertia_forces(k.v, k.ends.velocities))
+            own = own + 0.5 * jnp.sum(k.ends.velocities * held)
         return sum((e.kinetic(k) for e in self.having(AddedMass)), own)
-
-    def _end_kinetic(self, k: Kinematics) -> jax.Array:
-        first, coupling, last = self.line.blocks()
-        held = k.ends.velocities
-        extra = 0.5 * first[0] * jnp.sum(held[0] ** 2)
-        if k.free:
-            extra = extra + coupling[0] * jnp.sum(held[0] * k.v[0])
-        else:
-            extra = extra
-        if held.shape[0] > 1:
-            extra = extra + 0.5 * last[-1] * jnp.sum(held[1] ** 2)
-            extra = extra + coupling[-1] * jnp.sum(held[1] * k.v[-1])
-        return extra
 
     def potential_energy(self, k: Kinematics) -> jax.Array:
         """Potential energy of conservative effects and stretched links, scalar [J]."""

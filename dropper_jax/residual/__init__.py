@@ -1,6 +1,6 @@
 """A step is a residual: its unknowns and rows, Newton's method on them, the derivative of the solution (`step`)."""
 
-from dropper_jax.residual.problem import GRAVITY_SCALE, SpeedProblem, StepProblem, local_jacobian
+from dropper_jax.residual.problem import GRAVITY_SCALE, SpeedProblem, StepProblem, Unknowns, local_jacobian
 from dropper_jax.residual.scheme import (
     Embedded,
     Explicit,
@@ -15,10 +15,8 @@ from dropper_jax.residual.step import (
     Filter,
     Linear,
     Newton,
-    Problem,
     Solver,
     Stepper,
-    Unknowns,
     explicit_row,
     finish_step,
     largest_row,
@@ -40,7 +38,6 @@ __all__ = [
     "Linear",
     "LocalError",
     "Newton",
-    "Problem",
     "Solver",
     "SpeedProblem",
     "StepProblem",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +15,15 @@ from dropper_jax.model import BREAKING, Model, Parted, State, as_parted, book_wo
 def without_broken_links(model: Model, s: State) -> Model:
     """The model with the links that have broken so far."""
     return as_parted(model, s.parted)
+
+
+def with_breaking(model: Model, s: State, advance: Callable[[Model, State], tuple[Any, ...]]) -> tuple[Any, ...]:
+    """The results of `advance(model, s)`, the state after a step first, with the links that break at its end."""
+    if s.parted is None:
+        return advance(model, s)
+    before = without_broken_links(model, s)
+    s1, *more = advance(before, replace(s, parted=None))
+    return break_links(model, before, s, s1), *more
 
 
 def break_links(model: Model, before: Model, s: State, s1: State) -> State:

@@ -5,16 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.model import Effect, ElementForce, Kinematics, Model, State
-from dropper_jax.residual.step import Unknowns
+from dropper_jax.model import Effect, ElementForce, Ends, Kinematics, Model, State, Works
 
 GRAVITY_SCALE = GRAVITY  # [m/s^2]; only scales residuals, the gravity of the scene is a parameter of an effect
+
+
+class Unknowns(NamedTuple):
+    """Unknowns of a step, or its rows, or scales of either.
+
+    Attributes:
+        x: per free node, (nodes, 3).
+        y: per link, (n,): tensions; as rows: the axial laws.
+        z: per law of an effect, (joints, c) each.
+    """
+
+    x: jax.Array
+    y: jax.Array
+    z: tuple[jax.Array, ...] = ()
 
 
 class StepProblem:
@@ -62,6 +75,12 @@ class StepProblem:
         only."""
         raise NotImplementedError
 
+    def law_rows(self, k: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+        """Forces (nodes, 3) [N] of the unknowns of laws at an instant, and the rows that determine these."""
+        pairs = tuple(zip(self.model.laws, z, strict=False))
+        force = sum((law.law_force(k, unknown) for law, unknown in pairs), jnp.zeros_like(k.r))
+        return force, tuple(law.law_residual(k, unknown, self.h, self.easing) for law, unknown in pairs)
+
     def link_vectors(self, x: jax.Array) -> jax.Array:
         """Link vectors (n, 3) at the unknowns, in a unit in which they change as the differences of x do."""
         raise NotImplementedError
@@ -89,6 +108,16 @@ class StepProblem:
             )
         done = s.work + work() if s.work.size else s.work
         return replace(s, r=r, v=v, tension=tension, t=t, work=done, own=own, **{"angles": None, **more})
+
+    def force_works(self, k: Kinematics, v: jax.Array, share: jax.Array | float = 1.0) -> Works:
+        """Work [J] over the step, by name, of this share of the forces of an instant on nodes that move at v (nodes, 3)
+        [m/s]."""
+        forces = self.model.working_forces(k)
+        return {name: share * self.h * jnp.sum(force * v) for name, force in forces.items()}
+
+    def end_works(self, pull: jax.Array, rates: Ends, share: float = 1.0, k: Kinematics | None = None) -> Works:
+        """Work [J] over the step, by name, of this share of `Model.end_powers`."""
+        return {name: share * self.h * power for name, power in self.model.end_powers(pull, rates, k).items()}
 
     def row_scale(self) -> Unknowns:
         """Sizes of the rows: max(m g, m L/h^2) on nodes, L on links, and those of the laws."""
@@ -124,6 +153,8 @@ class SpeedProblem(StepProblem):
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.mass = model.line.node_mass
         self.pull0 = self.unit_forces(model.links(s.r, self.ends0))
+        #: Link vectors (n, 3) [m] of nodes that do not move between ends that do.
+        self.waiting = model.links(s.r, self.ends1)
 
     def unit_forces(self, links: jax.Array) -> jax.Array:
         """Forces (n, 3) of unit tensions in links (n, 3) [m]."""
@@ -132,6 +163,10 @@ class SpeedProblem(StepProblem):
     def link_vectors(self, x: jax.Array) -> jax.Array:
         """Differences (n, 3) [m/s] of the speeds; fixed points count as at rest."""
         return self.model.geometry.differences(x, None)
+
+    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+        line = self.model.line
+        return y[:, None] * self.pull0, line.axial.at_rest(self.waiting + self.h * d, y, line.length)
 
     def unknown_size(self) -> jax.Array:
         """Size of x, (nodes, 1) [m/s]: a link's length per step."""

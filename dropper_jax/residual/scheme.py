@@ -110,6 +110,8 @@ class Implicit(Integrator, ABC):
     networkable: ClassVar[bool] = False
     #: Fraction of the tolerance at which corrections of a line end: rounding, so that energy is conserved.
     enough: ClassVar[float] = 1e-5
+    #: Whether it runs rigid links between constant point masses only.
+    point_masses: ClassVar[bool] = False
     #: Whether every row involves neighbouring nodes only.
     local_rows: ClassVar[bool] = True
     #: Whether effects with their own unknowns (dry friction) are supported.
@@ -126,7 +128,9 @@ class Implicit(Integrator, ABC):
         return self.equations(model.with_internal_state(s.own).with_lengths(s.t, h), s, h)
 
     def refuse(self, model: Model) -> str | None:
-        if model.geometry.branched and not self.networkable:
+        if self.point_masses and (reason := point_masses_only(model)):
+            return reason
+        if not model.geometry.is_path and not self.networkable:
             if model.line.axial.elastic:
                 elastic = ", rk2, rk4, semi_implicit_euler"
             else:
@@ -168,6 +172,8 @@ class Embedded(Explicit):
     """An explicit scheme that estimates the error of its step."""
 
     follows_accuracy = True
+    #: h b/m above which damping makes the scheme unstable; b/m is the rate at which damping would stop a node.
+    stable: ClassVar[float]
 
     @abstractmethod
     def advance_with_error(self, model: Model, s: State, h: jax.Array, tolerance: jax.Array) -> tuple[State, jax.Array]:

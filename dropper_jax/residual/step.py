@@ -7,8 +7,8 @@ the implicit function theorem at the solution, never through the corrections:
 
     R_u du = -R_theta dtheta
 
-The scheme writes the residual (`Problem`), the solver takes and factors the matrix (`Solver`), and nothing here knows
-either of them.
+The scheme writes the residual (`StepProblem`), the solver takes and factors the matrix (`Solver`), and nothing here
+knows either of them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ from jax.flatten_util import ravel_pytree
 
 from dropper_jax.base.numerics import store_once
 from dropper_jax.model import LimitsTimeStep, Model, State
-from dropper_jax.residual.breaking import break_links, without_broken_links
+from dropper_jax.residual.breaking import with_breaking
+from dropper_jax.residual.problem import StepProblem, Unknowns
+from dropper_jax.residual.scheme import Integrator
 
 #: Rows within the tolerance that fall by less than this factor per correction are rounding. With 0.3, energy of a loop
 #: of 1 g between 10 kg drifts by 1.2e-6 of its scale; with 0.6 by 3e-10.
@@ -42,39 +44,6 @@ TOLERANCE = {"float64": 1e-11, "float32": 1e-4}
 Theta = tuple[Model, State, jax.Array]
 
 
-class Unknowns(NamedTuple):
-    """Unknowns of a step, or its rows, or scales of either.
-
-    Attributes:
-        x: per free node, (nodes, 3).
-        y: per link, (n,): tensions; as rows: the axial laws.
-        z: per law of an effect, (joints, c) each.
-    """
-
-    x: jax.Array
-    y: jax.Array
-    z: tuple[jax.Array, ...] = ()
-
-
-class Problem(Protocol):
-    """The equations of one step; made by a scheme in each trace."""
-
-    def guess(self) -> Unknowns:
-        """Unknowns to start from."""
-
-    def residual(self, u: Unknowns) -> Unknowns:
-        """Rows in physical units: forces [N], elongations [m], torques [N m]."""
-
-    def row_scale(self) -> Unknowns:
-        """Sizes of the rows."""
-
-    def column_scale(self) -> Unknowns:
-        """Sizes of the unknowns."""
-
-    def finish(self, u: Unknowns) -> State:
-        """The state at the end of the step."""
-
-
 class Linear(Protocol):
     """A factored matrix."""
 
@@ -85,24 +54,6 @@ class Linear(Protocol):
         """The transposed matrix, factored."""
 
 
-class Scheme(Protocol):
-    """Writes the equations of a step, or takes it explicitly."""
-
-    @property
-    def implicit(self) -> bool:
-        """Whether a step solves equations."""
-
-    @property
-    def stages(self) -> tuple[float, ...]:
-        """Fractions of the substeps (compositions have several)."""
-
-    def problem(self, model: Model, s: State, h: jax.Array) -> Problem:
-        """The equations of one step."""
-
-    def advance(self, model: Model, s: State, h: jax.Array) -> State:
-        """One step of an explicit scheme."""
-
-
 class Solver(Protocol):
     """Takes a matrix from the residual; it may be approximate."""
 
@@ -110,10 +61,10 @@ class Solver(Protocol):
     def name(self) -> str:
         """Its name in `[run]`."""
 
-    def refuse(self, model: Model, integrator: Scheme) -> str | None:
+    def refuse(self, model: Model, integrator: Integrator) -> str | None:
         """Why it cannot solve the model with a scheme, or None."""
 
-    def linearise(self, problem: Any, u: Unknowns) -> Linear:
+    def linearise(self, problem: StepProblem, u: Unknowns) -> Linear:
         """The factored matrix at the unknowns."""
 
 
@@ -159,7 +110,7 @@ class Stepper(Newton):
         track_work: count the work of each effect in `State.work`.
     """
 
-    integrator: Scheme
+    integrator: Integrator
     tolerance: float | None = None
     easing: bool = False
     halvings: int = 0
@@ -209,10 +160,10 @@ class Corrections(NamedTuple):
 
 
 #: Rows b of a problem and its unknowns: `P^-1 b` is what its matrix lets pass of them, such as an error of the step.
-Filter = Callable[[Any, Unknowns], Unknowns]
+Filter = Callable[[StepProblem, Unknowns], Unknowns]
 
 
-def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tuple[Unknowns, jax.Array]:
+def newton(method: Newton, problem: StepProblem, tolerance: jax.Array | float) -> tuple[Unknowns, jax.Array]:
     """The unknowns after the corrections `u <- u - P^-1 R(u)`, and their largest scaled row.
 
     With `enough` None it is a scan of a fixed number of corrections, each with a matrix of its own. Otherwise the
@@ -230,7 +181,7 @@ def newton(method: Newton, problem: Problem, tolerance: jax.Array | float) -> tu
 
 
 def correct_until_enough(
-    method: Newton, problem: Problem, tolerance: jax.Array | float, filtering: Filter | None = None
+    method: Newton, problem: StepProblem, tolerance: jax.Array | float, filtering: Filter | None = None
 ) -> Corrections:
     """Newton's method with `enough`; `filtering` uses its last matrix once more."""
     guess = problem.guess()
@@ -280,7 +231,7 @@ def correct_until_enough(
     return jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
 
 
-def eased(solver: Solver, problem: Any) -> tuple[Unknowns, jax.Array]:
+def eased(solver: Solver, problem: StepProblem) -> tuple[Unknowns, jax.Array]:
     """The same for set-valued laws whose active set is unknown: a scan of corrections with ever less smoothed laws.
 
     Newton on the laws themselves cycles if several joints stop at once. The primal-dual form of the smoothed law (Chan,
@@ -299,20 +250,23 @@ def eased(solver: Solver, problem: Any) -> tuple[Unknowns, jax.Array]:
     return u, largest_row(problem.residual(u), problem.row_scale())
 
 
-def solve(stepper: Stepper, theta: Theta) -> tuple[Unknowns, jax.Array]:
-    """The solution of a step, and its largest scaled row; not differentiated."""
+def solve(
+    stepper: Stepper, theta: Theta, filtering: Filter | None = None
+) -> tuple[Unknowns, jax.Array, jax.Array | None]:
+    """The solution of a step, its largest scaled row, and what the matrix lets pass of the rows of `filtering`, (nodes,
+    3); not differentiated."""
     model, s, h = jax.lax.stop_gradient(theta)
     problem = stepper.integrator.problem(model, s, h)
     tolerance = stepper.limit(model)
-    return _ease_if_needed(stepper, problem, *newton(stepper, problem, tolerance), tolerance)
-
-
-def _ease_if_needed(
-    stepper: Stepper, problem: Problem, u: Unknowns, row: jax.Array, tolerance: float
-) -> tuple[Unknowns, jax.Array]:
-    if not stepper.easing:
-        return u, row
-    return jax.lax.cond(row <= tolerance, lambda: (u, row), lambda: eased(stepper.solver, problem))
+    filtered = None
+    if filtering is None:
+        u, row = newton(stepper, problem, tolerance)
+    else:
+        end = correct_until_enough(stepper, problem, tolerance, filtering)
+        u, row, filtered = end.u, end.now, end.filtered
+    if stepper.easing:
+        u, row = jax.lax.cond(row <= tolerance, lambda: (u, row), lambda: eased(stepper.solver, problem))
+    return u, row, filtered
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -331,7 +285,7 @@ def _implicit_derivative(
     dots = jax.tree.leaves(tangents[0], is_leaf=lambda dot: isinstance(dot, SymbolicZero))
     moving = [i for i, dot in enumerate(dots) if not _is_zero(dot)]
 
-    def problem_at(values: list[jax.Array]) -> Any:
+    def problem_at(values: list[jax.Array]) -> StepProblem:
         given = list(leaves)
         for i, value in zip(moving, values, strict=True):
             given[i] = value
@@ -405,44 +359,39 @@ def step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State,
 
     A step above `stepper.limit(model)` has failed; it never raises. Differentiable in both modes by model, s and h.
     """
-    if s.parted is not None:
-        before = without_broken_links(model, s)
-        s1, row = step(stepper, before, replace(s, parted=None), h)
-        return break_links(model, before, s, s1), row
     h = jnp.asarray(h, model.dtype)
     integrator = stepper.integrator
-    if not integrator.implicit:
-        return _explicit_step(integrator, model, s, h)
-    if len(integrator.stages) == 1:
-        return _implicit_step(stepper, model, s, h)
 
-    def stage(s: State, fraction: jax.Array) -> tuple[State, jax.Array]:
-        return _implicit_step(stepper, model, s, fraction * h)
+    def advance(model: Model, s: State) -> tuple[State, jax.Array]:
+        if not integrator.implicit:
+            s1 = integrator.advance(model.with_internal_state(s.own), s, h)
+            return s1, explicit_row(model, s, s1)
+        if len(integrator.stages) == 1:
+            return solve_and_finish(stepper, (model, s, h))[:2]
 
-    # a scan, not an unrolled loop: five copies of a step would take five times as long to compile
-    s, rows = jax.lax.scan(stage, jax.tree.map(jnp.asarray, s), jnp.asarray(integrator.stages, model.dtype))
-    return s, jnp.max(rows)
+        def stage(s: State, fraction: jax.Array) -> tuple[State, jax.Array]:
+            return solve_and_finish(stepper, (model, s, fraction * h))[:2]
+
+        # a scan, not an unrolled loop: five copies of a step would take five times as long to compile
+        s, rows = jax.lax.scan(stage, jax.tree.map(jnp.asarray, s), jnp.asarray(integrator.stages, model.dtype))
+        return s, jnp.max(rows)
+
+    return with_breaking(model, s, advance)
 
 
 def step_and_filter(
     stepper: Stepper, model: Model, s: State, h: jax.Array, filtering: Filter
 ) -> tuple[State, jax.Array, jax.Array]:
     """`step` of a scheme of one stage, and what its matrix lets pass of the rows of `filtering`, (nodes, 3)."""
-    if s.parted is not None:
-        before = without_broken_links(model, s)
-        s1, row, filtered = step_and_filter(stepper, before, replace(s, parted=None), h, filtering)
-        return break_links(model, before, s, s1), row, filtered
-    theta = model, s, h
-    problem = stepper.integrator.problem(*theta)
-    tolerance = stepper.limit(model)
-    end = correct_until_enough(stepper, problem, tolerance, filtering)
-    u, row = _ease_if_needed(stepper, problem, end.u, end.now, tolerance)
-    return *finish_step(stepper, theta, u, row), end.filtered
+    return with_breaking(model, s, lambda model, s: solve_and_finish(stepper, (model, s, h), filtering))
 
 
-def _implicit_step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, jax.Array]:
-    theta = model, s, h
-    return finish_step(stepper, theta, *solve(stepper, theta))
+def solve_and_finish(
+    stepper: Stepper, theta: Theta, filtering: Filter | None = None
+) -> tuple[State, jax.Array, jax.Array | None]:
+    """The state after an implicit step, its largest scaled row, and what `solve` filters."""
+    u, row, filtered = solve(stepper, theta, filtering)
+    return *finish_step(stepper, theta, u, row), filtered
 
 
 def finish_step(stepper: Stepper, theta: Theta, u: Unknowns, row: jax.Array) -> tuple[State, jax.Array]:
@@ -450,11 +399,6 @@ def finish_step(stepper: Stepper, theta: Theta, u: Unknowns, row: jax.Array) -> 
     model, s, _ = theta
     s1 = stepper.integrator.problem(*theta).finish(solution(stepper, theta, u))
     return s1, limit_pace(*jax.lax.stop_gradient((model, s, s1)), row)
-
-
-def _explicit_step(integrator: Scheme, model: Model, s: State, h: jax.Array) -> tuple[State, jax.Array]:
-    s1 = integrator.advance(model.with_internal_state(s.own), s, h)
-    return s1, explicit_row(model, s, s1)
 
 
 def explicit_row(model: Model, s: State, s1: State) -> jax.Array:

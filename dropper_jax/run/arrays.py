@@ -1,146 +1,23 @@
-"""Convert a scene to the arrays of a model, its rigid bodies included."""
+"""Convert a scene to the arrays of a model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
 from dropper_jax.axial.tabulated import stack_tables
-from dropper_jax.base.errors import SceneError
-from dropper_jax.effects import EFFECTS, Effect
-from dropper_jax.effects.body_bed import BodyBed, BodyBedFriction
-from dropper_jax.effects.body_buoyancy import BodyBuoyancy, BodyBuoyancyInWaves, Pieces
-from dropper_jax.effects.body_water import BodyWater
+from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter
-from dropper_jax.effects.length_in_time import changing_lengths
-from dropper_jax.effects.point_bodies import PointBodies, WetPointBodies
-from dropper_jax.effects.rigid_bodies import MOMENTS, RigidBodies, tetrahedron
-from dropper_jax.effects.spar_buoys import SparBuoys
-from dropper_jax.effects.vessel_motion import VesselByTable, VesselInWaves
 from dropper_jax.load.checks_water import line_reach
-from dropper_jax.model import Failures, Graph, Line, Member, Model, Parted, Path, Point, check_slots
-from dropper_jax.scene import BodySpec, LineSpec, PointSpec, SceneData, VesselSpec, attitude, join_lines
-from dropper_jax.sea import Sea
+from dropper_jax.model import Failures, Graph, Line, Member, Model, Parted, Point, check_slots
+from dropper_jax.scene import LineSpec, SceneData, attitude, join_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
-
-# --- rigid bodies ---
-
-
-def make_bodies(scene: SceneData, index: dict[str, int]) -> tuple[list[Point], list[Effect]]:
-    """The bodies' corners as points, after those of the scene, and the effects that make bodies of them."""
-    if not scene.bodies:
-        return [], []
-    corner = np.array([tetrahedron(body.mass, body.centre_of_mass, body.inertia_matrix) for body in scene.bodies])
-    points = [
-        Point(position=body.world(own[i]), name=f"{body.name}: corner {i + 1}", kind="free")
-        for body, own in zip(scene.bodies, corner, strict=True)
-        for i in range(4)
-    ]
-    affine = np.linalg.inv(np.concatenate([corner, np.ones((len(corner), 4, 1))], axis=2))
-    seats = [(i, name, position) for i, body in enumerate(scene.bodies) for name, position in body.attachments.items()]
-    rigid = RigidBodies(
-        mass=np.array([body.mass for body in scene.bodies]),
-        centre_of_mass=np.array([body.centre_of_mass for body in scene.bodies]),
-        moments=np.array([[body.inertia_matrix[i, j] for i, j in MOMENTS] for body in scene.bodies]),
-        corner=corner,
-        affine=affine,
-        seat=np.array([position for _, _, position in seats]).reshape(-1, 3),
-        velocity=np.array([_centre_velocity(body) for body in scene.bodies]),
-        spin=np.array([body.angular_velocity for body in scene.bodies]),
-        gravity=scene.gravity,
-        first=len(scene.points),
-        points=tuple(index[name] for _, name, _ in seats),
-        owner=tuple(i for i, _, _ in seats),
-        names=tuple(body.name for body in scene.bodies),
-        pin=np.array([body.position for body in scene.bodies if body.pinned]).reshape(-1, 3),
-        pinned=tuple(i for i, body in enumerate(scene.bodies) if body.pinned),
-    )
-    shaped = any(body.shapes for body in scene.bodies)
-    return points, [rigid, *(_in_water(scene, rigid) if shaped else ()), *_on_bed(scene, rigid)]
-
-
-def _centre_velocity(body: BodySpec) -> np.ndarray:
-    """Velocity (3,) [m/s] of the centre of mass at the start; of a pinned body that of its turning."""
-    if not body.pinned:
-        return body.velocity
-    return body.rotation @ np.cross(body.angular_velocity, body.centre_of_mass)
-
-
-def _on_bed(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
-    """Seabed contact of the bodies for which the scene requests it."""
-    if not any(body.touches_bed for body in scene.bodies):
-        return []
-    bed = EFFECTS["seabed"].build(scene.effects["seabed"], scene)
-    pieces = _pieces(scene, rigid, sliced=True, only=lambda body: body.touches_bed)
-    if not any(body.bed_friction for body in scene.bodies):
-        return [BodyBed(bed, pieces)]
-    owners = np.array([*pieces.cylinder_of, *pieces.cylinder_of, *pieces.sphere_of], int)
-    return [BodyBedFriction(bed, pieces, friction=np.array([body.bed_friction for body in scene.bodies])[owners])]
-
-
-def _in_water(scene: SceneData, rigid: RigidBodies) -> list[Effect]:
-    """Buoyancy, drag and added mass of the bodies' shapes; in waves buoyancy goes slice by slice."""
-    slices = _pieces(scene, rigid, sliced=True)
-    if scene.sea.waves is None:
-        buoyancy = BodyBuoyancy(_pieces(scene, rigid, sliced=False))
-    else:
-        buoyancy = BodyBuoyancyInWaves(slices)
-    cylinders = [cylinder for body in scene.bodies for cylinder in body.cylinders]
-    spheres = [sphere for body in scene.bodies for sphere in body.spheres]
-    of = [(i, cylinder) for i, body in enumerate(scene.bodies) for cylinder in body.cylinders]
-    ends = [(i, c, end) for i, c in of for end in ("from", "to") if c.ends in ("both", end)]
-    positions = [(i, c.start if end == "from" else c.end) for i, c, end in ends]
-    outward = [(i, (c.end - c.start) / c.length) for i, c, end in ends]
-    each = lambda key: [getattr(c, key) for c in cylinders for _ in range(c.slices)]  # noqa: E731
-    water = BodyWater(
-        slices,
-        cdn=np.array([*each("cdn"), *(s.cd for s in spheres)]),
-        can=np.array([*each("can"), *(s.ca for s in spheres)]),
-        end=_shares(rigid, positions),
-        outward=_shares(rigid, outward) - _shares(rigid, [(i, np.zeros(3)) for i, _ in outward]),
-        end_radius=np.array([0.5 * c.diameter for _, c, _ in ends]),
-        cdt=np.array([c.cdt for _, c, _ in ends]),
-        cat=np.array([c.cat for _, c, _ in ends]),
-        end_of=tuple(i for i, _, _ in ends),
-    )
-    return [buoyancy, water]
-
-
-def _pieces(
-    scene: SceneData, rigid: RigidBodies, sliced: bool, only: Callable[[BodySpec], bool] = lambda _: True
-) -> Pieces:
-    """The cylinders, complete or in slices, and spheres of all or some bodies."""
-    found = []
-    chosen = [(i, body) for i, body in enumerate(scene.bodies) if only(body)]
-    for i, body in chosen:
-        for c in body.cylinders:
-            count = c.slices if sliced else 1
-            along = np.linspace(c.start, c.end, count + 1)
-            found += [(i, along[j], along[j + 1], 0.5 * c.diameter, c.length / count) for j in range(count)]
-    spheres = [(i, sphere) for i, body in chosen for sphere in body.spheres]
-    return Pieces(
-        ends=np.stack([_shares(rigid, [(row[0], row[side]) for row in found]) for side in (1, 2)], axis=1),
-        spheres=_shares(rigid, [(i, sphere.centre) for i, sphere in spheres]),
-        radius=np.array([row[3] for row in found]),
-        length=np.array([row[4] for row in found]),
-        ball=np.array([0.5 * sphere.diameter for _, sphere in spheres]),
-        first=rigid.first,
-        cylinder_of=tuple(row[0] for row in found),
-        sphere_of=tuple(i for i, _ in spheres),
-    )
-
-
-def _shares(rigid: RigidBodies, positions: list[tuple[int, np.ndarray]]) -> np.ndarray:
-    """Weights (positions, 4) of positions with respect to the corners of their bodies."""
-    found = [np.append(position, 1.0) @ np.asarray(rigid.affine[i]) for i, position in positions]
-    return np.array(found).reshape(-1, 4)
 
 
 def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarray]:
@@ -160,72 +37,30 @@ def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarra
     return {"body_position": position, "body_attitude": turned, "body_velocity": velocity, "body_rates": angular}
 
 
-def make_vessels(scene: SceneData, sea: Sea | None) -> list[Effect]:
-    """One moving point for each attachment of a vessel."""
-    return [
-        _vessel_effect(vessel, f"vessel.{i}", name, position, scene, sea)
-        for i, vessel in enumerate(scene.vessels)
-        for name, position in vessel.attachments.items()
-    ]
-
-
-def _vessel_effect(
-    vessel: VesselSpec, path: str, name: str, position: np.ndarray, scene: SceneData, sea: Sea | None
-) -> Effect:
-    if vessel.rao is None:
-        return VesselByTable(vessel.time, vessel.motion, position, np.array(vessel.heading), point=name)
-    # fraction of the wave energy that the RAO table must cover, and how far waves may be outside its headings [rad]
-    covered = 0.95
-    margin = 0.05
-    waves = sea.waves
-    omega = np.asarray(waves.omega, float)
-    amplitude = np.asarray(waves.amplitude, float)
-    course = np.broadcast_to(np.asarray(waves.direction, float), omega.shape) - vessel.heading
-    table = vessel.rao.full_circle()
-    energy = amplitude**2
-    heading = table.nearest_turn(course)
-    inside = (omega >= table.frequency[0] * (1 - 1e-9)) & (omega <= table.frequency[-1] * (1 + 1e-9))
-    if np.sum(energy[inside]) < covered * np.sum(energy):
-        raise SceneError(
-            f"{path}.rao.frequency: {table.frequency[0]:.4g} to {table.frequency[-1]:.4g} rad/s leave out "
-            f"{1 - np.sum(energy[inside]) / np.sum(energy):.0%} of the waves' energy; allowed: at most 5%"
-        )
-    aside = (heading < table.headings[0] - margin) | (heading > table.headings[-1] + margin)
-    if np.sum(energy[aside]) > (1.0 - covered) * np.sum(energy):
-        worst = heading[aside][np.argmax(energy[aside])]
-        raise SceneError(
-            f"{path}.rao.headings: waves come at {worst:.4g} rad to the vessel; allowed: {table.headings[0]:.4g} to "
-            f"{table.headings[-1]:.4g} rad"
-        )
-    response = table.response(omega, heading)
-    return VesselInWaves(
-        response.real,
-        response.imag,
-        place=vessel.position,
-        arm=position,
-        heading=np.array(vessel.heading),
-        settled=jnp.array([0.0, scene.sea.ramp]),
-        point=name,
-    )
-
-
 def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
     """The model of a scene without its growth; bodies and buoys become separate effects."""
+    # imports inside: modules that most scenes start without
     index = {point.name: i for i, point in enumerate(scene.points)}
     points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
     effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
-    corners, rigid = make_bodies(scene, index)
-    if scene.sea is None:
-        sea = None
-    else:
+    sea = None
+    if scene.sea is not None:
         sea = make_sea(scene.sea, line_reach(scene))
-    line = _line(scene, index, len(corners))
-    model = Model(
-        (*points, *corners),
-        (line,),
-        (*effects, *_bodies(scene, index), *rigid, *make_vessels(scene, sea), *changing_lengths(scene)),
-        sea,
-    )
+    corners: list[Point] = []
+    if scene.bodies or scene.buoys or any(point.body for point in scene.points):
+        from dropper_jax.run.bodies import make_bodies, make_point_loads  # noqa: PLC0415
+
+        corners, rigid = make_bodies(scene, index)
+        effects += [*make_point_loads(scene, index), *rigid]
+    if scene.vessels:
+        from dropper_jax.run.vessels import make_vessels  # noqa: PLC0415
+
+        effects += make_vessels(scene, sea)
+    if any(line.length_in_time for line in scene.lines):
+        from dropper_jax.effects.length_in_time import changing_lengths  # noqa: PLC0415
+
+        effects += changing_lengths(scene)
+    model = Model((*points, *corners), (_line(scene, index, len(corners)),), tuple(effects), sea)
     model = model.cast(dtype or scene.run.dtype)
     for effect in model.effects:
         if not type(effect).__module__.startswith("dropper_jax."):  # the project's own ones have their tests
@@ -251,38 +86,12 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
 
 def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Graph:
     far = scene.link_mass_nodes
-    members = tuple(Member(n.name, n.links, index[n.start], index[n.end], far[n.name] == "far") for n in scene.lines)
+    single = not scene.branched
+    members = tuple(
+        Member(n.name, n.links, index[n.start], index[n.end], single or far[n.name] == "far") for n in scene.lines
+    )
     held = tuple(not p.is_free for p in scene.points)
-    if scene.branched:
-        return Graph(members, held + (False,) * corners)
-    return Path(members, held)
-
-
-def _bodies(scene: SceneData, index: dict[str, int]) -> list[Effect]:
-    """Masses and loads attached to the points."""
-    found: list[Effect] = []
-    loaded = [p for p in scene.points if p.body]
-    if loaded:
-        arrays = {key: np.array([getattr(p, key) or 0.0 for p in loaded]) for key in PointSpec.BODY}
-        wet = scene.sea is not None
-        if wet and np.any(arrays["volume"] * arrays["added_mass"]):
-            cls = WetPointBodies
-        else:
-            cls = PointBodies
-        found.append(cls(**arrays, gravity=scene.gravity, points=tuple(index[p.name] for p in loaded), wet=wet))
-    if scene.buoys:
-        keys = ("mass", "diameter", "height", "attachment", "cdn", "cdt", "can", "cat")
-        arrays = {key: np.array([getattr(b, key) for b in scene.buoys]) for key in keys}
-        kinds = {b.end_added_mass for b in scene.buoys}
-        found.append(
-            SparBuoys(
-                **arrays,
-                gravity=scene.gravity,
-                points=tuple(index[b.point] for b in scene.buoys),
-                end_added_mass=kinds.pop(),
-            )
-        )
-    return found
+    return Graph(members, held + (False,) * corners, is_path=single)
 
 
 def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:

@@ -13,7 +13,6 @@ import numpy as np
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.memory import versions
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.integrators.projected import ProjectedRungeKutta
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Frozen, Model, Parted, work_names
@@ -366,7 +365,7 @@ _rates = cached_jit()(damping_rates)
 
 
 def stiffness_remarks(
-    scheme: ProjectedRungeKutta, model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, h: np.ndarray
+    scheme: Embedded, model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, h: np.ndarray
 ) -> tuple[str, ...]:
     """A warning if damping limits most steps h (k,) [s] of a run with states (k, ...) at its saved times."""
     if not len(t):

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.analysis.angles import writhe
-from dropper_jax.effects.clamp_motion import ClampMotion
+from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
@@ -140,8 +140,8 @@ def _clamps(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
     if given.get("clamped"):
         for name, direction in zip(given["clamped"], given["directions"], strict=True):
             found[name] = direction / np.linalg.norm(direction)
-    if ClampMotion.name in scene.effects:
-        clamp = ClampMotion.build(scene.effects[ClampMotion.name], scene)
+    if "clamp_motion" in scene.effects:
+        clamp = EFFECTS["clamp_motion"].build(scene.effects["clamp_motion"], scene)
         found[clamp.point] = np.asarray(jax.vmap(clamp.leaving)(jnp.asarray(t)))
     return found
 

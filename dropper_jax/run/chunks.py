@@ -25,7 +25,7 @@ from dropper_jax.run.row_store import InMemory, Last, last_row, name_leaves
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
 from dropper_jax.stepping.extremes import Watch
-from dropper_jax.stepping.integrate import Progress, Trajectory, advance_some, begin
+from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin
 
 
 def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None) -> None:
@@ -94,7 +94,7 @@ Beside = Within | None
 GoOn = Callable[[Any, int], tuple[Any, tuple[Trajectory, Beside]]]
 
 # Compiled once for all calls: a second run that differs in values only is not compiled again.
-_advance = cached_jit(static=("stepper", "capacity", "save_every"), kernel=True)(advance_some)
+_advance = cached_jit(static=("stepper", "saves", "save_every"), kernel=True)(advance)
 _advance_adaptively = cached_jit(static=("stepper", "saves"), kernel=True)(advance_adaptively)
 
 
@@ -194,15 +194,15 @@ class _EqualSteps:
     def __init__(self, stepper: Stepper, model: Model, progress: Progress, run: RunSpec, watch: Watch | None) -> None:
         self.stepper, self.model, self.dt, self.watch = stepper, model, run.step, watch
         self.first = progress
-        self.settings = {"capacity": _chunk_size(progress.state), "save_every": run.save_every}
+        self.settings = {"saves": _chunk_size(progress.state), "save_every": run.save_every}
         self.longest = max(1, run.saves // MIN_CHUNKS)
         self.count = 1
         dt = jnp.asarray(self.dt, self.model.dtype)
         none = jnp.zeros((), jnp.int32)
-        self.program = _advance.program(stepper, model, progress, dt, none, watch=watch, **self.settings)
+        self.program = _advance.program(stepper, model, progress, dt, count=none, watch=watch, **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
-        count = min(self.count, self.longest, left, self.settings["capacity"])
+        count = min(self.count, self.longest, left, self.settings["saves"])
         started = time.perf_counter()
         after, rows = self._take(carry, count)
         self.count = max(1, int(count * min(SECONDS / max(time.perf_counter() - started, 1e-9), LONGER)))
@@ -221,7 +221,7 @@ class _EqualSteps:
             carry = self.first
             left = 2 * saves if finer else saves // 2
             while left > 0:
-                carry, piece = self._take(carry, min(left, self.settings["capacity"]), parts)
+                carry, piece = self._take(carry, min(left, self.settings["saves"]), parts)
                 if int(carry.first_bad) >= 0:
                     return
                 left -= len(piece.r)

@@ -120,7 +120,7 @@ class RunSpec:
         check_keys(given, [*declared_fields(cls), *options], path)
         values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
         values["options"] = {
-            key: read_number(given[key], f"{path}.{key}", declared) for key, declared in options.items() if key in given
+            key: read_number(given[key], f"{path}.{key}", options[key]) for key in options if key in given
         }
         spec = cls(**values)
         spec._check(path)

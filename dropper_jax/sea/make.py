@@ -84,8 +84,6 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
         return None
     if current is None and spec.current is not None:
         current = make_current(spec.current)
-    else:
-        current = current
     if spec.wave_current == "doppler":
         mean = _along(spec, current, _linear_number(spec, given))
     else:

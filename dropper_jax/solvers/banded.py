@@ -82,7 +82,7 @@ class Banded(Solver):
     name: str = "banded"
 
     def refuse(self, model: Model, integrator: Integrator) -> str | None:
-        if model.geometry.branched:
+        if not model.geometry.is_path:
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if model.laws:
             return f"effect {model.laws[0].name!r} has its own unknowns; use dense"

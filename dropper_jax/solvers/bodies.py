@@ -128,29 +128,22 @@ class Lines:
         graph = self.nodes.graph
         moved = scatter_add(nodes.edge, edge, graph.free)
         d = graph.differences(moved, None)
-        rows = -nodes.sums(apply(links.turn, d))
-        if self.others is None:
-            rows = rows
-        else:
-            rows = rows - self._by_pieces(self.others, moved)
+        rows = -nodes.sums(apply(links.turn, d)) - self._by_pieces(moved)
         own = -jnp.sum(links.gradient * d, axis=-1)
         rows = rows if force is None else force + rows
         own = own if stretch is None else stretch + own
         x, y = self.solver.solve(rows[nodes.retained_nodes], own)
         x = scatter_add(nodes.retained_nodes, x, graph.free)
         d = d + graph.differences(x, None)
-        pulled = nodes.sums(apply(links.turn, d) + links.force * y[:, None])
-        if self.others is None:
-            pulled = pulled
-        else:
-            pulled = pulled + self._by_pieces(self.others, moved + x)
+        pulled = nodes.sums(apply(links.turn, d) + links.force * y[:, None]) + self._by_pieces(moved + x)
         return x, y, apply(self.block, edge) + pulled[nodes.edge]
 
-    @staticmethod
-    def _by_pieces(others: Coupling, moved: jax.Array) -> jax.Array:
+    def _by_pieces(self, moved: jax.Array) -> jax.Array | float:
         """Rows (free, 3) of elements that include the edge, for displacements of all free nodes (free, 3)."""
-        row, column = np.array(others.pairs, int).T
-        return scatter_add_many(row, apply(others.blocks, moved[column]), len(moved))
+        if self.others is None:
+            return 0.0
+        row, column = np.array(self.others.pairs, int).T
+        return scatter_add_many(row, apply(self.others.blocks, moved[column]), len(moved))
 
 
 @dataclass(frozen=True)

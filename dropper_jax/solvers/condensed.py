@@ -106,7 +106,7 @@ class Condensed(Solver):
     name: str = "condensed"
 
     def refuse(self, model: Model, integrator: Integrator) -> str | None:
-        if model.geometry.branched:
+        if not model.geometry.is_path:
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if not integrator.condensable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense or banded"
@@ -127,7 +127,7 @@ class Condensed(Solver):
         node = local_jacobian(lambda x: problem.node_rows(x, ())[0], u.x)
         turn, force, gradient, compliance = LinkParts.of(problem, u)
         stiffness = KEPT * jnp.maximum(jnp.trace(turn, axis1=1, axis2=2) / 3.0, 0.0)
-        own = problem.model.line.at_nodes(stiffness, stiffness)
+        own = geometry.at_ends(stiffness, stiffness)
         node = node + own[:, None, None] * jnp.eye(3, dtype=node.dtype)
         inverse = inverse_rows(store_once(node))
         return Tensions.of(geometry, inverse, components(force), components(gradient), compliance)

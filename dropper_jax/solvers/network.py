@@ -67,7 +67,7 @@ class Network(Solver):
     name: str = "network"
 
     def refuse(self, model: Model, integrator: Integrator) -> str | None:
-        if not model.geometry.branched:
+        if model.geometry.is_path:
             return "it is for systems of lines, but the scene is one line; use condensed, banded or dense"
         if not integrator.networkable:
             return f"integrator {integrator.name!r} does not offer the pieces it needs; use dense"

@@ -210,7 +210,7 @@ def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tup
 
 def rest_solver(model: Model) -> Solver:
     """The cheapest solver of the exact Jacobian for the model; the network solver is for systems."""
-    if model.geometry.branched:
+    if not model.geometry.is_path:
         if model.node_reach > 0:
             return SOLVERS["dense"]
         return SOLVERS["network"]

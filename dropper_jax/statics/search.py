@@ -74,7 +74,7 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
         loads = jnp.zeros((model.free_nodes, 3), model.dtype)
     else:
         loads = jnp.asarray(loads, model.dtype)
-    if model.geometry.branched:
+    if not model.geometry.is_path:
         return _by_descent(full, model, loads, t, near)
     share = 1.0
     message = ""
@@ -154,10 +154,9 @@ def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[S
 def outward(full: Model) -> Effect | None:
     """The static seabed friction of the lines of a system, or None."""
     friction = full.effect("seabed_friction")
-    outward = friction is not None and friction.statics == "outward" and full.geometry.branched and not full.constraints
-    if outward:
-        return friction
-    return None
+    if friction is None or friction.statics != "outward" or full.geometry.is_path or full.constraints:
+        return None
+    return friction
 
 
 def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
@@ -197,8 +196,6 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
     ends = model.ends(t)
     if r is None:
         r = jnp.broadcast_to(ends.start, (model.free_nodes, 3))
-    else:
-        r = r
     return ends, model.force(model.instant(r, jnp.zeros_like(r), t, ends))
 
 

@@ -52,7 +52,7 @@ def check_recordable(stepper: Stepper, model: Model) -> None:
     scheme = stepper.integrator
     if not scheme.implicit or len(scheme.stages) != 1:
         raise SceneError(f"run.integrator: {scheme.name!r} has no backward pass; allowed: energy_momentum")
-    if not model.geometry.branched:
+    if model.geometry.is_path:
         raise SceneError("scene: a single line; allowed: systems of lines that join at points")
     start = model.initial_internal_state()
     if model.line.failures is not None or start or model.laws or model.constraints:
@@ -69,7 +69,7 @@ def record(stepper: Stepper, model: Model, s: State, h: jax.Array, steps: int) -
     h = jnp.asarray(h, model.dtype)
 
     def one(s: State, _: None) -> tuple[State, tuple[State, Unknowns, jax.Array]]:
-        u, row = solve(stepper, (model, s, h))
+        u, row, _ = solve(stepper, (model, s, h))
         after, row = finish_step(stepper, (model, s, h), u, row)
         return after, (s, u, row)
 

@@ -27,11 +27,6 @@ class Extremes(NamedTuple):
 Watch = Callable[[Model, State, State], tuple[jax.Array, jax.Array]]
 
 
-def link_tensions(model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
-    """Tensions (n,) [N] of the links, at the end of the step."""
-    return after.tension, after.t
-
-
 def no_extremes(watch: Watch | None, model: Model, s: State) -> Extremes | None:
     """The extremes of no steps yet; None if nothing is watched."""
     if watch is None:

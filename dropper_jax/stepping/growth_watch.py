@@ -9,13 +9,13 @@ contribution at every step, so that the cotangent grows by about k: the times ar
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
+from jax.flatten_util import ravel_pytree
 
 #: Times of a run at which the cotangent is measured.
 SEGMENTS = 16
@@ -35,7 +35,14 @@ def start_meter(leaves: list[jax.Array]) -> jax.Array:
 
 @start_meter.defjvp
 def _start_meter_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[jax.Array, jax.Array]:
-    return start_meter(*primals), _meter_tangent.bind(*tangents[0])
+    meter = start_meter(*primals)
+    total = sum(map(jnp.sum, tangents[0])).astype(meter.dtype)
+
+    def warn_of(ct: jax.Array) -> jax.Array:
+        jax.debug.callback(_warn, ct)
+        return jnp.zeros_like(ct)
+
+    return meter, _linear(jnp.zeros_like, warn_of, jnp.broadcast_to(total, meter.shape))
 
 
 @jax.custom_jvp
@@ -46,8 +53,23 @@ def watch(r: jax.Array, meter: jax.Array, at_end: jax.Array) -> tuple[jax.Array,
 
 @watch.defjvp
 def _watch_jvp(primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]) -> tuple[Any, Any]:
-    dr, dmeter, _ = tangents
-    return watch(*primals), tuple(_watched.bind(dr, dmeter, primals[2]))
+    flat, unravel = ravel_pytree(tangents[:2])
+
+    def measured(ct: jax.Array) -> jax.Array:
+        of_r, of_meter = unravel(ct)
+        return ravel_pytree((of_r, _measure(of_meter, of_r, primals[2])))[0]
+
+    return watch(*primals), unravel(_linear(lambda x: x, measured, flat))
+
+
+def _linear(
+    f: Callable[[jax.Array], jax.Array], transposed: Callable[[jax.Array], jax.Array], x: jax.Array
+) -> jax.Array:
+    """f(x) (n,) of a linear map with a transpose of its own, in both modes: the two "solvers" of a linear system.
+
+    Functions with a reverse rule of their own have no forward mode in JAX.
+    """
+    return jax.lax.custom_linear_solve(lambda y: y, x, lambda _, b: f(b), lambda _, ct: transposed(ct))
 
 
 def _measure(meter: jax.Array, cotangent: jax.Array, at_end: jax.Array) -> jax.Array:
@@ -68,51 +90,3 @@ def _warn(meter: np.ndarray) -> None:
     first, largest = np.moveaxis(np.asarray(meter), -1, 0)
     if np.any((first > 0.0) & ~(largest <= first * np.exp(LIMIT))):
         warnings.warn(MESSAGE, RuntimeWarning, stacklevel=2)
-
-
-# Primitives with transposes of their own: functions with a custom reverse rule have no forward mode in JAX.
-_watched = Primitive("watched_positions")
-_watched.multiple_results = True
-_watched.def_impl(lambda r, meter, at_end: [r, meter])
-_watched.def_abstract_eval(lambda r, meter, at_end: [r, meter])
-mlir.register_lowering(_watched, lambda _, r, meter, at_end: [r, meter])
-
-
-def _watched_transpose(cotangents: list[Any], r: Any, meter: Any, at_end: jax.Array) -> list[Any]:
-    ct_r, ct_meter = (ad.instantiate_zeros(ct) for ct in cotangents)
-    return [
-        ct_r if ad.is_undefined_primal(r) else None,
-        _measure(ct_meter, ct_r, at_end) if ad.is_undefined_primal(meter) else None,
-        None,
-    ]
-
-
-def _watched_batch(args: tuple[jax.Array, ...], dims: tuple[Any, ...]) -> tuple[list[jax.Array], list[int]]:
-    size = next(x.shape[d] for x, d in zip(args, dims, strict=True) if d is not batching.not_mapped)
-    return _watched.bind(*(batching.bdim_at_front(x, d, size) for x, d in zip(args, dims, strict=True))), [0, 0]
-
-
-def _watched_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[list[jax.Array], list[jax.Array]]:
-    dr, dmeter = (ad.instantiate_zeros(dot) for dot in tangents[:2])
-    return _watched.bind(*primals), _watched.bind(dr, dmeter, primals[2])
-
-
-ad.primitive_jvps[_watched] = _watched_jvp
-ad.primitive_transposes[_watched] = _watched_transpose
-batching.primitive_batchers[_watched] = _watched_batch
-
-_meter_tangent = Primitive("meter_tangent")
-_meter_tangent.def_impl(lambda *x: jnp.zeros(2, x[0].dtype))
-_meter_tangent.def_abstract_eval(lambda *x: x[0].update(shape=(2,)))
-mlir.register_lowering(_meter_tangent, mlir.lower_fun(lambda *x: jnp.zeros(2, x[0].dtype), multiple_results=False))
-batching.primitive_batchers[_meter_tangent] = lambda args, _: (_meter_tangent.bind(*args), batching.not_mapped)
-
-
-def _meter_transpose(ct: Any, *x: Any) -> list[Any]:
-    if not isinstance(ct, ad.Zero):
-        jax.debug.callback(_warn, ct)
-    return [ad.Zero(a.aval) if ad.is_undefined_primal(a) else None for a in x]
-
-
-ad.primitive_jvps[_meter_tangent] = lambda x, _: (_meter_tangent.bind(*x), jnp.zeros(2, x[0].dtype))
-ad.primitive_transposes[_meter_tangent] = _meter_transpose

@@ -166,38 +166,22 @@ def advance(
     dt: jax.Array,
     saves: int,
     save_every: int = 1,
+    count: jax.Array | None = None,
     watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
-    """Advance by `saves * save_every` steps of dt [s], scalar or (saves, save_every), saved every `save_every`."""
-    sizes = dt if jnp.ndim(dt) else None
+    """Advance by `saves * save_every` steps of dt [s], scalar or (saves, save_every), saved every `save_every`.
 
-    def save(carry: Progress, row: jax.Array | None) -> tuple[Progress, Trajectory]:
-        return advance_and_save(stepper, model, carry, dt if row is None else row, save_every, watch)
-
-    return jax.lax.scan(save, progress, sizes, length=saves)
-
-
-def advance_some(
-    stepper: Stepper,
-    model: Model,
-    progress: Progress,
-    dt: jax.Array,
-    count: jax.Array,
-    capacity: int,
-    save_every: int = 1,
-    watch: Watch | None = None,
-) -> tuple[Progress, Trajectory]:
-    """Advance by `count` saves, at most `capacity`, which is the number of rows of the trajectory: the first are
-    filled.
-
-    One program runs chunks of any length, which allows progress reports and interruption.
+    With a `count` only this number of saves is computed, and of `saves` rows the first are filled: one program runs
+    chunks of any length, which allows progress reports and interruption.
     """
-    rows = empty_trajectory(progress, capacity, no_extremes(watch, model, progress.state))
 
-    def save(carry: Progress, _: jax.Array) -> tuple[Progress, Trajectory]:
-        return advance_and_save(stepper, model, carry, dt, save_every, watch)
+    def save(carry: Progress, sizes: jax.Array | None) -> tuple[Progress, Trajectory]:
+        return advance_and_save(stepper, model, carry, dt if sizes is None else sizes, save_every, watch)
 
-    return scan_steps(save, progress, count, rows)
+    if count is None:
+        return jax.lax.scan(save, progress, dt if jnp.ndim(dt) else None, length=saves)
+    rows = empty_trajectory(progress, saves, no_extremes(watch, model, progress.state))
+    return scan_steps(lambda carry, _: save(carry, None), progress, count, rows)
 
 
 def empty_trajectory(progress: Progress, capacity: int, extremes: Extremes | None = None) -> Trajectory:

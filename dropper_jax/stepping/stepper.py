@@ -68,7 +68,7 @@ def make_stepper(
 
 def newton_settings(model: Model, scheme: Implicit) -> dict[str, Any]:
     """How corrections of a step are counted for a model and a scheme, as fields of `Stepper`."""
-    if model.geometry.branched:
+    if not model.geometry.is_path:
         found = dict(OF_A_SYSTEM)
         if str(model.dtype) == "float32":  # a guess may be within the tolerance, and a line would not move
             found["least"] = 2

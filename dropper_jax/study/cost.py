@@ -17,7 +17,7 @@ from dropper_jax.base.fields import component, parameter
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Kinematics, Model, State, state
-from dropper_jax.residual import Linear, Problem, Solver, Stepper, Unknowns
+from dropper_jax.residual import Linear, Solver, Stepper, StepProblem, Unknowns
 from dropper_jax.run.build import build, build_model, stepper_of
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.integrate import Progress, advance, begin
@@ -180,7 +180,7 @@ class CountingSolver:
         self.name = solver.name
         self.count = 0
 
-    def linearise(self, problem: Problem, u: Unknowns) -> CountedMatrix:
+    def linearise(self, problem: StepProblem, u: Unknowns) -> CountedMatrix:
         """The solver's matrix."""
         return CountedMatrix(self.solver.linearise(problem, u), self._add)
 

@@ -72,5 +72,5 @@ def _across(sea: Sea, free: jax.Array, nodes: jax.Array, v: jax.Array, t: jax.Ar
 def _far_ends(solution: Solution, model: Model) -> tuple[np.ndarray, np.ndarray]:
     """End nodes of the evaluated links, and the links: of one line all except a fixed end, of a system all."""
     nodes = np.concatenate([np.arange(line.nodes.start + 1, line.nodes.stop) for line in solution.lines])
-    kept = np.arange(len(nodes) if model.geometry.branched else model.free_nodes)
+    kept = np.arange(model.free_nodes if model.geometry.is_path else len(nodes))
     return nodes[kept], kept

@@ -16,7 +16,8 @@ from jax.custom_derivatives import SymbolicZero
 
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.effects import Bending, JointFriction
+from dropper_jax.effects.bending import Bending
+from dropper_jax.effects.joint_friction import JointFriction
 from dropper_jax.model import Effect, Kinematics, Model
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.slots import Force

@@ -402,7 +402,7 @@ def _entries(model: Model, section: str, field: dataclasses.Field, size: int) ->
     if section == "effects" and shape == "joint":
         return _joints(model)
     of_nodes = (section == "effects" and shape == "node") or (
-        section == "lines" and field.name == "mass" and not model.line.compound and not model.geometry.branched
+        section == "lines" and field.name == "mass" and not model.line.compound and model.geometry.is_path
     )
     if of_nodes:
         return model.free_nodes

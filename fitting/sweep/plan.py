@@ -285,7 +285,7 @@ def make_plan(
     base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
     axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
     if chunk is None:
-        chunk = default_chunk(build_model(base).geometry.branched, cases)
+        chunk = default_chunk(not build_model(base).geometry.is_path, cases)
     found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
     for model in found.models if any(axis.resizes for axis in axes) else ():
         _check_quantities(names, model)

@@ -126,8 +126,8 @@ class Program:
         # cases of a longline (52 links, 750 steps) then compile for 21 s in place of 8 and run for 6.1 s in place of
         # 5.3. Nor do those with set-valued laws, whose search for sticking joints would run in every step.
         # Nor do cases with an accuracy, each of which has steps of its own.
-        branched = plan.base[0].geometry.branched
-        self.side_by_side = not (branched or plan.is_adaptive or plan.stepper.easing or is_plain())
+        is_path = plan.base[0].geometry.is_path
+        self.side_by_side = is_path and not (plan.is_adaptive or plan.stepper.easing or is_plain())
         self._variants = {_shape_of(plan.base[0]): Variant(plan)}
 
     def compile(self, chunks: list[int]) -> None:

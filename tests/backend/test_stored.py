@@ -21,7 +21,7 @@ from dropper_jax.backend import stored
 from dropper_jax.backend.programs import compile_program, store_programs
 from dropper_jax.backend.stored import ABANDONED, UNFINISHED, Folder, NoStableText, StoredPrograms, stable_text
 from dropper_jax.base.numerics import components, inverse_rows
-from dropper_jax.stepping.integrate import advance_some, begin
+from dropper_jax.stepping.integrate import advance, begin
 from dropper_jax.study.doctor import loads_stored_programs
 
 MATRICES = jnp.asarray(np.random.default_rng(1).normal(size=(4, 3, 3)) + 3.0 * np.eye(3))
@@ -136,13 +136,13 @@ def test_a_second_process_does_not_trace_and_gets_the_same_numbers_in_the_same_t
 def test_a_stored_run_gives_the_same_bits(tmp_path, scene):
     model, s = dj.build(dj.load_scene(scene))
     stepper = dj.make_stepper(model)
-    settings = {"stepper": stepper, "capacity": 8, "save_every": 2}
+    settings = {"stepper": stepper, "saves": 8, "save_every": 2}
     values = model, begin(stepper, model, s), jnp.asarray(0.01), jnp.asarray(5, jnp.int32)
-    run = lambda model, progress, dt, count: advance_some(  # noqa: E731
-        stepper, model, progress, dt, count, capacity=8, save_every=2
+    run = lambda model, progress, dt, count: advance(  # noqa: E731
+        stepper, model, progress, dt, saves=8, save_every=2, count=count
     )
     second = Counted(run)
-    a, b = (answer(tmp_path, one, advance_some, settings, values) for one in (run, second))
+    a, b = (answer(tmp_path, one, advance, settings, values) for one in (run, second))
     assert second.traced == 0
     assert jax.tree.structure(a) == jax.tree.structure(b)
     for got, again in zip(*map(jax.tree.leaves, (a, b)), strict=True):
@@ -190,8 +190,8 @@ OTHERS = [
     pytest.param(lambda patch: {"values": (MATRICES[:2],)}, id="shape"),
     pytest.param(lambda patch: {"values": (MATRICES.astype(jnp.float32),)}, id="precision"),
     pytest.param(lambda patch: {"values": ([MATRICES],)}, id="tree"),
-    pytest.param(lambda patch: {"settings": {"capacity": 3}}, id="static argument"),
-    pytest.param(lambda patch: {"settings": {"capacity": 3.0}}, id="kind of static argument"),
+    pytest.param(lambda patch: {"settings": {"saves": 3}}, id="static argument"),
+    pytest.param(lambda patch: {"settings": {"saves": 3.0}}, id="kind of static argument"),
     pytest.param(lambda patch: {"settings": {"model": MATRICES}}, id="constants"),
     pytest.param(lambda patch: {"function": components}, id="function"),
     pytest.param(lambda patch: {"kernel": True}, id="kernel"),

@@ -99,3 +99,12 @@ def test_a_neutral_particle_stays_with_the_water_only_with_the_material_accelera
     last, _ = jax.jit(lambda r: jax.lax.scan(rk4, r, jnp.arange(steps)))(jnp.array([0.0, 0.0, -6.0]))
     assert np.linalg.norm(strays["material"][-1] - last) < 1e-6
     assert np.linalg.norm(strays["local"][-1] - last) == pytest.approx(11.8, abs=0.1)
+
+
+def test_the_kinetic_energy_of_added_mass_is_that_of_the_free_nodes_in_systems_with_anchors():
+    """`1/2 v . M_a v`, up to the stretch of links: half of the first link is at the anchor, which does not move."""
+    model, s = dj.build("paper-case-1")
+    effect = model.effect("morison_inertia")
+    v = jnp.asarray(np.random.default_rng(0).normal(size=s.r.shape))
+    k = model.instant(s.r, v, s.t)
+    np.testing.assert_allclose(effect.kinetic(k), 0.5 * jnp.sum(v * effect.inertia(k, v)), rtol=2e-3)

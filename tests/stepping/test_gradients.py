@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 import dropper_jax as dj
 from dropper_jax import Line, Model, Point, state
 from dropper_jax.effects import LinearDamping, QuadraticDamping, Weight
-from dropper_jax.model import Member, Path
+from dropper_jax.model import Graph, Member
 
 DT = 0.005
 MODEL, START = dj.build("dropper-release-a")
@@ -33,7 +33,11 @@ PARAMETERS = {
 
 def model_of(p):
     points = (MODEL.points[0], Point(p["end"], "right", "fixed"))
-    line = Line(p["length"], p["mass"], Path((Member("line", p["length"].shape[-1], 0, 1),), (True, True)))
+    line = Line(
+        p["length"],
+        p["mass"],
+        Graph((Member("line", p["length"].shape[-1], 0, 1, far=True),), (True, True), is_path=True),
+    )
     return Model(points, (line,), (Weight(jnp.asarray(9.81)), LinearDamping(p["b_l"]), QuadraticDamping(p["b_q"])))
 
 

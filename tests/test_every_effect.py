@@ -95,7 +95,7 @@ def clamped():
         "time": TIMES,
         "direction": [(d / np.linalg.norm(d)).tolist() for d in directions],
     }
-    return {**recorded(), "effects": {"weight": {}, "bending": {"EI": 5.0}, "clamp_motion": clamp}}
+    return {**recorded(), "effects": {"weight": {}, "bending": {"EI": 0.02}, "clamp_motion": clamp}}
 
 
 def vessel():

@@ -117,10 +117,18 @@ def describe(path: str) -> Mapping[str, Any]:
     return {}
 
 
-def locate(table: Mapping[str, Any]) -> dict[str, Steps]:
-    """Steps to each value that a scene with one value per link may have, by path; without entries of lists."""
+def locate(table: Mapping[str, Any], paths: Iterable[str] | None = None) -> dict[str, Steps]:
+    """Steps to each value that a scene with one value per link may have, by path; without entries of lists.
+
+    Args:
+        paths: if given, only effects that the scene has or that one of these paths names, so that no other is imported.
+    """
     found: dict[str, Steps] = {}
-    for pattern, _, cls in declared_sections(table.get("effects", ())):
+    effects = None
+    if paths is not None:
+        words = [path.split(".") for path in paths]
+        effects = {*table.get("effects", ()), *(word[1] for word in words if word[0] == "effects" and len(word) > 1)}
+    for pattern, _, cls in declared_sections(effects):
         if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
             found |= _steps(table, pattern, (*(declared_fields(cls) if cls else ()), *MORE_KEYS.get(pattern, ())))
     for pattern in BY_NAME:
@@ -179,7 +187,7 @@ def set_value(
     Raises:
         SceneError: the path (with the nearest) or the entry does not exist.
     """
-    parent, key = _find_parent(table, path, locate(table) if steps is None else steps, candidates)
+    parent, key = _find_parent(table, path, locate(table, [path]) if steps is None else steps, candidates)
     parent[key] = value
 
 
@@ -189,7 +197,7 @@ def get(table: dict[str, Any], path: str, steps: Mapping[str, Steps] | None = No
     Raises:
         SceneError: the path or entry does not exist, or no value is given there.
     """
-    parent, key = _find_parent(copy.deepcopy(table), path, locate(table) if steps is None else steps, ())
+    parent, key = _find_parent(copy.deepcopy(table), path, locate(table, [path]) if steps is None else steps, ())
     if isinstance(parent, dict) and key not in parent:
         raise SceneError(f"{path}: is not given in the scene")
     return parent[key]
@@ -201,7 +209,8 @@ def _find_parent(
     """The container of the value at a path, and its key in it; missing tables are created."""
     found = ScenePath(path).entry_of(steps)
     if found is None:
-        raise SceneError(f"{path}: unknown path; {_hint(path, {*steps, *candidates})}")
+        others = locate(table) if path.startswith("effects.") else ()
+        raise SceneError(f"{path}: unknown path; {_hint(path, {*steps, *candidates, *others})}")
     stem, entries = found
     *parents, key = steps[stem]
     for step in parents:

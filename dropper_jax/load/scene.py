@@ -275,7 +275,7 @@ class Scene(SceneData):
         if self.written is not None:
             table = self.written.with_changes(table, values)
         else:
-            known = locate(table)
+            known = locate(table, values)
             for path, value in values.items():
                 set_value(table, path, value, known)
         table["run"] = choose_steps(table["run"], values)

@@ -18,6 +18,7 @@ EXAMPLES = {
     "design": "paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
     "doctor": "--repeats 2",
     "equilibrium": "dropper-release-a",
+    "explain": "platform-longline",
     "fit": "trace.csv --scene dropper-release-a --free b_l --method windows --until 1.0",
     "frequency": "wet-pendulum-wave --sea-states 0.1:3 --frequencies 4",
     "growth": "mussels.toml --months 6",

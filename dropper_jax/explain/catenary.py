@@ -24,12 +24,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-#: Newton steps at most, and the rows [m] per metre of length at which they end.
+#: Maximum number of Newton steps, and the rows [m] per metre of length at which they end.
 STEPS = 100
 ENOUGH = 1e-12
-#: Most that a Newton step changes the logarithm of H.
+#: Maximum change of the logarithm of H in a Newton step.
 LONGEST = 1.0
-#: Least H/(w L) of a guess.
+#: Minimum H/(w L) of a guess.
 SMALLEST = 1e-6
 
 

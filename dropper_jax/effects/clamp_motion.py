@@ -99,11 +99,11 @@ class ClampMotion(Effect):
         intact = k.line.axial.intact
         if intact is not None:
             stiffness = stiffness * intact[link]
-        wanted = self.leaving(k.t)
+        direction = self.leaving(k.t)
 
         def energy(r: jax.Array) -> jax.Array:
             away = r[:, 1] - r[:, 0]
-            bent = away / safe_norm(away)[:, None] - wanted
+            bent = away / safe_norm(away)[:, None] - direction
             return stiffness * jnp.sum(dot(bent, bent))
 
         return -jax.grad(energy)(r)

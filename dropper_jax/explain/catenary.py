@@ -125,9 +125,9 @@ def _start(line: Hanging) -> np.ndarray:
         horizontal = 0.5 * line.span / bow / line.length
         vertical = 0.5 * (line.rise / np.tanh(bow) / line.length + 1.0)
     else:
-        pull = line.EA * (chord / line.length - 1.0) / total
-        horizontal = pull * line.span / chord
-        vertical = pull * line.rise / chord + 0.5
+        stretching = line.EA * (chord / line.length - 1.0) / total
+        horizontal = stretching * line.span / chord
+        vertical = stretching * line.rise / chord + 0.5
     return np.array([np.log(max(horizontal, SMALLEST)), vertical])
 
 

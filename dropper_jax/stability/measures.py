@@ -117,11 +117,11 @@ def _of_run(value: Callable[[Case, Solution], float]) -> Measure:
 
 
 def _of_path(value: Callable[[Case, np.ndarray, np.ndarray], float]) -> Measure:
-    """A measure of the path of the case's point, infinite if the run did not complete."""
+    """A measure of the path of the case's point, infinite if the run does not have the expected status."""
 
     def measure(case: Case, short: bool) -> Outcome:
         run = _run(case, short)
-        if run.status != "ok":
+        if run.status != case.expected:
             return Outcome(float("inf"), run.status)
         return Outcome(value(case, run.t, run.point_path(case.point)), run.status)
 

@@ -11,6 +11,7 @@ from dropper_jax.cli.options import (
     add_scene,
     done_object,
     print_result,
+    print_warnings,
     read_scene,
     table,
 )
@@ -31,17 +32,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args, notes=False)
 
-    from dropper_jax.explain.answers import explain
+    from dropper_jax.explain.answers import explain, refuse_rigid
     from dropper_jax.run.build import equilibrium
+    from dropper_jax.run.plausibility import scene_warnings
+    from dropper_jax.run.resolution import pose_remarks
 
+    refuse_rigid(scene)
     pose = equilibrium(scene)
     if pose.status != "ok":
         return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
     found = explain(scene, pose)
+    remarks = (*scene_warnings(scene, at_rest=True), *pose_remarks(scene, pose.positions, pose.tension))
+    remarks = tuple(text for text in remarks if text not in found.ignored)
+    print_warnings(remarks)
     values = asdict(found)
     for row, line in zip(values["lines"], found.lines, strict=True):
         row["verdict"] = line.verdict
-    return deliver(args.json, done_object(scene=scene.name, **values), _text(found), args.out)
+    return deliver(args.json, done_object(scene=scene.name, **values, warnings=remarks), _text(found), args.out)
 
 
 def _text(found: Explained) -> str:

@@ -130,26 +130,32 @@ def explain(scene: Scene, pose: Equilibrium) -> Explained:
     Raises:
         SceneError: rigid links, whose tensions do not follow from lengths.
     """
-    for line in scene.lines:
-        _stiffness_of(line)
+    refuse_rigid(scene)
     state = pose.state
     if state is None:
         raise SceneError(f"explain: {pose.message}")
     positions = np.asarray(pose.positions)
     closed = {}
     facts = []
+    weights = wet_weights(scene)
     forces = end_forces(scene, positions[None], np.asarray(pose.tension)[None])
     uplift = end_angles(positions[None], whole_lines(scene))
     for line in whole_lines(scene):
-        line_of = _Line(scene, line, positions)
-        closed[line.name] = line_of.closed
-        facts.append(line_of.facts(forces[line.name][0], uplift[line.name][0]))
+        hung = _HungLine(scene, line, positions, float(weights[line.links].sum()))
+        closed[line.name] = hung.closed
+        facts.append(hung.facts(forces[line.name][0], uplift[line.name][0]))
     held = _held_above(scene)
     matrix = None
     if held:
         matrix = stiffness_of_group(build_model(scene), state, held, (0.0, 0.0, 0.0)).matrix
     sums = _closed_stiffness(scene, positions, closed, held)
     return Explained(tuple(facts), tuple(_wear(scene, state)), held, matrix, sums, tuple(scene.notes))
+
+
+def refuse_rigid(scene: Scene) -> None:
+    """Refuse a scene with rigid links, whose tensions do not follow from lengths."""
+    for line in scene.lines:
+        _stiffness_of(line)
 
 
 def _stiffness_of(line: LineSpec) -> np.ndarray:
@@ -161,16 +167,17 @@ def _stiffness_of(line: LineSpec) -> np.ndarray:
     return line.EA
 
 
-class _Line:
-    """A line in its pose: its ends by height, and its closed form where that applies."""
+class _HungLine:
+    """A line of a weight [N] in water in its pose: its ends by height, and its closed form where that applies."""
 
-    def __init__(self, scene: Scene, line: WholeLine, positions: np.ndarray) -> None:
+    def __init__(self, scene: Scene, line: WholeLine, positions: np.ndarray, weight: float) -> None:
         self.line = line
         nodes = positions[line.nodes]
         self.turned = bool(nodes[0, 2] > nodes[-1, 2])
-        self.low, self.high = (nodes[-1], nodes[0]) if self.turned else (nodes[0], nodes[-1])
+        self.low = nodes[-1 if self.turned else 0]
+        self.high = nodes[0 if self.turned else -1]
         self.length = float(line.spec.length.sum())
-        self.weight = float(wet_weights(scene)[line.links].sum()) / self.length
+        self.weight = weight / self.length
         self.on_bed = _length_on_bed(scene, line, nodes)
         self.hanging = self._hanging(scene)
         self.closed = None if self.hanging is None else solve(self.hanging)

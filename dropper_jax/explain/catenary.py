@@ -19,16 +19,15 @@ Source: Jonkman, Dynamics Modeling and Loads Analysis of an Offshore Floating Wi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.optimize import brentq, root
 
-#: Maximum number of Newton steps, and the rows [m] per metre of length at which they end.
-STEPS = 100
-ENOUGH = 1e-12
-#: Maximum change of the logarithm of H in a Newton step.
-LONGEST = 1.0
+#: Largest row [m] of a solution, per metre of length.
+ENOUGH = 1e-9
 #: Minimum H/(w L) of a guess.
 SMALLEST = 1e-6
 
@@ -75,19 +74,16 @@ class Shape:
 
 
 def solve(line: Hanging) -> Shape | None:
-    """The equilibrium, or None if Newton's method finds none."""
+    """The equilibrium, or None if none is found."""
     hanging = hanging_length(line)
     if line.on_bed and line.span + hanging <= line.length:
         force = line.weight * hanging
         return Shape(0.0, force, force, 0.0, line.length - hanging, None)
-    x = _start(line)
-    for _ in range(STEPS):
-        row, slope = _rows(line, x)
-        if np.max(np.abs(row)) <= ENOUGH * line.length:
-            return _shape(line, x, slope)
-        step = np.linalg.solve(slope, row)
-        x = x - step * LONGEST / max(abs(float(step[0])), LONGEST)
-    return None
+    found = root(partial(_rows, line), _start(line), jac=True, tol=1e-13)
+    row, slope = _rows(line, found.x)
+    if not np.max(np.abs(row)) <= ENOUGH * line.length:
+        return None
+    return _shape(line, found.x, slope)
 
 
 def hanging_length(line: Hanging) -> float:
@@ -99,20 +95,21 @@ def hanging_length(line: Hanging) -> float:
 def offset_until_uplift(line: Hanging) -> float | None:
     """Distance [m] by which the upper end may still move away before the anchor is lifted; negative if it is lifted.
 
-    There V = w L, and z gives H by bisection; None where even a taut line does not lift the anchor at that height.
+    There V = w L, and z gives H; None where even a taut line does not lift the anchor at that height.
     """
     top = line.weight * line.length
-    low, high = 1e-9 * top, 1e9 * top
 
-    def rise(h: float) -> float:
-        return h / line.weight * (float(np.hypot(1.0, top / h)) - 1.0) + top**2 / (2.0 * line.EA * line.weight)
+    def too_high(log_force: float) -> float:
+        h = float(np.exp(log_force))
+        rise = h / line.weight * (float(np.hypot(1.0, top / h)) - 1.0) + top**2 / (2.0 * line.EA * line.weight)
+        return rise - line.rise
 
-    if not rise(high) < line.rise < rise(low):
+    lowest = np.log(1e-9 * top)
+    highest = np.log(1e9 * top)
+    if too_high(lowest) <= 0.0 or too_high(highest) >= 0.0:
         return None
-    for _ in range(200):
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if rise(middle) > line.rise else (low, middle)
-    reach = low / line.weight * float(np.arcsinh(top / low)) + low * line.length / line.EA
+    h = float(np.exp(brentq(too_high, lowest, highest, xtol=1e-13)))
+    reach = h / line.weight * float(np.arcsinh(top / h)) + h * line.length / line.EA
     return reach - line.span
 
 

@@ -81,12 +81,12 @@ def shaken():
 def test_a_cantilever_that_is_shaken_and_turned_follows_its_modes(shaken):
     assert shaken.status == "ok", shaken.failure
     exact = tip_by_modes(shaken.t)
-    assert np.max(np.abs(shaken.positions[:, -1, 2] - exact)) < 0.01 * np.max(np.abs(exact))
+    assert np.max(np.abs(shaken.positions[:, -1, 2] - exact)) < 4e-3 * np.max(np.abs(exact))
 
 
 def test_its_moment_at_the_wall_is_that_of_the_bent_rod(shaken):
     """The moment of the inertia of the whole rod about the wall, from the heights of its nodes."""
-    every = 20
+    every = 10
     at = slice(every, None, every)
     t, z = shaken.t, shaken.positions[:, :, 2]
     acceleration = (z[2 * every :: every] - 2.0 * z[every:-every:every] + z[: -2 * every : every]) / (every * 0.01) ** 2
@@ -94,15 +94,15 @@ def test_its_moment_at_the_wall_is_that_of_the_bent_rod(shaken):
     arm = np.linspace(0.0, LENGTH, 25)
     exact = np.abs(acceleration @ (mass * arm))
     found = shaken.bending_moment[at, 0][: len(exact)]
-    assert t[at][0] == pytest.approx(0.2)
-    assert np.max(np.abs(found - exact)) < 0.05 * np.max(exact)
+    assert t[at][0] == pytest.approx(0.1)
+    assert np.max(np.abs(found - exact)) < 5e-3 * np.max(exact)
 
 
 def test_the_work_of_the_clamp_closes_the_balance(shaken):
     names = list(shaken.work_names)
     done = np.abs(shaken.work[:, names.index("clamp_motion")])
     assert np.max(done) > 0.1 * shaken.energy_scale
-    assert shaken.energy_drift < 1e-3 * shaken.energy_scale
+    assert shaken.energy_drift < 1e-8 * shaken.energy_scale
 
 
 def test_quaternions_turn_the_line_as_directions_do():

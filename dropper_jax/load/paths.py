@@ -209,8 +209,10 @@ def _find_parent(
     """The container of the value at a path, and its key in it; missing tables are created."""
     found = ScenePath(path).entry_of(steps)
     if found is None:
-        others = locate(table) if path.startswith("effects.") else ()
-        raise SceneError(f"{path}: unknown path; {_hint(path, {*steps, *candidates, *others})}")
+        known = {*steps, *candidates}
+        if isinstance(table, dict) and path.startswith("effects."):
+            known.update(locate(table))
+        raise SceneError(f"{path}: unknown path; {_hint(path, known)}")
     stem, entries = found
     *parents, key = steps[stem]
     for step in parents:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ Scene = dict[str, Any]
 PARTED = 0.1
 #: Tension [N] below which a scene has none.
 SMALLEST = 1e-6
+#: Error of a tension over the largest one that is rounding.
+ROUNDING = 1e-6
 #: Windows of a run whose maxima are compared.
 WINDOWS = 4
 
@@ -133,6 +136,20 @@ def compare(run: dj.Solution, exact: dj.Solution, chaotic_from: float | None) ->
     return found | {"mean": max(mean), "deviation": max(deviation), "maximum": max(maximum)}
 
 
+def covered(row: dict[str, Any], exact: dj.Solution) -> Iterator[tuple[str, float]]:
+    """Kind of each stated error, and the true error over it; below the accuracy's rounding they count as equal."""
+    if row.get("stated_positions"):
+        yield "positions", row["positions"] / row["stated_positions"]
+    largest = max(float(exact.tension_max.max()), SMALLEST)
+    for line, stated in zip(whole_lines(exact.scene), row.get("stated_lines", []), strict=False):
+        link = line.links.start + stated["link"] - 1
+        mean, deviation = _statistics(exact, link)
+        top = float(exact.tension_max[:, link].max())
+        for kind, value in (("mean", mean), ("deviation", deviation), ("maximum", top)):
+            error = abs(stated[f"{kind}_n"] - value)
+            yield kind, error / max(stated[f"{kind}_error_n"], ROUNDING * largest)
+
+
 def _statistics(run: dj.Solution, link: int) -> tuple[float, float]:
     mean = float(np.mean(run.tension[1:, link]))
     return mean, float(np.sqrt(max(np.mean(run.tension_square[1:, link]) - mean**2, 0.0)))
@@ -153,9 +170,11 @@ def judge(name: int | str, scene: Scene | str, reference: float) -> dict[str, An
     if "stated_errors" in run.settings:
         stated = run.settings["stated_errors"]
         row["stated_positions"] = stated["positions"]
+        row["stated_lines"] = stated["lines"]
         row["chaotic_from_s"] = stated["chaotic_from_s"]
     if run.status == "ok" and exact.status == "ok":
         row |= compare(run, exact, row.get("chaotic_from_s"))
+        row["covered"] = list(covered(row, exact))
     return row | {"seconds": time.perf_counter() - started}
 
 

@@ -55,6 +55,8 @@ INLINE = ELEMENTWISE | frozenset(
     one_kernel pvary xla_metadata_call xla_metadata_call2
     """.split()  # noqa: SIM905
 )
+#: Number of elements up to which XLA compiles a reduction inline where it gives larger ones to a library (YNNPACK).
+LARGEST_REDUCTION = 4096
 #: Types that float64 contains exactly, and those of its width, whose bits are used.
 WIDENED = frozenset("bool int8 int16 int32 uint8 uint16 uint32 float32".split())  # noqa: SIM905
 SAME_WIDTH = frozenset(("float64", "int64", "uint64"))
@@ -132,8 +134,17 @@ def tags_enabled() -> bool:
 
 
 def forbids_callbacks() -> bool:
-    """Whether calls of Python would prevent that what is being traced becomes one kernel."""
-    return _INSIDE.value
+    """Whether calls of Python would prevent that what is being traced becomes one kernel, or cannot run: JAX makes
+    them on the processor, which `JAX_PLATFORMS=cuda` hides."""
+    return _INSIDE.value or not _has_processor()
+
+
+@functools.cache
+def _has_processor() -> bool:
+    try:
+        return bool(jax.local_devices(backend="cpu"))
+    except RuntimeError:
+        return False
 
 
 def separate_call(f: Callable[P, R]) -> Callable[P, R]:
@@ -211,7 +222,22 @@ def is_inline(jaxpr: core.Jaxpr) -> bool:
     """Whether XLA compiles all operations of a traced function inline."""
     if jaxpr.effects:
         return False
-    return all(eqn.primitive.name in INLINE and all(map(is_inline, _inner_jaxprs(eqn))) for eqn in jaxpr.eqns)
+    return all(_is_inline_operation(eqn) and all(map(is_inline, _inner_jaxprs(eqn))) for eqn in jaxpr.eqns)
+
+
+def _is_inline_operation(eqn: core.JaxprEqn) -> bool:
+    name = eqn.primitive.name
+    if name.startswith("reduce_") and name != "reduce_precision" and _calls_reductions():
+        return eqn.invars[0].aval.size <= LARGEST_REDUCTION
+    return name in INLINE
+
+
+@functools.cache
+def _calls_reductions() -> bool:
+    """Whether XLA gives large reductions to a library: with JAX 0.11 and later, which have the first of
+    `TAGGED_CALLS`."""
+    module, name = TAGGED_CALLS[0]
+    return hasattr(importlib.import_module(module), name)
 
 
 def _inner_jaxprs(eqn: core.JaxprEqn) -> list[core.Jaxpr]:

@@ -12,6 +12,7 @@ import functools
 import gc
 import inspect
 import os
+import re
 import sys
 import threading
 from collections import OrderedDict
@@ -35,6 +36,8 @@ R = TypeVar("R")
 #: (edulis-longline: 0.6 instead of 1.2 ms), but they compile twice as long (50 instead of 24 s), which only 40 000
 #: steps would repay.
 LARGEST_KERNEL = 6000
+#: What the compiler says of an option that it does not know.
+UNKNOWN_OPTION = re.compile(r"No such compile option: '(\w+)'")
 #: Compiler options of kernels on the CPU. XLA's emitters of fused operations start a compiler of their own for each of
 #: hundreds of functions; without them what cannot be one kernel compiles in half of the time.
 KERNEL_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
@@ -190,15 +193,19 @@ def _compile(one: Callable[..., object], values: Sequence[object], kernel: bool)
 
 
 def compile_lowered(lowered: jax.stages.Lowered, options: Mapping[str, str | bool | int]) -> jax.stages.Compiled:
-    """A lowered program compiled with options of the CPU's compiler, without them elsewhere or where it has no such
-    options. Those that `XLA_FLAGS` sets are the user's."""
+    """A lowered program compiled with options of the CPU's compiler, without them elsewhere, and without those that
+    it does not know. Those that `XLA_FLAGS` sets are the user's."""
     if is_plain() or jax.default_backend() != "cpu":
         return lowered.compile()
     flags = os.environ.get("XLA_FLAGS", "")
-    try:
-        return lowered.compile({name: value for name, value in options.items() if f"--{name}=" not in flags})
-    except jax.errors.JaxRuntimeError:
-        return lowered.compile()
+    known = {name: value for name, value in options.items() if f"--{name}=" not in flags}
+    while True:
+        try:
+            return lowered.compile(known)
+        except jax.errors.JaxRuntimeError as error:
+            unknown = UNKNOWN_OPTION.search(str(error))
+            if unknown is None or known.pop(unknown[1], None) is None:
+                raise
 
 
 class CachedJit(Generic[P, R]):

@@ -5,9 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax.backend import programs
+from dropper_jax.backend import one_kernel, programs
 from dropper_jax.backend.programs import Store, cached_jit
 from dropper_jax.cli import main
+from dropper_jax.stepping.integrate import growth_meter
 
 
 @pytest.fixture
@@ -97,11 +98,42 @@ def test_the_program_itself_takes_what_is_not_static(traced):
     assert len(shapes) == 1
 
 
-def test_a_compiler_without_an_option_compiles_without_all_of_them(monkeypatch):
-    monkeypatch.setattr(programs, "OPTIONS", {"xla_cpu_is_not_an_option": True})
+def test_a_compiler_without_an_option_compiles_with_the_others(monkeypatch):
+    monkeypatch.setattr(programs, "OPTIONS", {"xla_cpu_is_not_an_option": True, **programs.OPTIONS})
     for kernel in (False, True):
         double = cached_jit(store=Store(), kernel=kernel)(lambda x: 2.0 * x)
         assert float(double(jnp.asarray(3.0))) == 6.0
+
+
+class WithoutOption:
+    """A lowered program whose compiler does not know an option; it returns the options that it is compiled with."""
+
+    def compile(self, options):
+        for name in sorted(options):
+            if name.startswith("removed"):
+                raise jax.errors.JaxRuntimeError(f"INVALID_ARGUMENT: No such compile option: '{name}'")
+            if name.startswith("failing"):
+                raise jax.errors.JaxRuntimeError("UNIMPLEMENTED: Fusion kind not implemented on CPU")
+        return options
+
+
+def test_options_that_a_compiler_knows_are_kept():
+    given = {"removed_1": True, "known": 2, "removed_2": False}
+    assert programs.compile_lowered(WithoutOption(), given) == {"known": 2}
+    with pytest.raises(jax.errors.JaxRuntimeError, match="UNIMPLEMENTED"):
+        programs.compile_lowered(WithoutOption(), {"failing": 1})
+
+
+@pytest.mark.parametrize(("count", "inline"), [(512, True), (513, False)])
+def test_large_reductions_that_a_compiler_gives_to_a_library_are_not_inline(monkeypatch, count, inline):
+    monkeypatch.setattr(one_kernel, "_calls_reductions", lambda: True)
+    traced = jax.make_jaxpr(lambda x: jnp.sum(x, axis=1))(jnp.ones((count, 8)))
+    assert one_kernel.is_inline(traced.jaxpr) == inline
+
+
+def test_derivatives_are_not_metered_where_no_processor_runs_the_warning(monkeypatch):
+    monkeypatch.setattr(one_kernel, "_has_processor", lambda: False)
+    assert growth_meter(jnp.ones(3)) is None
 
 
 @pytest.mark.check

@@ -7,7 +7,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.cli import main
 from dropper_jax.run import companion
-from dropper_jax.run.companion import words
+from dropper_jax.run.companion import SCATTER, words
 
 NAME = "conical-pendulum-damped"
 
@@ -47,17 +47,18 @@ def test_errors_of_a_run_with_an_accuracy_are_those_against_a_finer_one(pendulum
     found = run.settings["stated_errors"]
     assert found["companion"] == "a run with accuracy 0.4"
     true = largest_distance(run, fine)
-    assert true / 3.0 < found["positions"] < 3.0 * true
+    assert true < found["positions"] < 6.0 * true
     (row,) = found["lines"]
-    assert abs(row["mean_n"] - fine.tension[1:].mean()) < 3.0 * row["mean_error_n"]
+    assert abs(row["mean_n"] - fine.tension[1:].mean()) < row["mean_error_n"]
 
 
-def test_a_finer_companion_states_the_same_errors(pendulum):
+def test_a_finer_companion_states_the_error_that_a_coarser_one_covers(pendulum):
     coarser = pendulum[1].settings["stated_errors"]
     run = dj.simulate(NAME, accuracy=0.1, duration=15.0, companion="finer")
     finer = run.settings["stated_errors"]
     assert finer["companion"] == "a run with accuracy 0.025"
-    assert finer["positions"] == pytest.approx(coarser["positions"], rel=0.5)
+    assert SCATTER * finer["positions"] == pytest.approx(coarser["positions"], rel=0.5)
+    assert finer["angles_rad"] == pytest.approx(coarser["angles_rad"], rel=0.5)
 
 
 def test_the_angle_error_is_that_of_a_short_run_from_the_same_start():

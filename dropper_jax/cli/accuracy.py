@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     failure = STOPPED if found.get("status") == STOPPED[0] else None
     if args.plot and failure is None:
         draw(found, picture(args.plot, "accuracy"))
-    return deliver(args.json, done_object(**found), text(found), args.out, failure)
+    return deliver(args, done_object(**found), text(found), failure)
 
 
 def _row_printer(quiet: bool) -> Callable[[dict[str, Any]], None]:

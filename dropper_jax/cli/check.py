@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
     found = examine(scene)
     print_warnings(found["warnings"])
-    return deliver(args.json, done_object(scene=scene.name, **found), text(scene, args.scene, found), args.out)
+    return deliver(args, done_object(scene=scene.name, **found), text(scene, args.scene, found))
 
 
 def examine(scene: Scene) -> dict[str, Any]:

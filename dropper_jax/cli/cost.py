@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study import pictures
 
         pictures.costs(found, picture(args.plot, "cost"))
-    return deliver(args.json, done_object(**found), text(found), args.out, failure)
+    return deliver(args, done_object(**found), text(found), failure)
 
 
 #: Columns of the table: heading and format by key.

@@ -32,11 +32,10 @@ def run(args: argparse.Namespace) -> int:
 
     found = examine(args.repeats)
     failed = [check["name"] for check in found["checks"] if not check["ok"]]
+    failure = None
     if failed:
         failure = ("unhealthy", f"failed checks: {', '.join(failed)}")
-    else:
-        failure = None
-    return print_result(args.json, done_object(**found), text(found), failure)
+    return print_result(args, done_object(**found), text(found), failure)
 
 
 def text(found: dict[str, Any]) -> str:

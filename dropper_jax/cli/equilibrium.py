@@ -12,6 +12,7 @@ from dropper_jax.cli.options import (
     add_examples,
     add_scene,
     done_object,
+    failure_of,
     positive_integer,
     print_warnings,
     read_scene,
@@ -77,11 +78,7 @@ def run(args: argparse.Namespace) -> int:
         loads = [_loads(values["held_load_n"])] if scene.branched else []
         last = f"ok: scaled residual {found.residual:.1e}"
         text = "\n".join([text, *loads, _end_forces(values), *weights_table(scene), last])
-    if failed:
-        failure = (found.status, f"{found.status}: {found.message}")
-    else:
-        failure = None
-    return deliver(args.json, {**values, "warnings": remarks}, text, args.out, failure)
+    return deliver(args, {**values, "warnings": remarks}, text, failure_of(found))
 
 
 def _tide(scene: Scene, args: argparse.Namespace) -> int:
@@ -94,11 +91,10 @@ def _tide(scene: Scene, args: argparse.Namespace) -> int:
         from dropper_jax.study.pictures import tide
 
         tide(scene.name, found["rows"], picture(args.plot, "tide"))
+    failure = None
     if failed:
         failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle")
-    else:
-        failure = None
-    return deliver(args.json, done_object(scene=scene.name, **found), _tide_text(found), args.out, failure)
+    return deliver(args, done_object(scene=scene.name, **found), _tide_text(found), failure)
 
 
 def _tide_text(found: dict[str, Any]) -> str:

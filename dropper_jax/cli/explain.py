@@ -10,6 +10,7 @@ from dropper_jax.cli.options import (
     add_examples,
     add_scene,
     done_object,
+    failure_of,
     print_result,
     print_warnings,
     read_scene,
@@ -40,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     refuse_rigid(scene)
     pose = equilibrium(scene)
     if pose.status != "ok":
-        return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
+        return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
     found = explain(scene, pose)
     remarks = (*scene_warnings(scene, at_rest=True), *pose_remarks(scene, pose.positions, pose.tension))
     remarks = tuple(text for text in remarks if text not in found.ignored)
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     values = asdict(found)
     for row, line in zip(values["lines"], found.lines, strict=True):
         row["verdict"] = line.verdict
-    return deliver(args.json, done_object(scene=scene.name, **values, warnings=remarks), _text(found), args.out)
+    return deliver(args, done_object(scene=scene.name, **values, warnings=remarks), _text(found))
 
 
 def _text(found: Explained) -> str:

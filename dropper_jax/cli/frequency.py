@@ -73,10 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
     direction = None if args.direction is None else np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
-    if args.runs:
-        runs = _runs(scene, found, args.runs, direction, args.frequencies)
-    else:
-        runs = []
+    runs = _runs(scene, found, args.runs, direction, args.frequencies) if args.runs else []
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))
     print_warnings(found.warnings)
@@ -85,22 +82,17 @@ def run(args: argparse.Namespace) -> int:
         "not_linear": "lines go slack, so that tensions may be tens of per cent off; run these states in time",
     }
     failed = next((status for status in failures if status in found.status), None)
-    if failed is None:
-        message = ""
-    else:
+    head = done_object()
+    if failed is not None:
         message = f"{failures[failed]} (sea states: {found.status.count(failed)})"
-    if failed is None:
-        head = done_object()
-    else:
         head = failure_object(failed, message)
     plain = {**head, "scene": scene.name, "duration_s": found.duration, "basis_error": found.basis_error}
     plain |= {"warnings": found.warnings, "states": _rows(found)} | ({"runs": runs} if runs else {})
-    deliver(args.json, plain, _text(found) + (f"\n\n{_text_of_runs(runs)}" if runs else ""), args.out)
-    if failed:
-        print_line(f"error: {failed}: {message}")
-    if failed:
-        return FAILED
-    return OK
+    deliver(args, plain, _text(found) + (f"\n\n{_text_of_runs(runs)}" if runs else ""))
+    if failed is None:
+        return OK
+    print_line(f"error: {failed}: {message}")
+    return FAILED
 
 
 def _sea_states(args: argparse.Namespace) -> np.ndarray | None:

@@ -47,4 +47,4 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study.pictures import mussels
 
         mussels(scene.name, rows, picture(args.plot, "growth"))
-    return deliver(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]), args.out)
+    return deliver(args, done_object(scene=scene.name, growth=rows), table([head, *cells]))

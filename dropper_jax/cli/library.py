@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         crops = crop_values()
         published = published_crops()
         text = f"{listing(rows)}\n\n{_crops(crops)}\n\n{_published_table(published)}"
-        return print_result(args.json, done_object(parts=found, crops=crops, published_crops=published), text)
+        return print_result(args, done_object(parts=found, crops=crops, published_crops=published), text)
     name = args.name.removeprefix(PREFIX)
     section, values = part(name)
     source = FAMILIES[name.rpartition("-")[0]].source

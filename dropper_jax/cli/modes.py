@@ -12,6 +12,7 @@ from dropper_jax.cli.options import (
     add_examples,
     add_scene,
     done_object,
+    failure_of,
     number,
     positive_integer,
     print_result,
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     model = build_model(scene)
     pose = equilibrium(model)
     if pose.status != "ok":
-        return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
+        return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
     modes = natural_modes(model, pose.state, args.count if body is None else None)
     numbers = np.arange(len(modes.period))
     if body is not None:
@@ -80,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     if modes.bodies is not None:
         found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
         found["body_share"] = {body.name: modes.body_share[:, i] for i, body in enumerate(scene.bodies)}
-    return deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes, found), args.out)
+    return deliver(args, done_object(scene=scene.name, **found), _text(scene, modes, found))
 
 
 def _number_of(name: str, scene: Scene) -> int:

@@ -15,9 +15,9 @@ import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.base.files import leftovers, references_of, refuse_pipe
 from dropper_jax.base.toml_text import SCHEMA, jsonable, parsed_toml
 from dropper_jax.integrators import SCHEMES
@@ -306,9 +306,25 @@ def print_json(found: dict[str, Any]) -> None:
     print(json.dumps(jsonable(found), allow_nan=False), flush=True)
 
 
-def print_result(as_json: bool, found: dict[str, Any], text: str = "", failure: Failure | None = None) -> int:
+class Ended(Protocol):
+    """What ends with a status and, unless that is ok, a message."""
+
+    status: str
+    message: str
+
+
+def failure_of(found: Ended) -> Failure | None:
+    """Status and message of an equilibrium, a design or a fit that failed."""
+    if found.status == "ok":
+        return None
+    return found.status, f"{found.status}: {found.message}"
+
+
+def print_result(
+    args: argparse.Namespace, found: dict[str, Any], text: str = "", failure: Failure | None = None
+) -> int:
     """Print the result of a command, its JSON object or its text, and what failed; returns the exit code."""
-    if as_json:
+    if args.json:
         print_json(with_failure(found, failure))
     elif text:
         print(text)
@@ -368,10 +384,11 @@ def listing(pairs: Sequence[tuple[str, str]]) -> str:
     return "\n".join(f"{name.ljust(width)}  {value}" for name, value in pairs)
 
 
-def progress(quiet: bool = False) -> Callable[[float, str], None] | None:
-    """A function `(fraction, text)` that shows progress: a bar on a terminal, a few lines elsewhere, None if quiet."""
+def progress(quiet: bool = False) -> Callable[[float, str], None]:
+    """A function `(fraction, text)` that shows progress: a bar on a terminal, a few lines elsewhere, nothing if
+    quiet."""
     if quiet:
-        return None
+        return silent
     if sys.stderr.isatty():
         return _bar()
     return _lines()

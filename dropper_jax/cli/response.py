@@ -45,20 +45,18 @@ def run(args: argparse.Namespace) -> int:
     periods = _periods(args.periods)
     scene = read_scene(args)
 
-    from dropper_jax.base.errors import silent
     from dropper_jax.study.sea_facts import responses
 
-    rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet) or silent)
+    rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet))
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
     if args.plot and not failed:
         from dropper_jax.study import pictures
 
         pictures.responses(scene.name, rows, picture(args.plot, "response"))
+    failure = None
     if failed:
         failure = (failed, f"{failed}: a run did not complete")
-    else:
-        failure = None
-    return deliver(args.json, done_object(scene=scene.name, rows=rows), _text(rows), args.out, failure)
+    return deliver(args, done_object(scene=scene.name, rows=rows), _text(rows), failure)
 
 
 def _periods(text: str) -> np.ndarray:

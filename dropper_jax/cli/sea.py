@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
         _draw(scene.name, found, scene.sea.gravity, regimes)
     warnings = sea_warnings(scene, make_sea(scene.sea, line_reach(scene)))
     print_warnings(warnings)
-    return deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found), args.out)
+    return deliver(args, done_object(scene=scene.name, **found, warnings=warnings), _text(found))
 
 
 def _wake_lines(found: dict[str, Any]) -> list[str]:

@@ -20,7 +20,6 @@ from dropper_jax.plots.system import (
     bare_joints,
     draw_bed,
     draw_bodies,
-    held_positions,
     limits,
     outlines,
     right_of,
@@ -73,9 +72,8 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
     if style.dot(run) > 0:
         draw(positions[now], **look, label="node")
-    held = held_positions(run, positions, positions[now])
-    what = "fixed end" if run.scene is None else "fixed point"
-    draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label=what)
+    held = positions[now][list(run.held)]
+    draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label="fixed point")
     joints = bare_joints(run, positions[now])
     if len(joints) and not crowded:
         draw(joints, ls="", marker="D", ms=5, mfc=style.CYCLE[4], mec=style.DARK, label="free point")

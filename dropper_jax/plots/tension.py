@@ -102,7 +102,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
             run, path, "tension", run.t_tension, [(f"tension [{unit}]", run.tension[kept] / size)], least
         )
     found = [_largest(run, unit, size)]
-    if run.scene is not None and len(run.written_lines) > 1:
+    if len(run.written_lines) > 1:
         found.append(_held_points_panel(run, unit, size))
     return history(run, path, "tension", [*found, ends_panel(run)])
 
@@ -164,7 +164,7 @@ def ends_panel(run: Run) -> Panel:
         ends = (("first link", line.links.start), ("last link", line.links.stop - 1))
         if not both:
             ends = (max(ends, key=lambda end: np.nanmax(run.max_tension[kept, end[1]])),)
-        if both and run.scene is not None:
+        if both:
             stops = [line.stops[key] for key in (min(line.stops), max(line.stops))]
             ends = tuple((f"at {stop}", link) for stop, (_, link) in zip(stops, ends, strict=True))
         for name, link in ends:

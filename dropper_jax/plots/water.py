@@ -134,7 +134,7 @@ def elevation(run: Run, scene: Scene, path: str | Path, place: tuple[float, floa
 def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None = None) -> Path:
     """The line [m] and the surface above it at a time [s] (default: that of the maximum tension), seen from two sides.
 
-    A system that stays in the plane of x and z is seen from one side only.
+    What stays in the plane of x and z is seen from one side only.
     """
     index = run.peak if time is None else int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
@@ -143,8 +143,8 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
     middle = 0.5 * (low + high)
     half = 0.55 * max((high - low).max(), 1.0)
     # ratio of height to length below which both views of a system are drawn one above the other
-    low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < 0.35 * 2 * half
-    flat = run.scene is not None and view.planar(run.positions)
+    low_and_long = np.ptp(nodes[:, 2]) < 0.35 * 2 * half
+    flat = view.planar(run.positions)
     figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
     if flat:
         shape = (1, 1)
@@ -157,7 +157,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
         positions = np.tile(middle, (POINTS, 1))
         positions[:, axis] = along
         eta = elevations(scene, positions, run.t[index : index + 1])[0]
-        bed = None if run.scene is None else bed_height(run.scene, positions)
+        bed = bed_height(scene, positions)
         low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
         low = max(low, -float(scene.sea.depth)) if bed is None else low
         axes.fill_between(along, eta, low, color=WATER)
@@ -170,9 +170,8 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
             own = nodes[line.nodes]
             axes.plot(own[:, axis], own[:, 2], "-o", color=style.DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
             label = None
-        ends = nodes[[0, -1]] if run.scene is None else nodes[list(run.held)]
-        what = "ends" if run.scene is None else "fixed points"
-        axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label=what)
+        ends = nodes[list(run.held)]
+        axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label="fixed points")
         _buoys(axes, run, nodes, axis)
         draw_bodies(axes, run.bodies, index, flat=True, axis=axis, grow=True)
         axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None), aspect="equal")

@@ -177,9 +177,9 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
         "largest": float(np.max(run.max_tension, initial=high, where=np.isfinite(run.max_tension))),
         "notes": list(part.notes),
         "diameter": _diameter(solution),
-        "lines": [{"name": line.name, "node": _middle(line.nodes)} for line in run.written_lines],
+        "lines": [{"name": line.name, "node": int(line.nodes[len(line.nodes) // 2])} for line in run.written_lines],
         "colours": [[round(255 * float(c)) for c in shade] for shade in shades],
-        "held": _held_nodes(solution, run),
+        "held": list(run.held),
         "first": run.first.tolist(),
         "labels": run.labels,
         "parts": part_names(run),
@@ -195,8 +195,6 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
 def part_names(run: Run) -> list[str]:
     """A name for each link: its line as written in the scene, arc length of its middle at the start, and number."""
     names = list(run.labels)
-    if run.scene is None:
-        return names
     length = np.linalg.norm(np.diff(run.segments(run.positions[0]), axis=1)[:, 0], axis=-1)
     for line in run.written_lines:
         own = length[line.links]
@@ -205,23 +203,10 @@ def part_names(run: Run) -> list[str]:
     return names
 
 
-def _held_nodes(solution: Solution, run: Run) -> list[int]:
-    """Fixed nodes: of one line the first, and the last if its point is not free; of a system its fixed points."""
-    if run.scene is not None:
-        return list(run.held)
-    line = solution.scene.lines[0]
-    last = run.positions.shape[1] - 1
-    if solution.scene.point(line.end).is_free:
-        return [0]
-    return [0, last]
-
-
 def _bed_grid(run: Run) -> dict[str, Any] | None:
-    """Positions of a grid and the height [m] of the seabed there; None for a single line or without a seabed."""
+    """Positions of a grid and the height [m] of the seabed there; None without a seabed."""
     # points of the seabed per side
     bed_points = 13
-    if run.scene is None:
-        return None
     low = run.positions.min(axis=(0, 1))
     high = run.positions.max(axis=(0, 1))
     # half width of the seabed in the unit of the configuration's size
@@ -247,15 +232,6 @@ def _diameter(solution: Solution) -> list[float] | None:
     if any(d is None for d in found):
         return None
     return np.concatenate(found).tolist()
-
-
-def _middle(nodes: slice | np.ndarray) -> int:
-    """The node in the middle of a line."""
-    if isinstance(nodes, slice):
-        indices = np.arange(nodes.start, nodes.stop)
-    else:
-        indices = nodes
-    return int(indices[len(indices) // 2])
 
 
 def _flows(solution: Solution, sea: Sea) -> list[dict[str, Any]]:

@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             result = sweep(scene, vary, args.out, traces=args.traces, **options)
     except SweepStopped as error:
-        return print_result(args.json, {}, failure=("interrupted", str(error)))
+        return print_result(args, {}, failure=("interrupted", str(error)))
     fitted = _fit(args, scene, scores) if args.fit else None
     warnings = [*(scores.warnings if scores else []), *result.verdict.warnings]
     print_warnings(warnings)
@@ -169,7 +169,7 @@ def run(args: argparse.Namespace) -> int:
             draw_sweep(result.path, plot)
     small = not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities
     words = text(found, _result_table(result.path) if small else "")
-    return print_result(args.json, found, words, result.verdict.failure)
+    return print_result(args, found, words, result.verdict.failure)
 
 
 def _parts(args: argparse.Namespace) -> list[float] | None:

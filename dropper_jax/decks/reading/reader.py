@@ -14,7 +14,7 @@ from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.decks.reading.joints import Part, join_lines
 from dropper_jax.decks.reading.options import Options, read_options, read_seafloor, read_types
 from dropper_jax.decks.reading.points import Ends, first_version, read_ends, wet_floats_note
-from dropper_jax.decks.reading.sections import Deck, columns, integer, number, read_input, split_file
+from dropper_jax.decks.reading.sections import Deck, read_input, split_file
 from dropper_jax.decks.reading.water import read_current, read_waves
 
 #: Values used if the file does not give them; MoorDyn's driver would.
@@ -142,24 +142,24 @@ def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list
     by_upper = {key.upper(): name for key, name in names.items()}
     order = (4, 5, 2, 3) if first_version(deck) else (2, 3, 4, 5)
     for row in deck.require("lines"):
-        columns(deck, row, 6, "line")
-        start, end, length, links = (row.words[i] for i in order)
+        row.need(6, "line")
+        start, end = (row.words[i] for i in order[:2])
         if row.words[0] in found:
-            deck.refuse(row.number, f"line {row.words[0]} is given twice")
+            row.refuse(f"line {row.words[0]} is given twice")
         if row.words[1] not in types:
-            deck.refuse(row.number, f"line type {row.words[1]!r} is not in the file; {nearest(row.words[1], types)}")
+            row.refuse(f"line type {row.words[1]!r} is not in the file; {nearest(row.words[1], types)}")
         for end_word in (start, end):
             if end_word.upper() not in by_upper:
-                deck.refuse(row.number, f"{end_word!r} is not a point of the file; {nearest(end_word, names)}")
+                row.refuse(f"{end_word!r} is not a point of the file; {nearest(end_word, names)}")
         if start.upper() == end.upper():
-            deck.refuse(row.number, f"line {row.words[0]} starts and ends at {start}; allowed: two different points")
+            row.refuse(f"line {row.words[0]} starts and ends at {start}; allowed: two different points")
         found[row.words[0]] = {
             "name": row.name or f"line-{row.words[0]}",
             "from": by_upper[start.upper()],
             "to": by_upper[end.upper()],
             "type": row.words[1],
-            "length": number(deck, row, length, "UnstrLen", 0.0, open_low=True),
-            "links": integer(deck, row, links, "NumSegs"),
+            "length": row.value(order[2], "UnstrLen", 0.0, open_low=True),
+            "links": row.whole(order[3], "NumSegs"),
         }
     return list(found.values())
 
@@ -197,7 +197,7 @@ def _check_outputs(deck: Deck) -> None:
         for word in row.words:
             found = OUTPUT.fullmatch(word.strip(',"'))
             if found and (found[1] or found[2]) not in known:
-                deck.refuse(row.number, f"output {word!r}: there is no such line; allowed: {', '.join(known)}")
+                row.refuse(f"output {word!r}: there is no such line; allowed: {', '.join(known)}")
 
 
 def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
@@ -206,14 +206,14 @@ def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], no
     by_upper = {key.upper(): name for key, name in names.items()}
     by_number = {row.words[0]: line for row, line in zip(deck.rows["lines"], lines, strict=True)}
     for row in deck.rows.get("failure", []):
-        columns(deck, row, 5, "failure")
+        row.need(5, "failure")
         point = by_upper.get(row.words[1].upper(), "")
-        time, load = (number(deck, row, row.words[i], key, 0.0) for i, key in ((3, "FailTime"), (4, "FailTen")))
+        time, load = (row.value(i, key, 0.0) for i, key in ((3, "FailTime"), (4, "FailTen")))
         given = {key: value for key, value in (("time", time), ("load", load)) if value > 0.0}
         for word in row.words[2].split(","):
             line = by_number.get(word, {})
             if point not in (line.get("from"), line.get("to")):
-                deck.refuse(row.number, f"line {word} does not end at point {row.words[1]}")
+                row.refuse(f"line {word} does not end at point {row.words[1]}")
             if given:
                 found.append({"line": line["name"], "link": 1 if line["from"] == point else line["links"], **given})
         if load > 0.0 and "," in row.words[2]:

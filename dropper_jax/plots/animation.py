@@ -166,7 +166,7 @@ class _Stage:
         self.links = LineCollection(
             [], cmap=style.tension_map(), norm=norm, linewidths=3.5 * style.bold(run), capstyle="round"
         )
-        self.surface = LineCollection([], colors=system.SURFACE, linewidths=0.8 if flat else 0.4)
+        self.surface = LineCollection([], colors=system.SURFACE, linewidths=1.2 if flat else 0.4)
         self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=style.DARK, linewidths=0.7)
         self.trace = Line2D([], [], color=style.FAINT, lw=1.0)
         self.nodes = Line2D([], [], ls="", marker="o", ms=style.dot(run), mfc="white", mec=style.DARK, mew=0.9)

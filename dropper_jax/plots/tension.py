@@ -50,15 +50,6 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     return style.finish(figure, run, "energy balance", path)
 
 
-@style.with_style
-def tension_traces(run: Run, path: str | Path) -> Path:
-    """Tension [N or kN] of every link against time (the mean over the step if the scheme gives it)."""
-    unit, size = force_unit(run.tension)
-    least = TENSION * float(np.nanmax(np.abs(run.tension), initial=0.0)) / size
-    columns = [(f"tension [{unit}]", run.tension / size)]
-    return panels.traces(run, path, "link tensions", run.t_tension, columns, least)
-
-
 #: Maximum number of curves in one panel.
 MOST = 4
 

@@ -118,19 +118,6 @@ def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
 
 
 @_with_sea
-def elevation(run: Run, scene: Scene, path: str | Path, place: tuple[float, float] = (0.0, 0.0)) -> Path:
-    """Elevation [m] of the surface at a position (x, y) [m] against time."""
-    eta = elevations(scene, np.array([[*place, 0.0]]), run.t)[:, 0]
-    figure = style.new_figure(8.5, 3.2)
-    axes = figure.subplots()
-    axes.axhline(0.0, color=style.FAINT, lw=0.7)
-    axes.plot(run.t, eta, color=style.FIRST)
-    axes.set_ylabel("elevation [m]")
-    style.time_axis(axes, run.t)
-    return style.finish(figure, run, f"surface at x = {place[0]:g} m, y = {place[1]:g} m", path)
-
-
-@_with_sea
 def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None = None) -> Path:
     """The line [m] and the surface above it at a time [s] (default: that of the maximum tension), seen from two sides.
 
@@ -192,16 +179,13 @@ def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
 
 
 @_with_sea
-def response(run: Run, scene: Scene, path: str | Path, link: int | None = None) -> Path:
-    """Elevation; angles of a link (counted from 1): spectra and phase space, as thesis figures 8.32 to 8.34.
+def response(run: Run, scene: Scene, path: str | Path) -> Path:
+    """Elevation; angles of a link: spectra and phase space, as thesis figures 8.32 to 8.34.
 
-    Default: the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
+    It is the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
     angles = run.angles()
-    if link is None:
-        index = _lively(run)
-    else:
-        index = min(link, run.tension.shape[1]) - 1
+    index = _lively(run)
     eta = elevations(scene, np.zeros((1, 3)), run.t)[:, 0]
     turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]
     figure = style.new_figure(9.5, 7.6)

@@ -15,7 +15,7 @@ from dropper_jax.plots import style, view
 from dropper_jax.plots.run import readable
 from dropper_jax.scene.data import line_slices
 
-STILLS = ("snapshot", "angle_traces", "phase_space", "amplitude_spectrum", "energy_balance", "tension_traces")
+STILLS = ("snapshot", "angle_traces", "phase_space", "amplitude_spectrum", "energy_balance")
 
 
 @cache
@@ -87,7 +87,7 @@ def test_runs_that_ended_at_once_are_drawn_too(tmp_path, name, samples):
     check_picture(tmp_path / "early.png", "PNG")
 
 
-@pytest.mark.parametrize("name", ["angle_traces", "phase_space", "amplitude_spectrum", "tension_traces"])
+@pytest.mark.parametrize("name", ["angle_traces", "phase_space", "amplitude_spectrum"])
 @pytest.mark.parametrize("links", [1, 30])
 def test_one_link_and_many_links_are_drawn(tmp_path, name, links):
     getattr(plots, name)(run_of(20, links=links), tmp_path / "links.png")

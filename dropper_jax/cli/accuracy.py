@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cell, cells
 from dropper_jax.cli.options import (
     STOPPED,
     add_examples,
@@ -153,9 +154,9 @@ LOADS_HEAD = ("accuracy", "dt [s]", "mean", "deviation", "wave maxima", "largest
 def _load_cells(row: dict[str, Any]) -> tuple[str, ...]:
     names = ("mean", "deviation", "window_maximum", "maximum")
     return (
-        _short(row["accuracy"], "{:.2g}"),
+        cell(row["accuracy"], ".2g"),
         f"{row['dt']:.4g}",
-        *(_short(row["errors"][name], "{:.2%}") for name in names),
+        *cells((row["errors"][name] for name in names), ".2%"),
         f"{row['us_per_step']:.3g}",
         row["status"],
     )
@@ -181,14 +182,8 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
         row["label"],
         row["solver"],
         f"{row['dt']:.4g}",
-        *(_short(row[key], "{:.1e}") for key in keys),
-        _short(row["us_per_step"], "{:.3g}"),
-        _short(row["wall_s_per_simulated_s"], "{:.2g}"),
+        *cells((row[key] for key in keys), ".1e"),
+        cell(row["us_per_step"], ".3g"),
+        cell(row["wall_s_per_simulated_s"], ".2g"),
         row["status"],
     )
-
-
-def _short(value: float | None, form: str) -> str:
-    if value is None:
-        return "-"
-    return form.format(value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     add_examples,
     add_run_values,
@@ -105,7 +106,7 @@ def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
     keys = ("length_m", "mass_kg", "wet_weight_n")
     rows = [
         ("line", "links", "length [m]", "mass [kg]", "weight [N]" if scene.sea is None else "weight in water [N]"),
-        *((row["line"], str(row["links"]), *(f"{row[key]:.5g}" for key in keys)) for row in found["lines"]),
+        *((row["line"], str(row["links"]), *cells((row[key] for key in keys), ".5g")) for row in found["lines"]),
     ]
     parts = found["compiled"]
     step = found["suggested_dt_s"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from dropper_jax.base.markdown import cell
 from dropper_jax.cli.options import (
     STOPPED,
     add_examples,
@@ -67,7 +68,7 @@ HEAD = ("", *(head for head, _ in COLUMNS.values()))
 
 
 def _cells(row: dict[str, Any]) -> tuple[str, ...]:
-    numbers = ("-" if row[key] is None else f"{row[key]:{form}}" for key, (_, form) in COLUMNS.items())
+    numbers = (cell(row[key], form) for key, (_, form) in COLUMNS.items())
     return (row["name"], *numbers)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
@@ -109,9 +110,9 @@ def _tide_text(found: dict[str, Any]) -> str:
         }
         for row in found["rows"]
     ]
-    cells = [tuple(f"{value:.4g}" for value in row.values()) for row in rows]
+    texts = [cells(row.values(), ".4g") for row in rows]
     note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
-    return f"{table([tuple(rows[0]), *cells])}\n{note}"
+    return f"{table([tuple(rows[0]), *texts])}\n{note}"
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> dict[str, Any]:
@@ -174,7 +175,7 @@ def _loads(found: dict[str, np.ndarray]) -> str:
 
 def _line_table(positions: np.ndarray, bent: np.ndarray, tension: np.ndarray, angles: np.ndarray) -> str:
     heads = ("node", "x [m]", "y [m]", "z [m]", "curvature [1/m]", "polar [rad]", "azimuth [rad]", "tension [N]")
-    nodes = [[f"{value:.5f}" for value in (*position, kappa)] for position, kappa in zip(positions, bent, strict=True)]
-    links = [[f"{value:.5f}" for value in (*angle, n)] for angle, n in zip(angles, tension, strict=True)]
+    nodes = [cells((*position, kappa), ".5f") for position, kappa in zip(positions, bent, strict=True)]
+    links = [cells((*angle, n), ".5f") for angle, n in zip(angles, tension, strict=True)]
     rows = zip(nodes, [("", "", ""), *links], strict=True)
     return table([heads, *((str(i), *node, *link) for i, (node, link) in enumerate(rows))])

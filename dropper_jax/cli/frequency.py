@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     FAILED,
     OK,
@@ -191,7 +192,7 @@ def _text(found: FrequencyResponse) -> str:
         for j in range(len(found.ends)) if one else [int(np.argmax(found.maximum_tension[i]))]:
             values = (found.static_tension[j], *(x[i, j] for x in numbers))
             slack = str(int(np.sum(found.slack[i])))
-            lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{x:.5g}" for x in np.round(values, 4)), slack))
+            lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *cells(np.round(values, 4), ".5g"), slack))
     note = f"maximum in {found.duration:g} s of Rayleigh-distributed peaks; linear where no line goes slack"
     return f"{table(lines)}\n{note}"
 

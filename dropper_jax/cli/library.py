@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from dropper_jax.base.markdown import cells
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.options import OK, add_examples, add_json, done_object, listing, print_json, print_result, table
 
@@ -56,7 +57,9 @@ def _crops(crops: list[dict[str, Any]]) -> str:
     heads = ("mass [kg/m]", "in water [kg/m]", "displaced diameter [m]", "outer diameter [m]", "cdn", "can")
     keys = ("mass_kg_per_m", "mass_in_water_kg_per_m", "diameter_m", "outer_diameter_m", "cdn", "can", "EI_n_m2")
     rows = [("crop", *heads, "EI [N m^2]", "spread")]
-    return table([*rows, *((crop["name"], *_numbers(crop, keys), crop["spread"]) for crop in crops)])
+    return table(
+        [*rows, *((crop["name"], *cells((crop[key] for key in keys), ".4g"), crop["spread"]) for crop in crops)]
+    )
 
 
 def _published_table(crops: list[dict[str, Any]]) -> str:
@@ -65,13 +68,12 @@ def _published_table(crops: list[dict[str, Any]]) -> str:
         ("published", "mass [kg/m]", "outer diameter [m]", "cdn", "can", "EI [N m^2]", "like")
     ]
     keys = ("mass", "outer_diameter", "cdn", "can", "EI")
-    rows += [(f"{i}. {crop['crop']}", *_numbers(crop, keys), crop["like"]) for i, crop in enumerate(crops, 1)]
+    rows += [
+        (f"{i}. {crop['crop']}", *cells((crop[key] for key in keys), ".4g"), crop["like"])
+        for i, crop in enumerate(crops, 1)
+    ]
     sources = [
         (f"{i}.", "; ".join(filter(None, (crop["source"], f"read: {crop['read']}", crop["conditions"]))))
         for i, crop in enumerate(crops, 1)
     ]
     return f"{table(rows)}\n\n{listing(sources)}"
-
-
-def _numbers(row: dict[str, Any], keys: tuple[str, ...]) -> list[str]:
-    return ["-" if row[key] is None else f"{row[key]:.4g}" for key in keys]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
@@ -110,7 +111,7 @@ def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
                 f"{period:.5g}",
                 f"{1 / period:.5g}",
                 *damping,
-                "  ".join(f"{x:.2f}" for x in share),
+                "  ".join(cells(share, ".2f")),
             )
         )
     if modes.bodies is None:
@@ -123,7 +124,7 @@ def _bodies(scene: Scene, modes: Modes, numbers: np.ndarray) -> str:
     about the scene's axes."""
     heads = ("mode", "body", "share", "surge [m]", "sway [m]", "heave [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
     rows = (
-        (str(number), body.name, f"{share:.2f}", *(f"{x:.3f}" for x in own))
+        (str(number), body.name, f"{share:.2f}", *cells(own, ".3f"))
         for number, mode, shares in zip(numbers, modes.bodies, modes.body_share, strict=True)
         for body, own, share in zip(scene.bodies, mode, shares, strict=True)
     )

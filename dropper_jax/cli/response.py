@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     add_examples,
     add_quiet,
@@ -71,7 +72,7 @@ def _text(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         more = row.get("amplitude_10_percent_more")
         values = (row["period_s"], row["mean_rad"], row["amplitude_rad"], row["phase_rad"], row["wet"])
-        lines.append((*(f"{value:.4g}" for value in values), "-" if more is None else f"{100 * more:+.1f} %"))
+        lines.append((*cells(values, ".4g"), "-" if more is None else f"{100 * more:+.1f} %"))
     return (
         f"{table(lines)}\nangle of the first link from the vertical in the plane of the waves; "
         "phase ahead of the elevation at its fixed point\n"

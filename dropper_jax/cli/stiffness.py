@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
@@ -156,7 +157,7 @@ def _text(found: Stiffness) -> str:
     # maximum number of degrees of freedom of a printed matrix
     if len(found.freedoms) <= 12:
         rows = [("", *found.freedoms)]
-        rows += [(name, *(f"{x:.5g}" for x in line)) for name, line in zip(found.freedoms, found.matrix, strict=True)]
+        rows += [(name, *cells(line, ".5g")) for name, line in zip(found.freedoms, found.matrix, strict=True)]
         return f"{table(rows)}\nN/m; N, N m/rad for rotations: minus the force on a row per displacement of a column"
     first = {freedom.rsplit(".", 1)[0]: i for i, freedom in reversed(list(enumerate(found.freedoms)))}
     pairs = ("xx", "yy", "zz", "xy", "xz", "yz")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.constants import DEGREE
-from dropper_jax.base.markdown import table
+from dropper_jax.base.markdown import cells, table
 from dropper_jax.run.quantities import NOT_GAUSSIAN
 
 #: Cells of a row by the headings of their columns.
@@ -276,7 +276,7 @@ def _watch_row(point: dict[str, Any]) -> Cells:
         "point": point["point"] + (f" ({point['buoy']})" if point["buoy"] else ""),
         "radius, max / 95 % [m]": f"{point['radius_max_m']:.3f} / {point['radius_95_m']:.3f}",
         "from the static position [m]": "no static start" if static is None else f"{static:.3f}",
-        "range of x / y / z [m]": " / ".join(f"{x:.3f}" for x in point["range_m"]),
+        "range of x / y / z [m]": " / ".join(cells(point["range_m"], ".3f")),
     }
 
 

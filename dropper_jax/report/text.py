@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from dropper_jax.base.markdown import markdown_table, table
+from dropper_jax.base.markdown import cells, markdown_table, table
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
 from dropper_jax.report.parts import bodies_text, crop_text, parts_text
@@ -128,7 +128,7 @@ def _spread(section: dict[str, Any]) -> str:
     few = len(section["dt_s"]) <= 6
     own = [f"run {i + 1}" for i in range(len(section["dt_s"]))] if few else []
     rows = [
-        ["step [s]", "", "", "", *(f"{dt:g}" for dt in section["dt_s"][: len(own)])],
+        ["step [s]", "", "", "", *cells(section["dt_s"][: len(own)], "g")],
         [
             "internal damping, maximum [N s]",
             *("", "", ""),
@@ -136,12 +136,12 @@ def _spread(section: dict[str, Any]) -> str:
         ],
     ]
     for name, v in section["values"].items():
-        cells = [v["min"], v["mean"], v["max"], *v["by_run"][: len(own)]]
+        values = [v["min"], v["mean"], v["max"], *v["by_run"][: len(own)]]
         if name.startswith(("tension of", "load of")):
             label = f"largest {name}"
         else:
             label = name
-        rows.append([label, *(f"{x:.4g}" for x in cells)])
+        rows.append([label, *cells(values, ".4g")])
     return table(["loads in N", "least", "mean", "largest", *own], rows)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
 from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import ScenePath
 from dropper_jax.cli.options import (
@@ -265,7 +266,7 @@ def _result_table(path: Path) -> str:
         columns = [str(name) for name in (*frame.columns.drop(names), *names)]
         units = [found[name].attrs.get("units") for name in columns]
     heads = tuple(f"{name} [{unit}]" if unit else name for name, unit in zip(columns, units, strict=True))
-    return table([heads, *(tuple(f"{x:.4g}" for x in row) for row in frame[columns].to_numpy())])
+    return table([heads, *(tuple(cells(row, ".4g")) for row in frame[columns].to_numpy())])
 
 
 def text(found: dict[str, Any], results: str = "") -> str:
@@ -292,7 +293,7 @@ def _score_table(trace: dict[str, Any]) -> str:
     rows = [(*names, *(f"{part}{of}" for part in spans for of in ("", " spectrum")))]
     for case in [*cases[:MOST_ROWS], *([fit] if fit else [])]:
         scores = [1e3 * (x if x is not None else float("nan")) for part in spans for x in case[part].values()]
-        rows.append((*(f"{x:.4g}" for x in case["values"].values()), *(f"{x:.3g}" for x in scores)))
+        rows.append((*cells(case["values"].values(), ".4g"), *cells(scores, ".3g")))
     named = ", ".join(f"{part} {low:.4g} to {high:.4g} s" for part, (low, high) in spans.items())
     notes = [f"RMS angle error and distance of amplitude spectra [mrad], {named}"]
     if len(cases) > MOST_ROWS:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     FAILED,
     OK,
@@ -195,7 +196,7 @@ def text(tracked: Tracked, out: Path) -> str:
     if tracked.lens is not None:
         pairs.insert(0, ("lens", f"{tracked.lens.pictures} pictures, error {tracked.lens.error:.2g} pixel"))
     if tracked.scaled:
-        pairs.append(("links", ", ".join(f"{x:.4f}" for x in found["link_length_m"]) + " m"))
+        pairs.append(("links", ", ".join(cells(found["link_length_m"], ".4f")) + " m"))
     if tracked.status == "lost":
         outcome = "no angles are written"
     else:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.markdown import table
+from dropper_jax.base.markdown import cell, table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 
@@ -127,7 +127,7 @@ def _quantities(found: dict[str, Any], storms: dict[int, Any]) -> str:
     for name in dict.fromkeys(name for case in cases for name in case["quantities"]):
         worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
         value = worst["quantities"][name]
-        rows.append([name, f"{value['value']:.4g}", _number(value["error"], ".2g"), _label(storms[worst["case"]])])
+        rows.append([name, f"{value['value']:.4g}", cell(value["error"], ".2g"), _label(storms[worst["case"]])])
     if rows:
         return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows)
     return ""
@@ -142,7 +142,7 @@ def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
         str(part["lines"]),
         row["line"],
         f"{row['load_n']:.0f}",
-        _number(row["load_error_n"], ".0f"),
+        cell(row["load_error_n"], ".0f"),
         _step(part["step"]),
         f"{row['at_rest_n']:.0f}",
         f"{row['utilisation']:.2f}" + _plus(row["utilisation_error"]),
@@ -167,12 +167,6 @@ def _plus(error: float | None) -> str:
     if error is None:
         return ""
     return f" +- {error:.2f}"
-
-
-def _number(value: float | None, form: str) -> str:
-    if value is None:
-        return "-"
-    return format(value, form)
 
 
 def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
@@ -226,9 +220,9 @@ def _fatigue_cells(part: dict[str, Any]) -> list[str]:
     return [
         part["part"],
         f"K = {curve['k']:g}, m = {curve['m']:g} ({curve['source']})",
-        _number(own["largest_damage_per_hour"], ".2g"),
+        cell(own["largest_damage_per_hour"], ".2g"),
         yearly or "-",
-        _number(own["life_years"], ".3g"),
+        cell(own["life_years"], ".3g"),
     ]
 
 

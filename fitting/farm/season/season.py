@@ -14,7 +14,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.markdown import table
+from dropper_jax.base.markdown import cell, table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.library import FAMILIES, PREFIX
 from dropper_jax.plots import style
@@ -266,7 +266,7 @@ def page(found: dict[str, Any]) -> str:
             f"{row['least']} to {row['most']}",
             str(row["floats"]),
             f"{row['change']:+d}" if row["change"] else "-",
-            "-" if row["reserve"] is None else f"{row['reserve']:.2f}",
+            cell(row["reserve"], ".2f"),
             f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
             _margin(row["sinking_m"]),
             _margin(row["lifting_m"]),

@@ -27,3 +27,9 @@ def cell(value: float | None, form: str) -> str:
 def cells(values: Iterable[float | None], form: str) -> list[str]:
     """Numbers in one format."""
     return [cell(value, form) for value in values]
+
+
+def first_names(names: Sequence[str], most: int) -> str:
+    """The first names of a list, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

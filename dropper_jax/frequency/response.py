@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import first_names
 from dropper_jax.frequency.linear_waves import check_no_bodies
 from dropper_jax.frequency.states import TOLERANCE, solve_states
 from dropper_jax.load.scene import Scene, load_scene
@@ -77,11 +78,9 @@ class FrequencyResponse:
     def warnings(self) -> tuple[str, ...]:
         """Lines that do not stay taut in some state, and an inaccurate basis."""
         loose = [name for name, low in zip(self.lines, np.any(self.slack, axis=0), strict=True) if low]
-        more = f" and {len(loose) - 5} more" if len(loose) > 5 else ""
+        found = []
         if loose:
-            found = [f"lines that go slack: {', '.join(loose[:5])}{more}: not linear here, run in time"]
-        else:
-            found = []
+            found.append(f"lines that go slack: {first_names(loose, 5)}: not linear here, run in time")
         # largest error of the basis that stays below that of the linearisation
         if self.basis_error > 0.02:
             found.append(

@@ -8,21 +8,19 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from matplotlib.collections import LineCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.system import (
-    BUOY,
     SURFACE,
     WATER,
     bare_joints,
     draw_bed,
     draw_bodies,
+    draw_buoys,
     limits,
-    outlines,
-    right_of,
     surface_lines,
 )
 
@@ -118,21 +116,9 @@ def _bold_links(axes: Axes, run: Run, index: int, flat: bool) -> ScalarMappable:
     else:
         links = Line3DCollection(segments, **look)
     axes.add_collection(links, **({"autolim": False} if flat else {}))
-    _buoys(axes, run, nodes, flat)
+    draw_buoys(axes, run, nodes, flat)
     draw_bodies(axes, run.bodies, index, flat)
     return links
-
-
-def _buoys(axes: Axes, run: Run, nodes: np.ndarray, flat: bool) -> None:
-    if not run.buoys:
-        return
-    corners = outlines(run, nodes, right_of(axes, flat))
-    look = {"facecolors": BUOY, "edgecolors": style.DARK, "linewidths": 0.8}
-    if flat:
-        shapes = PolyCollection(corners[..., [0, 2]], zorder=2.5, **look)
-    else:
-        shapes = Poly3DCollection(corners, **look)
-    axes.add_collection(shapes, **({"autolim": False} if flat else {}))
 
 
 def _past(positions: np.ndarray, now: int) -> list[int]:

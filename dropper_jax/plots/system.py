@@ -18,6 +18,18 @@ COLOUR = style.CYCLE[4]
 EDGE = "#A87400"
 
 
+def draw_buoys(axes: Axes, run: Run, nodes: np.ndarray, flat: bool, axis: int = 0, grow: bool = False) -> None:
+    """Sections of the buoys in one configuration, as `draw_bodies` draws bodies."""
+    if not run.buoys:
+        return
+    look = {"facecolors": BUOY, "edgecolors": style.DARK, "linewidths": 0.8}
+    if flat:
+        corners = outlines(run, nodes, np.eye(3)[axis])[..., [axis, 2]]
+        axes.add_collection(PolyCollection(corners, zorder=2.5, **look), autolim=grow)
+        return
+    axes.add_collection(Poly3DCollection(outlines(run, nodes, right_of(axes, flat)), **look))
+
+
 def draw_bodies(axes: Axes, bodies: Bodies | None, index: int, flat: bool, axis: int = 0, grow: bool = False) -> None:
     """Bodies at a sample: their outlines in the plane of x (0) or y (1) and z, or their faces in space.
 

@@ -12,7 +12,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
@@ -21,7 +20,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.plots import panels, style, system, view
 from dropper_jax.plots.run import ANGLE, Run, elevations, readable, swing
 from dropper_jax.plots.style import force_unit
-from dropper_jax.plots.system import draw_bodies
+from dropper_jax.plots.system import draw_bodies, draw_buoys
 from dropper_jax.run.simulate import Solution
 from dropper_jax.run.wakes import SceneWakes
 from dropper_jax.sea.spectrum import wave_number
@@ -159,7 +158,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
             label = None
         ends = nodes[list(run.held)]
         axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label="fixed points")
-        _buoys(axes, run, nodes, axis)
+        draw_buoys(axes, run, nodes, flat=True, axis=axis, grow=True)
         draw_bodies(axes, run.bodies, index, flat=True, axis=axis, grow=True)
         axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None), aspect="equal")
     figure.axes[0].set_ylabel("z [m]")
@@ -169,13 +168,6 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
     else:
         figure.axes[0].legend(loc="upper left", bbox_to_anchor=(0.0, 1.12), ncols=4)
     return style.finish(figure, run, f"under the surface at t = {run.t[index]:.2f} s", path)
-
-
-def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
-    """Sections of the buoys in the plane of x (0) or y (1) and z."""
-    if run.buoys:
-        corners = system.outlines(run, nodes, np.eye(3)[axis])[..., [axis, 2]]
-        axes.add_collection(PolyCollection(corners, facecolors=system.BUOY, edgecolors=style.DARK, linewidths=0.8))
 
 
 @_with_sea

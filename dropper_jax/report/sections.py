@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dropper_jax.base.constants import DEGREE
-from dropper_jax.base.markdown import cells, table
+from dropper_jax.base.markdown import cells, first_names, table
 from dropper_jax.run.quantities import NOT_GAUSSIAN
 
 #: Cells of a row by the headings of their columns.
@@ -42,10 +42,13 @@ def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list
     return section_of
 
 
-def largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float]) -> list[dict[str, Any]]:
-    """The `SECTION_ROWS` largest, in their original order."""
-    kept = sorted(range(len(lines)), key=lambda i: -size(lines[i]))[:SECTION_ROWS]
-    return [lines[i] for i in sorted(kept)]
+Item = TypeVar("Item")
+
+
+def largest(items: Sequence[Item], size: Callable[[Item], float], most: int = SECTION_ROWS) -> list[Item]:
+    """The `most` largest, in their original order."""
+    kept = sorted(range(len(items)), key=lambda i: -size(items[i]))[:most]
+    return [items[i] for i in sorted(kept)]
 
 
 def largest_table(
@@ -62,7 +65,8 @@ def largest_table(
     shown = largest(lines, size)
     if len(shown) == len(lines):
         return table_of([row(line) for line in shown])
-    at = [i for i, line in enumerate(lines) if any(line is one for one in shown)]
+    kept = {id(line) for line in shown}
+    at = [i for i, line in enumerate(lines) if id(line) in kept]
     rows = []
     for before, here in zip([-1, *at], [*at, len(lines)], strict=True):
         if here - before > 1:
@@ -72,14 +76,6 @@ def largest_table(
             rows.append(row(lines[here]))
     text = table_of(rows)
     return f"{text}\n\nThe {which} {len(shown)} of {len(lines)} {what}; report.json has all."
-
-
-def _names(names: list[str]) -> str:
-    if len(names) > SECTION_ROWS:
-        more = f" and {len(names) - SECTION_ROWS} more"
-    else:
-        more = ""
-    return ", ".join(names[:SECTION_ROWS]) + more
 
 
 def tension(lines: list[dict[str, Any]]) -> str:
@@ -135,20 +131,20 @@ def _missing(what: str, lines: list[dict[str, Any]], why: dict[str, str]) -> str
     found = ""
     for reason in dict.fromkeys(why.values()):
         names = [name for name, own in why.items() if own == reason]
-        which = "any line" if len(names) == len(lines) else _names(names)
+        which = "any line" if len(names) == len(lines) else first_names(names, SECTION_ROWS)
         found += f"\n\nNo {what} of {which}: {reason}."
     return found
 
 
 def anchors(anchors: list[dict[str, Any]]) -> str:
-    text = largest_table(anchors, _load_of_anchor, _anchor_row, what="points")
-    rows = [_holding_row(a) for a in largest(anchors, _load_of_anchor) if a.get("holding") is not None]
+    text = largest_table(anchors, load_of_anchor, _anchor_row, what="points")
+    rows = [_holding_row(a) for a in largest(anchors, load_of_anchor) if a.get("holding") is not None]
     if rows:
         return f"{text}\n\n{table_of(rows)}"
     return text
 
 
-def _load_of_anchor(anchor: dict[str, Any]) -> float:
+def load_of_anchor(anchor: dict[str, Any]) -> float:
     return anchor["total_n"]["max"]
 
 
@@ -238,7 +234,7 @@ def _table_and_others(
     some = [line for line in lines if line[key] > limit]
     others = [line["line"] for line in lines if line not in some]
     text = largest_table(some, size, row) if some else ""
-    which = _names(others) if some else every
+    which = first_names(others, SECTION_ROWS) if some else every
     return "\n\n".join(part for part in (text, f"{word}: {which}." if others else "") if part)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from dropper_jax.base.markdown import first_names
 from dropper_jax.decks.reading.bodies import free_body, free_rod, spar
 from dropper_jax.decks.reading.sections import Deck, Row
 
@@ -66,7 +67,7 @@ def read_ends(deck: Deck, notes: list[str]) -> Ends:
 
 def wet_floats_note(floats: Sequence[str]) -> str:
     """What differs for points whose volume lifts them, by name."""
-    names = ", ".join(map(repr, floats[:3])) + (f" and {len(floats) - 3} more" if len(floats) > 3 else "")
+    names = first_names([repr(name) for name in floats], 3)
     return f"points that float ({names}): MoorDyn treats their full volume as submerged, also above the surface"
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cell, cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     STOPPED,
     add_examples,
@@ -80,12 +80,12 @@ def run(args: argparse.Namespace) -> int:
     return deliver(args, done_object(**found), text(found), failure)
 
 
-def _row_printer(quiet: bool) -> Callable[[dict[str, Any]], None]:
+def _row_printer(quiet: bool) -> Callable[[Table], None]:
     """A function that prints a row of a scheme or of the loads as soon as it is measured."""
     of_schemes = row_printer(HEAD, quiet)
     of_loads = row_printer(("loads", *LOADS_HEAD), quiet)
 
-    def show(row: dict[str, Any]) -> None:
+    def show(row: Table) -> None:
         if "errors" in row:
             of_loads(("", *_load_cells(row)))
         else:
@@ -94,7 +94,7 @@ def _row_printer(quiet: bool) -> Callable[[dict[str, Any]], None]:
     return show
 
 
-def draw(found: dict[str, Any], path: Path) -> None:
+def draw(found: Table, path: Path) -> None:
     """Write the work-precision picture to `path` and the others next to it."""
     from dropper_jax.study import pictures
 
@@ -107,7 +107,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
             function(found, path.with_stem(f"{path.stem}-{part}"))
 
 
-def text(found: dict[str, Any]) -> str:
+def text(found: Table) -> str:
     """The report as text."""
     parts = [_schemes(found)] if found["reference"] else []
     if "loads" in found:
@@ -119,7 +119,7 @@ def text(found: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-def _schemes(found: dict[str, Any]) -> str:
+def _schemes(found: Table) -> str:
     """Errors and times of the schemes, and the advice; of an interrupted comparison the rows so far."""
     reference = found["reference"]
     parts = [
@@ -134,7 +134,7 @@ def _schemes(found: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-def _loads(found: dict[str, Any]) -> str:
+def _loads(found: Table) -> str:
     """Errors of the loads, and the accuracy or the step below which they are small."""
     if not found["rows"]:
         return f"loads: {found['skipped']}"
@@ -151,7 +151,7 @@ def _loads(found: dict[str, Any]) -> str:
 LOADS_HEAD = ("accuracy", "dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status")
 
 
-def _load_cells(row: dict[str, Any]) -> tuple[str, ...]:
+def _load_cells(row: Table) -> tuple[str, ...]:
     names = ("mean", "deviation", "window_maximum", "maximum")
     return (
         cell(row["accuracy"], ".2g"),
@@ -176,7 +176,7 @@ HEAD = (
 )
 
 
-def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+def _cells(row: Table) -> tuple[str, ...]:
     keys = ("rms_angle_error_rad", "rms_position_error_m", "rms_tension_error_n", "energy_drift_j")
     return (
         row["label"],

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     add_examples,
     add_run_values,
@@ -47,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     return deliver(args, done_object(scene=scene.name, **found), text(scene, args.scene, found))
 
 
-def examine(scene: Scene) -> dict[str, Any]:
+def examine(scene: Scene) -> Table:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
     from dropper_jax.load.checks_water import sea_warnings
     from dropper_jax.load.periods import periods, suggest_step
@@ -101,7 +102,7 @@ def examine(scene: Scene) -> dict[str, Any]:
     }
 
 
-def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
+def text(scene: Scene, source: str, found: Table) -> str:
     """The facts as text; `source` is the scene as the user named it."""
     keys = ("length_m", "mass_kg", "wet_weight_n")
     rows = [

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from dropper_jax.base.markdown import cell
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     STOPPED,
     add_examples,
@@ -67,12 +67,12 @@ COLUMNS = {
 HEAD = ("", *(head for head, _ in COLUMNS.values()))
 
 
-def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+def _cells(row: Table) -> tuple[str, ...]:
     numbers = (cell(row[key], form) for key, (_, form) in COLUMNS.items())
     return (row["name"], *numbers)
 
 
-def text(found: dict[str, Any]) -> str:
+def text(found: Table) -> str:
     """The report as text."""
     parts = [
         f"{found['scene']}: scheme {found['integrator']}, solver {found['solver']}",

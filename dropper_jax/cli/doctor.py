@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from dropper_jax.base.memory import in_words
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_examples, add_json, done_object, listing, positive_integer, print_result
 
 help = "versions, devices, cache, and checks against known results"
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     return print_result(args, done_object(**found), text(found), failure)
 
 
-def text(found: dict[str, Any]) -> str:
+def text(found: Table) -> str:
     """The report as text."""
     pairs = []
     for extra, packages in found["versions"].items():
@@ -58,7 +58,7 @@ def text(found: dict[str, Any]) -> str:
     return listing(pairs)
 
 
-def _on_processor(found: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+def _on_processor(found: Table) -> tuple[tuple[str, str], ...]:
     options = found["compiler_options"]
     return (
         ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off"),

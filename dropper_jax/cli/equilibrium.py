@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
@@ -98,7 +99,7 @@ def _tide(scene: Scene, args: argparse.Namespace) -> int:
     return deliver(args, done_object(scene=scene.name, **found), _tide_text(found), failure)
 
 
-def _tide_text(found: dict[str, Any]) -> str:
+def _tide_text(found: Table) -> str:
     rows = [
         {
             "time [h]": row["t_s"] / 3600.0,
@@ -115,7 +116,7 @@ def _tide_text(found: dict[str, Any]) -> str:
     return f"{table([tuple(rows[0]), *texts])}\n{note}"
 
 
-def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> dict[str, Any]:
+def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
     from dropper_jax.run.growth import end_angles, end_forces, fixed_point_loads, line_weights
     from dropper_jax.scene.data import line_offsets, whole_lines
 
@@ -149,7 +150,7 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, be
     return "\n".join([*parts, note])
 
 
-def _end_forces(found: dict[str, Any]) -> str:
+def _end_forces(found: Table) -> str:
     """Forces on the end points of lines, including the weight of the part of the end link at the point, and
     the angles of the end links above the horizontal."""
     forces = found["end_forces_n"]

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     FAILED,
     OK,
@@ -127,9 +128,7 @@ def _table_rows(file: str) -> list[tuple[float, float]]:
     return rows
 
 
-def _runs(
-    scene: Scene, found: FrequencyResponse, count: int, direction: float | None, frequencies: int
-) -> list[dict[str, Any]]:
+def _runs(scene: Scene, found: FrequencyResponse, count: int, direction: float | None, frequencies: int) -> list[Table]:
     """Runs in time of states at even distances in the order of the maximum tension, and the differences from them."""
     from dropper_jax.frequency.response import run_in_time
 
@@ -144,7 +143,7 @@ def _runs(
     return rows
 
 
-def _text_of_runs(runs: list[dict[str, Any]]) -> str:
+def _text_of_runs(runs: list[Table]) -> str:
     """The ranges of the differences of all ends."""
     lines = [("hs [m]", "tp [s]", "status", "deviations against the run")]
     for run in runs:
@@ -153,7 +152,7 @@ def _text_of_runs(runs: list[dict[str, Any]]) -> str:
     return table(lines)
 
 
-def _rows(found: FrequencyResponse) -> list[dict[str, Any]]:
+def _rows(found: FrequencyResponse) -> list[Table]:
     """A row per sea state; with spectra if there is one state."""
     columns = {
         "mean_tension_n": found.mean_tension,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.options import OK, add_examples, add_json, done_object, listing, print_json, print_result, table
 
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     return OK
 
 
-def _crops(crops: list[dict[str, Any]]) -> str:
+def _crops(crops: list[Table]) -> str:
     """The numbers of the crops; their sources are in the list above."""
     heads = ("mass [kg/m]", "in water [kg/m]", "displaced diameter [m]", "outer diameter [m]", "cdn", "can")
     keys = ("mass_kg_per_m", "mass_in_water_kg_per_m", "diameter_m", "outer_diameter_m", "cdn", "can", "EI_n_m2")
@@ -62,7 +62,7 @@ def _crops(crops: list[dict[str, Any]]) -> str:
     )
 
 
-def _published_table(crops: list[dict[str, Any]]) -> str:
+def _published_table(crops: list[Table]) -> str:
     """Published values, numbered, and their sources."""
     rows: list[tuple[str, ...]] = [
         ("published", "mass [kg/m]", "outer diameter [m]", "cdn", "can", "EI [N m^2]", "like")

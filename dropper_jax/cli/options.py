@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.base.files import leftovers, references_of, refuse_pipe
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import SCHEMA, jsonable, parsed_toml
 from dropper_jax.integrators import SCHEMES
 from dropper_jax.load.packaged import find_scene, folder_of
@@ -122,7 +123,7 @@ def with_step(scene: Scene, args: argparse.Namespace) -> Scene:
     return scene.with_values({"run.dt": step})
 
 
-def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> dict[str, Any]:
+def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Table:
     """Values by path from `--set` and options for keys of `[run]`."""
     given = {f"run.{key}": getattr(args, key) for key in run_values}
     return assignments(args.set) | {path: value for path, value in given.items() if value not in (None, AUTO)}
@@ -154,7 +155,7 @@ def recover_leftovers(file: Path) -> None:
     print_warnings(recover(file))
 
 
-def assignments(texts: list[str]) -> dict[str, Any]:
+def assignments(texts: list[str]) -> Table:
     """Values by path of several `KEY=VALUE`."""
     return dict(_assignment(text) for text in texts)
 
@@ -264,7 +265,7 @@ QUANTITY_HELP = (
     f"offset.buoy.max; signals: {', '.join(SIGNALS)}; statistics: {', '.join(STATISTICS)}"
 )
 #: Options for values of `[run]`, by their key.
-RUN_VALUES: dict[str, dict[str, Any]] = {
+RUN_VALUES: dict[str, Table] = {
     "integrator": {"metavar": "NAME", "help": f"time integration scheme: {', '.join(SCHEMES)}"},
     "solver": {"metavar": "NAME", "help": "linear solver: auto, dense, banded, condensed or network"},
     "dt": {
@@ -301,7 +302,7 @@ Failure = tuple[str, str]
 STOPPED: Failure = ("interrupted", "interrupted")
 
 
-def print_json(found: dict[str, Any]) -> None:
+def print_json(found: Table) -> None:
     """The one object on standard output; NaN and infinity as null."""
     print(json.dumps(jsonable(found), allow_nan=False), flush=True)
 
@@ -320,9 +321,7 @@ def failure_of(found: Ended) -> Failure | None:
     return found.status, f"{found.status}: {found.message}"
 
 
-def print_result(
-    args: argparse.Namespace, found: dict[str, Any], text: str = "", failure: Failure | None = None
-) -> int:
+def print_result(args: argparse.Namespace, found: Table, text: str = "", failure: Failure | None = None) -> int:
     """Print the result of a command, its JSON object or its text, and what failed; returns the exit code."""
     if args.json:
         print_json(with_failure(found, failure))
@@ -354,19 +353,19 @@ def print_warnings(warnings: Iterable[str]) -> None:
         print_line(f"warning: {warning}")
 
 
-def failure_object(status: str, message: str) -> dict[str, Any]:
+def failure_object(status: str, message: str) -> Table:
     """The JSON object of a failed command."""
     return {"schema": SCHEMA, "status": status, "error": shorten(message)}
 
 
-def with_failure(found: dict[str, Any], failure: Failure | None) -> dict[str, Any]:
+def with_failure(found: Table, failure: Failure | None) -> Table:
     """A JSON object with the status and the message of what failed."""
     if failure is None:
         return found
     return {**found, **failure_object(*failure)}
 
 
-def done_object(**values: Any) -> dict[str, Any]:
+def done_object(**values: Any) -> Table:
     """The JSON object of a successful command."""
     return {"schema": SCHEMA, "status": "ok", **values}
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, done_object, progress, table
 from dropper_jax.cli.outputs import add_out, deliver
 
@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     return deliver(args, done_object(cases=rows), text(rows), failure)
 
 
-def text(rows: list[dict[str, Any]]) -> str:
+def text(rows: list[Table]) -> str:
     """The result as a table."""
     cells = [
         (
@@ -67,7 +67,7 @@ def text(rows: list[dict[str, Any]]) -> str:
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
 
 
-def _short(found: dict[str, Any] | None) -> str:
+def _short(found: Table | None) -> str:
     """A baseline in a cell: the time of its failure, or its energy error."""
     if found is None:
         return "-"

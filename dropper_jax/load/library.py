@@ -24,6 +24,7 @@ from importlib import resources
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Table
 
 PREFIX = "library:"
 #: Density of foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal
@@ -68,14 +69,14 @@ class Family:
     high: float
     example: float
     source: str
-    make: Callable[[float], dict[str, Any]]
+    make: Callable[[float], Table]
     spread: str = ""
     EI: float | None = None
 
 
 def _chain(
     mass: float, stiffness: float, volume: float, across: float, along: float, strength: float, d: float
-) -> dict[str, Any]:
+) -> Table:
     """Chain of bar diameter d; drag given over d (across) and d/pi (along) is converted to the displaced diameter."""
     return {
         "mass": mass * d**2,
@@ -90,13 +91,13 @@ def _chain(
     }
 
 
-def _rope(mass: float, density: float, square: float, cube: float, stiffness: float, d: float) -> dict[str, Any]:
+def _rope(mass: float, density: float, square: float, cube: float, stiffness: float, d: float) -> Table:
     """Fibre rope of diameter d: breaking load `square d^2 + cube d^3`, stiffness relative to it."""
     load = square * d**2 + cube * d**3
     return _rope_values(d, mass, math.sqrt(4.0 * mass / (math.pi * density)), stiffness * load, load)
 
 
-def _rope_values(d: float, mass: float, volume: float, stiffness: float, load: float) -> dict[str, Any]:
+def _rope_values(d: float, mass: float, volume: float, stiffness: float, load: float) -> Table:
     """Values of a rope of diameter d [m], mass by d^2 and displaced diameter over d; drag 1.6 over d
     (DNV-OS-E301)."""
     return {
@@ -112,19 +113,19 @@ def _rope_values(d: float, mass: float, volume: float, stiffness: float, load: f
     }
 
 
-def _plaited(mass: float, volume: float, stiffness: float, strength: float, d: float) -> dict[str, Any]:
+def _plaited(mass: float, volume: float, stiffness: float, strength: float, d: float) -> Table:
     """Rope of eight strands of diameter d, all values proportional to d^2; drag as for the other ropes."""
     return _rope_values(d, mass, volume, stiffness * d**2, strength * d**2)
 
 
-def float_of(volume: float, density: float = FLOAT_DENSITY) -> dict[str, Any]:
+def float_of(volume: float, density: float = FLOAT_DENSITY) -> Table:
     """A spherical float [m^3] at a free point: mass, volume, drag coefficient times frontal area, added mass."""
     frontal = math.pi / 4 * (6 * volume / math.pi) ** (2 / 3)
     water = {"drag_area": FLOAT_DRAG * frontal, "added_mass": FLOAT_ADDED_MASS}
     return {"kind": "free", "mass": density * volume, "volume": volume, **water}
 
 
-def _crop(density: float, drag: float, along: float, mass: float) -> dict[str, Any]:
+def _crop(density: float, drag: float, along: float, mass: float) -> Table:
     """A crop of a mass [kg/m] and density as it displaces water, on a rope with the stiffness of the Edulis sock."""
     return {
         "mass": mass,
@@ -138,7 +139,7 @@ def _crop(density: float, drag: float, along: float, mass: float) -> dict[str, A
     }
 
 
-def _sock(months: float) -> dict[str, Any]:
+def _sock(months: float) -> Table:
     share = months / SOCK_MONTHS
     mass = CORE_MASS + (SOCK - CORE_MASS) * share
     core = CORE_DIAMETER**2
@@ -146,17 +147,17 @@ def _sock(months: float) -> dict[str, Any]:
     return {**_crop(1.0, 1.4, 0.02, mass), "diameter": math.sqrt(core + (full - core) * share)}
 
 
-def _dropper(mass: float) -> dict[str, Any]:
+def _dropper(mass: float) -> Table:
     return {**_crop(SOCK_DENSITY, 1.3, 0.02, mass), "outer_diameter": 0.13 * math.sqrt(mass / 7.53)}
 
 
-def _lantern(width: float) -> dict[str, Any]:
+def _lantern(width: float) -> Table:
     net = _crop(1500.0, 0.0, 0.05, 10.0)
     return {**net, "cdn": 0.83 * width / net["diameter"]}
 
 
 #: What makes the values of a part of a size, after the numbers of its family.
-LAWS: dict[str, Callable[..., dict[str, Any]]] = {
+LAWS: dict[str, Callable[..., Table]] = {
     "chain": _chain,
     "rope": _rope,
     "plaited": _plaited,
@@ -168,7 +169,7 @@ LAWS: dict[str, Callable[..., dict[str, Any]]] = {
 }
 
 
-def _rows(file: str) -> dict[str, Any]:
+def _rows(file: str) -> Table:
     return tomllib.loads((resources.files("dropper_jax") / "data" / file).read_text(encoding="utf-8"))
 
 
@@ -179,7 +180,7 @@ def _family(law: str, numbers: list[float], **values: Any) -> Family:
 FAMILIES = {name: _family(**row) for name, row in _rows("library.toml").items()}
 
 
-def part(name: str) -> tuple[str, dict[str, Any]]:
+def part(name: str) -> tuple[str, Table]:
     """Section of the scene and plain values of a part, from its name without `library:`.
 
     Raises:
@@ -194,7 +195,7 @@ def part(name: str) -> tuple[str, dict[str, Any]]:
     return kind.section, {"name": PREFIX + name, **rounded}
 
 
-def crop_values() -> list[dict[str, Any]]:
+def crop_values() -> list[Table]:
     """Numbers of each crop at its example size: name, mass per metre in air and in sea water of 1025 kg/m^3, displaced
     and outer diameter, drag and added mass coefficients across the outer one, bending stiffness (None: unknown), source
     and spread."""
@@ -217,7 +218,7 @@ def crop_values() -> list[dict[str, Any]]:
     ]
 
 
-def published_crops() -> list[dict[str, Any]]:
+def published_crops() -> list[Table]:
     """Published values of crops, rows of `data/crops.toml`; None for a number that is not at hand."""
     keys = ("crop", "like", "mass", "outer_diameter", "cdn", "can", "EI", "source", "read", "conditions")
     return [{key: row.get(key) for key in keys} for row in _rows("crops.toml")["crop"]]

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.scene import WholeLine
 
 
-def watch_circles(record: Record) -> list[dict[str, Any]]:
+def watch_circles(record: Record) -> list[Table]:
     """Per moving point: horizontal radius [m] about its mean position and, after a static start, its static position.
 
     With the ranges of x, y, z [m]. Fixed points are left out.
@@ -43,7 +44,7 @@ def watch_circles(record: Record) -> list[dict[str, Any]]:
     return found
 
 
-def accelerations(record: Record) -> list[dict[str, Any]]:
+def accelerations(record: Record) -> list[Table]:
     """Per line: root mean square, 99th percentile and maximum acceleration [m/s^2] of its nodes, and its location.
 
     Central differences of the saved velocities, which do not resolve periods below two saved intervals.
@@ -83,7 +84,7 @@ class Approach(NamedTuple):
     other_link: int
 
 
-def line_distances(record: Record) -> list[dict[str, Any]]:
+def line_distances(record: Record) -> list[Table]:
     """Per line: the nearest line, the minimum distance of the axes [m], its time [s] and arc length along both [m].
 
     The distance is exact between straight links at the saved times (of a long record at 2000 of them). Links
@@ -116,7 +117,7 @@ def looks_every(record: Record) -> int:
     return -(-len(record.t) // 2000)
 
 
-def _describe_distance(record: Record, index: int, near: Approach | None) -> dict[str, Any]:
+def _describe_distance(record: Record, index: int, near: Approach | None) -> Table:
     line = record.written_lines[index]
     if near is None:
         return {"line": line.name, "nearest": None, "least_distance_m": None}

@@ -12,13 +12,14 @@ import json
 import re
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.read import Table
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.panels import cycle
@@ -153,7 +154,7 @@ def _part(name: str) -> str:
     return (resources.files("dropper_jax.report") / "assets" / name).read_text(encoding="utf-8")
 
 
-def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> dict[str, Any]:
+def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> Table:
     if solution.scene.sea is None:
         sea = None
     else:
@@ -203,7 +204,7 @@ def part_names(run: Run) -> list[str]:
     return names
 
 
-def _bed_grid(run: Run) -> dict[str, Any] | None:
+def _bed_grid(run: Run) -> Table | None:
     """Positions of a grid and the height [m] of the seabed there; None without a seabed."""
     # points of the seabed per side
     bed_points = 13
@@ -234,7 +235,7 @@ def _diameter(solution: Solution) -> list[float] | None:
     return np.concatenate(found).tolist()
 
 
-def _flows(solution: Solution, sea: Sea) -> list[dict[str, Any]]:
+def _flows(solution: Solution, sea: Sea) -> list[Table]:
     """Waves and current for their arrows: the direction of travel [rad] at the surface, and a text with their size."""
     waves = solution.scene.sea.waves
     found = []
@@ -261,7 +262,7 @@ def _pack(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
-def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
+def _water(sea: Sea, run: Run, times: np.ndarray) -> Table:
     """Depth, a square grid of positions and the elevation there at times [s], in whole steps of `step` [m]."""
     # points per side of the water surface
     surface_points = 19
@@ -285,7 +286,7 @@ def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
     }
 
 
-def body_data(bodies: Bodies | None, kept: np.ndarray) -> dict[str, Any] | None:
+def body_data(bodies: Bodies | None, kept: np.ndarray) -> Table | None:
     """Plain values of the bodies at the selected frames; None without any.
 
     `poses` has for each frame and body its reference point [m] and its axes, row by row: 12 numbers, float32.

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from dropper_jax.base.files import atomic_write, folder_without
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.evaluation.extremes import Gumbel
 from dropper_jax.evaluation.record import Record, record
@@ -31,7 +32,7 @@ REPORT = "report.md"
 
 
 def write_report(
-    found: dict[str, Any], solutions: dict[str, Solution], folder: str | Path, settings: Settings | None = None
+    found: Table, solutions: dict[str, Solution], folder: str | Path, settings: Settings | None = None
 ) -> Path:
     """Write report.md, report.json and the pictures, those of several runs to `run-1`, `run-2`, ...
 
@@ -63,7 +64,7 @@ INNER = "#56B4E9"
 
 
 @style.plot_style()
-def draw_run(part: Record, found: dict[str, Any], folder: Path) -> dict[str, Path]:
+def draw_run(part: Record, found: Table, folder: Path) -> dict[str, Path]:
     """All pictures for the sections of a run, by name."""
     sections = {
         "tension_range": (_tension_range, found["tension"]),
@@ -101,7 +102,7 @@ def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
     return figure, list(axes[:count])
 
 
-def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _tension_range(part: Record, found: Table, folder: Path) -> Path:
     """Minimum, mean, maximum tension and percentiles against arc length, and the breaking load if it is close."""
     lines = largest(found["tension"], lambda line: line["largest"]["n"], MOST)
     figure, panels = _panels(len(lines), 3.0)
@@ -130,7 +131,7 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, "tension range", lines, found["tension"], folder / "tension_range.png")
 
 
-def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _anchors(part: Record, found: Table, folder: Path) -> Path:
     """Horizontal and vertical load of each fixed point against time."""
     anchors = largest(found["anchors"], load_of_anchor, MOST)
     figure, panels = _panels(len(anchors), 2.6)
@@ -157,7 +158,7 @@ def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, "loads of the fixed points", anchors, found["anchors"], folder / "anchors.png")
 
 
-def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _fatigue(part: Record, found: Table, folder: Path) -> Path:
     """Equivalent range along each line, and the damage per year if there is a breaking load."""
     whole = found["fatigue"]
     lines = largest(whole, lambda line: max(line["equivalent_range_n"]), MOST)
@@ -181,7 +182,7 @@ def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, "fatigue along the lines", lines, whole, folder / "fatigue.png")
 
 
-def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _watch(part: Record, found: Table, folder: Path) -> Path:
     """Plan view of each moving point about its mean position, with its watch circle, and its z over time."""
     points = largest(found["watch_circle"], lambda point: point["radius_max_m"], MOST)
     columns = -(-len(points) // 2)
@@ -214,7 +215,7 @@ def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, "watch circles", points, found["watch_circle"], folder / "watch_circle.png")
 
 
-def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _along(part: Record, found: Table, folder: Path) -> Path:
     """Fraction of time under water and on the seabed, and accelerations, against arc length."""
     sections = {
         "under water\n[% of time]": (found["submergence"].get("lines"), "share_under_water", 100.0),
@@ -263,7 +264,7 @@ def _constant(section: tuple[Any, str, float], columns: list[int]) -> float | No
 
 
 @style.plot_style()
-def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
+def draw_extremes(extremes: Table, folder: Path) -> Path:
     """Maxima of the runs on Gumbel paper, the fit, and the storm's 90th percentile with its interval."""
     names = [name for name, one in extremes.items() if "skipped" not in one]
     names = largest(names, lambda name: extremes[name]["gumbel_mode"], MOST)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     OK,
     add_allow_outside,
@@ -178,7 +179,7 @@ def run(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
-    shared: dict[str, Any] = {
+    shared: Table = {
         "loss": chosen_loss(args),
         "start": {key: _number("start", key, text) for key, text in _pairs("start", args.start)},
         "bounds": {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)},
@@ -360,7 +361,7 @@ OF_TRACES = {
 }
 
 
-def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | None, shared: dict[str, Any]) -> int:
+def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | None, shared: Table) -> int:
     """Fit to the channels that a TOML file names."""
     for key, default in OF_TRACES.items():
         if getattr(args, key) != default:

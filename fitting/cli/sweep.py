@@ -8,12 +8,12 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.memory import available_cores
-from dropper_jax.base.read import ScenePath
+from dropper_jax.base.read import ScenePath, Table
 from dropper_jax.cli.options import (
     add_examples,
     add_quiet,
@@ -269,7 +269,7 @@ def _result_table(path: Path) -> str:
     return table([heads, *(tuple(cells(row, ".4g")) for row in frame[columns].to_numpy())])
 
 
-def text(found: dict[str, Any], results: str = "") -> str:
+def text(found: Table, results: str = "") -> str:
     """The result as text, with a table of inputs and results."""
     counts = ", ".join(f"{count} {status}" for status, count in found["counts"].items() if count)
     pairs = [
@@ -283,7 +283,7 @@ def text(found: dict[str, Any], results: str = "") -> str:
     return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
 
 
-def _score_table(trace: dict[str, Any]) -> str:
+def _score_table(trace: Table) -> str:
     """The cases with the best head, and the fit: RMS angle error and distance of spectra of each part."""
     spans = trace["parts_s"]
     cases = [case for case in trace["cases"] if case["head"]["angle_rms_rad"] is not None]

@@ -7,14 +7,14 @@ of the body itself becomes a sphere about the centre of mass. A free rod becomes
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.read import Table
 from dropper_jax.decks.reading.sections import Deck, Row
 
 
-def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> dict[str, Any]:
+def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> Table:
     """`[[body]]` of a free body and the rods on it; its attachments are added with the points."""
     row.need(13, "body")
     where = row.values(2, 5, "X0, Y0, Z0")
@@ -36,7 +36,7 @@ def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> dict[s
     return found | {key: shapes for key, shapes in (("cylinders", cylinders), ("spheres", spheres)) if shapes}
 
 
-def free_rod(deck: Deck, row: Row) -> dict[str, Any]:
+def free_rod(deck: Deck, row: Row) -> Table:
     """`[[body]]` of a free rod: its axes are the scene's, its reference point is its end A."""
     cylinder, (mass, centre, inertia) = _cylinder(deck, row)
     start = np.array(cylinder["from"])
@@ -45,7 +45,7 @@ def free_rod(deck: Deck, row: Row) -> dict[str, Any]:
     return {**found, "name": row.name or f"rod-{row.words[0]}", "position": start.tolist(), "cylinders": [shape]}
 
 
-def _cylinder(deck: Deck, row: Row) -> tuple[dict[str, Any], tuple[float, np.ndarray, np.ndarray]]:
+def _cylinder(deck: Deck, row: Row) -> tuple[Table, tuple[float, np.ndarray, np.ndarray]]:
     """A rod as a cylinder, and its mass [kg], centre of mass [m] and inertia about it [kg m^2]."""
     row.need(10, "rod")
     kind = _rod_type(deck, row)
@@ -64,7 +64,7 @@ def _cylinder(deck: Deck, row: Row) -> tuple[dict[str, Any], tuple[float, np.nda
     return shape, (mass, 0.5 * (a + b), inertia)
 
 
-def _together(row: Row, what: str, parts: list[tuple[float, np.ndarray, np.ndarray]]) -> dict[str, Any]:
+def _together(row: Row, what: str, parts: list[tuple[float, np.ndarray, np.ndarray]]) -> Table:
     """Mass, centre of mass and inertia about it of several parts."""
     mass = sum(m for m, _, _ in parts)
     if not mass > 0.0:
@@ -82,7 +82,7 @@ def _together(row: Row, what: str, parts: list[tuple[float, np.ndarray, np.ndarr
     return {"mass": mass, "centre_of_mass": centre.tolist(), "inertia": [xx, yy, zz, *products]}
 
 
-def _spheres(row: Row, centre: list[float], notes: list[str]) -> list[dict[str, Any]]:
+def _spheres(row: Row, centre: list[float], notes: list[str]) -> list[Table]:
     """A body's own volume, with the mean of its drag areas and added masses."""
     volume = row.value(11, "Volume", 0.0)
     area = row.parts(12, "CdA")
@@ -129,7 +129,7 @@ def _rod_type(deck: Deck, rod: Row) -> Row:
     return types[rod.words[1]]
 
 
-def spar(deck: Deck, body: Row, rod: Row, name: str) -> dict[str, Any] | None:
+def spar(deck: Deck, body: Row, rod: Row, name: str) -> Table | None:
     """`[[buoy]]` of a body and its rod, with the position of its base under `position`; None if they are not a spar."""
     body.need(14, "body")
     rod.need(9, "rod")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from dropper_jax.axial.tabulated import ForceTable
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import find_referenced, read_lines
+from dropper_jax.base.read import Table
 from dropper_jax.decks.reading.sections import Deck, Row, is_number
 
 #: Coefficients in the columns after BA in version 1, and after EI in version 2.
@@ -17,19 +17,19 @@ FIRST = ("can", "cat", "cdn", "cdt")
 SECOND = ("cdn", "can", "cdt", "cat")
 
 
-def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
+def read_types(deck: Deck, notes: list[str]) -> dict[str, Table]:
     """Line types by name; properties without a counterpart in a scene are added to the notes.
 
     Version 1 has nine columns, version 2 ten or more, with EI in the sixth.
     """
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Table] = {}
     for row in deck.require("line types"):
         row.need(9, "line type")
         name = row.words[0]
         if name in found:
             row.refuse(f"line type {name!r} is given twice")
         second = _second_version(deck, row)
-        kind: dict[str, Any] = {
+        kind: Table = {
             "name": name,
             "diameter": row.value(1, "Diam", 0.0, open_low=True),
             "mass": row.value(2, "Mass/m", 0.0, open_low=True),
@@ -71,7 +71,7 @@ def _bending(row: Row, notes: list[str]) -> dict[str, float]:
     return {}
 
 
-def _stiffness(row: Row, notes: list[str]) -> dict[str, Any]:
+def _stiffness(row: Row, notes: list[str]) -> Table:
     """`EA` [N], or the table of a file; for a viscoelastic rope its static part, with a note."""
     text = row.words[3]
     if "|" in text:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from dropper_jax.base.markdown import first_names
+from dropper_jax.base.read import Table
 from dropper_jax.decks.reading.bodies import free_body, free_rod, spar
 from dropper_jax.decks.reading.sections import Deck, Row
 
@@ -30,9 +30,9 @@ class Ends:
     move, `joints` those of free rods without length, which have no mass.
     """
 
-    points: list[dict[str, Any]] = field(default_factory=list)
-    buoys: list[dict[str, Any]] = field(default_factory=list)
-    bodies: list[dict[str, Any]] = field(default_factory=list)
+    points: list[Table] = field(default_factory=list)
+    buoys: list[Table] = field(default_factory=list)
+    bodies: list[Table] = field(default_factory=list)
     names: dict[str, str] = field(default_factory=dict)
     leaving: dict[str, list[float]] = field(default_factory=dict)
     turning: list[str] = field(default_factory=list)
@@ -135,7 +135,7 @@ def _is_connector(row: Row) -> bool:
     return not row.whole(9, "NumSegs", 0)
 
 
-def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> dict[str, list[float]]:
+def _rod_ends(rod: Row, shape: Table, found: Ends, used: set[str]) -> dict[str, list[float]]:
     """Positions in a body's axes of the ends of a rod at which lines end, by name of the point."""
     ends = {f"R{rod.words[0]}{end}": shape[key] for end, key in (("A", "from"), ("B", "to"))}
     attached = {word: position for word, position in ends.items() if word in used}
@@ -167,7 +167,7 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
         row.refuse(f"point {key} is given twice")
     name = row.name or f"point-{key}"
     position = row.values(2, 5, "X, Y, Z")
-    point: dict[str, Any] = {"name": name, "position": position}
+    point: Table = {"name": name, "position": position}
     if kind in FREE:
         point |= {"kind": "free", **_body(deck, row, notes)}
     elif kind in COUPLED:

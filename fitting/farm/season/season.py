@@ -15,6 +15,7 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import cell, table
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.library import FAMILIES, PREFIX
 from dropper_jax.plots import style
@@ -60,7 +61,7 @@ def spread(count: int, need: Sequence[float]) -> list[int]:
     return found
 
 
-def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
+def season(site: Site, progress: Progress | None = None) -> Table:
     """The season of a site with `[season]` and `[[growth]]`.
 
     Bounds come from the force on the fixed points. The schedule is then checked by free equilibria at every state of
@@ -94,7 +95,7 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         rows.append(_month(site, month, weights, np.array(pulls), lift))
     low = [row["least"] for row in rows]
     high = [row["most"] for row in rows]
-    known: dict[tuple[str, int], list[dict[str, Any]]] = {}
+    known: dict[tuple[str, int], list[Table]] = {}
     # bounds are tightened at most four times
     for _ in range(4):
         plan = schedule(low, high, site.season.start)
@@ -122,7 +123,7 @@ def _lift(site: Site) -> float:
     return lift
 
 
-def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> dict[str, Any]:
+def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> Table:
     """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
     own = site.season
@@ -143,8 +144,8 @@ def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray,
 
 
 def _lying(
-    site: Site, row: dict[str, Any], names: list[str], count: int, all_waters: tuple[Water, ...], cache: dict[Any, Any]
-) -> dict[str, Any]:
+    site: Site, row: Table, names: list[str], count: int, all_waters: tuple[Water, ...], cache: dict[Any, Any]
+) -> Table:
     """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
     floats = dict(zip(names, spread(count, row["need_by_point_n"]), strict=True))
     key = (row["month"], count)
@@ -175,7 +176,7 @@ def _lying(
     }
 
 
-def _season_table(site: Site, names: list[str], lift: float, rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _season_table(site: Site, names: list[str], lift: float, rows: list[Table]) -> Table:
     before = site.season.start
     for row in rows:
         row["change"] = 0 if before is None else row["floats"] - before
@@ -215,7 +216,7 @@ def double_crops(site: Site) -> list[str]:
     ]
 
 
-def _flags(row: dict[str, Any]) -> list[str]:
+def _flags(row: Table) -> list[str]:
     month = row["month"]
     flags = []
     if row["least"] > row["most"]:
@@ -240,7 +241,7 @@ COLUMNS = (
 )
 
 
-def write_season(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
+def write_season(found: Table, folder: str | Path) -> dict[str, Path]:
     """Write season.md, season.csv, season.json and season.png into a folder; returns their paths by name."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -252,7 +253,7 @@ def write_season(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
     }
 
 
-def page(found: dict[str, Any]) -> str:
+def page(found: Table) -> str:
     """The page's text."""
     if found["holds"]:
         verdict = "The schedule holds in every month."
@@ -293,7 +294,7 @@ def _margin(value: float | None) -> str:
     return f"{value:+.2f}"
 
 
-def _csv(found: dict[str, Any]) -> str:
+def _csv(found: Table) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
     writer.writeheader()
@@ -302,7 +303,7 @@ def _csv(found: dict[str, Any]) -> str:
 
 
 @style.plot_style()
-def draw(found: dict[str, Any], path: Path) -> Path:
+def draw(found: Table, path: Path) -> Path:
     """Floats of each month between their bounds, and the depths of the backbone."""
     months = found["months"]
     at = range(len(months))

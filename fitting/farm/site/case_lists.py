@@ -8,7 +8,17 @@ from typing import Any, ClassVar, Protocol, Self
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, plain, read_list, read_number, read_parameter, read_table, read_text, refuse
+from dropper_jax.base.read import (
+    Plain,
+    Table,
+    plain,
+    read_list,
+    read_number,
+    read_parameter,
+    read_table,
+    read_text,
+    refuse,
+)
 from fitting.farm.site.sections import Section, read_years, standards
 
 
@@ -20,7 +30,7 @@ class CaseKind(Protocol):
     column: ClassVar[str]
 
     @staticmethod
-    def changes(value: float) -> dict[str, Any]:
+    def changes(value: float) -> Table:
         """Values of the scene by path."""
 
     @staticmethod
@@ -35,7 +45,7 @@ class Levels(CaseKind):
     column = "level_m"
 
     @staticmethod
-    def changes(value: float) -> dict[str, Any]:
+    def changes(value: float) -> Table:
         return {"sea.level": {"offset": value}}
 
     @staticmethod
@@ -56,14 +66,14 @@ class CaseLists(Section):
     PATTERNS = ("states", "months", "crops")
 
     directions: Any = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
-    currents: tuple[dict[str, Any], ...] = ()
+    currents: tuple[Table, ...] = ()
     current_direction: float | None = None
     kinds: dict[str, list[float]] = dataclasses.field(default_factory=dict)
     months: tuple[str, ...] = option("months of [[growth]]", type=list, default=())
     states: tuple[str, ...] = option("intact, and lines that break", type=list, default=("intact",))
     break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, optional=True)
     crops: tuple[str, ...] = option("values of [crop]", type=list, default=())
-    standard: dict[str, Any] | None = None
+    standard: Table | None = None
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
@@ -99,14 +109,14 @@ class CaseLists(Section):
         )
 
 
-def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
+def _case_standard(table: Table, path: str) -> Table | None:
     """Pairs of return periods, taken out of `[cases]`: those of a standard, or the site's `pairs`; None without any."""
     name = table.pop("standard", None)
     given = table.pop("pairs", None)
     if name is None and given is None:
         return None
     known = standards("cases")
-    found: dict[str, Any] = {
+    found: Table = {
         "broken": False,
         "source": "",
         "edition": "-",
@@ -128,12 +138,12 @@ def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
     return {"name": name, **found}
 
 
-def _current(item: Plain, path: str) -> dict[str, Any]:
+def _current(item: Plain, path: str) -> Table:
     """A current as a table with a name; a number is its speed."""
     if not isinstance(item, Mapping):
         speed = read_number(item, path, {"low": 0.0, "unit": "m/s"}, "a speed >= 0 m/s, or a table as [sea.current]")
         return {"name": f"{speed:g} m/s", "speed": speed}
-    found: dict[str, Any] = dict(plain(item))
+    found: Table = dict(plain(item))
     speed = found.get("speed")
     own = f"{speed:g} m/s" if isinstance(speed, int | float) else "given"
     if "return_period" in found:

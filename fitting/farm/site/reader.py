@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import Plain, Table, check_keys, plain, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
@@ -90,9 +90,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     else:
         unchecked = read_list(unchecked, "unchecked", None, "patterns")
     kinds_of_section = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
-    sections: dict[str, Any] = {
-        name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table
-    }
+    sections: Table = {name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table}
     for name in sorted(sections.keys() & {"exclusion", "backbone"}):
         match_names(sections[name].lines, lines, f"{name}.lines")
     if "season" in sections:
@@ -184,9 +182,9 @@ def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return read_table(table.get(key, {}), key)
 
 
-def _flat(table: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+def _flat(table: Mapping[str, Any], path: str = "") -> Table:
     """Values by path, `sea.depth = 25` with or without quotes; waves and currents are set as whole tables."""
-    found: dict[str, Any] = {}
+    found: Table = {}
     for key, value in table.items():
         inner = f"{path}.{key}" if path else key
         whole = inner in ("sea.waves", "sea.current", "sea.level")
@@ -212,9 +210,9 @@ def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
         raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
 
 
-def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[str, dict[str, Any]]]:
+def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[str, Table]]:
     """Tables of `[line.growth]` by month and line."""
-    found: dict[str, dict[str, dict[str, Any]]] = {}
+    found: dict[str, dict[str, Table]] = {}
     for i, item in _items(table, "growth"):
         own = GrowthTable.read(item, f"growth.{i}")
         month = found.setdefault(own.month, {})

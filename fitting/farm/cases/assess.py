@@ -14,7 +14,6 @@ from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.farm.cases.one import Found
 from fitting.farm.cases.stored import Runs
 from fitting.farm.site import Anchor, Part, Site, Storm
-from fitting.farm.site.case_lists import CASE_KINDS
 
 
 def assess(site: Site, folder: str | Path, dt: float, step: Table | None = None) -> Table:
@@ -75,7 +74,7 @@ def _labels(site: Site, storm: Storm) -> Table:
         "sea_state": storm.sea_state.name,
         "direction_deg": float(np.degrees(storm.direction)),
         "current": storm.current_name,
-        **{kind.column: value for kind, value in zip(CASE_KINDS.values(), storm.kinds, strict=True)},
+        "level_m": storm.level,
         "month": storm.month,
         "crop": storm.crop,
         "return_periods": storm.periods,

@@ -334,7 +334,7 @@ def check_breaking(site: Any) -> None:
         SceneError: with the sea state, its height, and the limit.
     """
     spec = site.scene.sea
-    levels = site.lists.kinds["levels"]
+    levels = site.lists.levels
     for level in levels:
         if spec.depth + level <= 0.0:
             raise SceneError(f"cases.levels: {level:g} m is below the seabed; allowed: above {-spec.depth:g} m")

@@ -11,7 +11,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
 from fitting.farm.site.case import BROKEN, INTACT, NEVER, Anchor, Break, Case, Part, Storm, match_names, storms
-from fitting.farm.site.case_lists import CASE_KINDS, CaseLists
+from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.sections import Backbone, Exclusion, Factors, RunValues, SeasonValues, SeaState
 
 #: Growth of a line in a month without any.
@@ -147,10 +147,8 @@ class Site:
         return {"sea.waves": storm.sea_state.waves(storm.direction, case.seed), **self.break_changes(storm)}
 
     def still_changes(self, storm: Storm) -> Table:
-        """Its values that affect the equilibrium: current, those of `CASE_KINDS`, mussels."""
-        found: Table = {}
-        for kind, value in zip(CASE_KINDS.values(), storm.kinds, strict=True):
-            found |= kind.changes(value)
+        """Its values that affect the equilibrium: level, current, mussels."""
+        found: Table = {"sea.level": {"offset": storm.level}}
         if storm.current is not None:
             found["sea.current"] = storm.current
         crop = self.crop.get(storm.crop, {})

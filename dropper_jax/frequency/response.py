@@ -188,7 +188,6 @@ def run_in_time(
     *,
     direction: float | None = None,
     frequencies: int = 40,
-    start: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Means and standard deviations (ends,) [N] of the tensions of `frequency_response` in a run with the same waves.
 
@@ -198,7 +197,6 @@ def run_in_time(
     Args:
         sea_state: significant height [m] and peak period [s].
         direction, frequencies: see `frequency_response`.
-        start: time before the evaluated part [s]; None: 100 s, or ten peak periods if that is more.
 
     Raises:
         SceneError: see `frequency_response`.
@@ -208,7 +206,8 @@ def run_in_time(
     if scene.sea is None:
         raise SceneError("sea: missing; needed: the depth of the water, and waves")
     hs, tp = sea_state
-    start = max(100.0, 10.0 * tp) if start is None else start
+    # time before the evaluated part [s]
+    start = max(100.0, 10.0 * tp)
     ramp = 15.0 if scene.sea.ramp is None else scene.sea.ramp
     waves = replace(_spectrum(scene.sea, direction, frequencies), hs=hs, tp=tp)
     scene = replace(scene, sea=replace(scene.sea, waves=waves, ramp=ramp))

@@ -139,7 +139,7 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     return worst
 
 
-def optimise(site: Site, state: str | Path | None = None, say: Say = silent, check: bool = True) -> Optimum:
+def optimise(site: Site, state: str | Path | None = None, say: Say = silent) -> Optimum:
     """The best design of a site.
 
     Args:
@@ -160,9 +160,8 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent, che
 
     if search.before is None:
         _possible(design)
-        if check:
-            off = check_derivatives(design, say)
-            save()
+        off = check_derivatives(design, say)
+        save()
     if not search.done:
         run_search(search, design, save, say)
     return _optimum(design, search, off, say)

@@ -48,11 +48,8 @@ CROP_LEVELS = ("low", "expected", "high")
 PASSED = ("variable", "objective", "constraint", "optimise")
 
 
-def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None = None) -> Site:
+def read_site(source: str | Path | Mapping[str, Any]) -> Site:
     """The site of a TOML file, of a packaged name, or of plain values.
-
-    Args:
-        folder: first folder to search for the scene's file; default: the site's own.
 
     Raises:
         SceneError: one line with the section, the value and the allowed range.
@@ -64,7 +61,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
             "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"
         )
     check_keys(table, (*SITE_KEYS, *PASSED), "")
-    scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
+    scene = _scene(table, (file or Path()).parent)
     if scene.sea is None:
         raise SceneError(f"scene: {scene.name!r} has no [sea]. Use a scene with water")
     lines = tuple(line.name for line in whole_lines(scene))

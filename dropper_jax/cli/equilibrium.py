@@ -100,20 +100,22 @@ def _tide(scene: Scene, args: argparse.Namespace) -> int:
 
 
 def _tide_text(found: Table) -> str:
-    rows = [
-        {
-            "time [h]": row["t_s"] / 3600.0,
-            "level [m]": row["level_m"],
-            "current [m/s]": row["speed_m_per_s"],
-            "moved [m]": row["displacement_m"],
-            **{f"{name} [N]": np.linalg.norm(load) for name, load in row["held_load_n"].items()},
-            **{f"{name} used [%]": 100.0 * share for name, share in row["anchor_utilisation"].items()},
-        }
-        for row in found["rows"]
-    ]
+    rows = [_tide_row(row) for row in found["rows"]]
     texts = [cells(row.values(), ".4g") for row in rows]
     note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
     return f"{table([tuple(rows[0]), *texts])}\n{note}"
+
+
+def _tide_row(row: Table) -> dict[str, float]:
+    """Numbers of an instant by their headings."""
+    found = {
+        "time [h]": row["t_s"] / 3600.0,
+        "level [m]": row["level_m"],
+        "current [m/s]": row["speed_m_per_s"],
+        "moved [m]": row["displacement_m"],
+    }
+    found |= {f"{name} [N]": np.linalg.norm(load) for name, load in row["held_load_n"].items()}
+    return found | {f"{name} used [%]": 100.0 * share for name, share in row["anchor_utilisation"].items()}
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
@@ -176,7 +178,8 @@ def _loads(found: dict[str, np.ndarray]) -> str:
 
 def _line_table(positions: np.ndarray, bent: np.ndarray, tension: np.ndarray, angles: np.ndarray) -> str:
     heads = ("node", "x [m]", "y [m]", "z [m]", "curvature [1/m]", "polar [rad]", "azimuth [rad]", "tension [N]")
-    nodes = [cells((*position, kappa), ".5f") for position, kappa in zip(positions, bent, strict=True)]
-    links = [cells((*angle, n), ".5f") for angle, n in zip(angles, tension, strict=True)]
-    rows = zip(nodes, [("", "", ""), *links], strict=True)
-    return table([heads, *((str(i), *node, *link) for i, (node, link) in enumerate(rows))])
+    nodes = np.column_stack([positions, bent])
+    links = np.column_stack([angles, tension])
+    rows = [(str(i), *cells(node, ".5f")) for i, node in enumerate(nodes)]
+    ends = [("", "", ""), *(cells(link, ".5f") for link in links)]
+    return table([heads, *((*row, *end) for row, end in zip(rows, ends, strict=True))])

@@ -169,7 +169,7 @@ def _rows(found: FrequencyResponse) -> list[Table]:
             "hs_m": hs,
             "tp_s": tp,
             "status": found.status[i],
-            "ends": [end | {key: column[i, j] for key, column in columns.items()} for j, end in enumerate(ends)],
+            "ends": [end | _at(columns, (i, j)) for j, end in enumerate(ends)],
             "significant_motion_m": dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True)),
             "slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low],
         }
@@ -179,6 +179,10 @@ def _rows(found: FrequencyResponse) -> list[Table]:
         omega, tension, motion = found.spectra()
         rows[0] |= {"omega_rad_per_s": omega, "tension_spectrum": tension, "motion_spectrum": motion}
     return rows
+
+
+def _at(columns: dict[str, np.ndarray], index: tuple[int, int]) -> dict[str, float]:
+    return {key: column[index] for key, column in columns.items()}
 
 
 def _text(found: FrequencyResponse) -> str:

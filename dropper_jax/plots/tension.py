@@ -132,8 +132,10 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     least = UNLOADED * max(tops.values())
     names = [name for name in sorted(tops, key=lambda name: -tops[name]) if tops[name] > least][:MOST]
     at = {name: i for i, name in enumerate(loads)}
-    ranges = {name: [None if a is None else a[:, at[name]] / size for a in (low, high)] for name in names}
-    curves = [Curve(name, t, loads[name] / size, low=ranges[name][0], high=ranges[name][1]) for name in names]
+    curves = []
+    for name in names:
+        range_ = () if low is None else (low[:, at[name]] / size, high[:, at[name]] / size)
+        curves.append(Curve(name, t, loads[name] / size, *range_))
     title = _count_title("force on each fixed point", len(names), len(loads))
     unloaded = sum(top <= least for top in tops.values())
     if unloaded:

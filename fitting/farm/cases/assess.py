@@ -140,17 +140,14 @@ def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
         return None
     most = None
     for name, capacity in zip(part.lines, part.capacity, strict=True):
-        keys = [[key for key in run if key.startswith(f"cycles:{name}:")] for run in good]
-        if not all(keys):
-            return None
-        own = [
-            max(
-                damage(np.insert(run[key], 1, 0.0, axis=1).astype(float), capacity, part.curve.k, part.curve.m)
-                for key in of
-            )
-            for run, of in zip(good, keys, strict=True)
-        ]
-        most = max(most or 0.0, float(np.mean(own)) * 3600.0 / counted)
+        worst = []
+        for run in good:
+            cycles = [rows for key, rows in run.items() if key.startswith(f"cycles:{name}:")]
+            if not cycles:
+                return None
+            whole = [np.insert(rows, 1, 0.0, axis=1).astype(float) for rows in cycles]
+            worst.append(max(damage(rows, capacity, part.curve.k, part.curve.m) for rows in whole))
+        most = max(most or 0.0, float(np.mean(worst)) * 3600.0 / counted)
     return most
 
 

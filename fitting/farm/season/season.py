@@ -23,6 +23,9 @@ from fitting.farm.season.poses import Water, floating, needs, waters
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, short
 
+#: Visits, moved floats, and the floats of each month so far.
+Plan = tuple[int, int, list[int]]
+
 
 def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
     """Number of installed floats in every month.
@@ -37,17 +40,21 @@ def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) 
     """
     spans = [(lo, max(lo, hi)) for lo, hi in zip(low, high, strict=True)]
     numbers = sorted({n for span in spans for n in span} | ({start} if start is not None else set()))
-    best: dict[int | None, tuple[int, int, list[int]]] = {start: (0, 0, [])}
+    best: dict[int | None, Plan] = {start: (0, 0, [])}
     for lo, hi in spans:
-        best = {
-            n: min(
-                (visits + (before not in (None, n)), moved + (abs(n - before) if before is not None else 0), [*plan, n])
-                for before, (visits, moved, plan) in best.items()
-            )
-            for n in numbers
-            if lo <= n <= hi
-        }
+        best = {n: _best_plan(best, n) for n in numbers if lo <= n <= hi}
     return min(best.values(), key=lambda found: (*found[:2], found[2][-1:]))[2]
+
+
+def _best_plan(best: dict[int | None, Plan], floats: int) -> Plan:
+    """The best of the plans by their last number of floats, continued to this number."""
+    found = []
+    for before, (visits, moved, plan) in best.items():
+        if before is not None:
+            visits += before != floats
+            moved += abs(floats - before)
+        found.append((visits, moved, [*plan, floats]))
+    return min(found)
 
 
 def spread(count: int, need: Sequence[float]) -> list[int]:

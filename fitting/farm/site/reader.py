@@ -223,13 +223,12 @@ def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[
 
 def _crop(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     """Values of `[crop]` by level and path; empty without the section."""
-    rows = {
-        path: [
-            read_number(x, f"crop.{path}", {}, "a number") for x in read_list(row, f"crop.{path}", 3, "three numbers")
-        ]
-        for path, row in _flat(_table(table, "crop")).items()
-    }
-    return {level: {p: row[i] for p, row in rows.items()} for i, level in enumerate(CROP_LEVELS) if rows}
+    found: dict[str, dict[str, float]] = {}
+    for path, row in _flat(_table(table, "crop")).items():
+        values = read_list(row, f"crop.{path}", 3, "three numbers")
+        for level, value in zip(CROP_LEVELS, values, strict=True):
+            found.setdefault(level, {})[path] = read_number(value, f"crop.{path}", {}, "a number")
+    return found
 
 
 def _parts(

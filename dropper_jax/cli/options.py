@@ -310,8 +310,11 @@ def print_json(found: Table) -> None:
 class Ended(Protocol):
     """What ends with a status and, unless that is ok, a message."""
 
-    status: str
-    message: str
+    @property
+    def status(self) -> str: ...
+
+    @property
+    def message(self) -> str: ...
 
 
 def failure_of(found: Ended) -> Failure | None:

@@ -1,8 +1,8 @@
-"""Tables in Markdown."""
+"""Tables in Markdown, and the numbers in them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from dropper_jax.base.toml_text import literal
 
@@ -15,3 +15,21 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows as a Markdown table; the first one is the heading."""
     cells = [[literal(cell) for cell in row] for row in rows]
     return "\n".join("| " + " | ".join(row) + " |" for row in (cells[0], ["---"] * len(cells[0]), *cells[1:]))
+
+
+def cell(value: float | None, form: str) -> str:
+    """A number in a format such as `.3g`; `-` for None."""
+    if value is None:
+        return "-"
+    return format(value, form)
+
+
+def cells(values: Iterable[float | None], form: str) -> list[str]:
+    """Numbers in one format."""
+    return [cell(value, form) for value in values]
+
+
+def first_names(names: Sequence[str], most: int) -> str:
+    """The first names of a list, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

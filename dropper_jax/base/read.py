@@ -32,6 +32,8 @@ LISTS = {
 }
 #: What a TOML file, a JSON text or a Python caller may give as a value.
 Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
+#: Plain values by key: a table of a TOML file, or the object that `--json` prints.
+Table = dict[str, Any]
 
 #: Maximum of any count: counts in compiled programs have 32 bits.
 MOST = 2**31 - 1

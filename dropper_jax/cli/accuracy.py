@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cell, cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     STOPPED,
     add_examples,
@@ -76,15 +77,15 @@ def run(args: argparse.Namespace) -> int:
     failure = STOPPED if found.get("status") == STOPPED[0] else None
     if args.plot and failure is None:
         draw(found, picture(args.plot, "accuracy"))
-    return deliver(args.json, done_object(**found), text(found), args.out, failure)
+    return deliver(args, done_object(**found), text(found), failure)
 
 
-def _row_printer(quiet: bool) -> Callable[[dict[str, Any]], None]:
+def _row_printer(quiet: bool) -> Callable[[Table], None]:
     """A function that prints a row of a scheme or of the loads as soon as it is measured."""
     of_schemes = row_printer(HEAD, quiet)
     of_loads = row_printer(("loads", *LOADS_HEAD), quiet)
 
-    def show(row: dict[str, Any]) -> None:
+    def show(row: Table) -> None:
         if "errors" in row:
             of_loads(("", *_load_cells(row)))
         else:
@@ -93,7 +94,7 @@ def _row_printer(quiet: bool) -> Callable[[dict[str, Any]], None]:
     return show
 
 
-def draw(found: dict[str, Any], path: Path) -> None:
+def draw(found: Table, path: Path) -> None:
     """Write the work-precision picture to `path` and the others next to it."""
     from dropper_jax.study import pictures
 
@@ -106,7 +107,7 @@ def draw(found: dict[str, Any], path: Path) -> None:
             function(found, path.with_stem(f"{path.stem}-{part}"))
 
 
-def text(found: dict[str, Any]) -> str:
+def text(found: Table) -> str:
     """The report as text."""
     parts = [_schemes(found)] if found["reference"] else []
     if "loads" in found:
@@ -118,7 +119,7 @@ def text(found: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-def _schemes(found: dict[str, Any]) -> str:
+def _schemes(found: Table) -> str:
     """Errors and times of the schemes, and the advice; of an interrupted comparison the rows so far."""
     reference = found["reference"]
     parts = [
@@ -133,7 +134,7 @@ def _schemes(found: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
-def _loads(found: dict[str, Any]) -> str:
+def _loads(found: Table) -> str:
     """Errors of the loads, and the accuracy or the step below which they are small."""
     if not found["rows"]:
         return f"loads: {found['skipped']}"
@@ -150,12 +151,12 @@ def _loads(found: dict[str, Any]) -> str:
 LOADS_HEAD = ("accuracy", "dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status")
 
 
-def _load_cells(row: dict[str, Any]) -> tuple[str, ...]:
+def _load_cells(row: Table) -> tuple[str, ...]:
     names = ("mean", "deviation", "window_maximum", "maximum")
     return (
-        _short(row["accuracy"], "{:.2g}"),
+        cell(row["accuracy"], ".2g"),
         f"{row['dt']:.4g}",
-        *(_short(row["errors"][name], "{:.2%}") for name in names),
+        *cells((row["errors"][name] for name in names), ".2%"),
         f"{row['us_per_step']:.3g}",
         row["status"],
     )
@@ -175,20 +176,14 @@ HEAD = (
 )
 
 
-def _cells(row: dict[str, Any]) -> tuple[str, ...]:
+def _cells(row: Table) -> tuple[str, ...]:
     keys = ("rms_angle_error_rad", "rms_position_error_m", "rms_tension_error_n", "energy_drift_j")
     return (
         row["label"],
         row["solver"],
         f"{row['dt']:.4g}",
-        *(_short(row[key], "{:.1e}") for key in keys),
-        _short(row["us_per_step"], "{:.3g}"),
-        _short(row["wall_s_per_simulated_s"], "{:.2g}"),
+        *cells((row[key] for key in keys), ".1e"),
+        cell(row["us_per_step"], ".3g"),
+        cell(row["wall_s_per_simulated_s"], ".2g"),
         row["status"],
     )
-
-
-def _short(value: float | None, form: str) -> str:
-    if value is None:
-        return "-"
-    return form.format(value)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     add_examples,
     add_run_values,
@@ -43,10 +45,10 @@ def run(args: argparse.Namespace) -> int:
 
     found = examine(scene)
     print_warnings(found["warnings"])
-    return deliver(args.json, done_object(scene=scene.name, **found), text(scene, args.scene, found), args.out)
+    return deliver(args, done_object(scene=scene.name, **found), text(scene, args.scene, found))
 
 
-def examine(scene: Scene) -> dict[str, Any]:
+def examine(scene: Scene) -> Table:
     """Facts of a scene that need neither its equilibrium nor a compiled step."""
     from dropper_jax.load.checks_water import sea_warnings
     from dropper_jax.load.periods import periods, suggest_step
@@ -100,12 +102,12 @@ def examine(scene: Scene) -> dict[str, Any]:
     }
 
 
-def text(scene: Scene, source: str, found: dict[str, Any]) -> str:
+def text(scene: Scene, source: str, found: Table) -> str:
     """The facts as text; `source` is the scene as the user named it."""
     keys = ("length_m", "mass_kg", "wet_weight_n")
     rows = [
         ("line", "links", "length [m]", "mass [kg]", "weight [N]" if scene.sea is None else "weight in water [N]"),
-        *((row["line"], str(row["links"]), *(f"{row[key]:.5g}" for key in keys)) for row in found["lines"]),
+        *((row["line"], str(row["links"]), *cells((row[key] for key in keys), ".5g")) for row in found["lines"]),
     ]
     parts = found["compiled"]
     step = found["suggested_dt_s"]

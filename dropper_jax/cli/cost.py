@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
+from dropper_jax.base.markdown import cell
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     STOPPED,
     add_examples,
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study import pictures
 
         pictures.costs(found, picture(args.plot, "cost"))
-    return deliver(args.json, done_object(**found), text(found), args.out, failure)
+    return deliver(args, done_object(**found), text(found), failure)
 
 
 #: Columns of the table: heading and format by key.
@@ -66,12 +67,12 @@ COLUMNS = {
 HEAD = ("", *(head for head, _ in COLUMNS.values()))
 
 
-def _cells(row: dict[str, Any]) -> tuple[str, ...]:
-    numbers = ("-" if row[key] is None else f"{row[key]:{form}}" for key, (_, form) in COLUMNS.items())
+def _cells(row: Table) -> tuple[str, ...]:
+    numbers = (cell(row[key], form) for key, (_, form) in COLUMNS.items())
     return (row["name"], *numbers)
 
 
-def text(found: dict[str, Any]) -> str:
+def text(found: Table) -> str:
     """The report as text."""
     parts = [
         f"{found['scene']}: scheme {found['integrator']}, solver {found['solver']}",

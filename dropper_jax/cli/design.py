@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.base.errors import silent
 from dropper_jax.cli.options import (
     add_examples,
     add_quiet,
     add_scene,
     done_object,
+    failure_of,
     listing,
     number,
     progress,
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.study.design import solve_design
 
     paths, low, high = zip(*ranges, strict=True)
-    found = solve_design(scene, paths, low, high, args.target, args.value, progress(args.quiet) or silent)
+    found = solve_design(scene, paths, low, high, args.target, args.value, progress(args.quiet))
     values = [{"path": path, "value": value} for path, value in found.values.items()]
     targets = [{"target": name, "required": pair[0], "reached": pair[1]} for name, pair in found.targets.items()]
     more: dict[str, Any] = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
@@ -78,8 +78,4 @@ def run(args: argparse.Namespace) -> int:
         more |= {"end_forces_n": list(found.end_forces), "end_angles_deg": list(found.end_angles)}
         text.append(("forces on the line's end points", "{:.6g} N and {:.6g} N".format(*found.end_forces)))
         text.append(("angles of the line there, upwards", "{:.2f} and {:.2f} deg".format(*found.end_angles)))
-    if found.status == "ok":
-        failure = None
-    else:
-        failure = (found.status, f"{found.status}: {found.message}")
-    return deliver(args.json, done_object(scene=scene.name, **more), listing(text), args.out, failure)
+    return deliver(args, done_object(scene=scene.name, **more), listing(text), failure_of(found))

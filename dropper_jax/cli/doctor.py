@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from dropper_jax.base.memory import in_words
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_examples, add_json, done_object, listing, positive_integer, print_result
 
 help = "versions, devices, cache, and checks against known results"
@@ -32,14 +32,13 @@ def run(args: argparse.Namespace) -> int:
 
     found = examine(args.repeats)
     failed = [check["name"] for check in found["checks"] if not check["ok"]]
+    failure = None
     if failed:
         failure = ("unhealthy", f"failed checks: {', '.join(failed)}")
-    else:
-        failure = None
-    return print_result(args.json, done_object(**found), text(found), failure)
+    return print_result(args, done_object(**found), text(found), failure)
 
 
-def text(found: dict[str, Any]) -> str:
+def text(found: Table) -> str:
     """The report as text."""
     pairs = []
     for extra, packages in found["versions"].items():
@@ -59,7 +58,7 @@ def text(found: dict[str, Any]) -> str:
     return listing(pairs)
 
 
-def _on_processor(found: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+def _on_processor(found: Table) -> tuple[tuple[str, str], ...]:
     options = found["compiler_options"]
     return (
         ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off"),

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
     done_object,
+    failure_of,
     positive_integer,
     print_warnings,
     read_scene,
@@ -77,11 +80,7 @@ def run(args: argparse.Namespace) -> int:
         loads = [_loads(values["held_load_n"])] if scene.branched else []
         last = f"ok: scaled residual {found.residual:.1e}"
         text = "\n".join([text, *loads, _end_forces(values), *weights_table(scene), last])
-    if failed:
-        failure = (found.status, f"{found.status}: {found.message}")
-    else:
-        failure = None
-    return deliver(args.json, {**values, "warnings": remarks}, text, args.out, failure)
+    return deliver(args, {**values, "warnings": remarks}, text, failure_of(found))
 
 
 def _tide(scene: Scene, args: argparse.Namespace) -> int:
@@ -94,31 +93,32 @@ def _tide(scene: Scene, args: argparse.Namespace) -> int:
         from dropper_jax.study.pictures import tide
 
         tide(scene.name, found["rows"], picture(args.plot, "tide"))
+    failure = None
     if failed:
         failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle")
-    else:
-        failure = None
-    return deliver(args.json, done_object(scene=scene.name, **found), _tide_text(found), args.out, failure)
+    return deliver(args, done_object(scene=scene.name, **found), _tide_text(found), failure)
 
 
-def _tide_text(found: dict[str, Any]) -> str:
-    rows = [
-        {
-            "time [h]": row["t_s"] / 3600.0,
-            "level [m]": row["level_m"],
-            "current [m/s]": row["speed_m_per_s"],
-            "moved [m]": row["displacement_m"],
-            **{f"{name} [N]": np.linalg.norm(load) for name, load in row["held_load_n"].items()},
-            **{f"{name} used [%]": 100.0 * share for name, share in row["anchor_utilisation"].items()},
-        }
-        for row in found["rows"]
-    ]
-    cells = [tuple(f"{value:.4g}" for value in row.values()) for row in rows]
+def _tide_text(found: Table) -> str:
+    rows = [_tide_row(row) for row in found["rows"]]
+    texts = [cells(row.values(), ".4g") for row in rows]
     note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
-    return f"{table([tuple(rows[0]), *cells])}\n{note}"
+    return f"{table([tuple(rows[0]), *texts])}\n{note}"
 
 
-def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> dict[str, Any]:
+def _tide_row(row: Table) -> dict[str, float]:
+    """Numbers of an instant by their headings."""
+    found = {
+        "time [h]": row["t_s"] / 3600.0,
+        "level [m]": row["level_m"],
+        "current [m/s]": row["speed_m_per_s"],
+        "moved [m]": row["displacement_m"],
+    }
+    found |= {f"{name} [N]": np.linalg.norm(load) for name, load in row["held_load_n"].items()}
+    return found | {f"{name} used [%]": 100.0 * share for name, share in row["anchor_utilisation"].items()}
+
+
+def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
     from dropper_jax.run.growth import end_angles, end_forces, fixed_point_loads, line_weights
     from dropper_jax.scene.data import line_offsets, whole_lines
 
@@ -152,7 +152,7 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, be
     return "\n".join([*parts, note])
 
 
-def _end_forces(found: dict[str, Any]) -> str:
+def _end_forces(found: Table) -> str:
     """Forces on the end points of lines, including the weight of the part of the end link at the point, and
     the angles of the end links above the horizontal."""
     forces = found["end_forces_n"]
@@ -178,7 +178,8 @@ def _loads(found: dict[str, np.ndarray]) -> str:
 
 def _line_table(positions: np.ndarray, bent: np.ndarray, tension: np.ndarray, angles: np.ndarray) -> str:
     heads = ("node", "x [m]", "y [m]", "z [m]", "curvature [1/m]", "polar [rad]", "azimuth [rad]", "tension [N]")
-    nodes = [[f"{value:.5f}" for value in (*position, kappa)] for position, kappa in zip(positions, bent, strict=True)]
-    links = [[f"{value:.5f}" for value in (*angle, n)] for angle, n in zip(angles, tension, strict=True)]
-    rows = zip(nodes, [("", "", ""), *links], strict=True)
-    return table([heads, *((str(i), *node, *link) for i, (node, link) in enumerate(rows))])
+    nodes = np.column_stack([positions, bent])
+    links = np.column_stack([angles, tension])
+    rows = [(str(i), *cells(node, ".5f")) for i, node in enumerate(nodes)]
+    ends = [("", "", ""), *(cells(link, ".5f") for link in links)]
+    return table([heads, *((*row, *end) for row, end in zip(rows, ends, strict=True))])

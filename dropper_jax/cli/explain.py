@@ -6,10 +6,12 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from dropper_jax.base.markdown import cell, cells
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
     done_object,
+    failure_of,
     print_result,
     print_warnings,
     read_scene,
@@ -40,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     refuse_rigid(scene)
     pose = equilibrium(scene)
     if pose.status != "ok":
-        return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
+        return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
     found = explain(scene, pose)
     remarks = (*scene_warnings(scene, at_rest=True), *pose_remarks(scene, pose.positions, pose.tension))
     remarks = tuple(text for text in remarks if text not in found.ignored)
@@ -48,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     values = asdict(found)
     for row, line in zip(values["lines"], found.lines, strict=True):
         row["verdict"] = line.verdict
-    return deliver(args.json, done_object(scene=scene.name, **values, warnings=remarks), _text(found), args.out)
+    return deliver(args, done_object(scene=scene.name, **values, warnings=remarks), _text(found))
 
 
 def _text(found: Explained) -> str:
@@ -67,7 +69,7 @@ def _lengths(found: Explained) -> str:
     rows = [("line", "length [m]", "ends apart [m]", "on the bed [m]", "answer")]
     for line in found.lines:
         sizes = (line.length_m, line.apart_m, line.on_bed_m)
-        rows.append((line.name, *(f"{size:.5g}" for size in sizes), line.verdict))
+        rows.append((line.name, *cells(sizes, ".5g"), line.verdict))
     return f"Is each line long enough?\n{table(rows)}"
 
 
@@ -78,9 +80,9 @@ def _tensions(found: Explained) -> str:
             (
                 line.name,
                 f"{line.lower_n:.6g}",
-                _or_dash(line.closed_lower_n),
+                cell(line.closed_lower_n, ".6g"),
                 f"{line.upper_n:.6g}",
-                _or_dash(line.closed_upper_n),
+                cell(line.closed_upper_n, ".6g"),
             )
         )
     note = (
@@ -92,13 +94,13 @@ def _tensions(found: Explained) -> str:
 
 def _stiffness(found: Explained) -> str:
     rows = [("line", "axial, EA/L [N/m]", "of its upper end, horizontal [N/m]")]
-    rows += [(line.name, f"{line.axial_n_per_m:.5g}", _or_dash(line.horizontal_n_per_m, 5)) for line in found.lines]
+    rows += [(line.name, f"{line.axial_n_per_m:.5g}", cell(line.horizontal_n_per_m, ".5g")) for line in found.lines]
     text = f"Which stiffness is meant?\n{table(rows)}"
     if found.stiffness is None:
         return text
     diagonal = [("", "x", "y", "z"), ("exact", *(f"{found.stiffness[i, i]:.5g}" for i in range(3)))]
     if found.closed_stiffness is not None:
-        diagonal.append(("closed form", *(f"{value:.5g}" for value in found.closed_stiffness), "-"))
+        diagonal.append(("closed form", *cells(found.closed_stiffness, ".5g"), "-"))
     points = ", ".join(found.held)
     more = f"6x6: dropper stiffness SCENE --of {','.join(found.held)}"
     return f"{text}\nof the whole mooring as {points} move together [N/m]:\n{table(diagonal)}\n{more}"
@@ -119,8 +121,8 @@ def _damping_of(line: LineFacts) -> tuple[str, str, str, str]:
 def _wear(found: Explained) -> str:
     rows = [("line", "largest tension [N]", "worn, by derivative [N]", "by equilibrium [N]", "use", "worn")]
     for row in found.wear:
-        uses = ("-" if share is None else f"{share:.1%}" for share in (row.use, row.worn_use))
-        numbers = (f"{row.tension_n:.6g}", f"{row.by_derivative_n:.6g}", _or_dash(row.by_equilibrium_n))
+        uses = cells((row.use, row.worn_use), ".1%")
+        numbers = (f"{row.tension_n:.6g}", f"{row.by_derivative_n:.6g}", cell(row.by_equilibrium_n, ".6g"))
         rows.append((row.name, *numbers, *uses))
     note = "a tenth of the diameter gone: area, mass, EA and breaking load are 0.81 of those now"
     return f"What does 10 % wear do?\n{table(rows)}\n{note}"
@@ -129,7 +131,3 @@ def _wear(found: Explained) -> str:
 def _ignored(found: Explained) -> str:
     lines = found.ignored or ("nothing",)
     return "\n".join(["Which inputs were ignored?", *(f"- {text}" for text in lines)])
-
-
-def _or_dash(value: float | None, digits: int = 6) -> str:
-    return "-" if value is None else f"{value:.{digits}g}"

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import csv
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     FAILED,
     OK,
@@ -73,10 +75,7 @@ def run(args: argparse.Namespace) -> int:
 
     direction = None if args.direction is None else np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
-    if args.runs:
-        runs = _runs(scene, found, args.runs, direction, args.frequencies)
-    else:
-        runs = []
+    runs = _runs(scene, found, args.runs, direction, args.frequencies) if args.runs else []
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))
     print_warnings(found.warnings)
@@ -85,22 +84,17 @@ def run(args: argparse.Namespace) -> int:
         "not_linear": "lines go slack, so that tensions may be tens of per cent off; run these states in time",
     }
     failed = next((status for status in failures if status in found.status), None)
-    if failed is None:
-        message = ""
-    else:
+    head = done_object()
+    if failed is not None:
         message = f"{failures[failed]} (sea states: {found.status.count(failed)})"
-    if failed is None:
-        head = done_object()
-    else:
         head = failure_object(failed, message)
     plain = {**head, "scene": scene.name, "duration_s": found.duration, "basis_error": found.basis_error}
     plain |= {"warnings": found.warnings, "states": _rows(found)} | ({"runs": runs} if runs else {})
-    deliver(args.json, plain, _text(found) + (f"\n\n{_text_of_runs(runs)}" if runs else ""), args.out)
-    if failed:
-        print_line(f"error: {failed}: {message}")
-    if failed:
-        return FAILED
-    return OK
+    deliver(args, plain, _text(found) + (f"\n\n{_text_of_runs(runs)}" if runs else ""))
+    if failed is None:
+        return OK
+    print_line(f"error: {failed}: {message}")
+    return FAILED
 
 
 def _sea_states(args: argparse.Namespace) -> np.ndarray | None:
@@ -134,9 +128,7 @@ def _table_rows(file: str) -> list[tuple[float, float]]:
     return rows
 
 
-def _runs(
-    scene: Scene, found: FrequencyResponse, count: int, direction: float | None, frequencies: int
-) -> list[dict[str, Any]]:
+def _runs(scene: Scene, found: FrequencyResponse, count: int, direction: float | None, frequencies: int) -> list[Table]:
     """Runs in time of states at even distances in the order of the maximum tension, and the differences from them."""
     from dropper_jax.frequency.response import run_in_time
 
@@ -151,7 +143,7 @@ def _runs(
     return rows
 
 
-def _text_of_runs(runs: list[dict[str, Any]]) -> str:
+def _text_of_runs(runs: list[Table]) -> str:
     """The ranges of the differences of all ends."""
     lines = [("hs [m]", "tp [s]", "status", "deviations against the run")]
     for run in runs:
@@ -160,7 +152,7 @@ def _text_of_runs(runs: list[dict[str, Any]]) -> str:
     return table(lines)
 
 
-def _rows(found: FrequencyResponse) -> list[dict[str, Any]]:
+def _rows(found: FrequencyResponse) -> list[Table]:
     """A row per sea state; with spectra if there is one state."""
     columns = {
         "mean_tension_n": found.mean_tension,
@@ -177,7 +169,7 @@ def _rows(found: FrequencyResponse) -> list[dict[str, Any]]:
             "hs_m": hs,
             "tp_s": tp,
             "status": found.status[i],
-            "ends": [end | {key: column[i, j] for key, column in columns.items()} for j, end in enumerate(ends)],
+            "ends": [end | _at(columns, (i, j)) for j, end in enumerate(ends)],
             "significant_motion_m": dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True)),
             "slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low],
         }
@@ -187,6 +179,10 @@ def _rows(found: FrequencyResponse) -> list[dict[str, Any]]:
         omega, tension, motion = found.spectra()
         rows[0] |= {"omega_rad_per_s": omega, "tension_spectrum": tension, "motion_spectrum": motion}
     return rows
+
+
+def _at(columns: dict[str, np.ndarray], index: tuple[int, int]) -> dict[str, float]:
+    return {key: column[index] for key, column in columns.items()}
 
 
 def _text(found: FrequencyResponse) -> str:
@@ -199,7 +195,7 @@ def _text(found: FrequencyResponse) -> str:
         for j in range(len(found.ends)) if one else [int(np.argmax(found.maximum_tension[i]))]:
             values = (found.static_tension[j], *(x[i, j] for x in numbers))
             slack = str(int(np.sum(found.slack[i])))
-            lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *(f"{x:.5g}" for x in np.round(values, 4)), slack))
+            lines.append((f"{hs:g}", f"{tp:g}", *found.ends[j], *cells(np.round(values, 4), ".5g"), slack))
     note = f"maximum in {found.duration:g} s of Rayleigh-distributed peaks; linear where no line goes slack"
     return f"{table(lines)}\n{note}"
 

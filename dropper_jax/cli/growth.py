@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from dropper_jax.base.markdown import cells, first_names
 from dropper_jax.cli.options import add_examples, add_scene, done_object, number, read_scene, table
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
@@ -31,15 +32,13 @@ def run(args: argparse.Namespace) -> int:
 
     rows = season_table(scene, args.months)
     head = ["line", "month", "depth [m]", "layer [m]", "diameter [m]", "mass [kg/m]", "wet weight [N/m]"]
-    cells = [
+    keys = ("thickness_m", "diameter_m", "mass_kg_per_m", "wet_weight_n_per_m")
+    texts = [
         [
-            row["lines"][0] + (f" and {len(row['lines']) - 1} more" if len(row["lines"]) > 1 else ""),
+            first_names(row["lines"], 1),
             f"{row['month']:g}",
             f"{row['depth_m']:g}",
-            f"{row['thickness_m']:.4g}",
-            f"{row['diameter_m']:.4g}",
-            f"{row['mass_kg_per_m']:.4g}",
-            f"{row['wet_weight_n_per_m']:.4g}",
+            *cells((row[key] for key in keys), ".4g"),
         ]
         for row in rows
     ]
@@ -47,4 +46,4 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study.pictures import mussels
 
         mussels(scene.name, rows, picture(args.plot, "growth"))
-    return deliver(args.json, done_object(scene=scene.name, growth=rows), table([head, *cells]), args.out)
+    return deliver(args, done_object(scene=scene.name, growth=rows), table([head, *texts]))

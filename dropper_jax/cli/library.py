@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
+from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.options import OK, add_examples, add_json, done_object, listing, print_json, print_result, table
 
@@ -38,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
         crops = crop_values()
         published = published_crops()
         text = f"{listing(rows)}\n\n{_crops(crops)}\n\n{_published_table(published)}"
-        return print_result(args.json, done_object(parts=found, crops=crops, published_crops=published), text)
+        return print_result(args, done_object(parts=found, crops=crops, published_crops=published), text)
     name = args.name.removeprefix(PREFIX)
     section, values = part(name)
     source = FAMILIES[name.rpartition("-")[0]].source
@@ -51,27 +52,28 @@ def run(args: argparse.Namespace) -> int:
     return OK
 
 
-def _crops(crops: list[dict[str, Any]]) -> str:
+def _crops(crops: list[Table]) -> str:
     """The numbers of the crops; their sources are in the list above."""
     heads = ("mass [kg/m]", "in water [kg/m]", "displaced diameter [m]", "outer diameter [m]", "cdn", "can")
     keys = ("mass_kg_per_m", "mass_in_water_kg_per_m", "diameter_m", "outer_diameter_m", "cdn", "can", "EI_n_m2")
     rows = [("crop", *heads, "EI [N m^2]", "spread")]
-    return table([*rows, *((crop["name"], *_numbers(crop, keys), crop["spread"]) for crop in crops)])
+    return table(
+        [*rows, *((crop["name"], *cells((crop[key] for key in keys), ".4g"), crop["spread"]) for crop in crops)]
+    )
 
 
-def _published_table(crops: list[dict[str, Any]]) -> str:
+def _published_table(crops: list[Table]) -> str:
     """Published values, numbered, and their sources."""
     rows: list[tuple[str, ...]] = [
         ("published", "mass [kg/m]", "outer diameter [m]", "cdn", "can", "EI [N m^2]", "like")
     ]
     keys = ("mass", "outer_diameter", "cdn", "can", "EI")
-    rows += [(f"{i}. {crop['crop']}", *_numbers(crop, keys), crop["like"]) for i, crop in enumerate(crops, 1)]
+    rows += [
+        (f"{i}. {crop['crop']}", *cells((crop[key] for key in keys), ".4g"), crop["like"])
+        for i, crop in enumerate(crops, 1)
+    ]
     sources = [
         (f"{i}.", "; ".join(filter(None, (crop["source"], f"read: {crop['read']}", crop["conditions"]))))
         for i, crop in enumerate(crops, 1)
     ]
     return f"{table(rows)}\n\n{listing(sources)}"
-
-
-def _numbers(row: dict[str, Any], keys: tuple[str, ...]) -> list[str]:
-    return ["-" if row[key] is None else f"{row[key]:.4g}" for key in keys]

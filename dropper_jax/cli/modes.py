@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
     done_object,
+    failure_of,
     number,
     positive_integer,
     print_result,
@@ -62,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     model = build_model(scene)
     pose = equilibrium(model)
     if pose.status != "ok":
-        return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
+        return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
     modes = natural_modes(model, pose.state, args.count if body is None else None)
     numbers = np.arange(len(modes.period))
     if body is not None:
@@ -80,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     if modes.bodies is not None:
         found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
         found["body_share"] = {body.name: modes.body_share[:, i] for i, body in enumerate(scene.bodies)}
-    return deliver(args.json, done_object(scene=scene.name, **found), _text(scene, modes, found), args.out)
+    return deliver(args, done_object(scene=scene.name, **found), _text(scene, modes, found))
 
 
 def _number_of(name: str, scene: Scene) -> int:
@@ -109,7 +111,7 @@ def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
                 f"{period:.5g}",
                 f"{1 / period:.5g}",
                 *damping,
-                "  ".join(f"{x:.2f}" for x in share),
+                "  ".join(cells(share, ".2f")),
             )
         )
     if modes.bodies is None:
@@ -122,7 +124,7 @@ def _bodies(scene: Scene, modes: Modes, numbers: np.ndarray) -> str:
     about the scene's axes."""
     heads = ("mode", "body", "share", "surge [m]", "sway [m]", "heave [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
     rows = (
-        (str(number), body.name, f"{share:.2f}", *(f"{x:.3f}" for x in own))
+        (str(number), body.name, f"{share:.2f}", *cells(own, ".3f"))
         for number, mode, shares in zip(numbers, modes.bodies, modes.body_share, strict=True)
         for body, own, share in zip(scene.bodies, mode, shares, strict=True)
     )

@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     atomic_write(file, template(args.kind))
     found = done_object(kind=args.kind, file=str(file))
     first_run = f"dropper run {file} {KINDS[args.kind]}--plot pictures"
-    return print_result(args.json, found, f"ok: {file}\nnext: dropper check {file}\n      {first_run}")
+    return print_result(args, found, f"ok: {file}\nnext: dropper check {file}\n      {first_run}")
 
 
 def template(kind: str) -> str:

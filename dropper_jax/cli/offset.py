@@ -53,25 +53,20 @@ def run(args: argparse.Namespace) -> int:
     directions = np.unique(directions % 360.0)
     scene = read_scene(args)
 
-    from dropper_jax.base.errors import silent
     from dropper_jax.study.offsets import offset_curves
 
     points = [name.strip() for name in args.points.split(",")]
-    rows = offset_curves(scene, points, directions, distances, progress(args.quiet) or silent)
+    rows = offset_curves(scene, points, directions, distances, progress(args.quiet))
     failed = next((row for row in rows if row["status"] != "ok"), None)
     if args.plot:
         from dropper_jax.study import pictures
 
         pictures.offsets(scene.name, rows, picture(args.plot, "offset"))
-    if failed is None:
-        where = ""
-    else:
-        where = "no equilibrium at {distance_m:g} m, {direction_deg:g} deg".format(**failed)
-    if failed is None:
-        failure = None
-    else:
-        failure = (failed["status"], f"{failed['status']}: {where}")
-    return deliver(args.json, done_object(scene=scene.name, points=points, rows=rows), _text(rows), args.out, failure)
+    failure = None
+    if failed is not None:
+        text = "{status}: no equilibrium at {distance_m:g} m, {direction_deg:g} deg"
+        failure = (failed["status"], text.format(**failed))
+    return deliver(args, done_object(scene=scene.name, points=points, rows=rows), _text(rows), failure)
 
 
 def _values(text: str, option: str) -> np.ndarray:

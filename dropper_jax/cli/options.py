@@ -15,10 +15,11 @@ import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.base.files import leftovers, references_of, refuse_pipe
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import SCHEMA, jsonable, parsed_toml
 from dropper_jax.integrators import SCHEMES
 from dropper_jax.load.packaged import find_scene, folder_of
@@ -122,7 +123,7 @@ def with_step(scene: Scene, args: argparse.Namespace) -> Scene:
     return scene.with_values({"run.dt": step})
 
 
-def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> dict[str, Any]:
+def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Table:
     """Values by path from `--set` and options for keys of `[run]`."""
     given = {f"run.{key}": getattr(args, key) for key in run_values}
     return assignments(args.set) | {path: value for path, value in given.items() if value not in (None, AUTO)}
@@ -154,7 +155,7 @@ def recover_leftovers(file: Path) -> None:
     print_warnings(recover(file))
 
 
-def assignments(texts: list[str]) -> dict[str, Any]:
+def assignments(texts: list[str]) -> Table:
     """Values by path of several `KEY=VALUE`."""
     return dict(_assignment(text) for text in texts)
 
@@ -264,7 +265,7 @@ QUANTITY_HELP = (
     f"offset.buoy.max; signals: {', '.join(SIGNALS)}; statistics: {', '.join(STATISTICS)}"
 )
 #: Options for values of `[run]`, by their key.
-RUN_VALUES: dict[str, dict[str, Any]] = {
+RUN_VALUES: dict[str, Table] = {
     "integrator": {"metavar": "NAME", "help": f"time integration scheme: {', '.join(SCHEMES)}"},
     "solver": {"metavar": "NAME", "help": "linear solver: auto, dense, banded, condensed or network"},
     "dt": {
@@ -301,14 +302,31 @@ Failure = tuple[str, str]
 STOPPED: Failure = ("interrupted", "interrupted")
 
 
-def print_json(found: dict[str, Any]) -> None:
+def print_json(found: Table) -> None:
     """The one object on standard output; NaN and infinity as null."""
     print(json.dumps(jsonable(found), allow_nan=False), flush=True)
 
 
-def print_result(as_json: bool, found: dict[str, Any], text: str = "", failure: Failure | None = None) -> int:
+class Ended(Protocol):
+    """What ends with a status and, unless that is ok, a message."""
+
+    @property
+    def status(self) -> str: ...
+
+    @property
+    def message(self) -> str: ...
+
+
+def failure_of(found: Ended) -> Failure | None:
+    """Status and message of an equilibrium, a design or a fit that failed."""
+    if found.status == "ok":
+        return None
+    return found.status, f"{found.status}: {found.message}"
+
+
+def print_result(args: argparse.Namespace, found: Table, text: str = "", failure: Failure | None = None) -> int:
     """Print the result of a command, its JSON object or its text, and what failed; returns the exit code."""
-    if as_json:
+    if args.json:
         print_json(with_failure(found, failure))
     elif text:
         print(text)
@@ -338,19 +356,19 @@ def print_warnings(warnings: Iterable[str]) -> None:
         print_line(f"warning: {warning}")
 
 
-def failure_object(status: str, message: str) -> dict[str, Any]:
+def failure_object(status: str, message: str) -> Table:
     """The JSON object of a failed command."""
     return {"schema": SCHEMA, "status": status, "error": shorten(message)}
 
 
-def with_failure(found: dict[str, Any], failure: Failure | None) -> dict[str, Any]:
+def with_failure(found: Table, failure: Failure | None) -> Table:
     """A JSON object with the status and the message of what failed."""
     if failure is None:
         return found
     return {**found, **failure_object(*failure)}
 
 
-def done_object(**values: Any) -> dict[str, Any]:
+def done_object(**values: Any) -> Table:
     """The JSON object of a successful command."""
     return {"schema": SCHEMA, "status": "ok", **values}
 
@@ -368,10 +386,11 @@ def listing(pairs: Sequence[tuple[str, str]]) -> str:
     return "\n".join(f"{name.ljust(width)}  {value}" for name, value in pairs)
 
 
-def progress(quiet: bool = False) -> Callable[[float, str], None] | None:
-    """A function `(fraction, text)` that shows progress: a bar on a terminal, a few lines elsewhere, None if quiet."""
+def progress(quiet: bool = False) -> Callable[[float, str], None]:
+    """A function `(fraction, text)` that shows progress: a bar on a terminal, a few lines elsewhere, nothing if
+    quiet."""
     if quiet:
-        return None
+        return silent
     if sys.stderr.isatty():
         return _bar()
     return _lines()

@@ -91,10 +91,8 @@ def add_out(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", action=Output, const=out_file, metavar="FILE.json", help=about)
 
 
-def plot_folder(text: str | Path | None, option: str = "--plot") -> Path | None:
+def plot_folder(text: str, option: str = "--plot") -> Path | None:
     """Output of the pictures: a folder, or one file FILE.png; checked before the work starts."""
-    if text is None:
-        return None
     if Path(text).suffix.lower() in (".png", ".pdf", ".svg"):
         return output_file(text, option, (".png",))
     if Path(text).suffix and not Path(text).is_dir():
@@ -110,16 +108,16 @@ def picture(target: Path, name: str) -> Path:
     return target / f"{name}.png"
 
 
-def out_file(text: str | Path | None, option: str = "--out") -> Path | None:
+def out_file(text: str, option: str = "--out") -> Path | None:
     """The file of the result."""
     return output_file(text, option, (".json",))
 
 
-def deliver(as_json: bool, found: dict[str, Any], text: str, out: Path | None, failure: Failure | None = None) -> int:
-    """Print the result and write it to its file, if one was requested; returns the exit code."""
-    if out is not None:
-        atomic_write(out, json.dumps(jsonable(with_failure(found, failure)), allow_nan=False, indent=1))
-    return print_result(as_json, found, text, failure)
+def deliver(args: argparse.Namespace, found: dict[str, Any], text: str, failure: Failure | None = None) -> int:
+    """Print the result and write it to the file of --out, if one was requested; returns the exit code."""
+    if args.out is not None:
+        atomic_write(args.out, json.dumps(jsonable(with_failure(found, failure)), allow_nan=False, indent=1))
+    return print_result(args, found, text, failure)
 
 
 def weights_table(scene: Scene) -> list[str]:

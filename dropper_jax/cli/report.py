@@ -73,12 +73,10 @@ def run(args: argparse.Namespace) -> int:
         print_line(f"report: {written}")
     if args.vtk:
         print_line(f"ParaView: {write_vtk(next(iter(solutions.values())), args.vtk, args.every)}")
-    print_result(args.json, found, markdown(found, [{} for _ in solutions]))
+    print_result(args, found, markdown(found, [{} for _ in solutions]))
     for failure in failures:
         print_line(f"error: {failure}")
-    if failures:
-        return FAILED
-    return OK
+    return FAILED if failures else OK
 
 
 def _load(files: list[str], args: argparse.Namespace) -> dict[str, Solution]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     add_examples,
     add_quiet,
@@ -45,20 +46,18 @@ def run(args: argparse.Namespace) -> int:
     periods = _periods(args.periods)
     scene = read_scene(args)
 
-    from dropper_jax.base.errors import silent
     from dropper_jax.study.sea_facts import responses
 
-    rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet) or silent)
+    rows = responses(scene, periods, not args.no_higher_waves, progress(args.quiet))
     failed = next((row["status"] for row in rows if row["status"] != "ok"), None)
     if args.plot and not failed:
         from dropper_jax.study import pictures
 
         pictures.responses(scene.name, rows, picture(args.plot, "response"))
+    failure = None
     if failed:
         failure = (failed, f"{failed}: a run did not complete")
-    else:
-        failure = None
-    return deliver(args.json, done_object(scene=scene.name, rows=rows), _text(rows), args.out, failure)
+    return deliver(args, done_object(scene=scene.name, rows=rows), _text(rows), failure)
 
 
 def _periods(text: str) -> np.ndarray:
@@ -73,7 +72,7 @@ def _text(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         more = row.get("amplitude_10_percent_more")
         values = (row["period_s"], row["mean_rad"], row["amplitude_rad"], row["phase_rad"], row["wet"])
-        lines.append((*(f"{value:.4g}" for value in values), "-" if more is None else f"{100 * more:+.1f} %"))
+        lines.append((*cells(values, ".4g"), "-" if more is None else f"{100 * more:+.1f} %"))
     return (
         f"{table(lines)}\nangle of the first link from the vertical in the plane of the waves; "
         "phase ahead of the elevation at its fixed point\n"

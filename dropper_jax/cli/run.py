@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import unfinished_folder
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     AUTO,
     FAILED,
@@ -229,7 +230,7 @@ def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = N
     return {"ok": OK, "interrupted": INTERRUPTED}.get(solution.status, FAILED)
 
 
-def _flow(solution: Solution) -> dict[str, Any]:
+def _flow(solution: Solution) -> Table:
     """Keulegan-Carpenter and Reynolds number and diameter over wavelength, if the scene has water on a line."""
     from dropper_jax.study.flow_regime import regime
 
@@ -309,7 +310,7 @@ def _errors(solution: Solution) -> list[str]:
     return ["", table([heads, *with_gaps(rows, shown)]), *_about_errors(found)]
 
 
-def _about_errors(found: dict[str, Any]) -> list[str]:
+def _about_errors(found: Table) -> list[str]:
     """Sources of the errors of the largest load, and other influences on it."""
     worst = max((row["maximum"] for row in found["loads"]), key=lambda load: load["value"])
     if worst["links"] is None:

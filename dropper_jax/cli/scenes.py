@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         if given:
             raise SceneError(f"{option}: needs a scene. Use dropper scenes SCENE {option} ...")
     found = [{"name": scene, "description": packaged_scene(scene)["description"]} for scene in scene_names()]
-    return print_result(args.json, done_object(groups=scene_titles(), scenes=found), _titles())
+    return print_result(args, done_object(groups=scene_titles(), scenes=found), _titles())
 
 
 def _titles() -> str:
@@ -116,7 +116,7 @@ def _reference(args: argparse.Namespace) -> int:
         print(json.dumps(schema(), indent=1))
         return OK
     found = find(args.reference) if args.reference else sections()
-    return print_result(args.json, done_object(sections=as_values(found)), as_text(found))
+    return print_result(args, done_object(sections=as_values(found)), as_text(found))
 
 
 def _one(args: argparse.Namespace) -> int:
@@ -158,4 +158,4 @@ def _moordyn(scene: Scene, file: Path, args: argparse.Namespace) -> int:
 
     lost = write_moordyn(scene, file, dt=args.dt, force=args.force)
     print_warnings(lost)
-    return print_result(args.json, done_object(name=scene.name, file=str(file), not_represented=lost), f"ok: {file}")
+    return print_result(args, done_object(name=scene.name, file=str(file), not_represented=lost), f"ok: {file}")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
@@ -75,10 +75,10 @@ def run(args: argparse.Namespace) -> int:
         _draw(scene.name, found, scene.sea.gravity, regimes)
     warnings = sea_warnings(scene, make_sea(scene.sea, line_reach(scene)))
     print_warnings(warnings)
-    return deliver(args.json, done_object(scene=scene.name, **found, warnings=warnings), _text(found), args.out)
+    return deliver(args, done_object(scene=scene.name, **found, warnings=warnings), _text(found))
 
 
-def _wake_lines(found: dict[str, Any]) -> list[str]:
+def _wake_lines(found: Table) -> list[str]:
     """Fractions of the current, by line."""
     if "wakes" not in found:
         return []
@@ -93,7 +93,7 @@ def _wake_lines(found: dict[str, Any]) -> list[str]:
     return ["", table(rows), note + more]
 
 
-def _draw(name: str, found: dict[str, Any], gravity: float, picture: Path) -> None:
+def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
     from dropper_jax.plots.water import regimes
 
     waves = found["waves"]
@@ -138,7 +138,7 @@ WORDS = {
 }
 
 
-def _text(found: dict[str, Any]) -> str:
+def _text(found: Table) -> str:
     rows = [("depth [m]", f"{found['depth_m']:g}")]
     waves = found["waves"]
     rows.append(("waves", "none" if waves is None else f"{waves['kind']}, {waves['theory']}"))
@@ -155,7 +155,7 @@ def _text(found: dict[str, Any]) -> str:
     return "\n".join([listing(rows), *_coefficients(found), *_wake_lines(found)])
 
 
-def _coefficients(found: dict[str, Any]) -> list[str]:
+def _coefficients(found: Table) -> list[str]:
     """Flow-dependent coefficients, by line."""
     if "coefficients" not in found:
         return []

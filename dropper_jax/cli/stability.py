@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
-from dropper_jax.base.errors import SceneError, nearest, silent
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_examples, add_json, add_quiet, done_object, progress, table
 from dropper_jax.cli.outputs import add_out, deliver
 
@@ -26,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-
     from dropper_jax.stability import all_cases, evaluate
 
     known = {case.name: case for case in all_cases()}
@@ -34,21 +33,20 @@ def run(args: argparse.Namespace) -> int:
         if wanted not in known:
             raise SceneError(f"--cases: {wanted!r} is unknown; {nearest(wanted, known)}")
     cases = [case for name, case in known.items() if not args.cases or name in args.cases]
-    say = progress(args.quiet) or silent
+    say = progress(args.quiet)
     rows = []
     for i, case in enumerate(cases):
         say(i / len(cases), case.name)
         rows.append(evaluate(case, args.short, not args.short))
     say(1.0, "done")
     missed = [row["name"] for row in rows if not row["ok"]]
+    failure = None
     if missed:
         failure = ("not_converged", f"limits exceeded: {', '.join(missed)}")
-    else:
-        failure = None
-    return deliver(args.json, done_object(cases=rows), text(rows), args.out, failure)
+    return deliver(args, done_object(cases=rows), text(rows), failure)
 
 
-def text(rows: list[dict[str, Any]]) -> str:
+def text(rows: list[Table]) -> str:
     """The result as a table."""
     cells = [
         (
@@ -69,7 +67,7 @@ def text(rows: list[dict[str, Any]]) -> str:
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
 
 
-def _short(found: dict[str, Any] | None) -> str:
+def _short(found: Table | None) -> str:
     """A baseline in a cell: the time of its failure, or its energy error."""
     if found is None:
         return "-"

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     add_examples,
     add_scene,
     done_object,
+    failure_of,
     output_file,
     print_result,
     print_warnings,
@@ -72,21 +74,20 @@ def run(args: argparse.Namespace) -> int:
 
     pose = equilibrium(scene)
     if pose.status != "ok":
-        return print_result(args.json, {"scene": scene.name}, failure=(pose.status, f"{pose.status}: {pose.message}"))
+        return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
     model = build_model(scene)
     if args.of is None:
         loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
         found = mooring_stiffness(model, pose.state, names, loads)
     else:
         found = _of_one(scene, model, pose.state, names, about, args.lines_only)
-    out = args.out
-    if out is not None and out.suffix.lower() == ".csv":
-        _write(out, found)
-        out = None
+    if args.out is not None and args.out.suffix.lower() == ".csv":
+        _write(args.out, found)
+        args.out = None
     print_warnings(found.warnings)
     values = {"points": found.names, "freedoms": found.freedoms, "stiffness": found.matrix}
     plain = done_object(scene=scene.name, **values, warnings=found.warnings)
-    return deliver(args.json, plain, _text(found), out)
+    return deliver(args, plain, _text(found))
 
 
 def _asked(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarray | None]:
@@ -156,7 +157,7 @@ def _text(found: Stiffness) -> str:
     # maximum number of degrees of freedom of a printed matrix
     if len(found.freedoms) <= 12:
         rows = [("", *found.freedoms)]
-        rows += [(name, *(f"{x:.5g}" for x in line)) for name, line in zip(found.freedoms, found.matrix, strict=True)]
+        rows += [(name, *cells(line, ".5g")) for name, line in zip(found.freedoms, found.matrix, strict=True)]
         return f"{table(rows)}\nN/m; N, N m/rad for rotations: minus the force on a row per displacement of a column"
     first = {freedom.rsplit(".", 1)[0]: i for i, freedom in reversed(list(enumerate(found.freedoms)))}
     pairs = ("xx", "yy", "zz", "xy", "xz", "yz")

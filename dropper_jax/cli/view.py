@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     write_view(solution, out, other)
     size = out.stat().st_size
     return print_result(
-        args.json,
+        args,
         done_object(page=str(out), bytes=size, scene=solution.scene.name),
         f"ok: {out}, {size / 1e6:.2f} MB, {solution.scene.name} from {solution.t[0]:g} to {solution.t[-1]:g} s",
     )

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import first_names
 from dropper_jax.frequency.linear_waves import check_no_bodies
 from dropper_jax.frequency.states import TOLERANCE, solve_states
 from dropper_jax.load.scene import Scene, load_scene
@@ -77,11 +78,9 @@ class FrequencyResponse:
     def warnings(self) -> tuple[str, ...]:
         """Lines that do not stay taut in some state, and an inaccurate basis."""
         loose = [name for name, low in zip(self.lines, np.any(self.slack, axis=0), strict=True) if low]
-        more = f" and {len(loose) - 5} more" if len(loose) > 5 else ""
+        found = []
         if loose:
-            found = [f"lines that go slack: {', '.join(loose[:5])}{more}: not linear here, run in time"]
-        else:
-            found = []
+            found.append(f"lines that go slack: {first_names(loose, 5)}: not linear here, run in time")
         # largest error of the basis that stays below that of the linearisation
         if self.basis_error > 0.02:
             found.append(
@@ -189,7 +188,6 @@ def run_in_time(
     *,
     direction: float | None = None,
     frequencies: int = 40,
-    start: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Means and standard deviations (ends,) [N] of the tensions of `frequency_response` in a run with the same waves.
 
@@ -199,7 +197,6 @@ def run_in_time(
     Args:
         sea_state: significant height [m] and peak period [s].
         direction, frequencies: see `frequency_response`.
-        start: time before the evaluated part [s]; None: 100 s, or ten peak periods if that is more.
 
     Raises:
         SceneError: see `frequency_response`.
@@ -209,7 +206,8 @@ def run_in_time(
     if scene.sea is None:
         raise SceneError("sea: missing; needed: the depth of the water, and waves")
     hs, tp = sea_state
-    start = max(100.0, 10.0 * tp) if start is None else start
+    # time before the evaluated part [s]
+    start = max(100.0, 10.0 * tp)
     ramp = 15.0 if scene.sea.ramp is None else scene.sea.ramp
     waves = replace(_spectrum(scene.sea, direction, frequencies), hs=hs, tp=tp)
     scene = replace(scene, sea=replace(scene.sea, waves=waves, ramp=ramp))

@@ -125,11 +125,7 @@ def _check_shelter(scene: SceneData) -> Iterator[str]:
     kinds = [(line.links, line.total) for line in scene.lines]
     alike = [i for i, kind in enumerate(kinds) if kind == kinds[weakest]]
     strongest = max(alike, key=lambda i: each[i])
-    first, last = (
-        np.mean([scene.point(p).position for p in (scene.lines[i].start, scene.lines[i].end)], axis=0)
-        for i in (strongest, weakest)
-    )
-    way = last[:2] - first[:2]
+    way = (_middle(scene, weakest) - _middle(scene, strongest))[:2]
     size = float(np.hypot(*way))
     along = float(way @ [np.cos(current.direction), np.sin(current.direction)])
     # minimum cosine between a current and the direction in which lines shelter each other, about 60 degrees
@@ -138,6 +134,12 @@ def _check_shelter(scene: SceneData) -> Iterator[str]:
             f"line.shelter: the factors decrease towards {scene.lines[weakest].name!r}, but the current flows at "
             f"{np.degrees(current.direction):.4g} degrees from x; they do not turn with it"
         )
+
+
+def _middle(scene: SceneData, index: int) -> np.ndarray:
+    """The middle (3,) between the ends of a line [m]."""
+    line = scene.lines[index]
+    return 0.5 * (scene.point(line.start).position + scene.point(line.end).position)
 
 
 def _breaking(scene: SceneData, sea: Sea) -> Iterator[str]:

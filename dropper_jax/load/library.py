@@ -19,10 +19,12 @@ import dataclasses
 import math
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from importlib import resources
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Table
 
 PREFIX = "library:"
 #: Density of foam and shell of a float over its volume [kg/m^3], and its coefficients as a sphere: drag on its frontal
@@ -43,12 +45,6 @@ CORE_MASS = 0.1
 CORE_DIAMETER = 0.012
 #: Density of the sea water in `crop_values` [kg/m^3].
 SEA_WATER = 1025.0
-ORCAFLEX = "Orcina, OrcaFlex help, Chain"
-MOORPY = "ropes of moorings (MoorPy, NREL: MoorProps_default.yaml): mass, breaking load, quasi-static stiffness"
-EIGHT_STRAND = "plaited rope of eight strands, OrcaFlex' Rope/wire (as ddjokic/Mooring-Line-Properties has it)"
-#: Breaking load of chain over d^2 (44 - 80 d) [N/m^2] by grade.
-GRADES = {"": 13.7e6, "-u3": 19.6e6, "-r3": 22.3e6, "-r4": 27.4e6}
-GRADE_NAMES = {"": "grade 2", "-u3": "grade 3", "-r3": "grade R3", "-r4": "grade R4"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,45 +69,35 @@ class Family:
     high: float
     example: float
     source: str
-    make: Callable[[float], dict[str, Any]]
+    make: Callable[[float], Table]
     spread: str = ""
     EI: float | None = None
 
 
 def _chain(
-    mass: float, stiffness: float, volume: float, across: float, along: float, strength: float
-) -> Callable[[float], dict[str, Any]]:
+    mass: float, stiffness: float, volume: float, across: float, along: float, strength: float, d: float
+) -> Table:
     """Chain of bar diameter d; drag given over d (across) and d/pi (along) is converted to the displaced diameter."""
-
-    def make(d: float) -> dict[str, Any]:
-        return {
-            "mass": mass * d**2,
-            "diameter": volume * d,
-            "EA": stiffness * d**2,
-            "damping_ratio": PART_DAMPING,
-            "breaking_load": strength * d**2 * (44.0 - 80.0 * d),
-            "cdn": across / volume,
-            "cdt": along / (math.pi * volume),
-            "can": 1.0,
-            "cat": 0.5,
-        }
-
-    return make
+    return {
+        "mass": mass * d**2,
+        "diameter": volume * d,
+        "EA": stiffness * d**2,
+        "damping_ratio": PART_DAMPING,
+        "breaking_load": strength * d**2 * (44.0 - 80.0 * d),
+        "cdn": across / volume,
+        "cdt": along / (math.pi * volume),
+        "can": 1.0,
+        "cat": 0.5,
+    }
 
 
-def _rope(
-    mass: float, density: float, strength: tuple[float, float], stiffness: float
-) -> Callable[[float], dict[str, Any]]:
-    """Fibre rope of diameter d: breaking load `a d^2 + b d^3`, stiffness relative to it."""
-
-    def make(d: float) -> dict[str, Any]:
-        load = strength[0] * d**2 + strength[1] * d**3
-        return _rope_values(d, mass, math.sqrt(4.0 * mass / (math.pi * density)), stiffness * load, load)
-
-    return make
+def _rope(mass: float, density: float, square: float, cube: float, stiffness: float, d: float) -> Table:
+    """Fibre rope of diameter d: breaking load `square d^2 + cube d^3`, stiffness relative to it."""
+    load = square * d**2 + cube * d**3
+    return _rope_values(d, mass, math.sqrt(4.0 * mass / (math.pi * density)), stiffness * load, load)
 
 
-def _rope_values(d: float, mass: float, volume: float, stiffness: float, load: float) -> dict[str, Any]:
+def _rope_values(d: float, mass: float, volume: float, stiffness: float, load: float) -> Table:
     """Values of a rope of diameter d [m], mass by d^2 and displaced diameter over d; drag 1.6 over d
     (DNV-OS-E301)."""
     return {
@@ -127,19 +113,19 @@ def _rope_values(d: float, mass: float, volume: float, stiffness: float, load: f
     }
 
 
-def _multiplait(mass: float, volume: float, stiffness: float, strength: float) -> Callable[[float], dict[str, Any]]:
+def _plaited(mass: float, volume: float, stiffness: float, strength: float, d: float) -> Table:
     """Rope of eight strands of diameter d, all values proportional to d^2; drag as for the other ropes."""
-    return lambda d: _rope_values(d, mass, volume, stiffness * d**2, strength * d**2)
+    return _rope_values(d, mass, volume, stiffness * d**2, strength * d**2)
 
 
-def float_of(volume: float, density: float = FLOAT_DENSITY) -> dict[str, Any]:
+def float_of(volume: float, density: float = FLOAT_DENSITY) -> Table:
     """A spherical float [m^3] at a free point: mass, volume, drag coefficient times frontal area, added mass."""
     frontal = math.pi / 4 * (6 * volume / math.pi) ** (2 / 3)
     water = {"drag_area": FLOAT_DRAG * frontal, "added_mass": FLOAT_ADDED_MASS}
     return {"kind": "free", "mass": density * volume, "volume": volume, **water}
 
 
-def _crop(mass: float, density: float, drag: float, along: float) -> dict[str, Any]:
+def _crop(density: float, drag: float, along: float, mass: float) -> Table:
     """A crop of a mass [kg/m] and density as it displaces water, on a rope with the stiffness of the Edulis sock."""
     return {
         "mass": mass,
@@ -153,128 +139,48 @@ def _crop(mass: float, density: float, drag: float, along: float) -> dict[str, A
     }
 
 
-def _sock(months: float) -> dict[str, Any]:
+def _sock(months: float) -> Table:
     share = months / SOCK_MONTHS
     mass = CORE_MASS + (SOCK - CORE_MASS) * share
     core = CORE_DIAMETER**2
     full = 4.0 * SOCK / (math.pi * SOCK_DENSITY)
-    return {**_crop(mass, 1.0, 1.4, 0.02), "diameter": math.sqrt(core + (full - core) * share)}
+    return {**_crop(1.0, 1.4, 0.02, mass), "diameter": math.sqrt(core + (full - core) * share)}
 
 
-def _dropper(mass: float) -> dict[str, Any]:
-    return {**_crop(mass, SOCK_DENSITY, 1.3, 0.02), "outer_diameter": 0.13 * math.sqrt(mass / 7.53)}
+def _dropper(mass: float) -> Table:
+    return {**_crop(SOCK_DENSITY, 1.3, 0.02, mass), "outer_diameter": 0.13 * math.sqrt(mass / 7.53)}
 
 
-def _kelp(biomass: float) -> dict[str, Any]:
-    return _crop(biomass, 1050.0, 1.2, 0.05)
-
-
-def _lantern(width: float) -> dict[str, Any]:
-    net = _crop(10.0, 1500.0, 0.0, 0.05)
+def _lantern(width: float) -> Table:
+    net = _crop(1500.0, 0.0, 0.05, 10.0)
     return {**net, "cdn": 0.83 * width / net["diameter"]}
 
 
-FAMILIES: dict[str, Family] = {
-    **{
-        f"chain-{kind}{grade}": Family(
-            "line_type",
-            "bar diameter",
-            "m",
-            0.005,
-            0.2,
-            0.022,
-            f"{ORCAFLEX}; breaking load of {GRADE_NAMES[grade]}: {strength / 1e6:g}e6 d^2 (44 - 80 d) N (class rules)",
-            _chain(*numbers, strength),
-        )
-        for kind, numbers in {
-            "studless": (19.9e3, 0.854e11, 1.80, 2.4, 1.15),
-            "studlink": (21.9e3, 1.01e11, 1.89, 2.6, 1.4),
-        }.items()
-        for grade, strength in GRADES.items()
-    },
-    "rope-polyester": Family(
-        "line_type", "diameter", "m", 0.005, 0.3, 0.03, MOORPY, _rope(679.0, 1380.0, (308e6, 0.0), 14.0)
-    ),
-    "rope-nylon": Family(
-        "line_type", "diameter", "m", 0.005, 0.3, 0.03, MOORPY, _rope(585.0, 1140.0, (207e6, 230e6), 5.0)
-    ),
-    "rope-hmpe": Family(
-        "line_type", "diameter", "m", 0.005, 0.3, 0.03, MOORPY, _rope(496.0, 975.0, (580e6, 651e6), 56.0)
-    ),
-    **{
-        name: Family("line_type", "diameter", "m", 0.005, 0.2, 0.03, EIGHT_STRAND, _multiplait(*numbers))
-        for name, numbers in {
-            "rope-polypropylene": (452.6, 0.80, 1.06e9, 105.99e6),
-            "rope-polyester-plaited": (797.8, 0.86, 1.09e9, 170.466e6),
-            "rope-nylon-plaited": (647.6, 0.85, 1.18e8, 139.357e6),
-        }.items()
-    },
-    "float": Family(
-        "point",
-        "volume",
-        "m^3",
-        1e-4,
-        100.0,
-        0.2,
-        "sphere: drag 0.5 (Hoerner 1965), added mass 0.5 (Lamb 1932); 80 kg/m^3 assumed (`float_density`)",
-        float_of,
-    ),
-    "mussel-sock": Family(
-        "line_type",
-        "age",
-        "months",
-        0.0,
-        SOCK_MONTHS,
-        SOCK_MONTHS,
-        "fully grown: 21.8 kg/m (the paper's Table 1), 1300 kg/m^3, EA, drag 1.4 as in `edulis-longline` (assumed; "
-        "live lines in waves had 3.9 at KC 10 to 380, Gieschen et al. 2021, J. Mar. Sci. Eng. 9, 29); 15 months: a "
-        "Galician cycle with thinning-out; mass and cross-section linear in age: assumed",
-        _sock,
-        "drag 1.4 assumed, 3.9 measured on live lines in waves",
-    ),
-    "mussel-dropper": Family(
-        "line_type",
-        "mass",
-        "kg/m",
-        4.46,
-        7.53,
-        7.53,
-        "half-grown, live: 7.53 kg/m, outer diameter 0.13 m, bending stiffness 0.79 N m^2 for `EI` with "
-        "[effects.bending], measured by Knysh et al. 2020; drag 1.3 and added mass 1.0 on the outer diameter, assumed "
-        "by Zhu et al. 2020, whose dropper of 4.46 kg/m and 0.10 m sets the law of the diameter; 1300 kg/m^3, drag "
-        "along, EA: assumed",
-        _dropper,
-        "drag 1.3 assumed; 1.6 (from memory) and 3.9 published for live mussels",
-        0.79,
-    ),
-    "kelp": Family(
-        "line_type",
-        "biomass",
-        "kg/m",
-        0.1,
-        30.0,
-        7.8,
-        "biomass: 7.8 kg/m in April (Fredriksson et al. 2023, Front. Mar. Sci. 10, 1178548); 1050 kg/m^3, drag 1.2 on "
-        "the displaced diameter and 0.05 along, EA: assumed",
-        _kelp,
-        "unknown",
-    ),
-    "lantern-net": Family(
-        "line_type",
-        "diameter of the net",
-        "m",
-        0.2,
-        1.0,
-        0.5,
-        "drag 0.83 on the net's diameter (0.75 to 0.91 by load; Fishes 2023, 8(4), 204); 10 kg/m at 1500 kg/m^3 with "
-        "its scallops, EA: assumed",
-        _lantern,
-        "drag 0.75 to 0.91 by load",
-    ),
+#: What makes the values of a part of a size, after the numbers of its family.
+LAWS: dict[str, Callable[..., Table]] = {
+    "chain": _chain,
+    "rope": _rope,
+    "plaited": _plaited,
+    "float": float_of,
+    "crop": _crop,
+    "sock": _sock,
+    "dropper": _dropper,
+    "lantern": _lantern,
 }
 
 
-def part(name: str) -> tuple[str, dict[str, Any]]:
+def _rows(file: str) -> Table:
+    return tomllib.loads((resources.files("dropper_jax") / "data" / file).read_text(encoding="utf-8"))
+
+
+def _family(law: str, numbers: list[float], **values: Any) -> Family:
+    return Family(make=partial(LAWS[law], *numbers), **values)
+
+
+FAMILIES = {name: _family(**row) for name, row in _rows("library.toml").items()}
+
+
+def part(name: str) -> tuple[str, Table]:
     """Section of the scene and plain values of a part, from its name without `library:`.
 
     Raises:
@@ -289,7 +195,7 @@ def part(name: str) -> tuple[str, dict[str, Any]]:
     return kind.section, {"name": PREFIX + name, **rounded}
 
 
-def crop_values() -> list[dict[str, Any]]:
+def crop_values() -> list[Table]:
     """Numbers of each crop at its example size: name, mass per metre in air and in sea water of 1025 kg/m^3, displaced
     and outer diameter, drag and added mass coefficients across the outer one, bending stiffness (None: unknown), source
     and spread."""
@@ -312,11 +218,10 @@ def crop_values() -> list[dict[str, Any]]:
     ]
 
 
-def published_crops() -> list[dict[str, Any]]:
+def published_crops() -> list[Table]:
     """Published values of crops, rows of `data/crops.toml`; None for a number that is not at hand."""
-    rows = tomllib.loads((resources.files("dropper_jax") / "data" / "crops.toml").read_text())["crop"]
     keys = ("crop", "like", "mass", "outer_diameter", "cdn", "can", "EI", "source", "read", "conditions")
-    return [{key: row.get(key) for key in keys} for row in rows]
+    return [{key: row.get(key) for key in keys} for row in _rows("crops.toml")["crop"]]
 
 
 def _split_name(name: str) -> tuple[str, float]:

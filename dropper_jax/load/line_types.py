@@ -24,6 +24,7 @@ from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     Plain,
+    Table,
     check_keys,
     declared_fields,
     plain,
@@ -149,7 +150,7 @@ class Section:
         return dataclasses.replace(self, length=length, links=max(1, round(self.links * length / self.length)))
 
 
-def expand(table: Mapping[str, Any]) -> dict[str, Any]:
+def expand(table: Mapping[str, Any]) -> Table:
     """The scene's plain values without line types, sections and attached points; a table without them is unchanged.
 
     Raises:
@@ -166,7 +167,7 @@ def expand(table: Mapping[str, Any]) -> dict[str, Any]:
             raise SceneError("line_type: no line uses a type. Use `type` or `sections` in a line")
         return table
     table["point"] = [dict(p) if isinstance(p, Mapping) else p for p in table.get("point", [])]
-    pieces: list[dict[str, Any]] = []
+    pieces: list[Table] = []
     used: list[list[Section]] = []
     shelter: list[float] = []
     for i, line in enumerate(lines):
@@ -217,7 +218,7 @@ def _types(items: Plain) -> dict[str, LineType]:
     return found
 
 
-def _sections(line: dict[str, Any], path: str, types: dict[str, LineType]) -> list[Section]:
+def _sections(line: Table, path: str, types: dict[str, LineType]) -> list[Section]:
     """The sections of a line; removes their keys from it."""
     if "sections" in line:
         items = read_list(line.pop("sections"), f"{path}.sections", None, "a list of {type, length, links}")
@@ -251,9 +252,7 @@ def _read_position(value: Plain) -> np.ndarray | None:
         return None
 
 
-def _split(
-    line: dict[str, Any], path: str, sections: list[Section], points: list[Any]
-) -> list[tuple[dict[str, Any], list[Section]]]:
+def _split(line: Table, path: str, sections: list[Section], points: list[Any]) -> list[tuple[Table, list[Section]]]:
     """The pieces between attached points. A point that the scene does not have is created, free, on the straight
     line."""
     attached = line.pop("attach", None)
@@ -310,7 +309,7 @@ def _each(sections: list[Section], value: Plain) -> list[float]:
     return [float(value(s)) for s in sections for _ in range(s.links)]
 
 
-def _axial(sections: list[Section], path: str) -> dict[str, Any]:
+def _axial(sections: list[Section], path: str) -> Table:
     """The axial law with one value per link; together with `tabulated` sections, ropes become tables as well."""
     laws = {s.type.law for s in sections}
     if laws == {"rigid"}:
@@ -326,7 +325,7 @@ def _axial(sections: list[Section], path: str) -> dict[str, Any]:
     return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping, **own}
 
 
-def _per_link(sections: list[Section], path: str) -> dict[str, Any]:
+def _per_link(sections: list[Section], path: str) -> Table:
     """Keys of a `[[line]]` with one value per link."""
     found = {
         "links": sum(s.links for s in sections),

@@ -171,17 +171,17 @@ def farm_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
     return {**table, "name": name, "parameters": {**table["parameters"], "droppers": droppers}}
 
 
-def pitching(table: dict[str, Any], centre: float = CENTRE) -> dict[str, Any]:
+def pitching(table: dict[str, Any]) -> dict[str, Any]:
     """The scene with each `[[buoy]]` as a `[[body]]`, with its line at the same position.
 
     Hull and ballast, `m_h H/2 + m_b z_b = m z_G`, give the moments of inertia:
     `m_h (H^2/12 + (H/2 - z_G)^2) + m_b (z_G - z_b)^2` across, `m D^2/8` about the axis.
     """
     positions = {point["name"]: point["position"] for point in table["point"]}
-    bodies = [_body(buoy, positions[buoy["point"]], centre) for buoy in table["buoy"]]
+    bodies = [_body(buoy, positions[buoy["point"]]) for buoy in table["buoy"]]
     outcome = {buoy["point"] for buoy in table["buoy"]}
     note = (
-        f" The spar pitches: a rigid body with its centre of gravity {centre:g} m above the base, which the paper does "
+        f" The spar pitches: a rigid body with its centre of gravity {CENTRE:g} m above the base, which the paper does "
         "not give (assumed)."
     )
     rest = {key: value for key, value in table.items() if key != "buoy"}
@@ -189,13 +189,13 @@ def pitching(table: dict[str, Any], centre: float = CENTRE) -> dict[str, Any]:
     return {**rest, "description": table["description"] + note, "point": points, "body": bodies}
 
 
-def _body(buoy: dict[str, Any], point: list[float], centre: float) -> dict[str, Any]:
+def _body(buoy: dict[str, Any], point: list[float]) -> dict[str, Any]:
     ballast = 0.25  # height of the ballast above the base [m]; the hull's mass is spread over its height
     mass = buoy["mass"]
     height = buoy["height"]
     diameter = buoy["diameter"]
-    hull = mass * (centre - ballast) / (0.5 * height - ballast)
-    across = hull * (height**2 / 12.0 + (0.5 * height - centre) ** 2) + (mass - hull) * (centre - ballast) ** 2
+    hull = mass * (CENTRE - ballast) / (0.5 * height - ballast)
+    across = hull * (height**2 / 12.0 + (0.5 * height - CENTRE) ** 2) + (mass - hull) * (CENTRE - ballast) ** 2
     attachment = buoy.get("attachment", 0.0)
     # number of slices of a spar
     cylinder = {
@@ -210,7 +210,7 @@ def _body(buoy: dict[str, Any], point: list[float], centre: float) -> dict[str, 
         "name": buoy["name"],
         "position": [point[0], point[1], point[2] - attachment],
         "mass": mass,
-        "centre_of_mass": [0.0, 0.0, centre],
+        "centre_of_mass": [0.0, 0.0, CENTRE],
         "inertia": [across, across, mass * diameter**2 / 8.0],
         "cylinders": [cylinder],
         "attachments": {buoy["point"]: [0.0, 0.0, attachment]},

@@ -17,7 +17,7 @@ from typing import Any
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, ScenePath, declared_fields, join, plain
+from dropper_jax.base.read import Plain, ScenePath, Table, declared_fields, join, plain
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand, law_constants
@@ -43,7 +43,7 @@ from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
 
 #: Keys and numbers that lead from a scene's table to a value.
 Steps = tuple[str | int, ...]
-Branch = dict[str, Any] | list[Any]
+Branch = Table | list[Any]
 #: A section of a scene: its path with `*` for the number or name of an item, its head in TOML, the class that declares
 #: its keys.
 SectionRow = tuple[str, str, type | None]
@@ -172,7 +172,7 @@ def _tables(table: Branch, words: list[str], path: str = "", to: Steps = ()) -> 
 
 
 def set_value(
-    table: dict[str, Any],
+    table: Table,
     path: str,
     value: Plain,
     steps: Mapping[str, Steps] | None = None,
@@ -191,7 +191,7 @@ def set_value(
     parent[key] = value
 
 
-def get(table: dict[str, Any], path: str, steps: Mapping[str, Steps] | None = None) -> Plain:
+def get(table: Table, path: str, steps: Mapping[str, Steps] | None = None) -> Plain:
     """The plain value at a path.
 
     Raises:
@@ -256,7 +256,7 @@ def _hint(path: str, candidates: set[str]) -> str:
     return f"known: {', '.join(near[:shown])}{', ...' if len(near) > shown else ''}"
 
 
-def is_written(table: dict[str, Any], path: str, written: Mapping[str, Steps]) -> bool:
+def is_written(table: Table, path: str, written: Mapping[str, Steps]) -> bool:
     """Whether a path is that of a value in its original form, or of an entry of a list there."""
     stem, entries = ScenePath(path).entry_of(written) or ("", ())
     if entries:
@@ -275,8 +275,8 @@ class Written:
         taken: (effect, key) of coefficients that came from line types or lines.
     """
 
-    line_type: list[dict[str, Any]]
-    line: list[dict[str, Any]]
+    line_type: list[Table]
+    line: list[Table]
     made: tuple[str, ...]
     taken: tuple[tuple[str, str], ...]
 
@@ -295,7 +295,7 @@ class Written:
         )
         return cls(plain(table["line_type"]), plain(table["line"]), made, taken)
 
-    def table(self, expanded: Mapping[str, Any], keep_points: bool = False) -> dict[str, Any]:
+    def table(self, expanded: Mapping[str, Any], keep_points: bool = False) -> Table:
         """Plain values of the scene in its original form, from those with one value per link."""
         effects = {
             name: {key: value for key, value in values.items() if (name, key) not in self.taken}
@@ -305,7 +305,7 @@ class Written:
         own = {"line_type": copy.deepcopy(self.line_type), "line": copy.deepcopy(self.line)}
         return {**expanded, **own, "point": points, "effects": effects}
 
-    def with_changes(self, expanded: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    def with_changes(self, expanded: Table, values: Mapping[str, Any]) -> Table:
         """Plain values in their original form with some changed by path; changes of single links are applied last.
 
         Args:

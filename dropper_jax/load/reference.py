@@ -1,7 +1,7 @@
 """Every key of a scene, generated from its declaration: meaning, unit, range, default, source.
 
 The scene reader checks against the same declarations (`base.fields.parameter`, `option`, `base.read.count`), so each
-key is described once. Keys that are read by hand have their rows in `BY_HAND`.
+key is described once. Keys that are read by hand have their rows in `data/keys_by_hand.toml`.
 """
 
 from __future__ import annotations
@@ -10,14 +10,17 @@ import dataclasses
 import inspect
 import re
 import sys
+import tomllib
 from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib import resources
 from typing import Any
 
 import numpy as np
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import ScenePath, declared_fields, limits
+from dropper_jax.base.read import ScenePath, declared_fields, join, limits
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.paths import declared_sections
 
@@ -77,94 +80,23 @@ class Section:
 
 TEXT = {"type": "string"}
 NUMBER = {"type": ["number", "string"]}
-TABLE = {"type": "object"}
 LIST = {"type": "array"}
+AXIAL_LAW = Key("line.*.axial.law", f"axial law: {', '.join(LAWS)}; default: rope", "text", schema={"enum": list(LAWS)})
 
 
-def _by_hand(path: str, *rows: tuple[str, str, str, Mapping[str, Any]]) -> tuple[Key, ...]:
-    return tuple(Key(f"{path}.{name}".lstrip("."), meaning, kind, schema=dict(s)) for name, meaning, kind, s in rows)
+@cache
+def _by_hand() -> dict[str, Any]:
+    """What `data/keys_by_hand.toml` says of each section."""
+    return tomllib.loads((resources.files("dropper_jax") / "data" / "keys_by_hand.toml").read_text(encoding="utf-8"))
 
 
-REPEAT = (
-    "repeat",
-    "counters to repeat over: {k = 60} is k = 1 to 60, {k = [0, 9]} a range; `{k}` in a text is replaced by the number",
-    "table",
-    TABLE,
-)
-#: Keys that are read by hand, by section.
-BY_HAND: dict[str, tuple[Key, ...]] = {
-    "": _by_hand(
-        "",
-        ("name", "name of the scene; default: that of its file", "text", TEXT),
-        ("description", "what it is", "text", TEXT),
-        ("notes", "remarks, repeated as warnings of every run", "list of texts", {**LIST, "items": TEXT}),
-    ),
-    "point.*": _by_hand("point.*", ("type", "name of a [[point_type]], or `library:NAME`", "text", TEXT), REPEAT),
-    "buoy.*": _by_hand("buoy.*", REPEAT),
-    "failure.*": _by_hand("failure.*", REPEAT),
-    "line.*": _by_hand(
-        "line.*",
-        REPEAT,
-        ("type", "name of a [[line_type]], or `library:NAME`; `length` is then that of the full line", "text", TEXT),
-        ("sections", "sections one after another: {type, length [m], links}", "list of tables", LIST),
-        ("attach", "points along the line: {point, at}, `at` the arc length from its first end [m]", "list", LIST),
-        ("shelter", "factor on the current that reaches the line", "number, or a table over it", {}),
-    ),
-    "line.*.axial": _by_hand(
-        "line.*.axial",
-        ("law", f"axial law: {', '.join(LAWS)}; default: rope", "text", {"enum": list(LAWS)}),
-        ("strain", "strains of a table (law tabulated), rising from 0", "list of numbers", LIST),
-        ("tension", "tensions at those strains [N]", "list of numbers", LIST),
-    ),
-    "body.*": _by_hand(
-        "body.*", ("attachments", "positions of points on it [m], in its axes, by their names", "table", TABLE)
-    ),
-    "vessel.*": _by_hand(
-        "vessel.*",
-        ("motion", "rows of surge, sway, heave [m], roll, pitch, yaw [rad] at `time`", "list of lists", LIST),
-        ("attachments", "positions of points on it [m], in its axes, by their names", "table", TABLE),
-    ),
-    "vessel.*.rao": tuple(
-        Key(f"vessel.*.rao.{motion}{end}", f"{what} of {motion} over elevation", "rows by heading", unit, schema={})
-        for motion in ("surge", "sway", "heave", "roll", "pitch", "yaw")
-        for end, what, unit in (
-            ("", "amplitude", "m/m" if motion in ("surge", "sway", "heave") else "rad/m"),
-            ("_phase", "phase", "rad"),
-        )
-    ),
-    "growth": _by_hand(
-        "growth",
-        ("thickness", "thickness of the layer [m], a row for each month, a column for each depth", "rows", LIST),
-    ),
-    "sea": _by_hand("sea", ("packaged", "name of a packaged sea, whose values the scene may override", "text", TEXT)),
-    "fit": _by_hand(
-        "fit", ("free", "paths of parameters that a fit may change", "list of texts", {**LIST, "items": TEXT})
-    ),
-    "parameters": _by_hand("parameters", ("*", "a named number, or an expression of others", "number", NUMBER)),
-    "point_type.*": _by_hand(
-        "point_type.*",
-        ("float", "volume of a float at the point [m^3]", "number", NUMBER),
-        ("float_density", "density of its foam and shell [kg/m^3]; default 80", "number", NUMBER),
-    ),
-    "array.*": _by_hand(
-        "array.*",
-        ("of", "name of a [unit]", "text", TEXT),
-        ("repeat", "counters with a count or [first, last] each", "table", TABLE),
-        ("name", "prefix of the names of each unit", "text", TEXT),
-        ("origin", "position of each unit [m]", "3 numbers or expressions", LIST),
-        ("heading", "angle of the unit's x axis from the scene's [deg]", "number", NUMBER),
-        ("shared", "points of a unit that are shared with others", "table", TABLE),
-    ),
-}
-ABOUT = {
-    "": "Keys at the top of the file.",
-    "line.*.axial": "Axial law of the links of a line; rigid if omitted.",
-    "fit": "Free parameters and sensors of fits of this scene (see docs/fits.md).",
-    "parameters": "Named numbers; a text value that starts with `=` is an expression of them.",
-    "unit.*": "Points, lines and buoys that belong together, placed by `[[array]]`.",
-    "array.*": "Positions of units (see docs/longlines.md).",
-    "point_type.*": "Common values of points of a kind, which points refer to by `type`.",
-}
+def _keys_by_hand(path: str) -> list[Key]:
+    """Keys of a section that are read by hand."""
+    rows = _by_hand().get(path, {}).get("keys", ())
+    found = [Key(join(path, row["name"]), **{k: v for k, v in row.items() if k != "name"}) for row in rows]
+    if path == "line.*.axial":
+        return [AXIAL_LAW, *found]
+    return found
 
 
 def sections() -> list[Section]:
@@ -174,16 +106,17 @@ def sections() -> list[Section]:
 
 def _section(path: str, head: str, cls: type | None) -> Section:
     keys = [] if cls is None else list(_declared_keys(path, cls))
+    by_hand = _keys_by_hand(path)
     if path == "run":
         keys += [_option(name, about) for name, about in OPTIONS.items()]
     if path in ("line.*.axial", "line_type.*"):
-        names = {key.name for key in (*keys, *BY_HAND.get(path, ()))}
+        names = {key.name for key in (*keys, *by_hand)}
         own = {key.name: key for law in LAWS.values() for key in _declared_keys(path, law) if key.name not in names}
         keys += own.values()
     if path == "point_type.*":
         keys = [key for key in keys if key.name != "position"]
-    about = ABOUT.get(path) or inspect.getdoc(cls) or ""
-    return Section(path, head, _first(about), "" if cls is None else source_of(cls), (*keys, *BY_HAND.get(path, ())))
+    about = _by_hand().get(path, {}).get("about") or inspect.getdoc(cls) or ""
+    return Section(path, head, _first(about), "" if cls is None else source_of(cls), (*keys, *by_hand))
 
 
 def _declared_keys(path: str, cls: type) -> Iterable[Key]:
@@ -298,7 +231,7 @@ def schema() -> dict[str, Any]:
             else:
                 target["properties"][key.name] = {"description": _description(key), **key.schema}
         if section.path == "point.*":
-            target["properties"] |= {key.name: {**key.schema} for key in BY_HAND["point_type.*"]}
+            target["properties"] |= {key.name: {**key.schema} for key in _keys_by_hand("point_type.*")}
     root["properties"]["unit"]["additionalProperties"] = {"type": "object"}
     root["properties"]["run"]["required"] = ["duration"]
     root["required"] = ["run"]

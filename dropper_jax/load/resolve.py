@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import (
     Plain,
+    Table,
     check_keys,
     declared_fields,
     read_items,
@@ -32,7 +33,7 @@ class Resolved(NamedTuple):
         template: parameters, repetitions and arrays in their original form; None without any.
     """
 
-    table: dict[str, Any]
+    table: Table
     written: Written | None
     template: Template | None
 
@@ -56,7 +57,7 @@ def resolve(table: Plain) -> Resolved:
 GRAVITIES = ("effects.weight.gravity", "sea.gravity")
 
 
-def with_one_gravity(table: Mapping[str, Any]) -> dict[str, Any]:
+def with_one_gravity(table: Mapping[str, Any]) -> Table:
     """The scene with the gravity that only one of `[effects.weight]` and `[sea]` gives in both.
 
     Waves over weightless lines (gravity 0) keep their own.
@@ -86,7 +87,7 @@ def with_one_gravity(table: Mapping[str, Any]) -> dict[str, Any]:
     return dict(table)
 
 
-def with_library_lines(table: Mapping[str, Any]) -> dict[str, Any]:
+def with_library_lines(table: Mapping[str, Any]) -> Table:
     """The scene with the types that its lines take from the library added to its `[[line_type]]`.
 
     Raises:
@@ -107,7 +108,7 @@ def with_library_lines(table: Mapping[str, Any]) -> dict[str, Any]:
     return {**table, "line_type": [*_tables(table.get("line_type")), *found]}
 
 
-def with_library_points(table: Mapping[str, Any]) -> dict[str, Any]:
+def with_library_points(table: Mapping[str, Any]) -> Table:
     """The scene, its points and those of its units with the values that they take from the library written out.
 
     Raises:
@@ -139,7 +140,7 @@ def _point(item: Plain, path: str) -> Plain:
     return {**{key: value for key, value in values.items() if key != "name"}, **rest}
 
 
-def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> dict[str, Any]:
+def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> Table:
     try:
         found, values = part(name.removeprefix(PREFIX))
     except SceneError as error:
@@ -157,7 +158,7 @@ def _tables(items: Plain) -> list[Any]:
     return []
 
 
-def with_point_types(table: dict[str, Any], types: Plain) -> dict[str, Any]:
+def with_point_types(table: Table, types: Plain) -> Table:
     """The scene with the values that its points take from types and from `float` written out; a point's own values
     win."""
     known = dict(read_items(_point_type, types, "point_type"))
@@ -167,7 +168,7 @@ def with_point_types(table: dict[str, Any], types: Plain) -> dict[str, Any]:
     return {**table, "point": [_written_out(point, known, f"point.{i}") for i, point in enumerate(points)]}
 
 
-def _point_type(item: Plain, path: str) -> tuple[str, dict[str, Any]]:
+def _point_type(item: Plain, path: str) -> tuple[str, Table]:
     """Name and values of a type of points."""
     own = dict(read_table(item, path))
     check_keys(own, {*declared_fields(PointSpec), "float", "float_density"} - {"position"}, path)

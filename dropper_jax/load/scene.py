@@ -15,6 +15,7 @@ from dropper_jax.base.files import references_of
 from dropper_jax.base.read import (
     Plain,
     ScenePath,
+    Table,
     check_keys,
     plain,
     read_fields,
@@ -232,7 +233,7 @@ class Scene(SceneData):
         check_bed(scene, pose)
         return with_suggestions(scene)
 
-    def as_written(self) -> dict[str, Any]:
+    def as_written(self) -> Table:
         """Plain values as `to_dict`, with line types, sections and attached points in their original form."""
         if self.written is None:
             return self.to_dict()
@@ -292,7 +293,7 @@ class Scene(SceneData):
             return self
         return self.with_values({"run.dt": self.run.step})
 
-    def _with_steps_for(self, run: dict[str, Any]) -> dict[str, Any]:
+    def _with_steps_for(self, run: Table) -> Table:
         """The table of `[run]`, with equal steps if its scheme has no estimate of the error of a step."""
         scheme = INTEGRATORS.get(run["integrator"])
         if self.run.accuracy is None or "dt" in run or scheme is None:
@@ -335,7 +336,7 @@ class Scene(SceneData):
         return get(self.to_dict(), path)
 
 
-def _read_effects(table: Plain, links: int) -> dict[str, dict[str, Any]]:
+def _read_effects(table: Plain, links: int) -> dict[str, Table]:
     table = read_table(table, "effects")
     try:
         check_keys(table, EFFECTS, "effects")

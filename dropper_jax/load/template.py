@@ -42,7 +42,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, check_keys, read_integer, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import Plain, Table, check_keys, read_integer, read_list, read_number, read_table, read_text
 
 Number = int | float
 
@@ -123,8 +123,6 @@ MOST_COPIES = 20_000
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 BRACES = re.compile(r"\{([^{}]*)\}")
 
-Table = dict[str, Any]
-
 
 class Names(ChainMap[str, Any]):
     """Numbers by name: counters of the enclosing repetitions, then, in the last map, parameters evaluated on demand."""
@@ -158,7 +156,7 @@ class Template:
     """
 
     table: Table
-    changes: dict[str, Any] = dataclasses.field(default_factory=dict)
+    changes: Table = dataclasses.field(default_factory=dict)
 
     @classmethod
     def of(cls, table: Mapping[str, Any]) -> Template | None:

@@ -8,15 +8,14 @@ from dropper_jax.plots.animation import animate
 from dropper_jax.plots.motion import amplitude_spectrum, angle_traces, motion_history, phase_space
 from dropper_jax.plots.pose import snapshot
 from dropper_jax.plots.system import body_motion
-from dropper_jax.plots.tension import energy_balance, tension_history, tension_traces
-from dropper_jax.plots.water import elevation, response, tension_envelope, under_surface
+from dropper_jax.plots.tension import energy_balance, tension_history
+from dropper_jax.plots.water import response, tension_envelope, under_surface
 
 __all__ = [
     "amplitude_spectrum",
     "angle_traces",
     "animate",
     "body_motion",
-    "elevation",
     "energy_balance",
     "motion_history",
     "phase_space",
@@ -24,6 +23,5 @@ __all__ = [
     "snapshot",
     "tension_envelope",
     "tension_history",
-    "tension_traces",
     "under_surface",
 ]

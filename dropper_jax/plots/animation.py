@@ -29,6 +29,8 @@ from dropper_jax.plots.run import Run
 LONGEST = 4.2
 
 SUFFIXES = (".gif", ".mp4")
+#: Colours of a frame besides those of the tension.
+SOLID = (style.CYCLE[5], style.CYCLE[0], style.ALERT, system.BUOY, system.BED)
 
 
 @style.with_style
@@ -145,11 +147,7 @@ class _Stage:
         self.tension = run.tension[_nearest(run.t_tension, self.t[: frames[-1] + 1])]
         self.step = int(np.ceil(np.diff(frames).max(initial=1)))
         flat = view.planar(positions)
-        water = _surface_cuts(run, positions, frames)
-        if run.scene is None:
-            limits = view.box(_with_water(positions, water))
-        else:
-            limits = system.limits(run, positions)
+        limits = system.limits(run, positions)
         self.figure = style.new_figure(*view.figure_size(limits, LONGEST), layout=None)
         self.axes = _axes(self.figure, limits, flat)
         self._movers(run, flat, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
@@ -157,14 +155,9 @@ class _Stage:
         self.canvas = self.figure.canvas
         self.canvas.draw()
         self.screen = self._project(positions, flat)
-        self.held.set_data(*self._project(system.held_positions(run, positions, positions[0]), flat).T)
-        if water is None:
-            surface = system.surface_lines(run, limits, flat, self.t[frames])
-        else:
-            surface = water[:, : 1 if flat else 2]
-        self._surroundings(positions, surface, frames, flat)
+        self._surroundings(positions, system.surface_lines(run, limits, flat, self.t[frames]), frames, flat)
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
-        self.palette = _palette(run)
+        self.palette = _palette()
 
     def _movers(self, run: Run, flat: bool, speed: str) -> None:
         text, colour = style.how(run)
@@ -173,11 +166,9 @@ class _Stage:
         self.links = LineCollection(
             [], cmap=style.tension_map(), norm=norm, linewidths=3.5 * style.bold(run), capstyle="round"
         )
-        self.surface = LineCollection([], colors=style.CYCLE[0], linewidths=1.6)
-        if run.scene is not None:
-            self.surface.set(color=system.SURFACE, linewidths=0.8 if flat else 0.4)
+        self.surface = LineCollection([], colors=system.SURFACE, linewidths=1.2 if flat else 0.4)
         self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=style.DARK, linewidths=0.7)
-        self.trace = Line2D([], [], color=style.CYCLE[5] if run.scene is None else style.FAINT, lw=1.0)
+        self.trace = Line2D([], [], color=style.FAINT, lw=1.0)
         self.nodes = Line2D([], [], ls="", marker="o", ms=style.dot(run), mfc="white", mec=style.DARK, mew=0.9)
         self.held = Line2D([], [], ls="", marker="s", ms=7, mfc=style.DARK, mec="white")
         self.clock = self.figure.text(0.98, 0.905, "", ha="right", fontsize=9, animated=True)
@@ -186,7 +177,7 @@ class _Stage:
             artist.set(**options)
         self.figure.text(0.02, 0.955, f"{run.name}: {speed}", fontsize=10, fontweight="bold")
         self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
-        # the first buoy of a system is more informative than the middle of its list of nodes
+        # the first buoy is more informative than the middle of the list of nodes
         self.traced = run.buoys[0].node if run.buoys else run.positions.shape[1] // 2
         names = {node: name for name, node in run.point_names.items()}
         what = names.get(self.traced, f"node {self.traced}")
@@ -222,8 +213,7 @@ class _Stage:
         self.links.set_segments(self.run.segments(nodes))
         self.links.set_array(self.tension[frame])
         self.nodes.set_data(*nodes.T)
-        if self.run.scene is not None:
-            self.held.set_data(*nodes[list(self.run.held)].T)
+        self.held.set_data(*nodes[list(self.run.held)].T)
         self.surface.set_segments(self.surfaces.get(frame, []))
         self.buoys.set_verts(self.floats.get(frame, []))
         self.clock.set_text(f"t = {self.t[frame]:.2f} s")
@@ -233,50 +223,16 @@ class _Stage:
         return np.asarray(self.canvas.buffer_rgba())[..., :3].copy()
 
 
-def _surface_cuts(run: Run, positions: np.ndarray, frames: np.ndarray) -> np.ndarray | None:
-    """The surface over a single line (frames, 2, points, 3) [m], along x and along y through its middle; None without
-    water."""
-    # number of points on a cut through the surface
-    surface_points = 80
-    if run.surface is None or run.scene is not None:
-        return None
-    limits = view.box(positions)
-    cuts = np.tile(positions.reshape(-1, 3).mean(axis=0), (2, surface_points, 1))
-    for axis in (0, 1):
-        cuts[axis, :, axis] = np.linspace(*limits[axis], surface_points)
-    found = np.tile(cuts, (len(frames), 1, 1, 1))
-    found[..., 2] = run.surface(cuts.reshape(-1, 3), run.t[frames]).reshape(found.shape[:-1])
-    return found
-
-
-def _with_water(positions: np.ndarray, water: np.ndarray | None) -> np.ndarray:
-    """Points (k, 3) that the picture must contain: the nodes, and the lowest and highest surface above them."""
-    nodes = positions.reshape(-1, 3)
-    if water is None:
-        return nodes
-    extremes = np.tile(nodes.mean(axis=0), (2, 1))
-    extremes[:, 2] = water[..., 2].min(), water[..., 2].max()
-    return np.concatenate([nodes, extremes])
-
-
-def _palette(run: Run) -> Image.Image:
+def _palette() -> Image.Image:
     """The same colours for all frames: those of the style, and their mixtures with white for smooth edges."""
     tension = style.tension_map()(np.linspace(0.0, 1.0, 40))[:, :3]
-    strong = np.concatenate([tension, [to_rgb(colour) for colour in _solid(run)]])
+    strong = np.concatenate([tension, [to_rgb(colour) for colour in SOLID]])
     mixed = [1 - part * (1 - strong) for part in (1.0, 0.75, 0.5, 0.25)]
     greys = np.linspace(to_rgb(style.DARK), (1.0, 1.0, 1.0), 32)
     colours = np.rint(255 * np.concatenate([*mixed, greys])).astype(int)
     palette = Image.new("P", (1, 1))
     palette.putpalette(colours.ravel().tolist())
     return palette
-
-
-def _solid(run: Run) -> tuple[str, ...]:
-    """Additional colours besides those of the tension."""
-    own = (style.CYCLE[5], style.CYCLE[0], style.ALERT)
-    if run.scene is None:
-        return own
-    return (*own, system.BUOY, system.BED)
 
 
 def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:

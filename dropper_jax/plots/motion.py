@@ -48,19 +48,12 @@ def tracked_nodes(run: Run) -> dict[str, int]:
     """Nodes to draw, by name: the buoys with the largest motion, else free points; of a single line its end and the
     node that moves most."""
     way = travel(run)
-    if run.scene is None:
-        last = run.positions.shape[1] - 1
-        lively = int(np.argmax(way))
-        found = {f"node {lively}": lively}
-        if way[last] > 0.0 and last != lively:
-            found["free end"] = last
-        return found
+    lively = int(np.argmax(way))
     nodes = {name: node for name, node in run.point_names.items() if node in run.joints}
     buoys = {buoy.node for buoy in run.buoys}
     wanted = {name: node for name, node in nodes.items() if node in buoys} or nodes
-    if not wanted:
-        node = int(np.argmax(way))
-        return {f"node {node}": node}
+    if not wanted or (len(run.lines) == 1 and lively not in wanted.values()):
+        wanted[f"node {lively}"] = lively
     # maximum number of points in one picture
     names = sorted(wanted, key=lambda name: -way[wanted[name]])[:4]
     return {name: wanted[name] for name in names}
@@ -126,7 +119,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     """
     # height of the axis of a spectrum [decades]
     decades = 4
-    if run.scene is not None:
+    if run.scene.branched:
         return _system_spectra(run, path)
     t = run.t
     positions = run.positions

@@ -8,22 +8,19 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection, PolyCollection
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from matplotlib.collections import LineCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.system import (
-    BUOY,
     SURFACE,
     WATER,
     bare_joints,
     draw_bed,
     draw_bodies,
-    held_positions,
+    draw_buoys,
     limits,
-    outlines,
-    right_of,
     surface_lines,
 )
 
@@ -73,9 +70,8 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
     if style.dot(run) > 0:
         draw(positions[now], **look, label="node")
-    held = held_positions(run, positions, positions[now])
-    what = "fixed end" if run.scene is None else "fixed point"
-    draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label=what)
+    held = positions[now][list(run.held)]
+    draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label="fixed point")
     joints = bare_joints(run, positions[now])
     if len(joints) and not crowded:
         draw(joints, ls="", marker="D", ms=5, mfc=style.CYCLE[4], mec=style.DARK, label="free point")
@@ -120,21 +116,9 @@ def _bold_links(axes: Axes, run: Run, index: int, flat: bool) -> ScalarMappable:
     else:
         links = Line3DCollection(segments, **look)
     axes.add_collection(links, **({"autolim": False} if flat else {}))
-    _buoys(axes, run, nodes, flat)
+    draw_buoys(axes, run, nodes, flat)
     draw_bodies(axes, run.bodies, index, flat)
     return links
-
-
-def _buoys(axes: Axes, run: Run, nodes: np.ndarray, flat: bool) -> None:
-    if not run.buoys:
-        return
-    corners = outlines(run, nodes, right_of(axes, flat))
-    look = {"facecolors": BUOY, "edgecolors": style.DARK, "linewidths": 0.8}
-    if flat:
-        shapes = PolyCollection(corners[..., [0, 2]], zorder=2.5, **look)
-    else:
-        shapes = Poly3DCollection(corners, **look)
-    axes.add_collection(shapes, **({"autolim": False} if flat else {}))
 
 
 def _past(positions: np.ndarray, now: int) -> list[int]:

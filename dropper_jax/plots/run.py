@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -156,11 +156,11 @@ class Run:
     Attributes:
         accuracy: that the steps follow; None for equal steps of `dt`.
         lines: nodes and links of each line.
-        scene: of a system of lines, with the water and the seabed in the pictures; None for a single line.
-        held, joints: nodes of the fixed and of the free points of a system.
+        scene: with the water and the seabed in the pictures.
+        held, joints: nodes of the fixed and of the free points.
         buoys: its buoys.
         bodies: its rigid bodies; None without.
-        point_names: nodes of a system's points by name.
+        point_names: nodes of the points by name.
         min_tension, max_tension: (k, n) [N] of each sample: over the steps since the previous one if not every step is
             saved, else the tension itself.
         min_load, max_load: the same of the total load of each fixed point (k, points) [N]; None if every step is saved.
@@ -183,15 +183,15 @@ class Run:
     work: np.ndarray
     work_names: tuple[str, ...]
     lines: tuple[LineSlice, ...]
+    scene: Scene
+    point_names: dict[str, int]
+    held: tuple[int, ...]
+    joints: tuple[int, ...]
+    buoys: tuple[Float, ...]
     accuracy: float | None = None
     min_load: np.ndarray | None = None
     max_load: np.ndarray | None = None
-    scene: Scene = None
-    held: tuple[int, ...] = ()
-    joints: tuple[int, ...] = ()
-    buoys: tuple[Float, ...] = ()
     bodies: Bodies | None = None
-    point_names: dict[str, int] = dataclasses.field(default_factory=dict)
     surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 
     @property
@@ -214,10 +214,8 @@ class Run:
         return np.stack([nodes[self.first], nodes[self.first + 1]], axis=1)
 
     @property
-    def written_lines(self) -> tuple[LineSlice | WholeLine, ...]:
+    def written_lines(self) -> tuple[WholeLine, ...]:
         """The lines as in the scene, pieces between attached points together."""
-        if self.scene is None:
-            return self.lines
         return whole_lines(self.scene)
 
     @property
@@ -255,8 +253,10 @@ def readable(solution: Solution) -> Run:
     least, largest = (tension if a is None else a[:last] for a in (solution.tension_min, solution.tension_max))
     loads = [getattr(solution, f"point_load_{key}", None) for key in ("min", "max")]
     loads = [None if a is None else np.asarray(a, float)[:last, :, 2] for a in loads]
+    scene = solution.scene
+    node = point_nodes(scene)
     return Run(
-        name=solution.scene.name,
+        name=scene.name,
         integrator=str(solution.settings["integrator"]),
         dt=float(solution.settings["dt"]),
         accuracy=solution.settings.get("accuracy"),
@@ -275,29 +275,16 @@ def readable(solution: Solution) -> Run:
         work=work[:last],
         work_names=tuple(solution.work_names),
         bodies=bodies_of(solution, last),
-        **_lines(solution),
+        scene=scene,
+        surface=None if scene.sea is None else partial(elevations, scene),
+        lines=solution.lines,
+        point_names=node,
+        held=tuple(node[p.name] for p in scene.points if not p.is_free),
+        joints=tuple(node[p.name] for p in scene.points if p.is_free),
+        buoys=tuple(Float(node[b.point], b.diameter, b.height, b.attachment) for b in scene.buoys),
     )
 
 
 def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Elevation (q, n) [m] over positions (n, 3) [m] at times (q,) [s]."""
     return surface_over(scene, np.broadcast_to(positions, (len(times), *positions.shape)), times)
-
-
-def _lines(solution: Solution) -> dict[str, Any]:
-    """The lines, the surface and, for a system, its points."""
-    scene = solution.scene
-    surface = None if scene.sea is None else partial(elevations, scene)
-    if not scene.branched:
-        links = solution.tension.shape[1]
-        return {"surface": surface, "lines": (LineSlice("line", slice(0, links + 1), slice(0, links)),)}
-    node = point_nodes(scene)
-    return {
-        "surface": surface,
-        "lines": solution.lines,
-        "scene": scene,
-        "point_names": node,
-        "held": tuple(node[p.name] for p in scene.points if not p.is_free),
-        "joints": tuple(node[p.name] for p in scene.points if p.is_free),
-        "buoys": tuple(Float(node[b.point], b.diameter, b.height, b.attachment) for b in scene.buoys),
-    }

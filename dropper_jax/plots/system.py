@@ -18,6 +18,18 @@ COLOUR = style.CYCLE[4]
 EDGE = "#A87400"
 
 
+def draw_buoys(axes: Axes, run: Run, nodes: np.ndarray, flat: bool, axis: int = 0, grow: bool = False) -> None:
+    """Sections of the buoys in one configuration, as `draw_bodies` draws bodies."""
+    if not run.buoys:
+        return
+    look = {"facecolors": BUOY, "edgecolors": style.DARK, "linewidths": 0.8}
+    if flat:
+        corners = outlines(run, nodes, np.eye(3)[axis])[..., [axis, 2]]
+        axes.add_collection(PolyCollection(corners, zorder=2.5, **look), autolim=grow)
+        return
+    axes.add_collection(Poly3DCollection(outlines(run, nodes, right_of(axes, flat)), **look))
+
+
 def draw_bodies(axes: Axes, bodies: Bodies | None, index: int, flat: bool, axis: int = 0, grow: bool = False) -> None:
     """Bodies at a sample: their outlines in the plane of x (0) or y (1) and z, or their faces in space.
 
@@ -76,9 +88,7 @@ BED = "#D8CBB4"
 
 
 def limits(run: Run, positions: np.ndarray) -> np.ndarray:
-    """Limits (3, 2) [m] of a picture: the nodes and, of a system, its buoys, and the seabed and surface near them."""
-    if run.scene is None:
-        return view.box(positions)
+    """Limits (3, 2) [m] of a picture: the nodes, the buoys, and the seabed and surface near them."""
     nodes = positions.reshape(-1, 3)
     shown = [nodes]
     for buoy in run.buoys:
@@ -96,13 +106,6 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
         if low[2] - near <= z <= high[2] + near:
             shown.append(np.array([[middle[0], middle[1], z]]))
     return view.box(np.concatenate(shown), min_ratio=0.25)
-
-
-def held_positions(run: Run, positions: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Positions (m, 3) of the fixed points in one configuration; of a single line those of its ends that never move."""
-    if run.scene is None:
-        return view.fixed_ends(positions)
-    return nodes[list(run.held)]
 
 
 def bare_joints(run: Run, nodes: np.ndarray) -> np.ndarray:
@@ -132,7 +135,7 @@ def right_of(axes: Axes, flat: bool) -> np.ndarray:
 
 def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> np.ndarray | None:
     """The surface (k, lines, points, 3) [m] at times (k,): a line in a plane, a net in space; None without water."""
-    if run.scene is None or run.surface is None:
+    if run.surface is None:
         return None
     x, y = (np.linspace(*box[axis], 161) for axis in (0, 1))
     if flat:
@@ -148,8 +151,6 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
 
 def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
     """The seabed: a filled strip in a plane, a faint sheet in space; nothing if no seabed is in the picture."""
-    if run.scene is None:
-        return
     x, y = (np.linspace(*box[axis], 41) for axis in (0, 1))
     if flat:
         z = bed_height(run.scene, np.stack([x, np.full_like(x, box[1].mean()), np.zeros_like(x)], axis=-1))

@@ -50,15 +50,6 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     return style.finish(figure, run, "energy balance", path)
 
 
-@style.with_style
-def tension_traces(run: Run, path: str | Path) -> Path:
-    """Tension [N or kN] of every link against time (the mean over the step if the scheme gives it)."""
-    unit, size = force_unit(run.tension)
-    least = TENSION * float(np.nanmax(np.abs(run.tension), initial=0.0)) / size
-    columns = [(f"tension [{unit}]", run.tension / size)]
-    return panels.traces(run, path, "link tensions", run.t_tension, columns, least)
-
-
 #: Maximum number of curves in one panel.
 MOST = 4
 
@@ -102,7 +93,7 @@ def tension_history(run: Run, path: str | Path) -> Path:
             run, path, "tension", run.t_tension, [(f"tension [{unit}]", run.tension[kept] / size)], least
         )
     found = [_largest(run, unit, size)]
-    if run.scene is not None and len(run.written_lines) > 1:
+    if len(run.written_lines) > 1:
         found.append(_held_points_panel(run, unit, size))
     return history(run, path, "tension", [*found, ends_panel(run)])
 
@@ -141,8 +132,10 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     least = UNLOADED * max(tops.values())
     names = [name for name in sorted(tops, key=lambda name: -tops[name]) if tops[name] > least][:MOST]
     at = {name: i for i, name in enumerate(loads)}
-    ranges = {name: [None if a is None else a[:, at[name]] / size for a in (low, high)] for name in names}
-    curves = [Curve(name, t, loads[name] / size, low=ranges[name][0], high=ranges[name][1]) for name in names]
+    curves = []
+    for name in names:
+        range_ = () if low is None else (low[:, at[name]] / size, high[:, at[name]] / size)
+        curves.append(Curve(name, t, loads[name] / size, *range_))
     title = _count_title("force on each fixed point", len(names), len(loads))
     unloaded = sum(top <= least for top in tops.values())
     if unloaded:
@@ -164,7 +157,7 @@ def ends_panel(run: Run) -> Panel:
         ends = (("first link", line.links.start), ("last link", line.links.stop - 1))
         if not both:
             ends = (max(ends, key=lambda end: np.nanmax(run.max_tension[kept, end[1]])),)
-        if both and run.scene is not None:
+        if both:
             stops = [line.stops[key] for key in (min(line.stops), max(line.stops))]
             ends = tuple((f"at {stop}", link) for stop, (_, link) in zip(stops, ends, strict=True))
         for name, link in ends:

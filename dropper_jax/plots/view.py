@@ -42,16 +42,6 @@ def box(positions: np.ndarray, min_ratio: float = 0.4) -> np.ndarray:
     return np.stack([middle - half, middle + half], axis=1)
 
 
-def fixed_ends(positions: np.ndarray) -> np.ndarray:
-    """End nodes that never move, (m, 3) [m], m <= 2; for a run of one sample only the first end is known to be
-    fixed."""
-    ends = positions[:, [0, -1]]
-    still = np.abs(ends - ends[:1]).max(axis=(0, 2)) <= FLAT * size(positions)
-    if len(positions) == 1:
-        still = np.array([True, False])
-    return ends[0, still]
-
-
 def flat_axes(figure: Figure, subplot: SubplotSpec, limits: np.ndarray) -> Axes:
     """Axes for the x-z plane, equal scales."""
     axes = figure.add_subplot(subplot)

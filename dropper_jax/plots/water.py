@@ -12,7 +12,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
@@ -21,7 +20,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.plots import panels, style, system, view
 from dropper_jax.plots.run import ANGLE, Run, elevations, readable, swing
 from dropper_jax.plots.style import force_unit
-from dropper_jax.plots.system import draw_bodies
+from dropper_jax.plots.system import draw_bodies, draw_buoys
 from dropper_jax.run.simulate import Solution
 from dropper_jax.run.wakes import SceneWakes
 from dropper_jax.sea.spectrum import wave_number
@@ -118,23 +117,10 @@ def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
 
 
 @_with_sea
-def elevation(run: Run, scene: Scene, path: str | Path, place: tuple[float, float] = (0.0, 0.0)) -> Path:
-    """Elevation [m] of the surface at a position (x, y) [m] against time."""
-    eta = elevations(scene, np.array([[*place, 0.0]]), run.t)[:, 0]
-    figure = style.new_figure(8.5, 3.2)
-    axes = figure.subplots()
-    axes.axhline(0.0, color=style.FAINT, lw=0.7)
-    axes.plot(run.t, eta, color=style.FIRST)
-    axes.set_ylabel("elevation [m]")
-    style.time_axis(axes, run.t)
-    return style.finish(figure, run, f"surface at x = {place[0]:g} m, y = {place[1]:g} m", path)
-
-
-@_with_sea
 def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None = None) -> Path:
     """The line [m] and the surface above it at a time [s] (default: that of the maximum tension), seen from two sides.
 
-    A system that stays in the plane of x and z is seen from one side only.
+    What stays in the plane of x and z is seen from one side only.
     """
     index = run.peak if time is None else int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
@@ -143,8 +129,8 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
     middle = 0.5 * (low + high)
     half = 0.55 * max((high - low).max(), 1.0)
     # ratio of height to length below which both views of a system are drawn one above the other
-    low_and_long = run.scene is not None and np.ptp(nodes[:, 2]) < 0.35 * 2 * half
-    flat = run.scene is not None and view.planar(run.positions)
+    low_and_long = np.ptp(nodes[:, 2]) < 0.35 * 2 * half
+    flat = view.planar(run.positions)
     figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
     if flat:
         shape = (1, 1)
@@ -157,7 +143,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
         positions = np.tile(middle, (POINTS, 1))
         positions[:, axis] = along
         eta = elevations(scene, positions, run.t[index : index + 1])[0]
-        bed = None if run.scene is None else bed_height(run.scene, positions)
+        bed = bed_height(scene, positions)
         low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
         low = max(low, -float(scene.sea.depth)) if bed is None else low
         axes.fill_between(along, eta, low, color=WATER)
@@ -170,10 +156,9 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
             own = nodes[line.nodes]
             axes.plot(own[:, axis], own[:, 2], "-o", color=style.DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
             label = None
-        ends = nodes[[0, -1]] if run.scene is None else nodes[list(run.held)]
-        what = "ends" if run.scene is None else "fixed points"
-        axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label=what)
-        _buoys(axes, run, nodes, axis)
+        ends = nodes[list(run.held)]
+        axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label="fixed points")
+        draw_buoys(axes, run, nodes, flat=True, axis=axis, grow=True)
         draw_bodies(axes, run.bodies, index, flat=True, axis=axis, grow=True)
         axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None), aspect="equal")
     figure.axes[0].set_ylabel("z [m]")
@@ -185,24 +170,14 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
     return style.finish(figure, run, f"under the surface at t = {run.t[index]:.2f} s", path)
 
 
-def _buoys(axes: Axes, run: Run, nodes: np.ndarray, axis: int) -> None:
-    """Sections of the buoys in the plane of x (0) or y (1) and z."""
-    if run.buoys:
-        corners = system.outlines(run, nodes, np.eye(3)[axis])[..., [axis, 2]]
-        axes.add_collection(PolyCollection(corners, facecolors=system.BUOY, edgecolors=style.DARK, linewidths=0.8))
-
-
 @_with_sea
-def response(run: Run, scene: Scene, path: str | Path, link: int | None = None) -> Path:
-    """Elevation; angles of a link (counted from 1): spectra and phase space, as thesis figures 8.32 to 8.34.
+def response(run: Run, scene: Scene, path: str | Path) -> Path:
+    """Elevation; angles of a link: spectra and phase space, as thesis figures 8.32 to 8.34.
 
-    Default: the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
+    It is the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
     angles = run.angles()
-    if link is None:
-        index = _lively(run)
-    else:
-        index = min(link, run.tension.shape[1]) - 1
+    index = _lively(run)
     eta = elevations(scene, np.zeros((1, 3)), run.t)[:, 0]
     turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]
     figure = style.new_figure(9.5, 7.6)

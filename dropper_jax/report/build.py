@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Plain, Table
 from dropper_jax.evaluation.extremes import line_snaps, storm_extreme
 from dropper_jax.evaluation.record import Record, record, spread
 from dropper_jax.evaluation.settings import Settings
@@ -26,7 +25,7 @@ from dropper_jax.scene.data import point_nodes
 NO_COEFFICIENTS = {"skipped": "the scene has no flow-dependent coefficients"}
 
 
-def report_run(solution: Solution, settings: Settings | None = None) -> dict[str, Any]:
+def report_run(solution: Solution, settings: Settings | None = None) -> Table:
     """All values of the report of one run; a section that does not apply is `{"skipped": why}`.
 
     Raises:
@@ -79,7 +78,7 @@ def _largest_damping(solution: Solution) -> float:
     return float(max((np.max(damping) for damping in given), default=0.0))
 
 
-def report_runs(solutions: dict[str, Solution], settings: Settings | None = None) -> dict[str, Any]:
+def report_runs(solutions: dict[str, Solution], settings: Settings | None = None) -> Table:
     """The report of runs by name (their files): each run, their spread and, for three or more runs, the extremes of a
     storm.
 
@@ -108,7 +107,7 @@ def _same_lines(solutions: dict[str, Solution]) -> None:
             raise SceneError(f"{name}: its lines differ from those of {known[0]}; allowed: runs of the same lines")
 
 
-def _peaks(runs: list[dict[str, Any]]) -> dict[str, list[float]]:
+def _peaks(runs: list[Table]) -> dict[str, list[float]]:
     """Values compared between runs: maximum tension of each line, maximum load of each anchor [N], by run."""
     found = {
         f"tension of {line['line']}": [r["tension"][i]["largest"]["n"] for r in runs]
@@ -120,7 +119,7 @@ def _peaks(runs: list[dict[str, Any]]) -> dict[str, list[float]]:
     return found
 
 
-def _spread(runs: list[dict[str, Any]]) -> dict[str, Any]:
+def _spread(runs: list[Table]) -> Table:
     """Minimum, mean and maximum over the runs of maximum loads, mean tensions and fatigue, with each run's step."""
     if len(runs) < 2:
         return {"skipped": "one run"}
@@ -150,7 +149,7 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
     return found + (["run.dt"] if len(steps) > 1 and "run.dt" not in found else [])
 
 
-def _flat(table: Plain, path: str = "") -> dict[str, Any]:
+def _flat(table: Plain, path: str = "") -> Table:
     if not isinstance(table, dict):
         return {path: table}
     return {
@@ -158,7 +157,7 @@ def _flat(table: Plain, path: str = "") -> dict[str, Any]:
     }
 
 
-def _extremes(runs: list[dict[str, Any]], differ: list[str], settings: Settings) -> dict[str, Any]:
+def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table:
     if differ:
         return {"skipped": f"the runs differ in more than the seed of their sea: {', '.join(differ[:5])}"}
     durations = [run["to_s"] - run["from_s"] for run in runs]
@@ -174,7 +173,7 @@ def _extremes(runs: list[dict[str, Any]], differ: list[str], settings: Settings)
     return found
 
 
-def bed_contact(record: Record, settings: Settings) -> list[dict[str, Any]] | dict[str, str]:
+def bed_contact(record: Record, settings: Settings) -> list[Table] | dict[str, str]:
     """Per line: length on the seabed [m] over time, and fraction of time of each node.
 
     A node is on the seabed if it is at most `contact` above it, a link if both its ends are. The length is a number of
@@ -201,7 +200,7 @@ def bed_contact(record: Record, settings: Settings) -> list[dict[str, Any]] | di
     return found
 
 
-def line_bending(record: Record) -> list[dict[str, Any]]:
+def line_bending(record: Record) -> list[Table]:
     """Per line the maximum moment [N m], its arc length [m] and time [s], the minimum radius [m], and the maximum and
     mean moment of each node [N m] against arc length from the first point [m]."""
     scene = record.scene
@@ -216,7 +215,7 @@ def line_bending(record: Record) -> list[dict[str, Any]]:
     return found
 
 
-def submergence(record: Record) -> dict[str, Any]:
+def submergence(record: Record) -> Table:
     """Per line the fraction of time under the actual surface and the depth [m] of its nodes; per buoy the draught."""
     if record.scene.sea is None:
         return {"skipped": "the scene has no water"}
@@ -237,7 +236,7 @@ def submergence(record: Record) -> dict[str, Any]:
     return {"lines": lines, "buoys": [_buoy(record, buoy, depth) for buoy in record.scene.buoys]}
 
 
-def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> dict[str, Any]:
+def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> Table:
     base = depth[:, point_nodes(record.scene)[buoy.point]] + buoy.attachment
     return {
         "buoy": buoy.name,

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.scene import WholeLine
 
 
-def watch_circles(record: Record) -> list[dict[str, Any]]:
+def watch_circles(record: Record) -> list[Table]:
     """Per moving point: horizontal radius [m] about its mean position and, after a static start, its static position.
 
     With the ranges of x, y, z [m]. Fixed points are left out.
@@ -43,7 +44,7 @@ def watch_circles(record: Record) -> list[dict[str, Any]]:
     return found
 
 
-def accelerations(record: Record) -> list[dict[str, Any]]:
+def accelerations(record: Record) -> list[Table]:
     """Per line: root mean square, 99th percentile and maximum acceleration [m/s^2] of its nodes, and its location.
 
     Central differences of the saved velocities, which do not resolve periods below two saved intervals.
@@ -73,7 +74,17 @@ def node_arc(lengths: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(lengths)])
 
 
-def line_distances(record: Record) -> list[dict[str, Any]]:
+class Approach(NamedTuple):
+    """The minimum distance of two lines [m], its sample, the other line, and the links of both."""
+
+    distance: float
+    sample: int
+    other: int
+    link: int
+    other_link: int
+
+
+def line_distances(record: Record) -> list[Table]:
     """Per line: the nearest line, the minimum distance of the axes [m], its time [s] and arc length along both [m].
 
     The distance is exact between straight links at the saved times (of a long record at 2000 of them). Links
@@ -81,24 +92,23 @@ def line_distances(record: Record) -> list[dict[str, Any]]:
     """
     lines = range(len(record.written_lines))
     nodes = [record.positions[:, line.nodes] for line in record.written_lines]
-    low, high = (np.stack([limit(own, axis=(0, 1)) for own in nodes]) for limit in (np.min, np.max))
+    low = np.stack([own.min(axis=(0, 1)) for own in nodes])
+    high = np.stack([own.max(axis=(0, 1)) for own in nodes])
     gap = np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=-1)
     pairs = sorted((float(gap[a, b]), a, b) for a in lines for b in lines if a < b)
-    best: list[tuple[float, Any]] = [(np.inf, None) for _ in lines]
+    best: dict[int, Approach] = {}
     for bound, a, b in pairs:
         # boxes at this distance cannot contain a closer pair than the present one
-        if bound >= best[a][0] and bound >= best[b][0]:
+        if all(i in best and bound >= best[i].distance for i in (a, b)):
             continue
         near = _nearest(record, a, b)
         if near is None:
             continue
-        for this, other, mine, its in ((a, b, "at", "its"), (b, a, "its", "at")):
-            if near["distance"] < best[this][0]:
-                best[this] = (
-                    near["distance"],
-                    {"nearest": other, "t": near["t"], "at": near[mine], "its": near[its]},
-                )
-    return [_describe_distance(record, i, *best[i]) for i in lines]
+        if a not in best or near.distance < best[a].distance:
+            best[a] = near
+        if b not in best or near.distance < best[b].distance:
+            best[b] = near._replace(other=a, link=near.other_link, other_link=near.link)
+    return [_describe_distance(record, i, best.get(i)) for i in lines]
 
 
 def looks_every(record: Record) -> int:
@@ -107,33 +117,33 @@ def looks_every(record: Record) -> int:
     return -(-len(record.t) // 2000)
 
 
-def _describe_distance(record: Record, index: int, distance: float, near: dict[str, Any] | None) -> dict[str, Any]:
-    name = record.written_lines[index].name
+def _describe_distance(record: Record, index: int, near: Approach | None) -> Table:
+    line = record.written_lines[index]
     if near is None:
-        return {"line": name, "nearest": None, "least_distance_m": None}
-    other = near["nearest"]
+        return {"line": line.name, "nearest": None, "least_distance_m": None}
+    other = record.written_lines[near.other]
     return {
-        "line": name,
-        "nearest": record.written_lines[other].name,
-        "least_distance_m": distance,
-        "t_s": float(record.t[near["t"]]),
-        "at_m": float(arc(record.written_lines[index].spec.length)[near["at"]]),
-        "nearest_at_m": float(arc(record.written_lines[other].spec.length)[near["its"]]),
+        "line": line.name,
+        "nearest": other.name,
+        "least_distance_m": near.distance,
+        "t_s": float(record.t[near.sample]),
+        "at_m": float(arc(line.spec.length)[near.link]),
+        "nearest_at_m": float(arc(other.spec.length)[near.other_link]),
         "sampled_every_s": looks_every(record) * record.interval,
-        "diameters_m": _touching(record, index, other),
+        "diameters_m": _touching(line, other),
     }
 
 
-def _touching(record: Record, a: int, b: int) -> float | None:
+def _touching(line: WholeLine, other: WholeLine) -> float | None:
     """Half the sum of the maximum diameters [m], the distance of axes in contact; None if a line has no diameter."""
-    both = [record.written_lines[i].spec.diameter for i in (a, b)]
+    both = (line.spec.diameter, other.spec.diameter)
     if any(d is None for d in both):
         return None
     return float(0.5 * sum(np.max(d) for d in both))
 
 
-def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
-    """Minimum distance of two lines over all samples: [m], sample, link of either."""
+def _nearest(record: Record, a: int, b: int) -> Approach | None:
+    """The nearest approach of two lines over all samples; None if no links are compared."""
     i, j = _pairs(record.written_lines[a], record.written_lines[b])
     if not i.size:
         return None
@@ -148,13 +158,8 @@ def _nearest(record: Record, a: int, b: int) -> dict[str, Any] | None:
         q = second[part]
         distance = segment_distance(p[:, i], p[:, i + 1], q[:, j], q[:, j + 1])
         at = np.unravel_index(np.argmin(distance), distance.shape)
-        if best is None or distance[at] < best["distance"]:
-            best = {
-                "distance": float(distance[at]),
-                "t": int(part[at[0]]),
-                "at": int(i[at[1]]),
-                "its": int(j[at[1]]),
-            }
+        if best is None or distance[at] < best.distance:
+            best = Approach(float(distance[at]), int(part[at[0]]), b, int(i[at[1]]), int(j[at[1]]))
     return best
 
 

@@ -12,13 +12,14 @@ import json
 import re
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.read import Table
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.panels import cycle
@@ -153,7 +154,7 @@ def _part(name: str) -> str:
     return (resources.files("dropper_jax.report") / "assets" / name).read_text(encoding="utf-8")
 
 
-def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> dict[str, Any]:
+def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> Table:
     if solution.scene.sea is None:
         sea = None
     else:
@@ -177,9 +178,9 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
         "largest": float(np.max(run.max_tension, initial=high, where=np.isfinite(run.max_tension))),
         "notes": list(part.notes),
         "diameter": _diameter(solution),
-        "lines": [{"name": line.name, "node": _middle(line.nodes)} for line in run.written_lines],
+        "lines": [{"name": line.name, "node": int(line.nodes[len(line.nodes) // 2])} for line in run.written_lines],
         "colours": [[round(255 * float(c)) for c in shade] for shade in shades],
-        "held": _held_nodes(solution, run),
+        "held": list(run.held),
         "first": run.first.tolist(),
         "labels": run.labels,
         "parts": part_names(run),
@@ -195,8 +196,6 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> d
 def part_names(run: Run) -> list[str]:
     """A name for each link: its line as written in the scene, arc length of its middle at the start, and number."""
     names = list(run.labels)
-    if run.scene is None:
-        return names
     length = np.linalg.norm(np.diff(run.segments(run.positions[0]), axis=1)[:, 0], axis=-1)
     for line in run.written_lines:
         own = length[line.links]
@@ -205,23 +204,10 @@ def part_names(run: Run) -> list[str]:
     return names
 
 
-def _held_nodes(solution: Solution, run: Run) -> list[int]:
-    """Fixed nodes: of one line the first, and the last if its point is not free; of a system its fixed points."""
-    if run.scene is not None:
-        return list(run.held)
-    line = solution.scene.lines[0]
-    last = run.positions.shape[1] - 1
-    if solution.scene.point(line.end).is_free:
-        return [0]
-    return [0, last]
-
-
-def _bed_grid(run: Run) -> dict[str, Any] | None:
-    """Positions of a grid and the height [m] of the seabed there; None for a single line or without a seabed."""
+def _bed_grid(run: Run) -> Table | None:
+    """Positions of a grid and the height [m] of the seabed there; None without a seabed."""
     # points of the seabed per side
     bed_points = 13
-    if run.scene is None:
-        return None
     low = run.positions.min(axis=(0, 1))
     high = run.positions.max(axis=(0, 1))
     # half width of the seabed in the unit of the configuration's size
@@ -249,16 +235,7 @@ def _diameter(solution: Solution) -> list[float] | None:
     return np.concatenate(found).tolist()
 
 
-def _middle(nodes: slice | np.ndarray) -> int:
-    """The node in the middle of a line."""
-    if isinstance(nodes, slice):
-        indices = np.arange(nodes.start, nodes.stop)
-    else:
-        indices = nodes
-    return int(indices[len(indices) // 2])
-
-
-def _flows(solution: Solution, sea: Sea) -> list[dict[str, Any]]:
+def _flows(solution: Solution, sea: Sea) -> list[Table]:
     """Waves and current for their arrows: the direction of travel [rad] at the surface, and a text with their size."""
     waves = solution.scene.sea.waves
     found = []
@@ -285,7 +262,7 @@ def _pack(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
-def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
+def _water(sea: Sea, run: Run, times: np.ndarray) -> Table:
     """Depth, a square grid of positions and the elevation there at times [s], in whole steps of `step` [m]."""
     # points per side of the water surface
     surface_points = 19
@@ -309,7 +286,7 @@ def _water(sea: Sea, run: Run, times: np.ndarray) -> dict[str, Any]:
     }
 
 
-def body_data(bodies: Bodies | None, kept: np.ndarray) -> dict[str, Any] | None:
+def body_data(bodies: Bodies | None, kept: np.ndarray) -> Table | None:
     """Plain values of the bodies at the selected frames; None without any.
 
     `poses` has for each frame and body its reference point [m] and its axes, row by row: 12 numbers, float32.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.markdown import table
+from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, spread
 from dropper_jax.report.sections import Cells, empty_unless_rows, largest_table, newton, table_of, with_position
 from dropper_jax.run.growth import overgrown
@@ -16,8 +16,8 @@ from dropper_jax.scene import line_slices
 
 
 def parts(
-    tension: list[dict[str, Any]], snap: list[dict[str, Any]], fatigue: list[dict[str, Any]] | dict[str, str]
-) -> list[dict[str, Any]] | dict[str, str]:
+    tension: list[Table], snap: list[Table], fatigue: list[Table] | dict[str, str]
+) -> list[Table] | dict[str, str]:
     """Per part of a system of more than ten lines: the worst of its lines, from the sections of each line.
 
     `loop-1` to `loop-60` are the part `loop-*`. A number that all of them have is kept; a line unlike all others is a
@@ -63,7 +63,7 @@ def _name(names: list[str]) -> str:
     return "".join(piece[0] if len(set(piece)) == 1 else "*" for piece in pieces)
 
 
-def _tension(lines: list[dict[str, Any]]) -> dict[str, Any]:
+def _tension(lines: list[Table]) -> Table:
     most = max(lines, key=lambda line: line["largest"]["n"])
     loaded = [line for line in lines if line["utilisation"] is not None]
     used = max(loaded, key=lambda line: line["utilisation"]["largest"], default=None)
@@ -75,7 +75,7 @@ def _tension(lines: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _worst(lines: list[dict[str, Any]], key: str) -> dict[str, Any] | None:
+def _worst(lines: list[Table], key: str) -> Table | None:
     """The line with the maximum value; None if no line has a value."""
     some = [line for line in lines if line.get(key) is not None]
     worst = max(some, key=lambda line: line[key], default=None)
@@ -85,12 +85,12 @@ def _worst(lines: list[dict[str, Any]], key: str) -> dict[str, Any] | None:
 
 
 @empty_unless_rows
-def parts_text(found: list[dict[str, Any]]) -> list[str]:
+def parts_text(found: list[Table]) -> list[str]:
     """The section as text; empty without parts."""
     return ["## Parts", largest_table(found, lambda part: part["largest"]["n"], _part_row, what="parts")]
 
 
-def _part_row(part: dict[str, Any]) -> Cells:
+def _part_row(part: Table) -> Cells:
     top, used, snap, tired = (part[key] for key in ("largest", "utilisation", "snap", "fatigue"))
     return {
         "part": part["part"],
@@ -103,14 +103,14 @@ def _part_row(part: dict[str, Any]) -> Cells:
     }
 
 
-def _with_line_name(part: dict[str, Any], worst: dict[str, Any], text: str) -> str:
+def _with_line_name(part: Table, worst: Table, text: str) -> str:
     """A value with its line, if the part has more than one."""
     if part["lines"] > 1:
         return f"{worst['line']}: {text}"
     return text
 
 
-def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
+def crops(record: Record) -> list[Table] | dict[str, str]:
     """Per line with mussels: their mass [kg], weight in water [N] and maximum diameter [m], and the drop-off.
 
     A mussel drops off if the acceleration of its node exceeds `SeasonSpec.holding`. `mass_at_risk_kg` is the crop on
@@ -128,7 +128,7 @@ def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
         if bare.growth is None and not (season is not None and season.on(bare.name, bare.piece_of)):
             continue
         volume = 0.25 * np.pi * (line.diameter**2 - bare.diameter**2) * line.length
-        row: dict[str, Any] = {
+        row: Table = {
             "line": bare.name,
             "mass_kg": float(np.sum(crop)),
             "wet_weight_n": float(scene.sea.gravity * np.sum(crop - scene.sea.density * volume)),
@@ -150,7 +150,7 @@ def crops(record: Record) -> list[dict[str, Any]] | dict[str, str]:
 
 
 @empty_unless_rows
-def crop_text(found: list[dict[str, Any]]) -> list[str]:
+def crop_text(found: list[Table]) -> list[str]:
     """The section as text; empty without mussels."""
     text = table_of([_crop_row(row) for row in found])
     if all(row["drop_off"] is None for row in found):
@@ -158,7 +158,7 @@ def crop_text(found: list[dict[str, Any]]) -> list[str]:
     return ["## Mussels", text]
 
 
-def _crop_row(row: dict[str, Any]) -> Cells:
+def _crop_row(row: Table) -> Cells:
     off = row["drop_off"]
     shares = ("-", "-", "-")
     if off is not None:
@@ -179,7 +179,7 @@ MOVES = ("surge", "sway", "heave")
 TURNS = ("roll", "pitch", "yaw")
 
 
-def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
+def body_motions(record: Record) -> list[Table] | dict[str, str]:
     """Per rigid body: mean, standard deviation and extremes of its reference point [m] and of its attitude [deg].
 
     `tilt_deg` is the angle between the body's z-axis and the vertical.
@@ -200,7 +200,7 @@ def body_motions(record: Record) -> list[dict[str, Any]] | dict[str, str]:
 
 
 @empty_unless_rows
-def bodies_text(found: list[dict[str, Any]]) -> list[str]:
+def bodies_text(found: list[Table]) -> list[str]:
     """The section as text; empty without bodies."""
     rows = []
     for body in found:

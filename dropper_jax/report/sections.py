@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dropper_jax.base.constants import DEGREE
-from dropper_jax.base.markdown import table
+from dropper_jax.base.markdown import cells, first_names, table
+from dropper_jax.base.read import Table
 from dropper_jax.run.quantities import NOT_GAUSSIAN
 
 #: Cells of a row by the headings of their columns.
@@ -23,7 +24,7 @@ GIVE_LOAD = "give `breaking_load` in the scene, or --breaking-load"
 SHOWN_ROUNDING = 1e-6
 
 
-def section(values: list[dict[str, Any]] | dict[str, str], write: Callable[[list[dict[str, Any]]], str]) -> str:
+def section(values: list[Table] | dict[str, str], write: Callable[[list[Table]], str]) -> str:
     """The table that `write` makes of a section, or the reason why it is left out."""
     if isinstance(values, dict):
         return f"Left out: {values['skipped']}."
@@ -34,7 +35,7 @@ def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list
     """A section of rows that is empty where the run has none of them."""
 
     @wraps(write)
-    def section_of(found: list[dict[str, Any]] | dict[str, str] | None) -> list[str]:
+    def section_of(found: list[Table] | dict[str, str] | None) -> list[str]:
         if isinstance(found, list):
             return write(found)
         return []
@@ -42,16 +43,19 @@ def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list
     return section_of
 
 
-def largest(lines: list[dict[str, Any]], size: Callable[[dict[str, Any]], float]) -> list[dict[str, Any]]:
-    """The `SECTION_ROWS` largest, in their original order."""
-    kept = sorted(range(len(lines)), key=lambda i: -size(lines[i]))[:SECTION_ROWS]
-    return [lines[i] for i in sorted(kept)]
+Item = TypeVar("Item")
+
+
+def largest(items: Sequence[Item], size: Callable[[Item], float], most: int = SECTION_ROWS) -> list[Item]:
+    """The `most` largest, in their original order."""
+    kept = sorted(range(len(items)), key=lambda i: -size(items[i]))[:most]
+    return [items[i] for i in sorted(kept)]
 
 
 def largest_table(
-    lines: list[dict[str, Any]],
-    size: Callable[[dict[str, Any]], float],
-    row: Callable[[dict[str, Any]], Cells],
+    lines: list[Table],
+    size: Callable[[Table], float],
+    row: Callable[[Table], Cells],
     which: str = "largest",
     what: str = "lines",
 ) -> str:
@@ -62,7 +66,8 @@ def largest_table(
     shown = largest(lines, size)
     if len(shown) == len(lines):
         return table_of([row(line) for line in shown])
-    at = [i for i, line in enumerate(lines) if any(line is one for one in shown)]
+    kept = {id(line) for line in shown}
+    at = [i for i, line in enumerate(lines) if id(line) in kept]
     rows = []
     for before, here in zip([-1, *at], [*at, len(lines)], strict=True):
         if here - before > 1:
@@ -74,21 +79,13 @@ def largest_table(
     return f"{text}\n\nThe {which} {len(shown)} of {len(lines)} {what}; report.json has all."
 
 
-def _names(names: list[str]) -> str:
-    if len(names) > SECTION_ROWS:
-        more = f" and {len(names) - SECTION_ROWS} more"
-    else:
-        more = ""
-    return ", ".join(names[:SECTION_ROWS]) + more
-
-
-def tension(lines: list[dict[str, Any]]) -> str:
+def tension(lines: list[Table]) -> str:
     why = {line["line"]: GIVE_LOAD for line in lines if line["utilisation"] is None}
     text = largest_table(lines, lambda line: line["largest"]["n"], _tension_row)
     return text + _missing("breaking load", lines, why)
 
 
-def _tension_row(line: dict[str, Any]) -> Cells:
+def _tension_row(line: Table) -> Cells:
     used = line["utilisation"]
     return {
         "line": line["line"],
@@ -111,7 +108,7 @@ def _tension_row(line: dict[str, Any]) -> Cells:
     }
 
 
-def _most_probable(line: dict[str, Any]) -> str:
+def _most_probable(line: Table) -> str:
     """The most probable maximum, unless the tensions are not Gaussian, as it assumes."""
     kurtosis = line["excess_kurtosis"]
     if abs(kurtosis) <= NOT_GAUSSIAN:
@@ -119,40 +116,40 @@ def _most_probable(line: dict[str, Any]) -> str:
     return f"- (excess kurtosis {kurtosis:.2g})"
 
 
-def _mean_and_peak(line: dict[str, Any], end: str) -> str:
+def _mean_and_peak(line: Table, end: str) -> str:
     """Mean and maximum force on an end point, with the time of the maximum."""
     mean, most = (newton(line[f"{what}_{end}_force_n"]) for what in ("mean", "max"))
     return f"{mean} / {most} at {line[f'max_{end}_force_s']:.2f} s"
 
 
-def with_position(found: dict[str, Any], value: str, when: str = "t_s") -> str:
+def with_position(found: Table, value: str, when: str = "t_s") -> str:
     """A value with its arc length and time."""
     return f"{value} at {found['at_m']:.1f} m, {found[when]:.2f} s"
 
 
-def _missing(what: str, lines: list[dict[str, Any]], why: dict[str, str]) -> str:
+def _missing(what: str, lines: list[Table], why: dict[str, str]) -> str:
     """A note on lines without a value, by the reason for each."""
     found = ""
     for reason in dict.fromkeys(why.values()):
         names = [name for name, own in why.items() if own == reason]
-        which = "any line" if len(names) == len(lines) else _names(names)
+        which = "any line" if len(names) == len(lines) else first_names(names, SECTION_ROWS)
         found += f"\n\nNo {what} of {which}: {reason}."
     return found
 
 
-def anchors(anchors: list[dict[str, Any]]) -> str:
-    text = largest_table(anchors, _load_of_anchor, _anchor_row, what="points")
-    rows = [_holding_row(a) for a in largest(anchors, _load_of_anchor) if a.get("holding") is not None]
+def anchors(anchors: list[Table]) -> str:
+    text = largest_table(anchors, load_of_anchor, _anchor_row, what="points")
+    rows = [_holding_row(a) for a in largest(anchors, load_of_anchor) if a.get("holding") is not None]
     if rows:
         return f"{text}\n\n{table_of(rows)}"
     return text
 
 
-def _load_of_anchor(anchor: dict[str, Any]) -> float:
+def load_of_anchor(anchor: Table) -> float:
     return anchor["total_n"]["max"]
 
 
-def _anchor_row(anchor: dict[str, Any]) -> Cells:
+def _anchor_row(anchor: Table) -> Cells:
     angle = anchor["uplift_rad"]
     most = anchor["uplift_at_largest_load_rad"]
     return {
@@ -179,7 +176,7 @@ def _percent(share: float) -> str:
     return f"{100 * share:.1f}"
 
 
-def _holding_row(anchor: dict[str, Any]) -> Cells:
+def _holding_row(anchor: Table) -> Cells:
     """Utilisation of an anchor of the scene."""
     found = anchor["holding"]
     return {
@@ -191,7 +188,7 @@ def _holding_row(anchor: dict[str, Any]) -> Cells:
     }
 
 
-def snaps(lines: list[dict[str, Any]]) -> str:
+def snaps(lines: list[Table]) -> str:
     """Slack and snaps of lines that stretch, compression of rigid ones."""
     key = "largest_share_slack"
     parts = []
@@ -207,13 +204,13 @@ def snaps(lines: list[dict[str, Any]]) -> str:
     return "\n\n".join(parts)
 
 
-def _largest_snap(line: dict[str, Any]) -> float:
+def _largest_snap(line: Table) -> float:
     if line["shown"]:
         return line["shown"][0]["peak_n"]
     return 0.0
 
 
-def _snap_row(line: dict[str, Any], what: str) -> Cells:
+def _snap_row(line: Table, what: str) -> Cells:
     peak = "none"
     if line["shown"]:
         peak = with_position(line["shown"][0], newton(_largest_snap(line)), "peak_s")
@@ -227,28 +224,28 @@ def _snap_row(line: dict[str, Any], what: str) -> Cells:
 
 def _table_and_others(
     word: str,
-    lines: list[dict[str, Any]],
+    lines: list[Table],
     key: str,
     limit: float,
-    size: Callable[[dict[str, Any]], float],
-    row: Callable[[dict[str, Any]], Cells],
+    size: Callable[[Table], float],
+    row: Callable[[Table], Cells],
     every: str = "all lines",
 ) -> str:
     """The table of the lines with a value above the limit, and the names of the others after a heading."""
     some = [line for line in lines if line[key] > limit]
     others = [line["line"] for line in lines if line not in some]
     text = largest_table(some, size, row) if some else ""
-    which = _names(others) if some else every
+    which = first_names(others, SECTION_ROWS) if some else every
     return "\n\n".join(part for part in (text, f"{word}: {which}." if others else "") if part)
 
 
-def fatigue(lines: list[dict[str, Any]]) -> str:
+def fatigue(lines: list[Table]) -> str:
     why = {line["line"]: line["why_no_damage"] for line in lines if line["damage"] is None}
     text = largest_table(lines, lambda line: max(line["equivalent_range_n"]), _fatigue_row)
     return text + _missing("damage", lines, why)
 
 
-def _fatigue_row(line: dict[str, Any]) -> Cells:
+def _fatigue_row(line: Table) -> Cells:
     worst = int(np.argmax(line["equivalent_range_n"]))
     with_load = line["damage"] is not None
     life = "-"
@@ -266,21 +263,21 @@ def _fatigue_row(line: dict[str, Any]) -> Cells:
     }
 
 
-def watch(points: list[dict[str, Any]]) -> str:
+def watch(points: list[Table]) -> str:
     return largest_table(points, lambda point: point["radius_max_m"], _watch_row, what="points")
 
 
-def _watch_row(point: dict[str, Any]) -> Cells:
+def _watch_row(point: Table) -> Cells:
     static = point["radius_from_static_max_m"]
     return {
         "point": point["point"] + (f" ({point['buoy']})" if point["buoy"] else ""),
         "radius, max / 95 % [m]": f"{point['radius_max_m']:.3f} / {point['radius_95_m']:.3f}",
         "from the static position [m]": "no static start" if static is None else f"{static:.3f}",
-        "range of x / y / z [m]": " / ".join(f"{x:.3f}" for x in point["range_m"]),
+        "range of x / y / z [m]": " / ".join(cells(point["range_m"], ".3f")),
     }
 
 
-def water(section: dict[str, Any]) -> str:
+def water(section: Table) -> str:
     if "skipped" in section:
         return f"Left out: {section['skipped']}."
     text = largest_table(section["lines"], lambda line: -min(line["least_depth_m"]), _depth_row, "highest")
@@ -290,7 +287,7 @@ def water(section: dict[str, Any]) -> str:
     return text
 
 
-def _depth_row(line: dict[str, Any]) -> Cells:
+def _depth_row(line: Table) -> Cells:
     return {
         "line": line["line"],
         "under water, minimum over nodes [% of time]": _percent(min(line["share_under_water"])),
@@ -299,7 +296,7 @@ def _depth_row(line: dict[str, Any]) -> Cells:
     }
 
 
-def _draught_row(buoy: dict[str, Any]) -> Cells:
+def _draught_row(buoy: Table) -> Cells:
     return {
         "buoy": buoy["buoy"],
         "draught, min / mean / max [m]": _range(buoy["draught_m"], "{:.2f}".format),
@@ -310,12 +307,12 @@ def _draught_row(buoy: dict[str, Any]) -> Cells:
     }
 
 
-def acceleration(lines: list[dict[str, Any]]) -> str:
+def acceleration(lines: list[Table]) -> str:
     key = "largest_m_per_s2"
     return _table_and_others("At rest", lines, key, SHOWN_ROUNDING, lambda line: line[key], _acceleration_row)
 
 
-def _acceleration_row(line: dict[str, Any]) -> Cells:
+def _acceleration_row(line: Table) -> Cells:
     return {
         "line": line["line"],
         "rms, worst node [m/s^2]": f"{max(line['rms_m_per_s2']):.3g}",
@@ -324,11 +321,11 @@ def _acceleration_row(line: dict[str, Any]) -> Cells:
     }
 
 
-def distance(lines: list[dict[str, Any]]) -> str:
+def distance(lines: list[Table]) -> str:
     return largest_table(lines, lambda line: -(line["least_distance_m"] or math.inf), _distance_row, "nearest")
 
 
-def _distance_row(line: dict[str, Any]) -> Cells:
+def _distance_row(line: Table) -> Cells:
     near = line["least_distance_m"]
     touch = line["diameters_m"] if line["nearest"] else None
     text = "no links without a common point"
@@ -349,12 +346,12 @@ def _distance_row(line: dict[str, Any]) -> Cells:
     }
 
 
-def seabed(lines: list[dict[str, Any]]) -> str:
+def seabed(lines: list[Table]) -> str:
     key = "share_with_contact"
     return _table_and_others("No link on the seabed", lines, key, 0.0, lambda line: line["length_m"]["mean"], _bed_row)
 
 
-def _bed_row(line: dict[str, Any]) -> Cells:
+def _bed_row(line: Table) -> Cells:
     return {
         "line": line["line"],
         "length on the seabed, min / mean / max [m]": _range(line["length_m"], "{:.2f}".format),

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from dropper_jax.base.markdown import markdown_table, table
+from dropper_jax.base.markdown import cells, markdown_table, table
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
 from dropper_jax.report.parts import bodies_text, crop_text, parts_text
@@ -14,7 +13,7 @@ from dropper_jax.run.growth import weight_cells
 from dropper_jax.scene import link_mass_words
 
 
-def markdown(found: dict[str, Any], pictures: list[dict[str, str]]) -> str:
+def markdown(found: Table, pictures: list[dict[str, str]]) -> str:
     """The complete report.
 
     Args:
@@ -38,7 +37,7 @@ def markdown(found: dict[str, Any], pictures: list[dict[str, str]]) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _overview(runs: list[dict[str, Any]]) -> str:
+def _overview(runs: list[Table]) -> str:
     return table_of(
         [
             {
@@ -53,7 +52,7 @@ def _overview(runs: list[dict[str, Any]]) -> str:
     )
 
 
-def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
+def _run(run: Table, files: dict[str, str]) -> list[str]:
     def picture(name: str) -> str:
         if name in files:
             return f"![{name.replace('_', ' ')}]({files[name]})"
@@ -94,7 +93,7 @@ def _run(run: dict[str, Any], files: dict[str, str]) -> list[str]:
     ]
 
 
-def _weights(rows: list[dict[str, Any]]) -> list[str]:
+def _weights(rows: list[Table]) -> list[str]:
     """Weights of lines in water; empty without water."""
     if not rows:
         return []
@@ -102,7 +101,7 @@ def _weights(rows: list[dict[str, Any]]) -> list[str]:
 
 
 @empty_unless_rows
-def _bending(found: list[dict[str, Any]]) -> list[str]:
+def _bending(found: list[Table]) -> list[str]:
     """Moments and radii; empty if lines have no bending stiffness."""
     rows = [
         {
@@ -116,19 +115,19 @@ def _bending(found: list[dict[str, Any]]) -> list[str]:
 
 
 @empty_unless_rows
-def _coefficients(found: list[dict[str, Any]]) -> list[str]:
+def _coefficients(found: list[Table]) -> list[str]:
     """Flow-dependent coefficients; empty without any."""
     return ["## Coefficients from the flow", markdown_table(flow_cells(found))]
 
 
-def _spread(section: dict[str, Any]) -> str:
+def _spread(section: Table) -> str:
     """Minimum, mean and maximum over the runs; for a few runs also the value of each run, as needed by a sweep over
     steps."""
     # maximum number of runs with values side by side
     few = len(section["dt_s"]) <= 6
     own = [f"run {i + 1}" for i in range(len(section["dt_s"]))] if few else []
     rows = [
-        ["step [s]", "", "", "", *(f"{dt:g}" for dt in section["dt_s"][: len(own)])],
+        ["step [s]", "", "", "", *cells(section["dt_s"][: len(own)], "g")],
         [
             "internal damping, maximum [N s]",
             *("", "", ""),
@@ -136,16 +135,16 @@ def _spread(section: dict[str, Any]) -> str:
         ],
     ]
     for name, v in section["values"].items():
-        cells = [v["min"], v["mean"], v["max"], *v["by_run"][: len(own)]]
+        values = [v["min"], v["mean"], v["max"], *v["by_run"][: len(own)]]
         if name.startswith(("tension of", "load of")):
             label = f"largest {name}"
         else:
             label = name
-        rows.append([label, *(f"{x:.4g}" for x in cells)])
+        rows.append([label, *cells(values, ".4g")])
     return table(["loads in N", "least", "mean", "largest", *own], rows)
 
 
-def _extremes(section: dict[str, Any]) -> str:
+def _extremes(section: Table) -> str:
     if isinstance(section.get("skipped"), str):
         return f"Left out: {section['skipped']}."
     rows = []
@@ -160,12 +159,12 @@ def _extremes(section: dict[str, Any]) -> str:
     return table(["maximum in the storm", f"most probable{what}", f"mean{what}", f"90th percentile{what}"], rows)
 
 
-def _with_interval(one: dict[str, Any], key: str) -> str:
+def _with_interval(one: Table, key: str) -> str:
     low, high = one[f"{key}_interval"]
     return f"{newton(one[key])} ({newton(low)} to {newton(high)})"
 
 
-def _settings(settings: dict[str, Any]) -> str:
+def _settings(settings: Table) -> str:
     return table_of(
         [
             {

@@ -33,11 +33,7 @@ def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    good = [
-        k
-        for k in range(0, len(solution.t), every)
-        if all(np.isfinite(a[k]).all() for a in (solution.positions, solution.velocities, solution.tension))
-    ]
+    good = [k for k in range(0, len(solution.t), every) if _is_finite(solution, k)]
     if not good:
         raise SceneError(f"{solution.scene.name}: no finite sample. Use a run with at least one")
     entries = []
@@ -60,6 +56,12 @@ def write_vtk(solution: Solution, folder: str | Path, every: int = 1) -> Path:
         + "\n</Collection>\n</VTKFile>\n"
     )
     return atomic_write(folder / "run.pvd", text)
+
+
+def _is_finite(solution: Solution, k: int) -> bool:
+    """Whether a sample is finite."""
+    arrays = (solution.positions, solution.velocities, solution.tension)
+    return all(np.isfinite(array[k]).all() for array in arrays)
 
 
 def _lines(solution: Solution, k: int) -> str:

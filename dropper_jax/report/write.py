@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from dropper_jax.base.files import atomic_write, folder_without
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.evaluation.extremes import Gumbel
 from dropper_jax.evaluation.record import Record, record
@@ -22,6 +23,7 @@ from dropper_jax.plots import style
 from dropper_jax.plots.panels import DASHES, Curve, hides
 from dropper_jax.plots.run import readable
 from dropper_jax.plots.style import force_unit
+from dropper_jax.report.sections import largest, load_of_anchor
 from dropper_jax.report.text import markdown
 from dropper_jax.run.simulate import Solution
 
@@ -30,7 +32,7 @@ REPORT = "report.md"
 
 
 def write_report(
-    found: dict[str, Any], solutions: dict[str, Solution], folder: str | Path, settings: Settings | None = None
+    found: Table, solutions: dict[str, Solution], folder: str | Path, settings: Settings | None = None
 ) -> Path:
     """Write report.md, report.json and the pictures, those of several runs to `run-1`, `run-2`, ...
 
@@ -62,7 +64,7 @@ INNER = "#56B4E9"
 
 
 @style.plot_style()
-def draw_run(part: Record, found: dict[str, Any], folder: Path) -> dict[str, Path]:
+def draw_run(part: Record, found: Table, folder: Path) -> dict[str, Path]:
     """All pictures for the sections of a run, by name."""
     sections = {
         "tension_range": (_tension_range, found["tension"]),
@@ -76,11 +78,6 @@ def draw_run(part: Record, found: dict[str, Any], folder: Path) -> dict[str, Pat
         for name, (draw, values) in sections.items()
         if isinstance(values, list) and values
     }
-
-
-def _chosen(sizes: list[float]) -> list[int]:
-    """The `MOST` largest, in their original order."""
-    return sorted(int(i) for i in np.argsort(sizes)[::-1][:MOST])
 
 
 def _finish(
@@ -105,9 +102,9 @@ def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
     return figure, list(axes[:count])
 
 
-def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _tension_range(part: Record, found: Table, folder: Path) -> Path:
     """Minimum, mean, maximum tension and percentiles against arc length, and the breaking load if it is close."""
-    lines = [found["tension"][i] for i in _chosen([line["largest"]["n"] for line in found["tension"]])]
+    lines = largest(found["tension"], lambda line: line["largest"]["n"], MOST)
     figure, panels = _panels(len(lines), 3.0)
     unit, scale = force_unit([line["largest"]["n"] for line in lines])
     for axes, line in zip(panels, lines, strict=True):
@@ -134,9 +131,9 @@ def _tension_range(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, "tension range", lines, found["tension"], folder / "tension_range.png")
 
 
-def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _anchors(part: Record, found: Table, folder: Path) -> Path:
     """Horizontal and vertical load of each fixed point against time."""
-    anchors = [found["anchors"][i] for i in _chosen([a["total_n"]["max"] for a in found["anchors"]])]
+    anchors = largest(found["anchors"], load_of_anchor, MOST)
     figure, panels = _panels(len(anchors), 2.6)
     unit, scale = force_unit([anchor["total_n"]["max"] for anchor in anchors])
     peaks = load_extremes(part)
@@ -161,10 +158,10 @@ def _anchors(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, "loads of the fixed points", anchors, found["anchors"], folder / "anchors.png")
 
 
-def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _fatigue(part: Record, found: Table, folder: Path) -> Path:
     """Equivalent range along each line, and the damage per year if there is a breaking load."""
     whole = found["fatigue"]
-    lines = [whole[i] for i in _chosen([max(line["equivalent_range_n"]) for line in whole])]
+    lines = largest(whole, lambda line: max(line["equivalent_range_n"]), MOST)
     damaged = all(line["damage"] is not None for line in lines)
     figure = style.new_figure(7.5, 5.6 if damaged else 3.4)
     panels = figure.subplots(1 + damaged, 1, sharex=True, squeeze=False)[:, 0]
@@ -185,9 +182,9 @@ def _fatigue(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, "fatigue along the lines", lines, whole, folder / "fatigue.png")
 
 
-def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _watch(part: Record, found: Table, folder: Path) -> Path:
     """Plan view of each moving point about its mean position, with its watch circle, and its z over time."""
-    points = [found["watch_circle"][i] for i in _chosen([p["radius_max_m"] for p in found["watch_circle"]])]
+    points = largest(found["watch_circle"], lambda point: point["radius_max_m"], MOST)
     columns = -(-len(points) // 2)
     figure = style.new_figure(4.0 + 2.4 * columns, 4.6)
     left, right = figure.subfigures(1, 2, width_ratios=(2.4 * columns, 4.0))
@@ -218,7 +215,7 @@ def _watch(part: Record, found: dict[str, Any], folder: Path) -> Path:
     return _finish(figure, part, "watch circles", points, found["watch_circle"], folder / "watch_circle.png")
 
 
-def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
+def _along(part: Record, found: Table, folder: Path) -> Path:
     """Fraction of time under water and on the seabed, and accelerations, against arc length."""
     sections = {
         "under water\n[% of time]": (found["submergence"].get("lines"), "share_under_water", 100.0),
@@ -230,7 +227,7 @@ def _along(part: Record, found: dict[str, Any], folder: Path) -> Path:
         "acceleration\n99 % [m/s²]": (found["acceleration"], "p99_m_per_s2", 1.0),
         "slack\n[% of time]": (found["snap"], "slack_share", 100.0),
     }
-    kept = _chosen([line["largest_m_per_s2"] for line in found["acceleration"]])
+    kept = largest(range(len(found["acceleration"])), lambda i: found["acceleration"][i]["largest_m_per_s2"], MOST)
     there = {label: section for label, section in sections.items() if section[0] is not None}
     flat = {label: _constant(section, kept) for label, section in there.items()}
     drawn = {label: section for label, section in there.items() if flat[label] is None}
@@ -267,11 +264,10 @@ def _constant(section: tuple[Any, str, float], columns: list[int]) -> float | No
 
 
 @style.plot_style()
-def draw_extremes(extremes: dict[str, Any], folder: Path) -> Path:
+def draw_extremes(extremes: Table, folder: Path) -> Path:
     """Maxima of the runs on Gumbel paper, the fit, and the storm's 90th percentile with its interval."""
-    names = list(extremes)
-    names = [names[i] for i in _chosen([extremes[n].get("gumbel_mode", -np.inf) for n in names])]
-    names = [n for n in names if "skipped" not in extremes[n]]
+    names = [name for name, one in extremes.items() if "skipped" not in one]
+    names = largest(names, lambda name: extremes[name]["gumbel_mode"], MOST)
     figure, panels = _panels(len(names), 3.0)
     unit, scale = force_unit([extremes[name]["percentile_90"] for name in names])
     for axes, name in zip(panels, names, strict=True):

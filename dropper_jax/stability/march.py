@@ -12,6 +12,7 @@ from jax.typing import ArrayLike
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
@@ -105,7 +106,7 @@ def run_named(scene: str, dt: float, duration: float, dtype: str = "float64") ->
     return run_scene(scene_of(scene), dt, duration, Scheme(OURS.integrator, dtype=dtype))
 
 
-def baselines(case: Case) -> dict[str, Any] | None:
+def baselines(case: Case) -> Table | None:
     """Status of the thesis' schemes on a case, by label: {status, failed_at_s, energy_drift_share}.
 
     `status` is that of a solution; `wrong_energy` marks a run that did not fail but lost or gained more than 10 %.
@@ -115,7 +116,7 @@ def baselines(case: Case) -> dict[str, Any] | None:
     return {scheme.label: _baseline(case, case.baseline, scheme) for scheme in BASELINES}
 
 
-def _baseline(case: Case, duration: float, scheme: Scheme) -> dict[str, Any]:
+def _baseline(case: Case, duration: float, scheme: Scheme) -> Table:
     scene = scene_of(case.scene)
     links = scene.lines[0].links
     if links > BASELINE_LINKS:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax import plots
+from dropper_jax.base.markdown import first_names
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.plots import style, view
@@ -129,9 +130,7 @@ def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path
                 values = [size * row[key] for row in shown]
                 axes.plot(values, depth, "o-", color=colour, ms=3.5, label=f"month {month:g}")
                 axes.plot([values[-1]] * 2, [depth[-1], depth[-1] + below], color=colour, ls="--")
-        column[0].set_title(
-            lines[0] + (f" and {len(lines) - 1} more" if len(lines) > 1 else ""), loc="left", fontsize=9
-        )
+        column[0].set_title(first_names(lines, 1), loc="left", fontsize=9)
         for axes in column:
             axes.axvline(0.0, color=style.FAINT, lw=0.7)
         column[0].set_xlabel("layer [mm]")

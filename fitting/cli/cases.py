@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         from fitting.farm.site import site_text
 
         toml = site_text(args.site).decode().rstrip()
-        return print_result(args.json, done_object(toml=toml), toml)
+        return print_result(args, done_object(toml=toml), toml)
     out = output_folder(args.out, "--out")
     if out is None and not args.list:
         raise SceneError("--out: missing; needed: a folder for the runs and the report, or --list")
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     register_effects(args)
     site = read_site(args.site)
     if args.list:
-        return _list(site, args.json)
+        return _list(site, args)
 
     from fitting.farm.cases.assess import assess
     from fitting.farm.cases.page import write_page
@@ -76,21 +76,19 @@ def run(args: argparse.Namespace) -> int:
         found = assess(site, out, dt)
         steps = step_errors(site, out, dt, found, **how)
     except CasesStopped as error:
-        return print_result(args.json, {}, failure=("interrupted", str(error)))
+        return print_result(args, {}, failure=("interrupted", str(error)))
     found = assess(site, out, dt, steps)
     files = write_page(found, out)
     found |= {"out": str(out), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
-    print_result(args.json, found, text(found, files))
-    if found["failed"]:
-        return FAILED
-    return OK
+    print_result(args, found, text(found, files))
+    return FAILED if found["failed"] else OK
 
 
-def _list(site: Any, as_json: bool) -> int:
+def _list(site: Any, args: argparse.Namespace) -> int:
     names = [storm.name for storm in site.storms]
     found = done_object(site=site.name, cases=names, runs=len(site.cases))
     lines = [*(f"{i}  {label}" for i, label in enumerate(names)), f"\ncases: {len(names)}, runs: {len(site.cases)}"]
-    return print_result(as_json, found, "\n".join(lines))
+    return print_result(args, found, "\n".join(lines))
 
 
 def text(found: dict[str, Any], files: dict[str, Path]) -> str:

@@ -5,18 +5,19 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from dropper_jax.base.errors import SceneError, nearest, silent
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import (
     OK,
-    Failure,
     add_allow_outside,
     add_effects,
     add_examples,
     add_json,
     add_quiet,
     add_set,
+    failure_of,
     listing,
     number,
     output_folder,
@@ -26,7 +27,7 @@ from dropper_jax.cli.options import (
     read_scene,
     table,
 )
-from dropper_jax.cli.outputs import add_out, deliver, out_file
+from dropper_jax.cli.outputs import add_out, deliver
 from fitting.cli.fit_file import add_file_options, fit_files, traces_for
 
 if TYPE_CHECKING:
@@ -175,11 +176,10 @@ def run(args: argparse.Namespace) -> int:
     free = None if args.free is None else args.free.split(",")
     folder = output_folder(args.report, "--report")
     plot = output_folder(args.plot, "--plot")
-    out = out_file(args.out)
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
     _check_numbers(args)
-    shared: dict[str, Any] = {
+    shared: Table = {
         "loss": chosen_loss(args),
         "start": {key: _number("start", key, text) for key, text in _pairs("start", args.start)},
         "bounds": {key: _bounds(key, text) for key, text in _pairs("bounds", args.bounds)},
@@ -223,7 +223,7 @@ def run(args: argparse.Namespace) -> int:
         fixed=args.fixed,
     )
     shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
-    say = progress(args.quiet) or silent
+    say = progress(args.quiet)
     if scene is None:
         result, found, about = fit_files(args, shared, say)
     else:
@@ -241,7 +241,7 @@ def run(args: argparse.Namespace) -> int:
         draw_fit(result, plot)
     print_warnings(result.warnings)
     words = "\n\n".join(filter(None, [about, text(result)]))
-    code = deliver(args.json, result.to_json() | found, words, out, failure_of(result))
+    code = deliver(args, result.to_json() | found, words, failure_of(result))
     if args.accept_misfit and result.status in ACCEPTABLE:
         return OK
     return code
@@ -343,13 +343,6 @@ def add_judgements(result: FitResult, args: argparse.Namespace, say: Progress) -
     say(1.0, result.status)
 
 
-def failure_of(result: SceneFit) -> Failure | None:
-    """Status and message of a fit that failed."""
-    if result.status == "ok":
-        return None
-    return (result.status, f"{result.status}: {result.message}")
-
-
 #: Beginnings of names of parameters that belong to a file of channels, not to the scene.
 OF_DATA = ("start.", "channel.", "camera.")
 #: Options of `--method gradient`.
@@ -368,7 +361,7 @@ OF_TRACES = {
 }
 
 
-def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | None, shared: dict[str, Any]) -> int:
+def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | None, shared: Table) -> int:
     """Fit to the channels that a TOML file names."""
     for key, default in OF_TRACES.items():
         if getattr(args, key) != default:
@@ -383,7 +376,7 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
 
     changed = {"run.dt": args.dt, "run.integrator": args.integrator}
     scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
-    say = progress(args.quiet) or silent
+    say = progress(args.quiet)
     result = fit_channels(
         args.traces[0],
         scene,
@@ -402,7 +395,7 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
     print_warnings(result.warnings)
     tables = (parameter_rows(result), interval_rows(result), between_rows(result), channel_rows(result))
     parts = [*(table(rows) for rows in tables if len(rows) > 1), listing(channel_summary(result)), result.outcome]
-    return deliver(args.json, result.to_json(), "\n\n".join(parts), out_file(args.out), failure_of(result))
+    return deliver(args, result.to_json(), "\n\n".join(parts), failure_of(result))
 
 
 def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.cli.options import number, table
 
 #: Model error that a fit to a file may assume, as a fraction of the motion.
@@ -110,7 +111,7 @@ def column_names(text: str | None) -> dict[str, str] | None:
     return {name.strip(): column.strip() for name, _, column in pairs}
 
 
-def fit_files(args: argparse.Namespace, shared: dict[str, Any], say: Progress) -> tuple[FitResult, dict[str, Any], str]:
+def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:
     """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
     from dropper_jax.load.scene import Scene
     from fitting.calibration.fit import fit, free_laws

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from dropper_jax.base.errors import silent
 from dropper_jax.cli.options import (
     FAILED,
     add_effects,
@@ -21,7 +20,7 @@ from dropper_jax.cli.options import (
     register_effects,
     table,
 )
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 if TYPE_CHECKING:
     from fitting.farm.optimise.run import Optimum
@@ -46,8 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    plot = plot_folder(args.plot)
-    out = out_file(args.out)
     state = output_file(args.state, "--state", (".json",))
 
     from fitting.farm.optimise.run import check_derivatives, optimise, read_problem
@@ -55,22 +52,22 @@ def run(args: argparse.Namespace) -> int:
 
     register_effects(args)
     site = read_site(args.site)
-    say = progress(args.quiet) or silent
+    say = progress(args.quiet)
     if args.check:
         worst = check_derivatives(read_problem(site), say)
         say(1.0, "ok")
         agreement = f"derivatives agree with differences to {worst:.1e}"
-        return print_result(args.json, done_object(check=worst), agreement)
+        return print_result(args, done_object(check=worst), agreement)
     found = optimise(site, state, say)
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
-    if plot:
+    if args.plot:
         from fitting.farm.optimise.run import design_picture
 
-        design_picture(site, found, picture(plot, "design"))
+        design_picture(site, found, picture(args.plot, "design"))
     status = "ok" if found.feasible else "not_converged"
     plain = {"schema": 1, "status": status, "site": site.name, **found.to_json()}
-    code = deliver(args.json, plain, text(found), out)
+    code = deliver(args, plain, text(found))
     if found.feasible:
         return code
     print_line("error: none of the designs found meets all constraints on whole runs")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.base.errors import silent
 from dropper_jax.cli.options import (
     add_effects,
     add_examples,
@@ -15,7 +14,7 @@ from dropper_jax.cli.options import (
     register_effects,
     table,
 )
-from dropper_jax.cli.outputs import add_out, deliver, out_file
+from dropper_jax.cli.outputs import add_out, deliver
 
 help = "plan an experiment: which release, duration and camera determine the parameters best"
 
@@ -44,8 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    out = out_file(args.out)
-
     from fitting.calibration.plan import plan, rows
 
     register_effects(args)
@@ -57,14 +54,13 @@ def run(args: argparse.Namespace) -> int:
         requested=None if args.wanted is None else args.wanted.split(","),
         gap_weight=None if args.gap_weight is None else _numbers("gap-weight", args.gap_weight)[0],
         rate=_numbers("rate", args.rate)[0],
-        progress=progress(args.quiet) or silent,
+        progress=progress(args.quiet),
     )
     return deliver(
-        args.json,
+        args,
         {"status": "ok", "plans": [row.to_json() for row in found]},
         f"{table(rows(found))}\n"
         "standard errors in the parameters' units; times the best: their geometric mean relative to the first row",
-        out,
     )
 
 

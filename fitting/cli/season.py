@@ -16,7 +16,7 @@ from dropper_jax.cli.options import (
     progress,
     register_effects,
 )
-from dropper_jax.cli.outputs import add_plot, picture, plot_folder
+from dropper_jax.cli.outputs import add_plot, picture
 
 help = "floats that carry the mussels of each month, and the resulting farm geometry"
 
@@ -37,7 +37,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     out = output_folder(args.report, "--report")
-    plot = plot_folder(args.plot)
 
     from fitting.farm.season import season, write_season
     from fitting.farm.season.season import draw
@@ -45,12 +44,12 @@ def run(args: argparse.Namespace) -> int:
 
     register_effects(args)
     found = season(read_site(args.site), progress(args.quiet))
-    if plot is not None:
-        draw(found, picture(plot, "season"))
+    if args.plot is not None:
+        draw(found, picture(args.plot, "season"))
     if out is not None:
         write_season(found, out)
         found["out"] = str(out)
-    return print_result(args.json, found, text(found))
+    return print_result(args, found, text(found))
 
 
 def text(found: dict[str, Any]) -> str:

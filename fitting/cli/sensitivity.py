@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.base.errors import SceneError, silent
+from dropper_jax.base.errors import SceneError
 from dropper_jax.cli.options import (
     QUANTITY_HELP,
     add_examples,
@@ -17,7 +17,7 @@ from dropper_jax.cli.options import (
     read_named_range,
     read_scene,
 )
-from dropper_jax.cli.outputs import add_out, add_plot, deliver, out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 
 help = "sensitivity of a quantity to parameters: derivatives, Sobol indices, Morris screening"
 
@@ -55,8 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args, OVERRIDES)
-    target = plot_folder(args.plot)
-    out = out_file(args.out)
     if args.samples < 2:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
 
@@ -65,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from fitting.sensitivity.result import local_text
 
     problem = sensitivity.study(scene, args.of, args.to.split(","))
-    say = progress(args.quiet) or silent
+    say = progress(args.quiet)
     box = None
     if args.method:
         box = sensitivity.ranges(problem, dict(_range(text) for text in args.range))
@@ -74,13 +72,13 @@ def run(args: argparse.Namespace) -> int:
     else:
         found = sensitivity.local(problem, say, args.check)
         text = local_text(found)
-    if target and found.finite:
+    if args.plot and found.finite:
         from fitting.sensitivity.tornado import global_picture, local_picture
 
         if args.method:
-            global_picture(found, args.of, picture(target, "tornado"))
+            global_picture(found, args.of, picture(args.plot, "tornado"))
         else:
-            local_picture(found, picture(target, "tornado"))
+            local_picture(found, picture(args.plot, "tornado"))
     verdict = sensitivity.check_step(problem, box, say)
     warnings = [*found.warnings, *verdict.warnings]
     print_warnings(warnings)
@@ -88,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     if not found.finite:
         failure = "not_converged", f"{args.of}: a step of the run failed; see `dropper run`"
     whole = {**done_object(of=args.of), **found.to_json(), "warnings": warnings}
-    return deliver(args.json, whole, text, out, failure)
+    return deliver(args, whole, text, failure)
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:

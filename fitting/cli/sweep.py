@@ -8,11 +8,12 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
 from dropper_jax.base.memory import available_cores
-from dropper_jax.base.read import ScenePath
+from dropper_jax.base.read import ScenePath, Table
 from dropper_jax.cli.options import (
     add_examples,
     add_quiet,
@@ -138,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
         else:
             result = sweep(scene, vary, args.out, traces=args.traces, **options)
     except SweepStopped as error:
-        return print_result(args.json, {}, failure=("interrupted", str(error)))
+        return print_result(args, {}, failure=("interrupted", str(error)))
     fitted = _fit(args, scene, scores) if args.fit else None
     warnings = [*(scores.warnings if scores else []), *result.verdict.warnings]
     print_warnings(warnings)
@@ -169,7 +170,7 @@ def run(args: argparse.Namespace) -> int:
             draw_sweep(result.path, plot)
     small = not args.json and not args.traces and result.cases <= MOST_ROWS and result.plan.quantities
     words = text(found, _result_table(result.path) if small else "")
-    return print_result(args.json, found, words, result.verdict.failure)
+    return print_result(args, found, words, result.verdict.failure)
 
 
 def _parts(args: argparse.Namespace) -> list[float] | None:
@@ -265,10 +266,10 @@ def _result_table(path: Path) -> str:
         columns = [str(name) for name in (*frame.columns.drop(names), *names)]
         units = [found[name].attrs.get("units") for name in columns]
     heads = tuple(f"{name} [{unit}]" if unit else name for name, unit in zip(columns, units, strict=True))
-    return table([heads, *(tuple(f"{x:.4g}" for x in row) for row in frame[columns].to_numpy())])
+    return table([heads, *(tuple(cells(row, ".4g")) for row in frame[columns].to_numpy())])
 
 
-def text(found: dict[str, Any], results: str = "") -> str:
+def text(found: Table, results: str = "") -> str:
     """The result as text, with a table of inputs and results."""
     counts = ", ".join(f"{count} {status}" for status, count in found["counts"].items() if count)
     pairs = [
@@ -282,7 +283,7 @@ def text(found: dict[str, Any], results: str = "") -> str:
     return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
 
 
-def _score_table(trace: dict[str, Any]) -> str:
+def _score_table(trace: Table) -> str:
     """The cases with the best head, and the fit: RMS angle error and distance of spectra of each part."""
     spans = trace["parts_s"]
     cases = [case for case in trace["cases"] if case["head"]["angle_rms_rad"] is not None]
@@ -292,7 +293,7 @@ def _score_table(trace: dict[str, Any]) -> str:
     rows = [(*names, *(f"{part}{of}" for part in spans for of in ("", " spectrum")))]
     for case in [*cases[:MOST_ROWS], *([fit] if fit else [])]:
         scores = [1e3 * (x if x is not None else float("nan")) for part in spans for x in case[part].values()]
-        rows.append((*(f"{x:.4g}" for x in case["values"].values()), *(f"{x:.3g}" for x in scores)))
+        rows.append((*cells(case["values"].values(), ".4g"), *cells(scores, ".3g")))
     named = ", ".join(f"{part} {low:.4g} to {high:.4g} s" for part, (low, high) in spans.items())
     notes = [f"RMS angle error and distance of amplitude spectra [mrad], {named}"]
     if len(cases) > MOST_ROWS:

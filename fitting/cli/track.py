@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import (
     FAILED,
     OK,
@@ -125,11 +126,10 @@ def run(args: argparse.Namespace) -> int:
             write_positions(tracked, positions)
     if overlay:
         write_overlay(tracked, args.video, overlay)
-    print_result(args.json, {**tracked.to_json(), "out": None if lost else str(out)}, text(tracked, out))
-    if tracked.status != "ok":
-        print_line(f"error: {tracked.message}" + ("" if lost else f"; the earlier part is in {out}"))
+    print_result(args, {**tracked.to_json(), "out": None if lost else str(out)}, text(tracked, out))
     if tracked.status == "ok":
         return OK
+    print_line(f"error: {tracked.message}" + ("" if lost else f"; the earlier part is in {out}"))
     return FAILED
 
 
@@ -142,7 +142,7 @@ def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, pictu
     failure = ("ambiguous_order", f"{error}; {shown} are drawn in {picture}")
     orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in positions] for positions in error.orders]
     found = {"frame": error.frame, "orders": orders, "picture": str(picture)}
-    return print_result(args.json, found, f"ambiguous_order: see {picture}", failure)
+    return print_result(args, found, f"ambiguous_order: see {picture}", failure)
 
 
 def notes(tracked: Tracked) -> list[str]:
@@ -196,7 +196,7 @@ def text(tracked: Tracked, out: Path) -> str:
     if tracked.lens is not None:
         pairs.insert(0, ("lens", f"{tracked.lens.pictures} pictures, error {tracked.lens.error:.2g} pixel"))
     if tracked.scaled:
-        pairs.append(("links", ", ".join(f"{x:.4f}" for x in found["link_length_m"]) + " m"))
+        pairs.append(("links", ", ".join(cells(found["link_length_m"], ".4f")) + " m"))
     if tracked.status == "lost":
         outcome = "no angles are written"
     else:

@@ -74,8 +74,13 @@ class Tracked:
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n - 1,) of the links' measured lengths."""
         used = self.detected[:, 1:] & self.detected[:, :-1] & ~self.marks.links
-        known = [column[good] for column, good in zip(link_lengths(self.metres).T, used.T, strict=True)]
-        return tuple(np.array([f(c) if len(c) else np.nan for c in known]) for f in (np.mean, np.std))
+        mean = np.full(used.shape[1], np.nan)
+        deviation = mean.copy()
+        for j, (column, good) in enumerate(zip(link_lengths(self.metres).T, used.T, strict=True)):
+            if good.any():
+                mean[j] = np.mean(column[good])
+                deviation[j] = np.std(column[good])
+        return mean, deviation
 
     def to_json(self) -> dict[str, Any]:
         """The result without its samples."""

@@ -13,6 +13,7 @@ import numpy as np
 from dropper_jax import load_scene
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.integrators.rattle_4 import Rattle4
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import SceneLike, build
@@ -110,7 +111,7 @@ class TraceScores:
         plan = self.sweep.plan
         return angles(plan, run_at(plan, np.asarray(values, float))["positions"][0])
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Table:
         """Plain values."""
         begins = (0.0, *self.against.ends)
         return {
@@ -149,7 +150,7 @@ class FittedScore:
         simulated = scores.run_at(values)
         return cls(scores.paths, status, values, errors, simulated, *scores.against.score(simulated))
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Table:
         """Plain values."""
         named = lambda values: dict(zip(self.paths, map(float, values), strict=True))  # noqa: E731
         found = {"status": self.status, "values": named(self.values), "std_errors": named(self.errors)}

@@ -22,7 +22,7 @@ import numpy as np
 from dropper_jax import Scene, load_scene
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.memory import available_memory, in_words
-from dropper_jax.base.read import ScenePath, declared_fields
+from dropper_jax.base.read import ScenePath, Table, declared_fields
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.paths import describe
 from dropper_jax.model import Model, State
@@ -201,7 +201,7 @@ class Plan:
             found[name] = self.scene.with_values(changed)
         return found
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> Table:
         """Plain values that identify the sweep; `from_identity` makes the same plan from them."""
         return {
             "format": FORMAT,
@@ -215,7 +215,7 @@ class Plan:
             **self._template(),
         }
 
-    def _template(self) -> dict[str, Any]:
+    def _template(self) -> Table:
         """Plain values of the scene's template, if its parameters are varied."""
         template = self.scene.template
         if template is None or not any(ScenePath(axis.path).section == "parameters" for axis in self.axes):

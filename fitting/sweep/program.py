@@ -163,11 +163,12 @@ class Program:
         for name, value in found.items():
             if name not in ("status", "failed_at"):
                 value[found["status"] != 0] = np.nan
-        size = self.plan.chunk
-        return {
-            c: {name: value[i * size :][: len(self.plan.cases_of(c))] for name, value in found.items()}
-            for i, c in enumerate(pending.chunks)
-        }
+        by_chunk = {}
+        for i, chunk in enumerate(pending.chunks):
+            first = i * self.plan.chunk
+            own = slice(first, first + len(self.plan.cases_of(chunk)))
+            by_chunk[chunk] = {name: value[own] for name, value in found.items()}
+        return by_chunk
 
     def _empty(self, name: str, value: np.ndarray) -> np.ndarray:
         """An array (members, ...) for the results of the largest case: NaN, or 0 for whole numbers."""

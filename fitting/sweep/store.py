@@ -102,10 +102,7 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
         found = differences(self.plan.identity(), there)
         if found:
-            if len(found) > MOST_DIFFERENCES:
-                more = f" and {len(found) - MOST_DIFFERENCES} more"
-            else:
-                more = ""
+            more = f" and {len(found) - MOST_DIFFERENCES} more" if len(found) > MOST_DIFFERENCES else ""
             raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
         there = group.attrs.get("versions", {})
         there = there if isinstance(there, dict) else {}

@@ -311,7 +311,7 @@ def test_progress_away_from_a_terminal_is_a_few_lines(capsys):
         show(i / 1000, f"t = {i} s")
     lines = capsys.readouterr().err.splitlines()
     assert [line.split()[0] for line in lines] == ["25", "50", "75", "100"]
-    assert progress(quiet=True) is None
+    progress(quiet=True)(1.0, "done")
 
 
 def test_installed_command_keeps_standard_output_clean():

@@ -7,68 +7,68 @@ of the body itself becomes a sphere about the centre of mass. A free rod becomes
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from dropper_jax.decks.reading.sections import Deck, Row, columns, integer, number, sizes
+from dropper_jax.base.read import Table
+from dropper_jax.decks.reading.sections import Deck, Row
 
 
-def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> dict[str, Any]:
+def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> Table:
     """`[[body]]` of a free body and the rods on it; its attachments are added with the points."""
-    columns(deck, row, 13, "body")
-    where = [number(deck, row, w, "X0, Y0, Z0") for w in row.words[2:5]]
-    turned = [math.radians(number(deck, row, w, "r0, p0, y0")) for w in row.words[5:8]]
+    row.need(13, "body")
+    where = row.values(2, 5, "X0, Y0, Z0")
+    turned = [math.radians(angle) for angle in row.values(5, 8, "r0, p0, y0")]
     if sum(angle != 0.0 for angle in turned) > 1:
-        deck.refuse(row.number, f"body {row.words[0]}: is rotated about several axes; allowed: about one of x, y and z")
-    mass = number(deck, row, row.words[8], "Mass", 0.0)
-    centre = sizes(deck, row, row.words[9], "CG")
+        row.refuse(f"body {row.words[0]}: is rotated about several axes; allowed: about one of x, y and z")
+    mass = row.value(8, "Mass", 0.0)
+    centre = row.parts(9, "CG")
     centre = np.array(centre if len(centre) == 3 else [0.0, 0.0, centre[0]])
-    moments = sizes(deck, row, row.words[10], "I")
+    moments = row.parts(10, "I")
     parts = [(mass, centre, np.diag(moments if len(moments) == 3 else moments * 3))]
     pairs = [_cylinder(deck, rod) for rod in rods]
-    found = _together(deck, row, f"body {row.words[0]}", [*parts, *(part for _, part in pairs)])
+    found = _together(row, f"body {row.words[0]}", [*parts, *(part for _, part in pairs)])
     found |= {"name": row.name or f"body-{row.words[0]}", "position": where}
     if any(turned):
         found["attitude"] = turned
     cylinders = [cylinder for cylinder, _ in pairs]
-    spheres = _spheres(deck, row, found["centre_of_mass"] if mass == 0.0 else centre.tolist(), notes)
+    spheres = _spheres(row, found["centre_of_mass"] if mass == 0.0 else centre.tolist(), notes)
     return found | {key: shapes for key, shapes in (("cylinders", cylinders), ("spheres", spheres)) if shapes}
 
 
-def free_rod(deck: Deck, row: Row) -> dict[str, Any]:
+def free_rod(deck: Deck, row: Row) -> Table:
     """`[[body]]` of a free rod: its axes are the scene's, its reference point is its end A."""
     cylinder, (mass, centre, inertia) = _cylinder(deck, row)
     start = np.array(cylinder["from"])
-    found = _together(deck, row, f"rod {row.words[0]}", [(mass, centre - start, inertia)])
+    found = _together(row, f"rod {row.words[0]}", [(mass, centre - start, inertia)])
     shape = {**cylinder, "from": [0.0, 0.0, 0.0], "to": (np.array(cylinder["to"]) - start).tolist()}
     return {**found, "name": row.name or f"rod-{row.words[0]}", "position": start.tolist(), "cylinders": [shape]}
 
 
-def _cylinder(deck: Deck, row: Row) -> tuple[dict[str, Any], tuple[float, np.ndarray, np.ndarray]]:
+def _cylinder(deck: Deck, row: Row) -> tuple[Table, tuple[float, np.ndarray, np.ndarray]]:
     """A rod as a cylinder, and its mass [kg], centre of mass [m] and inertia about it [kg m^2]."""
-    columns(deck, row, 10, "rod")
+    row.need(10, "rod")
     kind = _rod_type(deck, row)
-    diameter, each, cdn, can, cdt, cat = (number(deck, kind, w, "rod type", 0.0) for w in kind.words[1:7])
-    a, b = (np.array([number(deck, row, w, "Xa to Zb") for w in row.words[i : i + 3]]) for i in (3, 6))
+    diameter, each, cdn, can, cdt, cat = kind.values(1, 7, "rod type", 0.0)
+    a, b = (np.array(row.values(i, i + 3, "Xa to Zb")) for i in (3, 6))
     length = float(np.linalg.norm(b - a))
     if not length > 0.0:
-        deck.refuse(row.number, f"rod {row.words[0]}: has no length; allowed: two ends")
+        row.refuse(f"rod {row.words[0]}: has no length; allowed: two ends")
     mass = each * length
     along = (b - a) / length
     own = mass * diameter**2 / 8.0
     across = mass * (diameter**2 / 16.0 + length**2 / 12.0)
     inertia = across * np.eye(3) + (own - across) * np.outer(along, along)
     shape = {"from": a.tolist(), "to": b.tolist(), "diameter": diameter, "cdn": cdn, "can": can, "cdt": cdt, "cat": cat}
-    shape["slices"] = max(integer(deck, row, row.words[9], "NumSegs", 0), 1)
+    shape["slices"] = max(row.whole(9, "NumSegs", 0), 1)
     return shape, (mass, 0.5 * (a + b), inertia)
 
 
-def _together(deck: Deck, row: Row, what: str, parts: list[tuple[float, np.ndarray, np.ndarray]]) -> dict[str, Any]:
+def _together(row: Row, what: str, parts: list[tuple[float, np.ndarray, np.ndarray]]) -> Table:
     """Mass, centre of mass and inertia about it of several parts."""
     mass = sum(m for m, _, _ in parts)
     if not mass > 0.0:
-        deck.refuse(row.number, f"{what}: has no mass, with what is on it; allowed: > 0 kg")
+        row.refuse(f"{what}: has no mass, with what is on it; allowed: > 0 kg")
     centre = sum(m * c for m, c, _ in parts) / mass
     inertia = np.zeros((3, 3))
     for m, c, own in parts:
@@ -82,12 +82,12 @@ def _together(deck: Deck, row: Row, what: str, parts: list[tuple[float, np.ndarr
     return {"mass": mass, "centre_of_mass": centre.tolist(), "inertia": [xx, yy, zz, *products]}
 
 
-def _spheres(deck: Deck, row: Row, centre: list[float], notes: list[str]) -> list[dict[str, Any]]:
+def _spheres(row: Row, centre: list[float], notes: list[str]) -> list[Table]:
     """A body's own volume, with the mean of its drag areas and added masses."""
-    volume = number(deck, row, row.words[11], "Volume", 0.0)
-    area = sizes(deck, row, row.words[12], "CdA")
+    volume = row.value(11, "Volume", 0.0)
+    area = row.parts(12, "CdA")
     if len(row.words) > 13:
-        added = sizes(deck, row, row.words[13], "Ca")
+        added = row.parts(13, "Ca")
     else:
         added = [0.0]
     if not volume:
@@ -124,30 +124,30 @@ def _rod_type(deck: Deck, rod: Row) -> Row:
     """The row of a rod's type."""
     types = {row.words[0]: row for row in deck.rows.get("rod types", [])}
     if rod.words[1] not in types:
-        deck.refuse(rod.number, f"rod type {rod.words[1]!r} is not in the file")
-    columns(deck, types[rod.words[1]], 7, "rod type")
+        rod.refuse(f"rod type {rod.words[1]!r} is not in the file")
+    types[rod.words[1]].need(7, "rod type")
     return types[rod.words[1]]
 
 
-def spar(deck: Deck, body: Row, rod: Row, name: str) -> dict[str, Any] | None:
+def spar(deck: Deck, body: Row, rod: Row, name: str) -> Table | None:
     """`[[buoy]]` of a body and its rod, with the position of its base under `position`; None if they are not a spar."""
-    columns(deck, body, 14, "body")
-    columns(deck, rod, 9, "rod")
+    body.need(14, "body")
+    rod.need(9, "rod")
     kind = _rod_type(deck, rod)
-    turned = [number(deck, body, w, "r0, p0, y0") for w in body.words[5:8]]
-    inertia = min(sizes(deck, body, body.words[10], "I"))
-    loads = [x for i in (11, 12) for x in sizes(deck, body, body.words[i], "Volume, CdA")]
-    a = [number(deck, rod, w, "Xa, Ya, Za") for w in rod.words[3:6]]
-    b = [number(deck, rod, w, "Xb, Yb, Zb") for w in rod.words[6:9]]
-    diameter, mass, cdn, can, cdt, cat = (number(deck, kind, w, "rod type") for w in kind.words[1:7])
+    turned = body.values(5, 8, "r0, p0, y0")
+    inertia = min(body.parts(10, "I"))
+    loads = [x for i in (11, 12) for x in body.parts(i, "Volume, CdA")]
+    a = rod.values(3, 6, "Xa, Ya, Za")
+    b = rod.values(6, 9, "Xb, Yb, Zb")
+    diameter, mass, cdn, can, cdt, cat = kind.values(1, 7, "rod type")
     upright = a == [0.0, 0.0, 0.0] and b[:2] == [0.0, 0.0] and b[2] > 0.0
     free = body.words[1].lower() == "free"
     if not (free and upright and mass == 0.0 and inertia >= UPRIGHT and not any(turned) and not any(loads)):
         return None
     return {
-        "position": [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]],
+        "position": body.values(2, 5, "X0, Y0, Z0"),
         "name": name,
-        "mass": number(deck, body, body.words[8], "Mass", 0.0, open_low=True),
+        "mass": body.value(8, "Mass", 0.0, open_low=True),
         "diameter": diameter,
         "height": b[2],
         "cdn": cdn,

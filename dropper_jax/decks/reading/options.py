@@ -4,43 +4,43 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from dropper_jax.axial.tabulated import ForceTable
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import find_referenced, read_lines
-from dropper_jax.decks.reading.sections import Deck, Row, columns, is_number, number
+from dropper_jax.base.read import Table
+from dropper_jax.decks.reading.sections import Deck, Row, is_number
 
 #: Coefficients in the columns after BA in version 1, and after EI in version 2.
 FIRST = ("can", "cat", "cdn", "cdt")
 SECOND = ("cdn", "can", "cdt", "cat")
 
 
-def read_types(deck: Deck, notes: list[str]) -> dict[str, dict[str, Any]]:
+def read_types(deck: Deck, notes: list[str]) -> dict[str, Table]:
     """Line types by name; properties without a counterpart in a scene are added to the notes.
 
     Version 1 has nine columns, version 2 ten or more, with EI in the sixth.
     """
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Table] = {}
     for row in deck.require("line types"):
-        columns(deck, row, 9, "line type")
+        row.need(9, "line type")
         name = row.words[0]
         if name in found:
-            deck.refuse(row.number, f"line type {name!r} is given twice")
+            row.refuse(f"line type {name!r} is given twice")
         second = _second_version(deck, row)
-        kind: dict[str, Any] = {
+        kind: Table = {
             "name": name,
-            "diameter": number(deck, row, row.words[1], "Diam", 0.0, open_low=True),
-            "mass": number(deck, row, row.words[2], "Mass/m", 0.0, open_low=True),
-            **_stiffness(deck, row, notes),
-            **_damping(deck, row, notes),
+            "diameter": row.value(1, "Diam", 0.0, open_low=True),
+            "mass": row.value(2, "Mass/m", 0.0, open_low=True),
+            **_stiffness(row, notes),
+            **_damping(row, notes),
         }
         for i, key in enumerate(SECOND if second else FIRST, 5 + second):
-            kind[key] = number(deck, row, row.words[i], key, 0.0)
+            kind[key] = row.value(i, key, 0.0)
         if second:
-            kind.update(_bending(deck, row, notes))
-        if len(row.words) > 10 and number(deck, row, row.words[10], "Cl", 0.0) > 0.0:
+            kind.update(_bending(row, notes))
+        if len(row.words) > 10 and row.value(10, "Cl", 0.0) > 0.0:
             notes.append(f"line {row.number}: Cl of {name!r} is not represented: no vortex-induced forces")
         found[name] = kind
     return found
@@ -50,66 +50,66 @@ def _second_version(deck: Deck, row: Row) -> bool:
     """Whether a row has EI and the order of version 2, by the column names; without these by their number."""
     names = [word.lower() for word in deck.columns.get("line types", ())]
     if "ei" in names:
-        columns(deck, row, 10, "line type")
+        row.need(10, "line type")
         return True
     if any(word in names for word in ("cdax", "caax")):
         deck.refuse(deck.first["line types"] + 1, "LINE TYPES: columns CdAx CaAx without EI; needed: EI before Cd")
     if any(word in names for word in ("can", "cat", "cdt")) and len(row.words) > 9:
-        deck.refuse(row.number, f"line type: has {len(row.words)} values under a header of version 1; allowed: 9")
+        row.refuse(f"line type: has {len(row.words)} values under a header of version 1; allowed: 9")
     return len(row.words) >= 10
 
 
-def _bending(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
+def _bending(row: Row, notes: list[str]) -> dict[str, float]:
     """`EI` [N m^2] if there is any; a table of moments is ignored, with a note."""
     text = row.words[5]
     if not is_number(text):
         notes.append(f"line {row.number}: EI {text} of {row.words[0]!r} is not represented: lines bend freely")
         return {}
-    value = number(deck, row, text, "EI", 0.0)
+    value = row.read(text, "EI", 0.0)
     if value:
         return {"EI": value}
     return {}
 
 
-def _stiffness(deck: Deck, row: Row, notes: list[str]) -> dict[str, Any]:
+def _stiffness(row: Row, notes: list[str]) -> Table:
     """`EA` [N], or the table of a file; for a viscoelastic rope its static part, with a note."""
     text = row.words[3]
     if "|" in text:
         static = text.split("|")[0]
         notes.append(f"line {row.number}: EA {text} is not represented: the static part {static} is used")
         if static.upper().startswith("SYROPE:"):
-            deck.refuse(row.number, "EA: working curves (SYROPE) are not represented; allowed: a number or a table")
+            row.refuse("EA: working curves (SYROPE) are not represented; allowed: a number or a table")
         text = static
     if not is_number(text):
-        return {"law": "tabulated", **_table(deck, row, text)}
-    return {"EA": number(deck, row, text, "EA", 0.0, open_low=True)}
+        return {"law": "tabulated", **_table(row, text)}
+    return {"EA": row.read(text, "EA", 0.0, open_low=True)}
 
 
-def _table(deck: Deck, row: Row, text: str) -> dict[str, list[float]]:
+def _table(row: Row, text: str) -> dict[str, list[float]]:
     """Strain and tension [N] of a file with three header lines; `force_table` interpolates its rows smoothly."""
-    file = find_referenced(text, f"{deck.path.name}:{row.number}: EA", deck.path.parent)
+    file = find_referenced(text, f"{row.path.name}:{row.number}: EA", row.path.parent)
     try:
         lines = file.read_text(encoding="utf-8").splitlines()[3:]
         rows = [[float(word) for word in line.split()[:2]] for line in lines if line.strip()]
         strain, tension = ([float(row[i]) for row in rows] for i in (0, 1))
     except OSError as error:
-        deck.refuse(row.number, f"EA: {text!r} is neither a number nor a readable file: {error.strerror}")
+        row.refuse(f"EA: {text!r} is neither a number nor a readable file: {error.strerror}")
     except (ValueError, IndexError):
-        deck.refuse(row.number, f"EA: {text!r} is not a table of strain and tension after three header lines")
+        row.refuse(f"EA: {text!r} is not a table of strain and tension after three header lines")
     try:
         ForceTable.read(strain, tension, text)
     except SceneError as error:
-        deck.refuse(row.number, f"EA: {error}")
+        row.refuse(f"EA: {error}")
     return {"strain": strain, "tension": tension}
 
 
-def _damping(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
+def _damping(row: Row, notes: list[str]) -> dict[str, float]:
     """BA [N s] or, if negative, the ratio of critical damping."""
     text = row.words[4]
     if "|" in text:
         notes.append(f"line {row.number}: BA {text} is not represented: the static part is used")
         text = text.split("|")[0]
-    value = number(deck, row, text, "BA/-zeta")
+    value = row.read(text, "BA/-zeta")
     if value < 0.0:
         return {"damping_ratio": -value}
     if value > 0.0:
@@ -219,7 +219,7 @@ def read_options(deck: Deck) -> Options:
     found = Options()
     for row in deck.rows.get("options", []):
         if len(row.words) < 2:
-            deck.refuse(row.number, f"{' '.join(row.words)!r} is not an option; allowed: a value and a name")
+            row.refuse(f"{' '.join(row.words)!r} is not an option; allowed: a value and a name")
         value = row.words[0]
         given = row.words[1]
         name = OTHER_NAMES.get(given.lower(), given.lower())
@@ -233,11 +233,11 @@ def read_options(deck: Deck) -> Options:
             found.texts[name] = value
         elif name not in NUMBERS:
             known = [*NUMBERS, *TEXTS, *WITHOUT, *MISSED, *OTHER_NAMES]
-            deck.refuse(row.number, f"option {given!r} is unknown; {nearest(name, known)}")
+            row.refuse(f"option {given!r} is unknown; {nearest(name, known)}")
         elif is_number(value):
             found.values[name] = float(value)
         elif name == "wtrdpth":  # MoorDyn-F accepts the path of a bathymetry file here
             found.texts["seafloorfile"] = value
         else:
-            deck.refuse(row.number, f"{given}: {value!r} is not a number")
+            row.refuse(f"{given}: {value!r} is not a number")
     return found

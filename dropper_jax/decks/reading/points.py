@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
+from dropper_jax.base.markdown import first_names
+from dropper_jax.base.read import Table
 from dropper_jax.decks.reading.bodies import free_body, free_rod, spar
-from dropper_jax.decks.reading.sections import Deck, Row, columns, integer, number
+from dropper_jax.decks.reading.sections import Deck, Row
 
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")
@@ -29,9 +30,9 @@ class Ends:
     move, `joints` those of free rods without length, which have no mass.
     """
 
-    points: list[dict[str, Any]] = field(default_factory=list)
-    buoys: list[dict[str, Any]] = field(default_factory=list)
-    bodies: list[dict[str, Any]] = field(default_factory=list)
+    points: list[Table] = field(default_factory=list)
+    buoys: list[Table] = field(default_factory=list)
+    bodies: list[Table] = field(default_factory=list)
     names: dict[str, str] = field(default_factory=dict)
     leaving: dict[str, list[float]] = field(default_factory=dict)
     turning: list[str] = field(default_factory=list)
@@ -66,7 +67,7 @@ def read_ends(deck: Deck, notes: list[str]) -> Ends:
 
 def wet_floats_note(floats: Sequence[str]) -> str:
     """What differs for points whose volume lifts them, by name."""
-    names = ", ".join(map(repr, floats[:3])) + (f" and {len(floats) - 3} more" if len(floats) > 3 else "")
+    names = first_names([repr(name) for name in floats], 3)
     return f"points that float ({names}): MoorDyn treats their full volume as submerged, also above the surface"
 
 
@@ -102,19 +103,19 @@ def _moves(deck: Deck, body: Row) -> bool:
 
 def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[str]) -> None:
     """A body with its rods, and the points on it at which lines end."""
-    connectors = [rod for rod in _on(deck, row) if _is_connector(deck, rod)]
+    connectors = [rod for rod in _on(deck, row) if _is_connector(rod)]
     rods = [rod for rod in _on(deck, row) if rod not in connectors]
     body = free_body(deck, row, rods, notes) | _pinned_field(row, row.words[1], f"body {row.words[0]}", notes)
     attached = {}
     for point in _points_on(deck, row):
         if point.words[0].upper() in used:
-            columns(deck, point, 5, "point")
+            point.need(5, "point")
             name = point.name or f"point-{point.words[0]}"
-            attached[name] = [number(deck, point, w, "X, Y, Z") for w in point.words[2:5]]
+            attached[name] = point.values(2, 5, "X, Y, Z")
     for rod, shape in zip(rods, body.get("cylinders", []), strict=True):
         attached |= _rod_ends(rod, shape, found, used)
     for rod in connectors:
-        position = [number(deck, rod, w, "Xa, Ya, Za") for w in rod.words[3:6]]
+        position = rod.values(3, 6, "Xa, Ya, Za")
         attached |= _rod_ends(rod, {"from": position, "to": position}, found, used)
     found.bodies.append({**body, **({"attachments": attached} if attached else {})})
 
@@ -128,13 +129,13 @@ def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> dict[str,
     return {}
 
 
-def _is_connector(deck: Deck, row: Row) -> bool:
+def _is_connector(row: Row) -> bool:
     """Whether a rod has a direction but neither length nor mass: `NumSegs 0`."""
-    columns(deck, row, 10, "rod")
-    return not integer(deck, row, row.words[9], "NumSegs", 0)
+    row.need(10, "rod")
+    return not row.whole(9, "NumSegs", 0)
 
 
-def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> dict[str, list[float]]:
+def _rod_ends(rod: Row, shape: Table, found: Ends, used: set[str]) -> dict[str, list[float]]:
     """Positions in a body's axes of the ends of a rod at which lines end, by name of the point."""
     ends = {f"R{rod.words[0]}{end}": shape[key] for end, key in (("A", "from"), ("B", "to"))}
     attached = {word: position for word, position in ends.items() if word in used}
@@ -145,7 +146,7 @@ def _rod_ends(rod: Row, shape: dict[str, Any], found: Ends, used: set[str]) -> d
 
 def _ends(deck: Deck, row: Row) -> tuple[str, str]:
     """Words of the two ends of a line; version 1 has them after length and segments."""
-    columns(deck, row, 6, "line")
+    row.need(6, "line")
     if not first_version(deck):
         return row.words[2:4]
     return row.words[4:6]
@@ -159,14 +160,14 @@ def first_version(deck: Deck) -> bool:
 
 def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: list[str]) -> set[str]:
     """A point of the scene; returns the bodies to which it is attached."""
-    columns(deck, row, 5, "point")
+    row.need(5, "point")
     key = row.words[0]
     kind = row.words[1].lower()
     if key in found.names:
-        deck.refuse(row.number, f"point {key} is given twice")
+        row.refuse(f"point {key} is given twice")
     name = row.name or f"point-{key}"
-    position = [number(deck, row, w, "X, Y, Z") for w in row.words[2:5]]
-    point: dict[str, Any] = {"name": name, "position": position}
+    position = row.values(2, 5, "X, Y, Z")
+    point: Table = {"name": name, "position": position}
     if kind in FREE:
         point |= {"kind": "free", **_body(deck, row, notes)}
     elif kind in COUPLED:
@@ -177,11 +178,11 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
         found.names[key] = name
         return {kind[4:]}
     elif kind.startswith("body") and kind[4:] in bodies:
-        point["position"] = _on_held(deck, row, bodies[kind[4:]], position, notes)
+        point["position"] = _on_held(row, bodies[kind[4:]], position, notes)
     elif kind.startswith(("body", "turbine")):
-        deck.refuse(row.number, f"point {key} on {row.words[1]!r}: is not in the file; allowed: Fixed, Coupled, Free")
+        row.refuse(f"point {key} on {row.words[1]!r}: is not in the file; allowed: Fixed, Coupled, Free")
     elif kind not in FIXED:
-        deck.refuse(row.number, f"point {key}: {row.words[1]!r} is unknown; allowed: Fixed, Coupled, Free")
+        row.refuse(f"point {key}: {row.words[1]!r} is unknown; allowed: Fixed, Coupled, Free")
     found.names[key] = name
     found.points.append(point)
     if kind.startswith("body"):
@@ -189,21 +190,19 @@ def _point(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, notes: lis
     return set()
 
 
-def _on_held(deck: Deck, row: Row, body: Row, position: list[float], notes: list[str]) -> list[float]:
+def _on_held(row: Row, body: Row, position: list[float], notes: list[str]) -> list[float]:
     """Position of a point on a coupled or fixed body: the body's own position plus the point's offset."""
-    columns(deck, body, 8, "body")
+    body.need(8, "body")
     kind = body.words[1].lower()
     if kind not in (*COUPLED, *FIXED):
-        deck.refuse(
-            row.number,
+        row.refuse(
             f"point {row.words[0]} on body {body.words[0]}, {body.words[1]!r}: is not supported; allowed: free, "
             "pinned, coupled or fixed bodies; of a spar buoy (moment of inertia 1e10 kg m^2 or more) its rod's end A",
         )
-    origin = [number(deck, body, w, "X0, Y0, Z0") for w in body.words[2:5]]
-    turned = [number(deck, body, w, "r0, p0, y0") for w in body.words[5:8]]
+    origin = body.values(2, 5, "X0, Y0, Z0")
+    turned = body.values(5, 8, "r0, p0, y0")
     if any(turned):
-        deck.refuse(
-            body.number,
+        body.refuse(
             f"body {body.words[0]} is rotated by {turned}; allowed: 0, with rotated positions of its points",
         )
     if kind in COUPLED:
@@ -219,11 +218,11 @@ def _body(deck: Deck, row: Row, notes: list[str]) -> dict[str, float]:
     names = [word.upper() for word in deck.columns.get("points", ())]
     words = list(row.words[5:])
     if names[7:10] == list(FORCES):
-        forces = [number(deck, row, w, "FX, FY, FZ") for w in words[2:5]]
+        forces = [row.read(w, "FX, FY, FZ") for w in words[2:5]]
         if any(forces):
             notes.append(f"line {row.number}: forces {forces} on point {row.words[0]} are not represented")
         words = words[:2] + words[5:]
-    values = {key: number(deck, row, w, label, 0.0) for (key, label), w in zip(BODY, words, strict=False)}
+    values = {key: row.read(w, label, 0.0) for (key, label), w in zip(BODY, words, strict=False)}
     return {key: value for key, value in values.items() if value}
 
 
@@ -231,9 +230,9 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
     """A free rod, a joint, a fixed rod, or a spar buoy and its point; returns its body."""
     key = row.words[0]
     holder = row.words[2]
-    if holder.lower() == "free" and _is_connector(deck, row):
+    if holder.lower() == "free" and _is_connector(row):
         joint = row.name or f"point-R{key}"
-        position = [number(deck, row, w, "Xa, Ya, Za") for w in row.words[3:6]]
+        position = row.values(3, 6, "Xa, Ya, Za")
         found.points.append({"name": joint, "kind": "free", "position": position})
         found.names.update({word: joint for word in (f"R{key}A", f"R{key}B") if word in used})
         found.joints.append(joint)
@@ -243,9 +242,9 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
         found.bodies.append({**body, "attachments": _rod_ends(row, body["cylinders"][0], found, used)})
         return ""
     if holder.lower() in (*COUPLED, *FIXED):
-        columns(deck, row, 10, "rod")
-        a, b = ([number(deck, row, w, "Xa to Zb") for w in row.words[first : first + 3]] for first in (3, 6))
-        connector = _is_connector(deck, row)
+        row.need(10, "rod")
+        a, b = (row.values(first, first + 3, "Xa to Zb") for first in (3, 6))
+        connector = _is_connector(row)
         for word, position, sign in ((f"R{key}A", a, -1.0), (f"R{key}B", a if connector else b, 1.0)):
             if word in used:
                 found.names[word] = f"point-{word}"
@@ -263,8 +262,7 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
     else:
         buoy = spar(deck, body, row, row.name or f"buoy-{key}")
     if buoy is None or f"R{key}B" in used:
-        deck.refuse(
-            row.number,
+        row.refuse(
             f"rod {key}, {holder!r}: is not represented; allowed: free, pinned, coupled and fixed rods, rods on free "
             "or pinned bodies, and upright ones without mass on a free body that cannot turn, lines at their end A",
         )

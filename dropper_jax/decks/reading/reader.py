@@ -10,11 +10,12 @@ from typing import Any
 
 from dropper_jax.base.errors import LocatedValues, SceneError, nearest
 from dropper_jax.base.files import find_referenced
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.decks.reading.joints import Part, join_lines
 from dropper_jax.decks.reading.options import Options, read_options, read_seafloor, read_types
 from dropper_jax.decks.reading.points import Ends, first_version, read_ends, wet_floats_note
-from dropper_jax.decks.reading.sections import Deck, columns, integer, number, read_input, split_file
+from dropper_jax.decks.reading.sections import Deck, read_input, split_file
 from dropper_jax.decks.reading.water import read_current, read_waves
 
 #: Values used if the file does not give them; MoorDyn's driver would.
@@ -34,7 +35,7 @@ OPTION_OF = {
 WITHOUT = ("control", "external loads", "syrope ic")
 
 
-def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]:
+def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     """The plain values of the scene of a MoorDyn input, version 1 or 2; what the scene lacks is listed under `notes`.
 
     Lines are tension-only ropes of their type. Damping acts on taut links only (MoorDyn also applies it to slack ones).
@@ -107,7 +108,7 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> dict[str, Any]
     )
 
 
-def _lines_of(deck: Deck, scene: dict[str, Any], ends: Ends, options: Options) -> dict[str, int]:
+def _lines_of(deck: Deck, scene: Table, ends: Ends, options: Options) -> dict[str, int]:
     """The line number in the file of each item of the scene, by path."""
     found = {key: deck.noted[key] for key in deck.given}
     found |= {key: options.lines[name] for key, name in OPTION_OF.items() if name in options.lines}
@@ -137,29 +138,29 @@ def _check_depth(deck: Deck, options: Options, depth: float) -> None:
     options.values["wtrdpth"] = depth
 
 
-def _lines(deck: Deck, types: dict[str, Any], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
-    found: dict[str, dict[str, Any]] = {}
+def _lines(deck: Deck, types: Table, names: dict[str, str], notes: list[str]) -> list[Table]:
+    found: dict[str, Table] = {}
     by_upper = {key.upper(): name for key, name in names.items()}
     order = (4, 5, 2, 3) if first_version(deck) else (2, 3, 4, 5)
     for row in deck.require("lines"):
-        columns(deck, row, 6, "line")
-        start, end, length, links = (row.words[i] for i in order)
+        row.need(6, "line")
+        start, end = (row.words[i] for i in order[:2])
         if row.words[0] in found:
-            deck.refuse(row.number, f"line {row.words[0]} is given twice")
+            row.refuse(f"line {row.words[0]} is given twice")
         if row.words[1] not in types:
-            deck.refuse(row.number, f"line type {row.words[1]!r} is not in the file; {nearest(row.words[1], types)}")
+            row.refuse(f"line type {row.words[1]!r} is not in the file; {nearest(row.words[1], types)}")
         for end_word in (start, end):
             if end_word.upper() not in by_upper:
-                deck.refuse(row.number, f"{end_word!r} is not a point of the file; {nearest(end_word, names)}")
+                row.refuse(f"{end_word!r} is not a point of the file; {nearest(end_word, names)}")
         if start.upper() == end.upper():
-            deck.refuse(row.number, f"line {row.words[0]} starts and ends at {start}; allowed: two different points")
+            row.refuse(f"line {row.words[0]} starts and ends at {start}; allowed: two different points")
         found[row.words[0]] = {
             "name": row.name or f"line-{row.words[0]}",
             "from": by_upper[start.upper()],
             "to": by_upper[end.upper()],
             "type": row.words[1],
-            "length": number(deck, row, length, "UnstrLen", 0.0, open_low=True),
-            "links": integer(deck, row, links, "NumSegs"),
+            "length": row.value(order[2], "UnstrLen", 0.0, open_low=True),
+            "links": row.whole(order[3], "NumSegs"),
         }
     return list(found.values())
 
@@ -170,7 +171,7 @@ def line_parts(deck: Deck) -> dict[str, Part]:
     return join_lines(_lines(deck, read_types(deck, []), ends.names, []), ends.joints)[1]
 
 
-def _joint_notes(lines: list[dict[str, Any]], parts: dict[str, Part], as_given: bool) -> list[str]:
+def _joint_notes(lines: list[Table], parts: dict[str, Part], as_given: bool) -> list[str]:
     """A note for each line that is joined of several, whose start may be `as_given` by the positions of points."""
     joined = [line["name"] for line in lines if "sections" in line]
     own = {name: [key for key, part in parts.items() if part.line == name] for name in joined}
@@ -184,7 +185,7 @@ def _joint_notes(lines: list[dict[str, Any]], parts: dict[str, Part], as_given: 
     ]
 
 
-def _link_of(part: Part, link: int) -> dict[str, Any]:
+def _link_of(part: Part, link: int) -> Table:
     """Line and link of the scene of a line's link, from 1."""
     own = part.links + 1 - link if part.turned else link
     return {"line": part.line, "link": part.first + own}
@@ -197,23 +198,23 @@ def _check_outputs(deck: Deck) -> None:
         for word in row.words:
             found = OUTPUT.fullmatch(word.strip(',"'))
             if found and (found[1] or found[2]) not in known:
-                deck.refuse(row.number, f"output {word!r}: there is no such line; allowed: {', '.join(known)}")
+                row.refuse(f"output {word!r}: there is no such line; allowed: {', '.join(known)}")
 
 
-def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], notes: list[str]) -> list[dict[str, Any]]:
+def _failures(deck: Deck, lines: list[Table], names: dict[str, str], notes: list[str]) -> list[Table]:
     """`[[failure]]` entries: the first or last link of each line that detaches from a point."""
-    found: list[dict[str, Any]] = []
+    found: list[Table] = []
     by_upper = {key.upper(): name for key, name in names.items()}
     by_number = {row.words[0]: line for row, line in zip(deck.rows["lines"], lines, strict=True)}
     for row in deck.rows.get("failure", []):
-        columns(deck, row, 5, "failure")
+        row.need(5, "failure")
         point = by_upper.get(row.words[1].upper(), "")
-        time, load = (number(deck, row, row.words[i], key, 0.0) for i, key in ((3, "FailTime"), (4, "FailTen")))
+        time, load = (row.value(i, key, 0.0) for i, key in ((3, "FailTime"), (4, "FailTen")))
         given = {key: value for key, value in (("time", time), ("load", load)) if value > 0.0}
         for word in row.words[2].split(","):
             line = by_number.get(word, {})
             if point not in (line.get("from"), line.get("to")):
-                deck.refuse(row.number, f"line {word} does not end at point {row.words[1]}")
+                row.refuse(f"line {word} does not end at point {row.words[1]}")
             if given:
                 found.append({"line": line["name"], "link": 1 if line["from"] == point else line["links"], **given})
         if load > 0.0 and "," in row.words[2]:
@@ -221,7 +222,7 @@ def _failures(deck: Deck, lines: list[dict[str, Any]], names: dict[str, str], no
     return found
 
 
-def _run(options: Options, notes: list[str]) -> dict[str, Any]:
+def _run(options: Options, notes: list[str]) -> Table:
     dt = options.values["dtm"]
     if dt is None or dt <= 0.0:
         notes.append(f"the file has no time step dtM: {DEFAULT_STEP:g} s is used")
@@ -236,7 +237,7 @@ def _run(options: Options, notes: list[str]) -> dict[str, Any]:
     return {"dt": dt, **({"save_every": every} if every > 1 else {})}
 
 
-def _bending(lines: list[dict[str, Any]], types: dict[str, Any], ends: Ends, notes: list[str]) -> dict[str, Any] | None:
+def _bending(lines: list[Table], types: Table, ends: Ends, notes: list[str]) -> Table | None:
     """`[effects.bending]` of lines with EI, clamped where they end at fixed rods (as in MoorDyn); None without any."""
     stiff = [line for line in lines if "EI" in types[line["type"]]]
     if not stiff:
@@ -257,14 +258,14 @@ def _bending(lines: list[dict[str, Any]], types: dict[str, Any], ends: Ends, not
     return {}
 
 
-def _effects(options: Options, folder: Path, bending: dict[str, Any] | None) -> dict[str, Any]:
+def _effects(options: Options, folder: Path, bending: Table | None) -> Table:
     values = options.values
-    bed: dict[str, Any] = {"stiffness": values["kbot"], "damping": values["cbot"]}
+    bed: Table = {"stiffness": values["kbot"], "damping": values["cbot"]}
     if "seafloorfile" in options.texts:
         bed.update(read_seafloor(_seafloor(options, folder)))
     elif not values["rho"]:
         bed["depth"] = values["wtrdpth"]
-    found: dict[str, Any] = {"weight": {"gravity": values["g"]}}
+    found: Table = {"weight": {"gravity": values["g"]}}
     if values["rho"]:
         found |= {"buoyancy": {}, "morison_drag": {}, "morison_inertia": {}}
     if values["wtrdpth"] or "bed_x" in bed:
@@ -285,7 +286,7 @@ def _seafloor(options: Options, folder: Path) -> Path:
     return find_referenced(text, "SeafloorFile", None if elsewhere else folder)
 
 
-def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
+def _sea(deck: Deck, options: Options, notes: list[str]) -> Table:
     """`[sea]`; None if the water has no density."""
     values = options.values
     folder = deck.path.parent
@@ -298,7 +299,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
     if not depth or depth <= 0.0:
         at = options.lines.get("wtrdpth", deck.first.get("options", 1))
         deck.refuse(at, "WtrDpth: missing; needed: > 0 m, in the file or as --depth")
-    sea: dict[str, Any] = {"depth": depth, "density": values["rho"], "gravity": values["g"]}
+    sea: Table = {"depth": depth, "density": values["rho"], "gravity": values["g"]}
     waves = values["wavekin"]
     current = values["currents"]
     if waves in (2.0, 3.0, 7.0):
@@ -317,7 +318,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> dict[str, Any]:
     return {"sea": sea}
 
 
-def _apply_free_text(deck: Deck, scene: dict[str, Any]) -> None:
+def _apply_free_text(deck: Deck, scene: Table) -> None:
     """Names, run settings and lines in several pieces, from the free text."""
     for key, text in deck.given.items():
         try:
@@ -336,7 +337,7 @@ def _apply_free_text(deck: Deck, scene: dict[str, Any]) -> None:
                 scene[key] = value
 
 
-def _join_pieces(lines: list[dict[str, Any]], given: Any) -> None:
+def _join_pieces(lines: list[Table], given: Any) -> None:
     """Set the line from which each piece was cut; a list of anything else is a remark of the user."""
     if isinstance(given, list):
         lists = [names for names in given if isinstance(names, list)]

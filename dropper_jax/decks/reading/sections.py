@@ -57,8 +57,12 @@ _NOTE = re.compile(r"^\s*!\s*([A-Za-z_][\w.]*)\s*=\s*(.+?)\s*$")
 
 @dataclass(frozen=True)
 class Row:
-    """One line of a table: its number in the file, its words, and the comment that follows them."""
+    """One line of a table: its number in the file, its words, and the comment that follows them.
 
+    Its numbers are read by their position among the words; every error has the file and the line.
+    """
+
+    path: Path
     number: int
     words: tuple[str, ...]
     comment: str = ""
@@ -70,6 +74,45 @@ class Row:
         if colon and label.strip() == "name":
             return name.strip()
         return ""
+
+    def refuse(self, text: str) -> NoReturn:
+        """Raise an error for this line."""
+        raise SceneError(f"{self.path}:{self.number}: {text}")
+
+    def need(self, least: int, what: str) -> None:
+        """Reject a row with too few words."""
+        if len(self.words) < least:
+            self.refuse(f"{what}: has {len(self.words)} values; allowed: {least}")
+
+    def read(self, text: str, what: str, low: float | None = None, open_low: bool = False) -> float:
+        """The finite number of a text, at least (or above) `low`."""
+        value = float(text) if is_number(text) else math.nan
+        if not math.isfinite(value):
+            self.refuse(f"{what}: {text!r} is not a number")
+        if low is not None and (value < low or (open_low and value == low)):
+            self.refuse(f"{what}: {text} is out of range; allowed: {'>' if open_low else '>='} {low:g}")
+        return value
+
+    def value(self, at: int, what: str, low: float | None = None, open_low: bool = False) -> float:
+        """The number of a word."""
+        return self.read(self.words[at], what, low, open_low)
+
+    def values(self, first: int, end: int, what: str, low: float | None = None) -> list[float]:
+        """The numbers of several words."""
+        return [self.read(word, what, low) for word in self.words[first:end]]
+
+    def parts(self, at: int, what: str) -> list[float]:
+        """The numbers of a word, which bars separate."""
+        return [self.read(part, what) for part in self.words[at].split("|")]
+
+    def whole(self, at: int, what: str, low: int = 1) -> int:
+        """The whole number of a word, at least `low`."""
+        value = self.value(at, what, low)
+        if value > MOST:
+            self.refuse(f"{what}: {self.words[at]!r} is out of range; allowed: at most {MOST}")
+        if value != int(value):
+            self.refuse(f"{what}: {self.words[at]!r} is not a whole number")
+        return int(value)
 
 
 @dataclass
@@ -168,7 +211,7 @@ def split_file(path: str | Path, text: str) -> Deck:
                 deck.given[note[1]] = note[2]
                 deck.noted[note[1]] = number
             continue
-        row = _row(number, line)
+        row = _row(deck.path, number, line)
         if skip:
             if skip == 2 and _COUNT.match(line):
                 continue  # older files give the number of rows
@@ -182,26 +225,10 @@ def split_file(path: str | Path, text: str) -> Deck:
     return deck
 
 
-def _row(number: int, line: str) -> Row:
+def _row(path: Path, number: int, line: str) -> Row:
     """Words up to a comment, which starts with `!`, `#` or `%` (a `#` inside a word is part of it)."""
     words, comment = (*re.split(r"(?:^|\s)[!#%]", line, maxsplit=1), "")[:2]
-    return Row(number, tuple(words.split()), comment.strip())
-
-
-# Numbers of table rows; every error contains the line number in the file
-
-
-def number(deck: Deck, row: Row, text: str, what: str, low: float | None = None, open_low: bool = False) -> float:
-    """A finite number, at least (or above) `low`."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        deck.refuse(row.number, f"{what}: {text!r} is not a number")
-    if low is not None and (value < low or (open_low and value == low)):
-        deck.refuse(row.number, f"{what}: {text} is out of range; allowed: {'>' if open_low else '>='} {low:g}")
-    return value
+    return Row(path, number, tuple(words.split()), comment.strip())
 
 
 def is_number(text: str) -> bool:
@@ -211,24 +238,3 @@ def is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def integer(deck: Deck, row: Row, text: str, what: str, low: int = 1) -> int:
-    """A whole number, at least `low`."""
-    value = number(deck, row, text, what, low)
-    if value > MOST:
-        deck.refuse(row.number, f"{what}: {text!r} is out of range; allowed: at most {MOST}")
-    if value != int(value):
-        deck.refuse(row.number, f"{what}: {text!r} is not a whole number")
-    return int(value)
-
-
-def sizes(deck: Deck, row: Row, text: str, what: str) -> list[float]:
-    """Numbers separated by bars."""
-    return [number(deck, row, part, what) for part in text.split("|")]
-
-
-def columns(deck: Deck, row: Row, least: int, what: str) -> None:
-    """Reject a row with too few values."""
-    if len(row.words) < least:
-        deck.refuse(row.number, f"{what}: has {len(row.words)} values; allowed: {least}")

@@ -7,12 +7,12 @@ Those here are `a cos(k . x - w t + p)`, so `p = pi/2 - e`.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import read_lines
+from dropper_jax.base.read import Table
 from dropper_jax.sea.waves import elevation_components
 
 FREQUENCIES = "wave_frequencies.txt"
@@ -20,7 +20,7 @@ ELEVATION = "wave_elevation.txt"
 CURRENT = "current_profile.txt"
 
 
-def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> dict[str, Any]:
+def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> Table:
     """`[sea.waves]` of WaveKin 2, 3 or 7.
 
     Args:
@@ -52,7 +52,7 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> dict[s
     return {"kind": "components", "direction": courses if len(set(courses)) > 1 else courses[0], **found}
 
 
-def read_current(folder: Path) -> dict[str, Any]:
+def read_current(folder: Path) -> Table:
     """`[sea.current]` of Currents 1: a steady profile over height."""
     rows = sorted(row for _, row in _rows(folder / CURRENT, 4, 3))
     if len(rows) == 1:

@@ -6,11 +6,10 @@ import importlib
 import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Plain, Table
 from dropper_jax.decks.reading.reader import DEFAULT_DURATION, DEFAULT_STEP, read_moordyn
 from dropper_jax.decks.reading.sections import read_input
 
@@ -34,7 +33,7 @@ VESSEL = ("fair", "ves", "coupled")
 FREE = ("con", "free")
 
 
-def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str, Any]:
+def read_yaml_mooring(path: str | Path, depth: float | None = None) -> Table:
     """The plain values of the scene of a YAML file of MoorPy, or of the `mooring` of a RAFT file.
 
     Lines are tension-only ropes of their type, with `diameter` that of the displaced volume; points of a vessel are
@@ -89,7 +88,7 @@ def read_yaml_mooring(path: str | Path, depth: float | None = None) -> dict[str,
     }
 
 
-def _load(path: Path) -> dict[str, Any]:
+def _load(path: Path) -> Table:
     try:
         yaml = importlib.import_module("yaml")
     except ImportError:
@@ -104,20 +103,18 @@ def _load(path: Path) -> dict[str, Any]:
     return _table(path, found, "the file")
 
 
-def _table(path: Path, value: Plain, at: str) -> dict[str, Any]:
+def _table(path: Path, value: Plain, at: str) -> Table:
     if not isinstance(value, dict):
         raise SceneError(f"{path}: {at}: is not a table; allowed: a mooring of MoorPy or RAFT")
     return value
 
 
-def _entries_by_name(
-    path: Path, mooring: dict[str, Any], key: str, read: Callable[[dict[str, Any], str], dict[str, Any]]
-) -> dict[str, dict[str, Any]]:
+def _entries_by_name(path: Path, mooring: Table, key: str, read: Callable[[Table, str], Table]) -> dict[str, Table]:
     """Entries of a list by their names."""
     rows = mooring.get(key)
     if not isinstance(rows, list) or not rows:
         raise SceneError(f"{path}: {key}: missing; needed: a list with at least one entry")
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Table] = {}
     for i, row in enumerate(rows):
         at = f"{key}.{i}"
         _table(path, row, at)
@@ -128,7 +125,7 @@ def _entries_by_name(
     return found
 
 
-def _type(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[str, Any]:
+def _type(path: Path, row: Table, at: str, notes: list[str]) -> Table:
     _note_ignored(notes, f"{at}.", row, ("name", *(theirs for _, theirs, _ in TYPE)))
     found = {}
     for ours, theirs, needed in TYPE:
@@ -144,12 +141,12 @@ def _type(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[st
     return {**found, **dict.fromkeys(zero, 0.0)}
 
 
-def _point(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[str, Any]:
+def _point(path: Path, row: Table, at: str, notes: list[str]) -> Table:
     _note_ignored(notes, f"{at}.", row, ("name", "type", "location", "mass", "volume"))
     position = row.get("location")
     if not isinstance(position, list) or len(position) != 3:
         raise SceneError(f"{path}: {at}.location: {position!r} is not a position; allowed: [x, y, z] in m")
-    found: dict[str, Any] = {"position": [_number(path, x, f"{at}.location") for x in position]}
+    found: Table = {"position": [_number(path, x, f"{at}.location") for x in position]}
     kind = str(row.get("type", "")).lower()
     if any(word in kind for word in HELD):
         return found
@@ -168,9 +165,7 @@ def _point(path: Path, row: dict[str, Any], at: str, notes: list[str]) -> dict[s
     return {**found, "kind": "free", **bodies}
 
 
-def _line(
-    path: Path, row: dict[str, Any], at: str, types: Iterable[str], points: Iterable[str], notes: list[str]
-) -> dict[str, Any]:
+def _line(path: Path, row: Table, at: str, types: Iterable[str], points: Iterable[str], notes: list[str]) -> Table:
     _note_ignored(notes, f"{at}.", row, ("name", "type", "length", "endA", "endB"))
     found = {}
     for ours, theirs, known in (("type", "type", types), ("from", "endA", points), ("to", "endB", points)):
@@ -198,12 +193,12 @@ def _number(path: Path, value: Plain, at: str, low: float = -math.inf, open_low:
     return found
 
 
-def _first(path: Path, *tables: tuple[dict[str, Any], str], default: float) -> float:
+def _first(path: Path, *tables: tuple[Table, str], default: float) -> float:
     """The first of these that exists."""
     return next((_number(path, table[key], key, 0.0, True) for table, key in tables if key in table), default)
 
 
-def _depth(path: Path, mooring: dict[str, Any], site: dict[str, Any], depth: float | None) -> float:
+def _depth(path: Path, mooring: Table, site: Table, depth: float | None) -> float:
     given = {**site, **mooring}.get("water_depth", depth)
     if given is None:
         raise SceneError(f"{path}: water_depth: missing; needed: > 0 m, in the file or as --depth")
@@ -212,7 +207,7 @@ def _depth(path: Path, mooring: dict[str, Any], site: dict[str, Any], depth: flo
     return _number(path, given, "water_depth" if depth is None else "--depth", 0.0, True)
 
 
-def _note_ignored(notes: list[str], before: str, table: dict[str, Any], read_keys: tuple[str, ...]) -> None:
+def _note_ignored(notes: list[str], before: str, table: Table, read_keys: tuple[str, ...]) -> None:
     """Add a note with the keys of a table that are not read."""
     keys = [f"{before}{key}" for key in table if key not in read_keys]
     if keys:

@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.read import Table
 from dropper_jax.evaluation.tension import YEAR, damage
 from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.farm.cases.one import Found
 from fitting.farm.cases.stored import Runs
 from fitting.farm.site import Anchor, Part, Site, Storm
-from fitting.farm.site.case_lists import CASE_KINDS
 
 
-def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | None = None) -> dict[str, Any]:
+def assess(site: Site, folder: str | Path, dt: float, step: Table | None = None) -> Table:
     """All content of the report, as plain values.
 
     The utilisation of a part in a case is that of its worst line, `factor * characteristic load / capacity`. Its error
@@ -27,8 +26,8 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
         step: errors by part, from `step_errors`.
     """
     runs = Runs(site, folder, dt)
-    rows: dict[str, list[dict[str, Any]]] = {part.name: [] for part in site.parts}
-    held: dict[str, list[dict[str, Any]]] = {name: [] for name in runs.held}
+    rows: dict[str, list[Table]] = {part.name: [] for part in site.parts}
+    held: dict[str, list[Table]] = {name: [] for name in runs.held}
     cases = []
     failed = []
     for storm in site.storms:
@@ -68,14 +67,14 @@ def assess(site: Site, folder: str | Path, dt: float, step: dict[str, Any] | Non
     return {"status": "failed" if failed else "ok", **found}
 
 
-def _labels(site: Site, storm: Storm) -> dict[str, Any]:
+def _labels(site: Site, storm: Storm) -> Table:
     return {
         "case": storm.number,
         "name": storm.name,
         "sea_state": storm.sea_state.name,
         "direction_deg": float(np.degrees(storm.direction)),
         "current": storm.current_name,
-        **{kind.column: value for kind, value in zip(CASE_KINDS.values(), storm.kinds, strict=True)},
+        "level_m": storm.level,
         "month": storm.month,
         "crop": storm.crop,
         "return_periods": storm.periods,
@@ -84,9 +83,9 @@ def _labels(site: Site, storm: Storm) -> dict[str, Any]:
     }
 
 
-def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
+def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found]) -> Table:
     """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
-    found: dict[str, Any] = {"broken": sum(len(run["broken"]) for run in good)}
+    found: Table = {"broken": sum(len(run["broken"]) for run in good)}
     for name in site.quantities:  # a characteristic maximum, or the mean of another statistic
         own = site.run_of(storm)
         if not name.endswith(".max"):
@@ -105,7 +104,7 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
     return found
 
 
-def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[Found]) -> dict[str, Any]:
+def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[Found]) -> Table:
     """A part in one case, represented by its worst line."""
     factor = part.factor[storm.kind]
     run = site.run_of(storm)
@@ -141,21 +140,18 @@ def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
         return None
     most = None
     for name, capacity in zip(part.lines, part.capacity, strict=True):
-        keys = [[key for key in run if key.startswith(f"cycles:{name}:")] for run in good]
-        if not all(keys):
-            return None
-        own = [
-            max(
-                damage(np.insert(run[key], 1, 0.0, axis=1).astype(float), capacity, part.curve.k, part.curve.m)
-                for key in of
-            )
-            for run, of in zip(good, keys, strict=True)
-        ]
-        most = max(most or 0.0, float(np.mean(own)) * 3600.0 / counted)
+        worst = []
+        for run in good:
+            cycles = [rows for key, rows in run.items() if key.startswith(f"cycles:{name}:")]
+            if not cycles:
+                return None
+            whole = [np.insert(rows, 1, 0.0, axis=1).astype(float) for rows in cycles]
+            worst.append(max(damage(rows, capacity, part.curve.k, part.curve.m) for rows in whole))
+        most = max(most or 0.0, float(np.mean(worst)) * 3600.0 / counted)
     return most
 
 
-def _part(part: Part, rows: list[dict[str, Any]], site: Site, step: dict[str, Any] | None) -> dict[str, Any]:
+def _part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Table:
     return {
         "part": part.name,
         "lines": len(part.lines),
@@ -167,7 +163,7 @@ def _part(part: Part, rows: list[dict[str, Any]], site: Site, step: dict[str, An
     }
 
 
-def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, Any]:
+def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
     """Damage of a year over the intact cases: the hours of a sea state, distributed evenly over its cases."""
     if part.curve is None:
         return {"skipped": "no curve given"}
@@ -197,7 +193,7 @@ def _fatigue(part: Part, rows: list[dict[str, Any]], site: Site) -> dict[str, An
     }
 
 
-def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
+def _exclusion(site: Site, cases: list[Table]) -> Table | None:
     """The case with the largest excursion of nodes."""
     rows = [case for case in cases if "excursion_m" in case]
     if site.exclusion is None or not rows:
@@ -208,7 +204,7 @@ def _exclusion(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None
     return {"case": worst["case"], **value, "allowed_m": limit, "utilisation": value["value"] / limit}
 
 
-def _backbone(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
+def _backbone(site: Site, cases: list[Table]) -> Table | None:
     """Depths of the backbone at rest over all cases."""
     rows = [case for case in cases if "depth_m" in case]
     if site.backbone is None or not rows:
@@ -227,7 +223,7 @@ def _backbone(site: Site, cases: list[dict[str, Any]]) -> dict[str, Any] | None:
     }
 
 
-def _passes(found: dict[str, Any]) -> bool:
+def _passes(found: Table) -> bool:
     """Whether every limit holds in every case, no run failed, and seeds and step size suffice for the conclusion."""
     parts = [part["worst"] for part in found["parts"] if part["worst"] is not None]
     anchors = [anchor["worst"] for anchor in found["anchors"]]
@@ -245,7 +241,7 @@ def anchor_of(site: Site, name: str) -> Anchor | None:
     return next((anchor for anchor in site.anchors if name in anchor.points), None)
 
 
-def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray]) -> dict[str, Any]:
+def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray]) -> Table:
     """A fixed point in one case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima.
 
     Args:
@@ -253,7 +249,7 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
     """
     run = site.run_of(storm)
     anchor = anchor_of(site, name)
-    row: dict[str, Any] = {
+    row: Table = {
         "case": storm.number,
         "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run),
         "upward_n": characteristic(np.array([load[:, 1].max() for load in loads]), run),
@@ -279,11 +275,11 @@ def _uplift(load: np.ndarray) -> float:
     return 0.0
 
 
-def anchor_found(site: Site, name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
+def anchor_found(site: Site, name: str, rows: list[Table]) -> Table:
     """A fixed point over all cases: its rows, the worst of them, and the uplift with its limit [deg]."""
     anchor = anchor_of(site, name)
 
-    def load(row: dict[str, Any]) -> float:
+    def load(row: Table) -> float:
         return row["total_n"]["value"] if anchor is None else row["utilisation"]
 
     return {

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from dropper_jax.base.read import Table
 from dropper_jax.evaluation.extremes import storm_extreme
 from dropper_jax.study.load_errors import UNRESOLVED
 from fitting.farm.site import Site
@@ -15,7 +14,7 @@ from fitting.farm.site.sections import RunValues
 FINAL_SEEDS = 10
 
 
-def characteristic(maxima: np.ndarray, run: RunValues) -> dict[str, Any]:
+def characteristic(maxima: np.ndarray, run: RunValues) -> Table:
     """Characteristic load of a case: mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
 
     The standard error of the mean is `s/sqrt(n)`. The interval of either is that of a Gumbel distribution (see
@@ -46,7 +45,7 @@ def characteristic(maxima: np.ndarray, run: RunValues) -> dict[str, Any]:
     }
 
 
-def flags_of(found: dict[str, Any], site: Site) -> list[str]:
+def flags_of(found: Table, site: Site) -> list[str]:
     """Lines about seeds, steps, limits that are exceeded or undecided, and failed runs."""
     notes = []
     if found["failed"]:
@@ -87,7 +86,7 @@ def flags_of(found: dict[str, Any], site: Site) -> list[str]:
     return notes
 
 
-def _part(part: dict[str, Any]) -> list[str]:
+def _part(part: Table) -> list[str]:
     worst = part["worst"]
     step = part["step"]
     if worst is None:
@@ -102,7 +101,7 @@ def _part(part: dict[str, Any]) -> list[str]:
     return notes
 
 
-def _limit(name: str, row: dict[str, Any]) -> list[str]:
+def _limit(name: str, row: Table) -> list[str]:
     used = row["utilisation"]
     error = row["utilisation_error"]
     if used > 1.0:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.markdown import table
+from dropper_jax.base.markdown import cell, table
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
 
@@ -34,7 +35,7 @@ HOLDS = "#C9DAEA"
 WEAK = "#F0C9B0"
 
 
-def write_page(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
+def write_page(found: Table, folder: str | Path) -> dict[str, Path]:
     """Write cases.md, cases.csv, cases.json and utilisation.png into a folder; returns their paths by name."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -46,7 +47,7 @@ def write_page(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
     }
 
 
-def page(found: dict[str, Any]) -> str:
+def page(found: Table) -> str:
     """The page's text."""
     storms = {case["case"]: case for case in found["cases"]}
     if found["passes"]:
@@ -97,7 +98,7 @@ def page(found: dict[str, Any]) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _standard(found: dict[str, Any]) -> str:
+def _standard(found: Table) -> str:
     """Pairs of return periods with their sea states, currents and number of cases; empty without them."""
     own = found["standard"]
     if own is None:
@@ -112,7 +113,7 @@ def _standard(found: dict[str, Any]) -> str:
     return f"## Return periods\n\n{last}\n\n{table(head, rows)}"
 
 
-def _utilisation(part: dict[str, Any]) -> str:
+def _utilisation(part: Table) -> str:
     """The calculation of a part's utilisation."""
     row = part["worst"]
     if row is None:
@@ -120,20 +121,20 @@ def _utilisation(part: dict[str, Any]) -> str:
     return f"{row['factor']:g} x {row['load_n']:.0f} / {row['capacity_n']:.0f} = {row['utilisation']:.3f}"
 
 
-def _quantities(found: dict[str, Any], storms: dict[int, Any]) -> str:
+def _quantities(found: Table, storms: dict[int, Any]) -> str:
     """The site's quantities, each in the case with its largest value; empty without any."""
     rows = []
     cases = [case for case in found["cases"] if "quantities" in case]
     for name in dict.fromkeys(name for case in cases for name in case["quantities"]):
         worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
         value = worst["quantities"][name]
-        rows.append([name, f"{value['value']:.4g}", _number(value["error"], ".2g"), _label(storms[worst["case"]])])
+        rows.append([name, f"{value['value']:.4g}", cell(value["error"], ".2g"), _label(storms[worst["case"]])])
     if rows:
         return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows)
     return ""
 
 
-def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+def _part_cells(part: Table, storms: dict[int, Any]) -> list[str]:
     row = part["worst"]
     if row is None:
         return [part["part"], str(part["lines"]), *["-"] * 7]
@@ -142,7 +143,7 @@ def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
         str(part["lines"]),
         row["line"],
         f"{row['load_n']:.0f}",
-        _number(row["load_error_n"], ".0f"),
+        cell(row["load_error_n"], ".0f"),
         _step(part["step"]),
         f"{row['at_rest_n']:.0f}",
         f"{row['utilisation']:.2f}" + _plus(row["utilisation_error"]),
@@ -150,14 +151,14 @@ def _part_cells(part: dict[str, Any], storms: dict[int, Any]) -> list[str]:
     ]
 
 
-def _label(case: dict[str, Any]) -> str:
+def _label(case: Table) -> str:
     """The label of a case; its end names the line that breaks and the time of the break."""
     if case["break_s"] is None:
         return case["name"]
     return f"{case['name']} at {case['break_s']:g} s"
 
 
-def _step(step: dict[str, Any] | None) -> str:
+def _step(step: Table | None) -> str:
     if step is None or "skipped" in step:
         return "not known"
     return f"{step['error_n']:.0f} ({step['relative']:.0%})"
@@ -169,13 +170,7 @@ def _plus(error: float | None) -> str:
     return f" +- {error:.2f}"
 
 
-def _number(value: float | None, form: str) -> str:
-    if value is None:
-        return "-"
-    return format(value, form)
-
-
-def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+def _anchor_cells(anchor: Table, storms: dict[int, Any]) -> list[str]:
     row = anchor["worst"]
     if row is None:
         return [anchor["point"], *["-"] * 6]
@@ -195,7 +190,7 @@ def _anchor_cells(anchor: dict[str, Any], storms: dict[int, Any]) -> list[str]:
     ]
 
 
-def _position_lines(found: dict[str, Any], storms: dict[int, Any]) -> list[str]:
+def _position_lines(found: Table, storms: dict[int, Any]) -> list[str]:
     lines = []
     zone = found["exclusion"]
     backbone = found["backbone"]
@@ -214,7 +209,7 @@ def _position_lines(found: dict[str, Any], storms: dict[int, Any]) -> list[str]:
     return lines
 
 
-def _fatigue_cells(part: dict[str, Any]) -> list[str]:
+def _fatigue_cells(part: Table) -> list[str]:
     own = part["fatigue"]
     if "skipped" in own:
         return [part["part"], own["skipped"], "-", "-", "-"]
@@ -226,13 +221,13 @@ def _fatigue_cells(part: dict[str, Any]) -> list[str]:
     return [
         part["part"],
         f"K = {curve['k']:g}, m = {curve['m']:g} ({curve['source']})",
-        _number(own["largest_damage_per_hour"], ".2g"),
+        cell(own["largest_damage_per_hour"], ".2g"),
         yearly or "-",
-        _number(own["life_years"], ".3g"),
+        cell(own["life_years"], ".3g"),
     ]
 
 
-def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
+def _worst_cases(found: Table, storms: dict[int, Any]) -> str:
     """The cases with the highest utilisation."""
     # number of load cases in the page's table; the CSV has all
     most_cases = 12
@@ -249,7 +244,7 @@ def _worst_cases(found: dict[str, Any], storms: dict[int, Any]) -> str:
     return table(["case", "", "part used most", "utilisation"], rows) + more
 
 
-def _csv(found: dict[str, Any]) -> str:
+def _csv(found: Table) -> str:
     storms = {case["case"]: case for case in found["cases"]}
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
@@ -270,7 +265,7 @@ def _csv(found: dict[str, Any]) -> str:
 
 
 @style.plot_style()
-def draw_utilisation(found: dict[str, Any], path: Path) -> Path:
+def draw_utilisation(found: Table, path: Path) -> Path:
     """A row for each part and each fixed point with an anchor: dots are cases, bars extend to the worst one."""
     rows = [(part["part"], part["cases"], part["worst"], part["step"]) for part in found["parts"]]
     rows += [(f"anchor {a['point']}", a["cases"], a["worst"], None) for a in found["anchors"] if a["anchor"]]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import Progress
+from dropper_jax.base.read import Table
 from dropper_jax.scene import whole_lines
 from fitting.farm.cases.one import STATUS, Found
 from fitting.farm.cases.run import CaseStore, run_cases
@@ -23,7 +24,7 @@ class Runs:
         self.links = {line.name: line.links for line in whole_lines(site.scene)}
         self.held = [point.name for point in site.scene.points if not point.is_free]
 
-    def of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[dict[str, Any]]]:
+    def of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[Table]]:
         """Successful runs of a load case, and a row for every other run."""
         good = []
         bad = []
@@ -47,12 +48,12 @@ def step_errors(
     site: Site,
     folder: str | Path,
     dt: float,
-    found: dict[str, Any],
+    found: Table,
     *,
     workers: int = 1,
     scheduler: Any = None,
     progress: Progress | None = None,
-) -> dict[str, Any]:
+) -> Table:
     """Error of the load of each part in its worst case, by runs with half the step (and a quarter, `halvings` = 2).
 
     Let q be the mean over the first `step_seeds` seeds of the worst line's maxima. After k halvings the error is
@@ -74,9 +75,7 @@ def step_errors(
     return {name: _error(site, folder, row, steps, seeds) for name, row in worst.items()}
 
 
-def _error(
-    site: Site, folder: str | Path, row: dict[str, Any], steps: list[float], seeds: Sequence[int]
-) -> dict[str, Any]:
+def _error(site: Site, folder: str | Path, row: Table, steps: list[float], seeds: Sequence[int]) -> Table:
     means = []
     for dt in steps:
         runs = Runs(site, folder, dt)

@@ -76,11 +76,9 @@ def still_scene(site: Site, scene: Scene, storm: Storm, calm: bool) -> Scene:
     return base
 
 
-def still_model(
-    site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm, calm: bool = True
-) -> Model:
+def still_model(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Model:
     """The model of a design in calm water."""
-    return build_model(still_scene(site, with_design(site.scene, variables, values), storm, calm))
+    return build_model(still_scene(site, with_design(site.scene, variables, values), storm, calm=True))
 
 
 def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Still:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -113,7 +112,6 @@ class Motion(Quantity):
     name: str
     nodes: tuple[int, ...]
     scale: float = 1.0
-    unit: ClassVar[str] = "m"
 
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         own = r[:, np.array(self.nodes)]

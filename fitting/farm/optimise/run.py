@@ -7,12 +7,12 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
 from dropper_jax.plots.style import save as save_figure
@@ -70,17 +70,17 @@ class Optimum:
     check: float
     rounds: int
     runs: int
-    history: list[dict[str, Any]]
+    history: list[Table]
     warnings: tuple[str, ...] = ()
     characteristic: str = "mean of the seeds' maxima"
-    dominated: tuple[dict[str, Any], ...] = ()
+    dominated: tuple[Table, ...] = ()
 
     @property
     def gain(self) -> float:
         """Relative decrease of the objective."""
         return 1.0 - self.objective[1] / self.objective[0]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Table:
         """Plain values."""
         return jsonable({**dataclasses.asdict(self), "gain": self.gain})
 
@@ -139,7 +139,7 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     return worst
 
 
-def optimise(site: Site, state: str | Path | None = None, say: Say = silent, check: bool = True) -> Optimum:
+def optimise(site: Site, state: str | Path | None = None, say: Say = silent) -> Optimum:
     """The best design of a site.
 
     Args:
@@ -160,9 +160,8 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent, che
 
     if search.before is None:
         _possible(design)
-        if check:
-            off = check_derivatives(design, say)
-            save()
+        off = check_derivatives(design, say)
+        save()
     if not search.done:
         run_search(search, design, save, say)
     return _optimum(design, search, off, say)

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from fitting.farm.optimise.design import Design, Say
 from fitting.farm.optimise.storm import Storms
 from fitting.farm.optimise.values import Values, Window
@@ -53,10 +53,10 @@ class Search:
     round: int = 0
     best: np.ndarray | None = None
     best_objective: float = np.inf
-    before: dict[str, Any] | None = None
+    before: Table | None = None
     fixed: np.ndarray | None = None
     sized: int = 0
-    history: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    history: list[Table] = dataclasses.field(default_factory=list)
     done: bool = False
     residual: float | None = None
     best_residual: float | None = None

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
 from dropper_jax.run.growth import fixed_point_loads, overgrown, wet_weights
@@ -29,14 +30,14 @@ class Water(NamedTuple):
 def waters(site: Site) -> tuple[Water, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     own = site.season
-    levels = site.lists.kinds["levels"] if own.levels is None else own.levels
+    levels = site.lists.levels if own.levels is None else own.levels
     speeds = own.currents
     if speeds is None:
         speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
     return tuple(Water(float(level), speed) for level in levels for speed in speeds)
 
 
-def scene_of(site: Site, month: str, water: Water, points: dict[str, dict[str, Any]]) -> Scene:
+def scene_of(site: Site, month: str, water: Water, points: dict[str, Table]) -> Scene:
     """The farm of a month at rest in the water: with mussels on its lines, and some points replaced."""
     table = site.scene.as_written()
     for line in table["line"]:
@@ -62,7 +63,7 @@ def scene_of(site: Site, month: str, water: Water, points: dict[str, dict[str, A
 CHANGING = ("time", "factor", "amplitude", "period", "phase")
 
 
-def bare_points(site: Site, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+def bare_points(site: Site, names: Sequence[str]) -> dict[str, Table]:
     """The points as specified, without the fields that floats give them."""
     points = {point["name"]: point for point in site.scene.as_written()["point"]}
     return {name: {k: v for k, v in points[name].items() if k not in BODY} for name in names}
@@ -86,7 +87,7 @@ def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[n
     return np.array([-loads[name][2] for name in names]), by_line
 
 
-def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> dict[str, Any]:
+def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> Table:
     """The equilibrium on its floats: depths [m] of the backbone below the level, status.
 
     Returns:
@@ -114,7 +115,7 @@ def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> di
     }
 
 
-def _body(site: Site, count: int) -> dict[str, Any]:
+def _body(site: Site, count: int) -> Table:
     """Mass, volume, drag and added mass of the floats at a point."""
     if not count:
         return {}

@@ -14,13 +14,17 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.markdown import table
+from dropper_jax.base.markdown import cell, table
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.library import FAMILIES, PREFIX
 from dropper_jax.plots import style
 from fitting.farm.season.poses import Water, floating, needs, waters
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, short
+
+#: Visits, moved floats, and the floats of each month so far.
+Plan = tuple[int, int, list[int]]
 
 
 def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
@@ -36,17 +40,21 @@ def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) 
     """
     spans = [(lo, max(lo, hi)) for lo, hi in zip(low, high, strict=True)]
     numbers = sorted({n for span in spans for n in span} | ({start} if start is not None else set()))
-    best: dict[int | None, tuple[int, int, list[int]]] = {start: (0, 0, [])}
+    best: dict[int | None, Plan] = {start: (0, 0, [])}
     for lo, hi in spans:
-        best = {
-            n: min(
-                (visits + (before not in (None, n)), moved + (abs(n - before) if before is not None else 0), [*plan, n])
-                for before, (visits, moved, plan) in best.items()
-            )
-            for n in numbers
-            if lo <= n <= hi
-        }
+        best = {n: _best_plan(best, n) for n in numbers if lo <= n <= hi}
     return min(best.values(), key=lambda found: (*found[:2], found[2][-1:]))[2]
+
+
+def _best_plan(best: dict[int | None, Plan], floats: int) -> Plan:
+    """The best of the plans by their last number of floats, continued to this number."""
+    found = []
+    for before, (visits, moved, plan) in best.items():
+        if before is not None:
+            visits += before != floats
+            moved += abs(floats - before)
+        found.append((visits, moved, [*plan, floats]))
+    return min(found)
 
 
 def spread(count: int, need: Sequence[float]) -> list[int]:
@@ -60,7 +68,7 @@ def spread(count: int, need: Sequence[float]) -> list[int]:
     return found
 
 
-def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
+def season(site: Site, progress: Progress | None = None) -> Table:
     """The season of a site with `[season]` and `[[growth]]`.
 
     Bounds come from the force on the fixed points. The schedule is then checked by free equilibria at every state of
@@ -94,7 +102,7 @@ def season(site: Site, progress: Progress | None = None) -> dict[str, Any]:
         rows.append(_month(site, month, weights, np.array(pulls), lift))
     low = [row["least"] for row in rows]
     high = [row["most"] for row in rows]
-    known: dict[tuple[str, int], list[dict[str, Any]]] = {}
+    known: dict[tuple[str, int], list[Table]] = {}
     # bounds are tightened at most four times
     for _ in range(4):
         plan = schedule(low, high, site.season.start)
@@ -122,7 +130,7 @@ def _lift(site: Site) -> float:
     return lift
 
 
-def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> dict[str, Any]:
+def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> Table:
     """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
     own = site.season
@@ -143,8 +151,8 @@ def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray,
 
 
 def _lying(
-    site: Site, row: dict[str, Any], names: list[str], count: int, all_waters: tuple[Water, ...], cache: dict[Any, Any]
-) -> dict[str, Any]:
+    site: Site, row: Table, names: list[str], count: int, all_waters: tuple[Water, ...], cache: dict[Any, Any]
+) -> Table:
     """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
     floats = dict(zip(names, spread(count, row["need_by_point_n"]), strict=True))
     key = (row["month"], count)
@@ -175,7 +183,7 @@ def _lying(
     }
 
 
-def _season_table(site: Site, names: list[str], lift: float, rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _season_table(site: Site, names: list[str], lift: float, rows: list[Table]) -> Table:
     before = site.season.start
     for row in rows:
         row["change"] = 0 if before is None else row["floats"] - before
@@ -215,7 +223,7 @@ def double_crops(site: Site) -> list[str]:
     ]
 
 
-def _flags(row: dict[str, Any]) -> list[str]:
+def _flags(row: Table) -> list[str]:
     month = row["month"]
     flags = []
     if row["least"] > row["most"]:
@@ -240,7 +248,7 @@ COLUMNS = (
 )
 
 
-def write_season(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
+def write_season(found: Table, folder: str | Path) -> dict[str, Path]:
     """Write season.md, season.csv, season.json and season.png into a folder; returns their paths by name."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -252,7 +260,7 @@ def write_season(found: dict[str, Any], folder: str | Path) -> dict[str, Path]:
     }
 
 
-def page(found: dict[str, Any]) -> str:
+def page(found: Table) -> str:
     """The page's text."""
     if found["holds"]:
         verdict = "The schedule holds in every month."
@@ -266,7 +274,7 @@ def page(found: dict[str, Any]) -> str:
             f"{row['least']} to {row['most']}",
             str(row["floats"]),
             f"{row['change']:+d}" if row["change"] else "-",
-            "-" if row["reserve"] is None else f"{row['reserve']:.2f}",
+            cell(row["reserve"], ".2f"),
             f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
             _margin(row["sinking_m"]),
             _margin(row["lifting_m"]),
@@ -293,7 +301,7 @@ def _margin(value: float | None) -> str:
     return f"{value:+.2f}"
 
 
-def _csv(found: dict[str, Any]) -> str:
+def _csv(found: Table) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
     writer.writeheader()
@@ -302,7 +310,7 @@ def _csv(found: dict[str, Any]) -> str:
 
 
 @style.plot_style()
-def draw(found: dict[str, Any], path: Path) -> Path:
+def draw(found: Table, path: Path) -> Path:
     """Floats of each month between their bounds, and the depths of the backbone."""
     months = found["months"]
     at = range(len(months))

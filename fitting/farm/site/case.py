@@ -14,7 +14,6 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import LineSpec, whole_lines
-from fitting.farm.site.case_lists import CASE_KINDS
 from fitting.farm.site.sections import AnchorTable, Curve, Factors, SeaState
 
 
@@ -115,7 +114,7 @@ class Storm:
 
     Attributes:
         number: from 0.
-        direction: of the waves [rad]; `kinds`: a value for each of `CASE_KINDS`.
+        direction: of the waves [rad]; `level`: of the tide [m].
         current: table of `[sea.current]`, None for that of the scene.
         current_name, month, state: names; month None for the bare scene, state `intact` or the broken line.
         crop: which values of `[crop]`; None for those of the scene.
@@ -127,16 +126,11 @@ class Storm:
     direction: float
     current: dict[str, Any] | None
     current_name: str | None
-    kinds: tuple[float, ...]
+    level: float
     month: str | None
     broken: Break | None
     crop: str | None = None
     periods: tuple[str | None, str | None] = (None, None)
-
-    @property
-    def level(self) -> float:
-        """Of the tide [m]."""
-        return self.kinds[list(CASE_KINDS).index("levels")]
 
     @property
     def state(self) -> str:
@@ -155,14 +149,13 @@ class Storm:
     def still(self) -> tuple[Any, ...]:
         """The values that the equilibrium depends on."""
         heading = None if self.current is None else self.current["direction"]
-        return self.current_name, heading, *self.kinds, self.month, self.crop
+        return self.current_name, heading, self.level, self.month, self.crop
 
     @property
     def name(self) -> str:
         """A short label."""
         parts = [self.sea_state.name, f"{np.degrees(self.direction):g} deg", self.current_name]
-        parts += [kind.label(value) for kind, value in zip(CASE_KINDS.values(), self.kinds, strict=True)]
-        parts += [self.month, self.crop and f"crop {self.crop}"]
+        parts += [self.level and f"level {self.level:+g} m", self.month, self.crop and f"crop {self.crop}"]
         return ", ".join(p for p in [*parts, None if self.broken is None else f"{self.state} broken"] if p)
 
 
@@ -188,17 +181,17 @@ def storms(site: Any) -> tuple[Storm, ...]:
             sea,
             way,
             *_current(site, current, way),
-            kinds,
+            level,
             month,
             state,
             crop,
             (sea.return_period, (current or {}).get("return_period")),
         )
-        for sea, way, current, kinds, month, crop, state in itertools.product(
+        for sea, way, current, level, month, crop, state in itertools.product(
             site.sea_states,
             np.radians(lists.directions).tolist(),
             lists.currents or (None,),
-            itertools.product(*lists.kinds.values()),
+            lists.levels,
             lists.months or (None,),
             lists.crops or tuple(site.crop) or (None,),
             site.states,

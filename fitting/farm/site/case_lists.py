@@ -4,49 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, Self
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, plain, read_list, read_number, read_parameter, read_table, read_text, refuse
+from dropper_jax.base.read import (
+    Plain,
+    Table,
+    plain,
+    read_list,
+    read_number,
+    read_table,
+    read_text,
+    refuse,
+)
 from fitting.farm.site.sections import Section, read_years, standards
-
-
-class CaseKind(Protocol):
-    """A list of numbers in `[cases]`: every load case takes one of them, which changes the scene at rest."""
-
-    #: The declared numbers, and their column in a report.
-    values: ClassVar[Any]
-    column: ClassVar[str]
-
-    @staticmethod
-    def changes(value: float) -> dict[str, Any]:
-        """Values of the scene by path."""
-
-    @staticmethod
-    def label(value: float) -> str | None:
-        """Its part of the name of a load case; None to omit it."""
-
-
-class Levels(CaseKind):
-    """Levels of the tide."""
-
-    values = parameter("of the tide", unit="m", shape="table", default=(0.0,))
-    column = "level_m"
-
-    @staticmethod
-    def changes(value: float) -> dict[str, Any]:
-        return {"sea.level": {"offset": value}}
-
-    @staticmethod
-    def label(value: float) -> str | None:
-        if value:
-            return f"level {value:+g} m"
-        return None
-
-
-#: Kinds of load cases by their key in `[cases]`.
-CASE_KINDS: dict[str, type[CaseKind]] = {"levels": Levels}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,14 +28,14 @@ class CaseLists(Section):
     PATTERNS = ("states", "months", "crops")
 
     directions: Any = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
-    currents: tuple[dict[str, Any], ...] = ()
+    currents: tuple[Table, ...] = ()
     current_direction: float | None = None
-    kinds: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    levels: Any = parameter("of the tide", unit="m", shape="table", default=(0.0,))
     months: tuple[str, ...] = option("months of [[growth]]", type=list, default=())
     states: tuple[str, ...] = option("intact, and lines that break", type=list, default=("intact",))
     break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, optional=True)
     crops: tuple[str, ...] = option("values of [crop]", type=list, default=())
-    standard: dict[str, Any] | None = None
+    standard: Table | None = None
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
@@ -76,12 +48,8 @@ class CaseLists(Section):
             heading = None
         else:
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, "'waves', or a number in deg")
-        kinds = {
-            key: read_parameter(own.pop(key, kind.values.default), f"{path}.{key}", kind.values.metadata, {}).tolist()
-            for key, kind in CASE_KINDS.items()
-        }
         found = super().read(own, path)
-        numbers = {"directions": [float(x) for x in found.directions], **kinds}
+        numbers = {key: [float(x) for x in getattr(found, key)] for key in ("directions", "levels")}
         for key, values in {**numbers, "states": found.states}.items():
             if len(values) == 0:
                 raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
@@ -95,18 +63,18 @@ class CaseLists(Section):
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
         return dataclasses.replace(
-            found, currents=tuple(tables), current_direction=heading, kinds=kinds, standard=standard
+            found, currents=tuple(tables), current_direction=heading, levels=numbers["levels"], standard=standard
         )
 
 
-def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
+def _case_standard(table: Table, path: str) -> Table | None:
     """Pairs of return periods, taken out of `[cases]`: those of a standard, or the site's `pairs`; None without any."""
     name = table.pop("standard", None)
     given = table.pop("pairs", None)
     if name is None and given is None:
         return None
     known = standards("cases")
-    found: dict[str, Any] = {
+    found: Table = {
         "broken": False,
         "source": "",
         "edition": "-",
@@ -128,12 +96,12 @@ def _case_standard(table: dict[str, Any], path: str) -> dict[str, Any] | None:
     return {"name": name, **found}
 
 
-def _current(item: Plain, path: str) -> dict[str, Any]:
+def _current(item: Plain, path: str) -> Table:
     """A current as a table with a name; a number is its speed."""
     if not isinstance(item, Mapping):
         speed = read_number(item, path, {"low": 0.0, "unit": "m/s"}, "a speed >= 0 m/s, or a table as [sea.current]")
         return {"name": f"{speed:g} m/s", "speed": speed}
-    found: dict[str, Any] = dict(plain(item))
+    found: Table = dict(plain(item))
     speed = found.get("speed")
     own = f"{speed:g} m/s" if isinstance(speed, int | float) else "given"
     if "return_period" in found:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, check_keys, plain, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import Plain, Table, check_keys, plain, read_list, read_number, read_table, read_text, refuse
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
@@ -48,11 +48,8 @@ CROP_LEVELS = ("low", "expected", "high")
 PASSED = ("variable", "objective", "constraint", "optimise")
 
 
-def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None = None) -> Site:
+def read_site(source: str | Path | Mapping[str, Any]) -> Site:
     """The site of a TOML file, of a packaged name, or of plain values.
-
-    Args:
-        folder: first folder to search for the scene's file; default: the site's own.
 
     Raises:
         SceneError: one line with the section, the value and the allowed range.
@@ -64,7 +61,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
             "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"
         )
     check_keys(table, (*SITE_KEYS, *PASSED), "")
-    scene = _scene(table, Path(folder) if folder is not None else (file or Path()).parent)
+    scene = _scene(table, (file or Path()).parent)
     if scene.sea is None:
         raise SceneError(f"scene: {scene.name!r} has no [sea]. Use a scene with water")
     lines = tuple(line.name for line in whole_lines(scene))
@@ -90,9 +87,7 @@ def read_site(source: str | Path | Mapping[str, Any], folder: str | Path | None 
     else:
         unchecked = read_list(unchecked, "unchecked", None, "patterns")
     kinds_of_section = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
-    sections: dict[str, Any] = {
-        name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table
-    }
+    sections: Table = {name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table}
     for name in sorted(sections.keys() & {"exclusion", "backbone"}):
         match_names(sections[name].lines, lines, f"{name}.lines")
     if "season" in sections:
@@ -184,9 +179,9 @@ def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return read_table(table.get(key, {}), key)
 
 
-def _flat(table: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+def _flat(table: Mapping[str, Any], path: str = "") -> Table:
     """Values by path, `sea.depth = 25` with or without quotes; waves and currents are set as whole tables."""
-    found: dict[str, Any] = {}
+    found: Table = {}
     for key, value in table.items():
         inner = f"{path}.{key}" if path else key
         whole = inner in ("sea.waves", "sea.current", "sea.level")
@@ -212,9 +207,9 @@ def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
         raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
 
 
-def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[str, dict[str, Any]]]:
+def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[str, Table]]:
     """Tables of `[line.growth]` by month and line."""
-    found: dict[str, dict[str, dict[str, Any]]] = {}
+    found: dict[str, dict[str, Table]] = {}
     for i, item in _items(table, "growth"):
         own = GrowthTable.read(item, f"growth.{i}")
         month = found.setdefault(own.month, {})
@@ -228,13 +223,12 @@ def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[
 
 def _crop(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     """Values of `[crop]` by level and path; empty without the section."""
-    rows = {
-        path: [
-            read_number(x, f"crop.{path}", {}, "a number") for x in read_list(row, f"crop.{path}", 3, "three numbers")
-        ]
-        for path, row in _flat(_table(table, "crop")).items()
-    }
-    return {level: {p: row[i] for p, row in rows.items()} for i, level in enumerate(CROP_LEVELS) if rows}
+    found: dict[str, dict[str, float]] = {}
+    for path, row in _flat(_table(table, "crop")).items():
+        values = read_list(row, f"crop.{path}", 3, "three numbers")
+        for level, value in zip(CROP_LEVELS, values, strict=True):
+            found.setdefault(level, {})[path] = read_number(value, f"crop.{path}", {}, "a number")
+    return found
 
 
 def _parts(
@@ -336,7 +330,7 @@ def check_breaking(site: Any) -> None:
         SceneError: with the sea state, its height, and the limit.
     """
     spec = site.scene.sea
-    levels = site.lists.kinds["levels"]
+    levels = site.lists.levels
     for level in levels:
         if spec.depth + level <= 0.0:
             raise SceneError(f"cases.levels: {level:g} m is below the seabed; allowed: above {-spec.depth:g} m")

@@ -12,6 +12,7 @@ from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     DeclaredSection,
     Plain,
+    Table,
     check_keys,
     declared_fields,
     read_number,
@@ -24,7 +25,7 @@ from dropper_jax.scene import AnchorSpec, GrowthSpec
 from dropper_jax.sea.spec import WaveSpec
 
 
-def standards(what: str) -> dict[str, dict[str, Any]]:
+def standards(what: str) -> dict[str, Table]:
     """`factors` or load `cases` by name of the standard, each with edition and clause."""
     return tomllib.loads((resources.files("dropper_jax") / "data" / "standards.toml").read_text())[what]
 
@@ -88,7 +89,7 @@ class SeaState(Section):
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
-        own: dict[str, Any] = dict(read_table(table, path))
+        own: Table = dict(read_table(table, path))
         if "return_period" in own:
             own["return_period"] = read_years(own["return_period"], f"{path}.return_period")
         of_sea = [key for key in WaveSpec.FIELDS["spectrum"] if key not in ("seed", "direction")]
@@ -97,7 +98,7 @@ class SeaState(Section):
         found = super().read(own, path)
         return dataclasses.replace(found, sea=WaveSpec.read({"kind": "spectrum", **sea}, path))
 
-    def waves(self, direction: float, seed: int) -> dict[str, Any]:
+    def waves(self, direction: float, seed: int) -> Table:
         """`[sea.waves]` for a travel direction [rad] and a seed."""
         return {**self.sea.table(), "direction": direction, "seed": seed}
 

@@ -6,12 +6,12 @@ import dataclasses
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
+from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
 from fitting.farm.site.case import BROKEN, INTACT, NEVER, Anchor, Break, Case, Part, Storm, match_names, storms
-from fitting.farm.site.case_lists import CASE_KINDS, CaseLists
+from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.sections import Backbone, Exclusion, Factors, RunValues, SeasonValues, SeaState
 
 #: Growth of a line in a month without any.
@@ -39,7 +39,7 @@ class Site:
     run: RunValues
     sea_states: tuple[SeaState, ...]
     lists: CaseLists
-    growth: dict[str, dict[str, dict[str, Any]]]
+    growth: dict[str, dict[str, Table]]
     states: tuple[Break | None, ...]
     factors: Factors
     parts: tuple[Part, ...]
@@ -49,8 +49,8 @@ class Site:
     backbone: Backbone | None = None
     season: SeasonValues | None = None
     quantities: tuple[str, ...] = ()
-    raw: dict[str, Any] = dataclasses.field(default_factory=dict)
-    table: dict[str, Any] = dataclasses.field(default_factory=dict)
+    raw: Table = dataclasses.field(default_factory=dict)
+    table: Table = dataclasses.field(default_factory=dict)
     file: Path | None = None
 
     @cached_property
@@ -67,7 +67,7 @@ class Site:
         """All load cases."""
         return storms(self)
 
-    def portable(self) -> dict[str, Any]:
+    def portable(self) -> Table:
         """Plain values for `read_site`, independent of files: they contain the scene's values instead of its name."""
         own = {key: value for key, value in self.table.items() if key not in ("parameters", "set")}
         return {**own, "name": self.name, "scene": self.scene.as_written()}
@@ -137,20 +137,18 @@ class Site:
             table["sea"] = {**table["sea"], "ramp": ramp}
         return Scene.from_dict(table, scene.name).with_values(self.changes(self.cases[0]))
 
-    def changes(self, case: Case) -> dict[str, Any]:
+    def changes(self, case: Case) -> Table:
         """Changes of `prepared` by a case: values by path."""
         return {**self.still_changes(case.storm), **self.moving_changes(case)}
 
-    def moving_changes(self, case: Case) -> dict[str, Any]:
+    def moving_changes(self, case: Case) -> Table:
         """Its values that do not affect the equilibrium: waves, breaks."""
         storm = case.storm
         return {"sea.waves": storm.sea_state.waves(storm.direction, case.seed), **self.break_changes(storm)}
 
-    def still_changes(self, storm: Storm) -> dict[str, Any]:
-        """Its values that affect the equilibrium: current, those of `CASE_KINDS`, mussels."""
-        found: dict[str, Any] = {}
-        for kind, value in zip(CASE_KINDS.values(), storm.kinds, strict=True):
-            found |= kind.changes(value)
+    def still_changes(self, storm: Storm) -> Table:
+        """Its values that affect the equilibrium: level, current, mussels."""
+        found: Table = {"sea.level": {"offset": storm.level}}
         if storm.current is not None:
             found["sea.current"] = storm.current
         crop = self.crop.get(storm.crop, {})
@@ -161,7 +159,7 @@ class Site:
             found |= {f"line.{name}.growth.{key}": value for key, value in table.items()}
         return found
 
-    def break_changes(self, storm: Storm) -> dict[str, Any]:
+    def break_changes(self, storm: Storm) -> Table:
         """Time of a break in this case, for each line that breaks in any case."""
         return {
             f"failure.{state.entry}.time": self.break_time if state == storm.broken else NEVER

@@ -56,8 +56,8 @@ from dropper_jax.scene import (
     choose_steps,
     directions,
     is_branched,
-    point_named,
     line_slices,
+    point_named,
 )
 from dropper_jax.scene.run import rows_of_pieces
 from dropper_jax.sea.spec import SeaSpec

@@ -213,9 +213,10 @@ class StartSpec:
 
     `static`: the equilibrium under `release_force` on `release_nodes`, which are released at t = 0. `angles`:
     `zero = "horizontal"` (thesis (4.1)): `d = L (cos p cos a, cos p sin a, -sin p)`; `zero = "down"` (thesis (3.1)):
-    `d = L (sin p cos a, sin p sin a, -cos p)`, p polar, a azimuth. `positions`: all nodes, both ends included; of a system
-    of lines one line after another, where a line with attached points is one line. `points`, for a system of lines:
-    free points are held at their positions in the scene, the lines settle between them, and all are released at t = 0.
+    `d = L (sin p cos a, sin p sin a, -cos p)`, p polar, a azimuth. `positions`: all nodes, both ends included; of a
+    system of lines one line after another, where a line with attached points is one line. `points`, for a system of
+    lines: free points are held at their positions in the scene, the lines settle between them, and all are released at
+    t = 0.
     """
 
     FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {

@@ -19,6 +19,7 @@ from dropper_jax.cli.options import (
     output_file,
     print_result,
     print_warnings,
+    read_numbers,
     read_scene,
     table,
 )
@@ -101,17 +102,11 @@ def _asked(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarra
     is_body = len(names) == 1 and names[0] in [body.name for body in scene.bodies]
     if args.lines_only and not is_body:
         raise SceneError(f"--lines-only: {args.of!r} is not a body, and points have no weight of their own")
-    return names, None if args.at is None else _read_place(args.at)
-
-
-def _read_place(text: str) -> np.ndarray:
-    try:
-        place = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        place = np.full(0, np.nan)
-    if place.shape != (3,) or not np.all(np.isfinite(place)):
-        raise SceneError(f"--at: {text!r} is not X,Y,Z; allowed: three numbers [m] such as 0,0,-5")
-    return place
+    if args.at is None:
+        return names, None
+    return names, np.array(
+        read_numbers(args.at, "--at", "is not X,Y,Z; allowed: three numbers [m] such as 0,0,-5", count=3)
+    )
 
 
 def _of_one(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import re
 import sys
@@ -227,7 +226,7 @@ def read_numbers(
         found = [float(part) for part in text.split(mark)]
     except ValueError:
         found = []
-    if not found or count not in (None, len(found)) or not all(map(math.isfinite, found)):
+    if not found or count not in (None, len(found)):
         raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
     return found
 

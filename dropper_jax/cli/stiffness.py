@@ -104,9 +104,11 @@ def _asked(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarra
         raise SceneError(f"--lines-only: {args.of!r} is not a body, and points have no weight of their own")
     if args.at is None:
         return names, None
-    return names, np.array(
-        read_numbers(args.at, "--at", "is not X,Y,Z; allowed: three numbers [m] such as 0,0,-5", count=3)
-    )
+    reason = "is not X,Y,Z; allowed: three numbers [m] such as 0,0,-5"
+    about = np.array(read_numbers(args.at, "--at", reason, count=3))
+    if not np.all(np.isfinite(about)):
+        raise SceneError(f"--at: {args.at!r} {reason}")
+    return names, about
 
 
 def _of_one(

@@ -21,6 +21,7 @@ from dropper_jax.cli.options import (
     output_file,
     print_result,
     print_warnings,
+    read_numbers,
     read_scene,
     table,
 )
@@ -102,17 +103,13 @@ def _asked(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarra
     is_body = len(names) == 1 and names[0] in [body.name for body in scene.bodies]
     if args.lines_only and not is_body:
         raise SceneError(f"--lines-only: {args.of!r} is not a body, and points have no weight of their own")
-    return names, None if args.at is None else _read_place(args.at)
-
-
-def _read_place(text: str) -> np.ndarray:
-    try:
-        place = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        place = np.full(0, np.nan)
-    if place.shape != (3,) or not np.all(np.isfinite(place)):
-        raise SceneError(f"--at: {text!r} is not X,Y,Z; allowed: three numbers [m] such as 0,0,-5")
-    return place
+    if args.at is None:
+        return names, None
+    reason = "is not X,Y,Z; allowed: three numbers [m] such as 0,0,-5"
+    about = np.array(read_numbers(args.at, "--at", reason, count=3))
+    if not np.all(np.isfinite(about)):
+        raise SceneError(f"--at: {args.at!r} {reason}")
+    return names, about
 
 
 def _of_one(

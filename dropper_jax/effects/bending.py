@@ -13,6 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
+from dropper_jax.base.read import Pairs
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData
 
@@ -27,6 +28,9 @@ class Bending(Effect):
     except for `clamped` ones: there q_0 is the prescribed direction of the line, and l is half a link. Lines do not
     resist torsion here (see `torsion`). A broken link has no bending stiffness.
 
+    Two lines of a pair in `joined` bend at their common point as within one line: clamped to each other, or with a
+    swivel, since their twists are independent. Points without a pair are hinges.
+
     Moments and curvatures of a run: `Solution.bending_moment`, `Solution.curvature`.
     """
 
@@ -38,10 +42,13 @@ class Bending(Effect):
         "directions of lines at their clamped points", unit="-", shape="vectors", optional=True
     )
     clamped: tuple[str, ...] = option("fixed points at which a line is clamped", type=list, default=())
+    joined: tuple[tuple[str, str], ...] = option(
+        "lines that bend across their common point as one", type=Pairs, default=()
+    )
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
-        if all(line.links < 2 for line in scene.lines) and not values["clamped"]:
+        if all(line.links < 2 for line in scene.lines) and not values["clamped"] and not values["joined"]:
             raise SceneError("effects.bending: needs a line of at least 2 links. Use more links, or remove the effect")
         given = () if values["directions"] is None else values["directions"]
         if len(given) != len(values["clamped"]):
@@ -64,6 +71,13 @@ class Bending(Effect):
             ends = [line.name for line in scene.lines for end in (line.start, line.end) if end == name]
             if len(ends) != 1:
                 raise SceneError(f"{path}: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line")
+
+        ends = {line.name: (line.start, line.end) for line in scene.lines}
+        for i, pair in enumerate(values["joined"]):
+            for name in pair:
+                if name not in ends:
+                    raise SceneError(f"effects.bending.joined.{i}: {name!r} is not a line; {nearest(name, list(ends))}")
+            common_ends(pair, ends)
 
     def potential(self, k: Kinematics) -> jax.Array:
         return self._energy(k, at_pieces(k, self.piece_nodes(k.model))[0])
@@ -94,21 +108,38 @@ class Bending(Effect):
         size = jnp.sqrt(dot(self.directions, self.directions))
         return np.array(links), np.array(signs)[:, None] * self.directions / size[:, None]
 
+    def _joints(self, model: ModelView) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Both links of every joint (joints,), those of joined lines last, and its three nodes (joints, 3)."""
+        graph = model.geometry
+        first = graph.previous_links
+        found = [(i, i + 1, graph.first[i], graph.last[i], graph.last[i + 1]) for i in first]
+        ends = {member.name: (member.start, member.end) for member in graph.members}
+        spans = {member.name: span for member, span in zip(graph.members, graph.spans, strict=True)}
+        for pair in self.joined:
+            links = []
+            nodes = []
+            for name, end in zip(pair, common_ends(pair, ends), strict=True):
+                link = spans[name].stop - 1 if end else spans[name].start
+                links.append(link)
+                nodes.append((graph.first[link], graph.last[link]) if end else (graph.last[link], graph.first[link]))
+            found.append((*links, *nodes[0], nodes[1][0]))
+        table = np.array(found, int).reshape(-1, 5)
+        return table[:, 0], table[:, 1], table[:, 2:]
+
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """The three nodes of every joint, then those of the clamped links, with the wall's node twice."""
         graph = model.geometry
-        first = graph.previous_links
-        inner = np.stack([graph.first[first], graph.last[first], graph.last[first + 1]], axis=1)
         at, _ = self._clamps(model)
-        return np.concatenate([inner, np.stack([graph.first[at], graph.first[at], graph.last[at]], axis=1)])
+        walls = np.stack([graph.first[at], graph.first[at], graph.last[at]], axis=1)
+        return np.concatenate([self._joints(model)[2], walls])
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
         return -jax.grad(partial(self._energy, k))(r)
 
     def _energy(self, k: Kinematics, r: jax.Array) -> jax.Array:
         """Energy [J] of the joints with nodes at positions r (joints, 3, 3)."""
-        first = k.model.geometry.previous_links
-        stiffness = self._stiffness(k, first, first + 1)
+        first, second, _ = self._joints(k.model)
+        stiffness = self._stiffness(k, first, second)
         links = r[:, 1:] - r[:, :-1]
         before, after = jnp.moveaxis(links / jnp.sqrt(dot(links, links) + 1e-30)[..., None], 1, 0)
         if self.clamped:
@@ -117,3 +148,21 @@ class Bending(Effect):
             before = jnp.concatenate([before[: len(first)], leaving])
         bend = after - before
         return jnp.sum(stiffness * dot(bend, bend))
+
+
+def common_ends(pair: tuple[str, str], ends: Mapping[str, tuple[Any, Any]]) -> tuple[int, int]:
+    """0 for the first end of each of two lines, 1 for its last, at their common point.
+
+    Args:
+        ends: first and last point of lines by name.
+
+    Raises:
+        SceneError: no common point, or two of them.
+    """
+    first, second = (ends[name] for name in pair)
+    found = [(i, j) for i in (0, 1) for j in (0, 1) if first[i] == second[j]]
+    if pair[0] == pair[1] or len(found) != 1:
+        raise SceneError(
+            f"effects.bending.joined: {pair[0]!r} and {pair[1]!r} do not meet in one point; allowed: two lines that do"
+        )
+    return found[0]

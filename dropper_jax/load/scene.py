@@ -57,14 +57,18 @@ from dropper_jax.scene import (
     choose_steps,
     directions,
     is_branched,
+    line_slices,
     point_named,
 )
+from dropper_jax.scene.run import rows_of_pieces
 from dropper_jax.sea.spec import SeaSpec
 
 #: Relative mismatch of a given configuration with lengths and fixed ends that is still attributed to rounding.
 POSE_TOLERANCE = 1e-6
 #: The same for angles that are closed on loading: files contain angles with four or five decimals.
 CLOSED_TOLERANCE = 1e-4
+#: Length of an elastic link over its unstretched length from which measured positions are not those of its line.
+STRETCHED = 2.0
 
 
 def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
@@ -107,20 +111,54 @@ def closed_start(scene: SceneData) -> StartSpec:
 
 
 @raises_first
-def check_pose(scene: SceneData, path: str, nodes: np.ndarray) -> Iterator[Check]:
+def check_pose(scene: SceneData, line: LineSpec, path: str, nodes: np.ndarray, before: int = 0) -> Iterator[Check]:
     """Check that a given configuration starts and ends at the line's fixed points and has the lengths of rigid
-    links."""
-    line = scene.lines[0]
+    links.
+
+    Args:
+        nodes: of the line (links + 1, 3) [m]; before: number of nodes of other lines before it in the list.
+    """
     for i, point in ((0, scene.point(line.start)), (line.links, scene.point(line.end))):
         away = float(np.linalg.norm(nodes[i] - point.position))
         yield (
-            away > POSE_TOLERANCE * line.total and (i == 0 or not point.is_free),
-            f"{path}: node {i} is at {_point_text(nodes[i])} m; allowed: {_point_text(point.position)} m, "
+            away > POSE_TOLERANCE * line.total and not point.is_free,
+            f"{path}: node {before + i} is at {_point_text(nodes[i])} m; allowed: {_point_text(point.position)} m, "
             f"the position of {point.name!r}",
         )
     sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
     for j in np.flatnonzero(np.abs(sizes - line.length) > POSE_TOLERANCE * line.length):
         yield line.rigid, f"{path}: link {j + 1} is {sizes[j]:.9g} m long; allowed: its length {line.length[j]:.9g} m"
+
+
+def check_system_pose(scene: SceneData) -> None:
+    """Check the given positions of a system of lines: as of each line, and those of each point must be the same.
+
+    Raises:
+        SceneError: bodies, or positions that disagree with points, with links, or with each other.
+    """
+    if scene.bodies:
+        raise SceneError("start.kind: 'positions' gives nodes of lines only; allowed: in scenes without bodies")
+    rows = rows_of_pieces(scene.lines)
+    found: dict[str, tuple[int, np.ndarray]] = {}
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        nodes = scene.start.positions[where.nodes]
+        path = f"start.positions: line {line.name!r}"
+        check_pose(scene, line, path, nodes, int(rows[where.nodes.start]))
+        sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1) / line.length
+        worst = int(np.argmax(sizes))
+        if sizes[worst] > STRETCHED:
+            raise SceneError(
+                f"{path}: link {worst + 1} is {sizes[worst]:.4g} times as long as unstretched; allowed: up to "
+                f"{STRETCHED:g}. Check unit and order of the nodes"
+            )
+        for i, name in ((0, line.start), (line.links, line.end)):
+            row = int(rows[where.nodes.start + i])
+            other, position = found.setdefault(name, (row, nodes[i]))
+            if np.linalg.norm(nodes[i] - position) > POSE_TOLERANCE * line.total:
+                raise SceneError(
+                    f"start.positions: nodes {other} and {row} are both point {name!r}, but at "
+                    f"{_point_text(position)} m and {_point_text(nodes[i])} m; allowed: one position"
+                )
 
 
 def _point_text(position: np.ndarray) -> str:
@@ -209,7 +247,7 @@ class Scene(SceneData):
             bodies=bodies,
             vessels=vessels,
             effects=_read_effects(table.get("effects", {}), sum(line.links for line in lines)),
-            start=StartSpec.read(table.get("start", {}), "start", lines[0], held, branched, len(lines) == 1),
+            start=StartSpec.read(table.get("start", {}), "start", lines, held, branched),
             run=RunSpec.read(table["run"], "run", OPTIONS),
             sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
             failures=read_items(FailureSpec.read, table.get("failure", []), "failure", lines),
@@ -229,7 +267,9 @@ class Scene(SceneData):
             scene = dataclasses.replace(scene, start=closed_start(scene))
         pose = None if branched else given_pose(scene)
         if pose is not None:
-            check_pose(scene, *pose)
+            check_pose(scene, scene.lines[0], *pose)
+        elif scene.start.kind == "positions":
+            check_system_pose(scene)
         check_bed(scene, pose)
         return with_suggestions(scene)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from dropper_jax.analysis.angles import writhe
 from dropper_jax.effects import EFFECTS
+from dropper_jax.effects.bending import common_ends
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
@@ -103,6 +104,7 @@ def curvature(scene: Scene, positions: np.ndarray, t: np.ndarray | None = None) 
         t: times (k,) [s], for clamps that turn; 0 if omitted.
     """
     found = np.zeros(positions.shape[:2])
+    away = {}
     clamps = _clamps(scene, np.zeros(len(positions)) if t is None else t)
     for line, where in zip(scene.lines, line_slices(scene), strict=True):
         links = np.diff(positions[:, where.nodes], axis=1)
@@ -114,7 +116,21 @@ def curvature(scene: Scene, positions: np.ndarray, t: np.ndarray | None = None) 
         for node, link, name, sign in ((0, 0, line.start, 1.0), (-1, -1, line.end, -1.0)):
             if name in clamps:
                 own[:, node] = np.linalg.norm(q[:, link] - sign * clamps[name], axis=-1) / (0.5 * length[link])
+        away[line.name] = ((q[:, 0], length[0]), (-q[:, -1], length[-1]))
+    for pair, ends, nodes in _joined_ends(scene):
+        first, second = (away[name][end] for name, end in zip(pair, ends, strict=True))
+        bent = np.linalg.norm(first[0] + second[0], axis=-1) / (0.5 * (first[1] + second[1]))
+        found[:, nodes] = bent[:, None]
     return found
+
+
+def _joined_ends(scene: Scene) -> Iterator[tuple[tuple[str, str], tuple[int, int], list[int]]]:
+    """The lines of each pair that `bending` joins, their ends (0 or 1) at the common point, and their nodes there."""
+    ends = {line.name: (line.start, line.end) for line in scene.lines}
+    nodes = {where.name: (where.nodes.start, where.nodes.stop - 1) for where in line_slices(scene)}
+    for pair in scene.effects["bending"]["joined"]:
+        common = common_ends(pair, ends)
+        yield pair, common, [nodes[name][end] for name, end in zip(pair, common, strict=True)]
 
 
 def bending_moment(
@@ -130,6 +146,10 @@ def bending_moment(
             if row["line"] == where.name:
                 beside = slice(where.nodes.start + row["link"] - 1, where.nodes.start + row["link"] + 1)
                 kappa[t > row["time_s"], beside] = 0.0
+    for _, _, nodes in _joined_ends(scene):
+        # one moment on both lines: that of their mean stiffness, and none once an end link has broken
+        intact = np.all(kappa[:, nodes] > 0.0, axis=1, keepdims=True)
+        kappa[:, nodes] = intact * np.mean(kappa[:, nodes], axis=1, keepdims=True)
     return kappa
 
 

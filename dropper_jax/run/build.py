@@ -151,7 +151,8 @@ def _state_of_spec(model: Model, start: StartSpec, near: State | None, there: bo
         return between_points(model, near, there)
     if start.kind == "angles":
         return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
-    free = slice(1, 1 + model.free_nodes)
+    nodes = np.concatenate(model.geometry.paths)
+    free = np.array([np.flatnonzero(nodes == node)[0] for node in range(model.free_nodes)])
     return state(model, start.positions[free], None if start.velocities is None else start.velocities[free])
 
 

@@ -28,7 +28,10 @@ def winch_warnings(solution: Samples) -> Iterator[str]:
         for entry in line.length_in_time:
             if entry.control is None:
                 continue
-            length, rate = (solution.own[_key(number, leaf)] for leaf in ("length", "rate"))
+            length, rate = (
+                solution.own[f"length_in_time.{len(LEAVES) * number + LEAVES.index(leaf)}"]
+                for leaf in ("length", "rate")
+            )
             number += 1
             swings = _swings_from(rate, entry.control)
             if swings is not None:
@@ -37,16 +40,11 @@ def winch_warnings(solution: Samples) -> Iterator[str]:
                     f"winch of {line.name}: swings between its limits of {low:g} and {high:g} m/s from "
                     f"{solution.t[swings]:.3g} s on, so its gain is unstable. Use a smaller control.gain"
                 )
-            elif _is_used_up(length, entry.control):
+            elif np.any(np.isclose(length[-1], entry.control.lengths, rtol=1e-9)):
                 yield (
                     f"winch of {line.name}: ends at its limit of {length[-1]:.4g} m, so the tension is not the target. "
                     "Use wider control.lengths, or another target"
                 )
-
-
-def _key(number: int, leaf: str) -> str:
-    """Name of the series of a leaf of a winch's state (see `Solution.own`)."""
-    return f"length_in_time.{len(LEAVES) * number + LEAVES.index(leaf)}"
 
 
 def _swings_from(rate: np.ndarray, control: WinchSpec) -> int | None:
@@ -61,7 +59,3 @@ def _swings_from(rate: np.ndarray, control: WinchSpec) -> int | None:
     if np.mean(between != 0) < MOST:
         return None
     return int(changes[0])
-
-
-def _is_used_up(length: np.ndarray, control: WinchSpec) -> bool:
-    return bool(np.any(np.isclose(length[-1], control.lengths, rtol=1e-9)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -32,7 +32,7 @@ DEFAULT_ACCURACY = 0.01
 #: Keys that an accuracy replaces.
 REPLACED = ("tolerance", "step_tolerance", "error_tolerance")
 #: How the start may be given.
-_KINDS = {"one line": ("static", "angles", "positions"), "a system of lines": ("static", "points")}
+_KINDS = {"one line": ("static", "angles", "positions"), "a system of lines": ("static", "positions", "points")}
 #: Linear solvers by name, as `dropper_jax.solvers` offers them; importing that would load scipy for every scene reader.
 SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 
@@ -213,9 +213,10 @@ class StartSpec:
 
     `static`: the equilibrium under `release_force` on `release_nodes`, which are released at t = 0. `angles`:
     `zero = "horizontal"` (thesis (4.1)): `d = L (cos p cos a, cos p sin a, -sin p)`; `zero = "down"` (thesis (3.1)):
-    `d = L (sin p cos a, sin p sin a, -cos p)`, p polar, a azimuth. `positions`: all nodes, both ends included.
-    `points`, for a system of lines: free points are held at their positions in the scene, the lines settle between
-    them, and all are released at t = 0.
+    `d = L (sin p cos a, sin p sin a, -cos p)`, p polar, a azimuth. `positions`: all nodes, both ends included; of a
+    system of lines one line after another, where a line with attached points is one line. `points`, for a system of
+    lines: free points are held at their positions in the scene, the lines settle between them, and all are released at
+    t = 0.
     """
 
     FIELDS: ClassVar[dict[str, tuple[str, ...]]] = {
@@ -244,19 +245,18 @@ class StartSpec:
         return self.kind == "static"
 
     @classmethod
-    def read(
-        cls, table: Plain, path: str, line: LineSpec, held: bool, branched: bool = False, alone: bool = True
-    ) -> StartSpec:
-        """The start of a scene, whose first line is `line`.
+    def read(cls, table: Plain, path: str, lines: Sequence[LineSpec], held: bool, branched: bool = False) -> StartSpec:
+        """The start of a scene of these lines.
 
         Args:
-            held: whether the end of the line is fixed; branched: whether starts are those of a system of lines.
-            alone: whether the line is the only one, so that its nodes have numbers.
+            held: whether the end of the first line is fixed.
+            branched: whether starts are those of a system of lines.
         """
+        line = lines[0]
         values = read_fields(cls, table, path, {})
         kind = values["kind"]
         _check_kind(kind, read_table(table, path), path, branched)
-        if not alone and values["release_nodes"] is not None:
+        if len(lines) > 1 and values["release_nodes"] is not None:
             raise SceneError(
                 f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines"
             )
@@ -269,12 +269,27 @@ class StartSpec:
                     values[key] = np.zeros(line.links)
                 _check_rows(values[key], f"{path}.{key}", line.links, "entries", "one per link")
         elif kind == "positions":
-            nodes = line.links + 1
+            rows = rows_of_pieces(lines)
             for key in ("positions", "velocities"):
                 if values[key] is None and key != "positions":
-                    values[key] = np.zeros((nodes, 3))
-                _check_rows(values[key], f"{path}.{key}", nodes, "rows", "both ends included")
+                    values[key] = np.zeros((len(rows), 3))
+                if np.shape(values[key])[:1] != rows.shape:
+                    _check_rows(values[key], f"{path}.{key}", rows[-1] + 1, "rows", "both ends of each line included")
+                    values[key] = values[key][rows]
         return cls(**values)
+
+
+def rows_of_pieces(lines: Sequence[LineSpec]) -> np.ndarray:
+    """The row of each node of all pieces, both ends of each included, in a list of the nodes of all lines.
+
+    Two pieces of a line share the row of the point between them.
+    """
+    found: list[int] = []
+    for i, line in enumerate(lines):
+        follows = i > 0 and line.piece_of is not None and line.piece_of == lines[i - 1].piece_of
+        first = found[-1] + (not follows) if found else 0
+        found += range(first, first + line.links + 1)
+    return np.array(found)
 
 
 @raises_first

@@ -50,6 +50,49 @@ def test_a_pinned_beam_sags_by_5_w_l4_over_384_ei():
     assert error[0] / error[1] == pytest.approx(4.0, abs=0.3)
 
 
+def halves(turned, **bending):
+    """The pinned beam in two lines of 8 links, the second from the middle on or, turned, from the far end."""
+    table = beam(8)
+    table["point"].append({"name": "middle", "position": [5.0, 0.0, 0.0], "kind": "free"})
+    ends = ("b", "middle") if turned else ("middle", "b")
+    half = {"type": "rod", "length": 5.0, "links": 8}
+    table["line"] = [
+        {"name": "left", "from": "a", "to": "middle", **half},
+        {"name": "right", "from": ends[0], "to": ends[1], **half},
+    ]
+    table["effects"]["bending"] |= bending
+    return table
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_joined_lines_bend_as_one(turned):
+    exact = 5 * 0.1 * 10.0**4 / (384 * 1e4)
+    table = halves(turned, joined=[["left", "right"]])
+    pose = equilibrium(table)
+    assert pose.status == "ok", pose.message
+    assert -np.min(pose.positions[:, 2]) == pytest.approx(exact, rel=5e-3)
+    run = simulate(table, dt=0.01, duration=0.1)
+    middle = [8, 17 if turned else 9]
+    assert np.allclose(run.bending_moment[-1, middle], 0.1 * 10.0**2 / 8, rtol=5e-3)
+
+
+def test_lines_that_are_not_joined_meet_in_a_hinge():
+    pose = equilibrium(halves(False))
+    assert -np.min(pose.positions[:, 2]) > 2.0 * 5 * 0.1 * 10.0**4 / (384 * 1e4)
+
+
+@pytest.mark.parametrize(
+    ("joined", "told"),
+    [
+        ([["left", "rihgt"]], "effects.bending.joined.0: 'rihgt' is not a line; did you mean 'right'"),
+        ([["left", "left"]], "'left' and 'left' do not meet in one point"),
+    ],
+)
+def test_lines_that_cannot_be_joined_are_refused(joined, told):
+    with pytest.raises(SceneError, match=told):
+        Scene.from_dict(halves(False, joined=joined))
+
+
 def test_energy_of_a_bent_circle_is_ei_over_2_r2_per_length_and_the_force_its_gradient():
     radius, links = 5.0, 100
     model = build_model(load_scene({**beam(links), "effects": {"weight": {}, "bending": {"EI": 200.0}}}))
@@ -168,7 +211,14 @@ def frame(rigid=False, links=5):
             {"name": "right", "from": "b", "to": "c", "length": 5.0, **line},
             {"name": "down", "from": "b", "to": "d", "length": 4.0, **line | {"links": 2}},
         ],
-        "effects": {"weight": {}, "bending": {"clamped": ["c"], "directions": [[-1.0, 0.0, 0.3]]}},
+        "effects": {
+            "weight": {},
+            "bending": {
+                "clamped": ["c"],
+                "directions": [[-1.0, 0.0, 0.3]],
+                "joined": [["left", "right"], ["down", "right"]],
+            },
+        },
         "start": {"kind": "points"},
     }
 

@@ -235,6 +235,31 @@ def test_winch_follows_its_equations_to_first_order():
     assert np.max(rates) <= 0.02 * (1.0 + 1e-9)
 
 
+@pytest.mark.check
+def test_derivatives_of_peaks_by_gains_of_a_winch_agree_with_differences_of_runs():
+    """A mass on a heaving drum, whose winch keeps the tension near the weight."""
+    heaving = {"point": "drum", "amplitude": [0.0, 0.0, 0.3], "period": 1.7, "ramp": 1.0}
+    table = scene(winch(target=MASS * GRAVITY, limits=[-5.0, 5.0]))
+    table["effects"]["end_motion"] = heaving
+    model, start = dj.build(table)
+    stepper = dj.make_stepper(model, "energy_momentum")
+    window = jnp.full(20, 1.0 / 20)  # 0.2 s
+
+    @jax.jit
+    def peaks(gain):
+        entry = dataclasses.replace(model.effect("length_in_time").entries[0], gain=gain)
+        run = dj.integrate(stepper, with_entry(model, entry), start, 0.01, 400)[1]
+        means = jnp.convolve(run.tension[:, 0], window, mode="valid")
+        return jnp.stack([jnp.max(run.tension), jnp.max(means)])
+
+    gain = jnp.array([3e-3, 2e-3])
+    assert peaks(jnp.zeros(2))[1] > 1.25 * peaks(gain)[1]
+    exact = jax.jacrev(peaks)(gain)
+    step = 1e-4 * gain
+    columns = [(peaks(gain + step * e) - peaks(gain - step * e)) / (2.0 * jnp.sum(step * e)) for e in jnp.eye(2)]
+    assert np.allclose(exact, np.stack(columns, axis=1), rtol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("control", "message"),
     [

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.candidate import Candidate, omitted_parameter_bias
 from fitting.calibration.comparison import refuse_tied
+from fitting.calibration.disagreement import disagreement_warnings, disagreements
 from fitting.calibration.estimating import FIRST, Method, as_method, estimate, with_sound_windows
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
@@ -109,8 +110,8 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
         return []
     largest = out[np.argsort(-size[tuple(out.T)])[:NAMED_SAMPLES]]
     positions = [
-        f"{prepared.traces[windows.run[window]].name} link {link} at {windows.times()[window, slot]:.3f} s"
-        for window, slot, link in largest
+        f"{prepared.traces[windows.run[window]].column_name(column)} at {windows.times()[window, slot]:.3f} s"
+        for window, slot, column in largest
     ]
     if len(out) > len(positions):
         more = f" and {len(out) - len(positions)} more"
@@ -139,6 +140,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     scored = finer.noisy(solution.problem.noise)
     laws = test_laws(prepared, solution, u)
+    rows = disagreements(prepared, solution)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(
         scene=prepared.scene,
@@ -151,10 +153,16 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
         traces=prepared.traces,
         lyapunov=rate,
         laws=laws,
+        recordings=rows,
         prepared=prepared,
         left_out=prepared.left_out,
         held_out=[score_held_out(scored, solution.values, span) for span in prepared.held_out],
-        warnings=[*prepared.warnings, *warnings_of(prepared, solution, u, chi2), *law_warnings(laws)],
+        warnings=[
+            *prepared.warnings,
+            *warnings_of(prepared, solution, u, chi2),
+            *law_warnings(laws),
+            *disagreement_warnings(rows),
+        ],
     )
 
 
@@ -253,6 +261,8 @@ def fit_and_free(
     def again(prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None) -> Solution:
         return estimate(prepared, replace(chosen, name=method), loss, progress, frozen)
 
+    if any(trace.recordings for trace in whole.traces):
+        raise SceneError("auto-free: only for separate runs. Fit recordings of one motion without it, with --advice")
     started = whole.started
     sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
     kicks: list[Candidate] = []

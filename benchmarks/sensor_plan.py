@@ -1,4 +1,4 @@
-"""How much shorter a test of the lab dropper may be with accelerometers on its links, by the information of the samples.
+"""How much shorter a test of the lab dropper may be with accelerometers, by the information of the samples.
 
     S(T) = sum over samples before T of J' J / sigma^2,      errors = sqrt(diag(S^-1))
 

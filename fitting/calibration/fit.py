@@ -18,7 +18,7 @@ from fitting.calibration.disagreement import disagreement_warnings, disagreement
 from fitting.calibration.estimating import FIRST, Method, as_method, estimate, with_sound_windows
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
-from fitting.calibration.laws import LawTest, law_warnings, test_laws, with_law
+from fitting.calibration.laws import QUADRATIC, LawTest, law_warnings, test_laws, with_law
 from fitting.calibration.likely_cause import free_too
 from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, TracesLike, prepare
 from fitting.calibration.result import FitResult, direction_text, score_held_out
@@ -229,6 +229,8 @@ def fit(
     solution = estimate(prepared, replace(method, iterations=left), loss, progress)
     solution.iterations += prepared.iterations
     result = explain(summarise(prepared, method.name, solution), whole)
+    if free is None and not settings.fixed and (whole.scene.fit is None or not whole.scene.fit.free):
+        result = complete_law(result, method, loss, progress)
     if result.status == "misfit" and not result.wrong_file and method.name != "gradient":
         result.tested = advise(result)
         result.likely = likeliest(result)
@@ -308,6 +310,35 @@ def free_laws(
         law = with_law(result.prepared, result.laws.wrong.free, result.solution)
         result = summarise(law, method.name, estimate(law, method, loss, progress))
     result.freed = found
+    return result
+
+
+#: Forces that a misfit frees in turn, and how many of them are tried.
+MOST_TRIED = 2
+
+
+def complete_law(
+    result: FitResult, method: Method | GradientDescent, loss: Loss = LEAST_SQUARES, progress: Progress = silent
+) -> FitResult:
+    """The fit with one more force of the damping law if the scene's own forces miss the trace and it explains them.
+
+    For fits whose free parameters nobody chose: the scene's damping is then a first guess of the law. Score tests are
+    too weak where a misfit is far above the noise (measured single pendulum without its quadratic drag: t = 1.1,
+    although freeing it halves the error of stretches that were not fitted), so that forces are fitted in turn.
+    """
+    if result.status != "misfit" or result.wrong_file:
+        return result
+    order = sorted((test for test in result.laws.tests if test.free), key=lambda test: test.name != QUADRATIC)
+    for test in order[:MOST_TRIED]:
+        law = with_law(result.prepared, test.free, result.solution)
+        found = summarise(law, method.name, estimate(law, method, loss, progress))
+        if found.status == "ok":
+            found.freed = [test]
+            found.warnings.append(
+                f"the scene's damping misses the trace: {test.name} ({', '.join(test.free)}) was freed too; "
+                "--fixed, --free or [fit] keep the law"
+            )
+            return found
     return result
 
 

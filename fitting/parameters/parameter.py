@@ -18,7 +18,7 @@ a damping of exactly 0 is reachable.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -254,6 +254,11 @@ class Parameter:
         if self.value != 0:
             return abs(self.value)
         return SIZES_AT_ZERO.get(self.where.field, 1.0)
+
+
+def names_in_scene(parameters: Iterable[Parameter]) -> list[str]:
+    """Names of the parameters that a scene or its release has, without those of recordings."""
+    return [p.name for p in parameters if not isinstance(p.where, RecordingPlace)]
 
 
 class Released(Protocol):

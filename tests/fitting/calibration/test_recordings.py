@@ -79,6 +79,7 @@ def fitted(motion):
     return fit([first, biased(motion)], SCENE, ["b_l"], settings=SETTINGS)
 
 
+@pytest.mark.check
 def test_biases_of_a_second_recording_are_found_within_their_errors(fitted):
     assert fitted.status == "ok", fitted.message
     off = deviations(fitted)
@@ -87,6 +88,7 @@ def test_biases_of_a_second_recording_are_found_within_their_errors(fitted):
     assert fitted.uncertainty.std_error[-1] < 1e-4  # of the delay, a hundredth of its sampling interval
 
 
+@pytest.mark.check
 def test_each_recording_has_its_own_noise_and_none_disagrees(fitted):
     noise = {(row.recording, row.link): row.noise for row in fitted.recordings}
     assert noise["A", 1] == pytest.approx(0.003, rel=0.15)

@@ -322,7 +322,7 @@ def complete_law(
 ) -> FitResult:
     """The fit with one more force of the damping law if the scene's own forces miss the trace and it explains them.
 
-    For fits whose free parameters nobody chose: the scene's damping is then a first guess of the law. Score tests are
+    For fits with the default free parameters: the scene's damping is then a first guess of the law. Score tests are
     too weak where a misfit is far above the noise (measured single pendulum without its quadratic drag: t = 1.1,
     although freeing it halves the error of stretches that were not fitted), so that forces are fitted in turn.
     """

@@ -102,9 +102,9 @@ class Accelerometer(OnLink):
 
     def see(self, motion: SavedMotion) -> jax.Array:
         along = self.link_direction(motion)
-        place = motion.nodes[:, self.first] + self.position * along
+        mount = motion.nodes[:, self.first] + self.position * along
         inner = along[self.margin : -self.margin]
-        force = differences(place, SECOND) / motion.spacing**2 + jnp.array([0.0, 0.0, 1.0]) * motion.gravity
+        force = differences(mount, SECOND) / motion.spacing**2 + jnp.array([0.0, 0.0, 1.0]) * motion.gravity
         side = self.side(inner)
         shown = [jnp.sum(force * axis, axis=1) for axis in (inner, jnp.cross(side, inner), side)]
         c = jnp.cos(self.turn)

@@ -42,6 +42,22 @@ def random_droppers(found: Found) -> Rows:
     )
 
 
+@table_of("sensor_plan")
+def sensor_plan(found: Found) -> Rows:
+    """Durations of tests with the same errors of b_l and b_q, by their sensors."""
+    rows = []
+    for row in found["rows"]:
+        times = [f"{x:.3g}" for x in row["same_error_after_s"]]
+        rows.append({"sensors": row["sensors"], "times": times, "errors": row["errors"][found["times_s"].index(4.0)]})
+    lasting = [f"{x:g} s" for x in found["compared_s"]]
+    return columns(
+        rows,
+        ("sensors", "{sensors}"),
+        *((f"as {text} of angles [s]", f"{{times[{i}]}}") for i, text in enumerate(lasting)),
+        ("errors of b_l [kg/s], b_q [kg/m] after 4 s", "{errors[0]:.2g}, {errors[1]:.2g}"),
+    )
+
+
 #: Faults that leave one coefficient without a true value.
 OTHER_LAW = ("only_linear", "only_quadratic")
 

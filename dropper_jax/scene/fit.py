@@ -57,6 +57,9 @@ PRIOR_UNITS: dict[str, tuple[str, float]] = {
     "s": ("s", 1.0),
     "ms": ("s", 1e-3),
     "m/s^2": ("m/s^2", 1.0),
+    "gn": ("m/s^2", 9.80665),
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", 0.017453292519943295),
     "N": ("N", 1.0),
     "kN": ("N", 1e3),
     "px": ("px", 1.0),
@@ -69,6 +72,7 @@ PRIOR_UNITS: dict[str, tuple[str, float]] = {
 }
 #: Quantities that a sensor may measure, and their units.
 CHANNELS = {"angle": "rad", "position": "m", "pixel": "px", "tension": "N", "depth": "m"}
+CHANNELS |= {"accelerometer": "m/s^2", "gyro": "rad/s"}
 
 
 def in_si(value: float, unit: str) -> tuple[float, str]:

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.advice import advise
 from fitting.calibration.candidate import Candidate, omitted_parameter_bias
 from fitting.calibration.comparison import refuse_tied
+from fitting.calibration.disagreement import disagreement_warnings, disagreements
 from fitting.calibration.estimating import FIRST, Method, as_method, estimate, with_sound_windows
 from fitting.calibration.freeing import MOST_FREED, free_by_advice
 from fitting.calibration.kicks import without_kicks
-from fitting.calibration.laws import LawTest, law_warnings, test_laws, with_law
+from fitting.calibration.laws import QUADRATIC, LawTest, law_warnings, test_laws, with_law
 from fitting.calibration.likely_cause import free_too
 from fitting.calibration.preparation import AUTOMATIC, FitSettings, Prepared, TracesLike, prepare
 from fitting.calibration.result import FitResult, direction_text, score_held_out
@@ -109,8 +110,8 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
         return []
     largest = out[np.argsort(-size[tuple(out.T)])[:NAMED_SAMPLES]]
     positions = [
-        f"{prepared.traces[windows.run[window]].name} link {link} at {windows.times()[window, slot]:.3f} s"
-        for window, slot, link in largest
+        f"{prepared.traces[windows.run[window]].column_name(column)} at {windows.times()[window, slot]:.3f} s"
+        for window, slot, column in largest
     ]
     if len(out) > len(positions):
         more = f" and {len(out) - len(positions)} more"
@@ -139,6 +140,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     scored = finer.noisy(solution.problem.noise)
     laws = test_laws(prepared, solution, u)
+    rows = disagreements(prepared, solution)
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(
         scene=prepared.scene,
@@ -151,10 +153,16 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
         traces=prepared.traces,
         lyapunov=rate,
         laws=laws,
+        recordings=rows,
         prepared=prepared,
         left_out=prepared.left_out,
         held_out=[score_held_out(scored, solution.values, span) for span in prepared.held_out],
-        warnings=[*prepared.warnings, *warnings_of(prepared, solution, u, chi2), *law_warnings(laws)],
+        warnings=[
+            *prepared.warnings,
+            *warnings_of(prepared, solution, u, chi2),
+            *law_warnings(laws),
+            *disagreement_warnings(rows),
+        ],
     )
 
 
@@ -221,6 +229,8 @@ def fit(
     solution = estimate(prepared, replace(method, iterations=left), loss, progress)
     solution.iterations += prepared.iterations
     result = explain(summarise(prepared, method.name, solution), whole)
+    if free is None and not settings.fixed and (whole.scene.fit is None or not whole.scene.fit.free):
+        result = complete_law(result, method, loss, progress)
     if result.status == "misfit" and not result.wrong_file and method.name != "gradient":
         result.tested = advise(result)
         result.likely = likeliest(result)
@@ -253,6 +263,8 @@ def fit_and_free(
     def again(prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None) -> Solution:
         return estimate(prepared, replace(chosen, name=method), loss, progress, frozen)
 
+    if any(trace.recordings for trace in whole.traces):
+        raise SceneError("auto-free: only for separate runs. Fit recordings of one motion without it, with --advice")
     started = whole.started
     sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
     kicks: list[Candidate] = []
@@ -298,6 +310,35 @@ def free_laws(
         law = with_law(result.prepared, result.laws.wrong.free, result.solution)
         result = summarise(law, method.name, estimate(law, method, loss, progress))
     result.freed = found
+    return result
+
+
+#: Forces that a misfit frees in turn, and how many of them are tried.
+MOST_TRIED = 2
+
+
+def complete_law(
+    result: FitResult, method: Method | GradientDescent, loss: Loss = LEAST_SQUARES, progress: Progress = silent
+) -> FitResult:
+    """The fit with one more force of the damping law if the scene's own forces miss the trace and it explains them.
+
+    For fits with the default free parameters: the scene's damping is then a first guess of the law. Score tests are
+    too weak where a misfit is far above the noise (measured single pendulum without its quadratic drag: t = 1.1,
+    although freeing it halves the error of stretches that were not fitted), so that forces are fitted in turn.
+    """
+    if result.status != "misfit" or result.wrong_file:
+        return result
+    order = sorted((test for test in result.laws.tests if test.free), key=lambda test: test.name != QUADRATIC)
+    for test in order[:MOST_TRIED]:
+        law = with_law(result.prepared, test.free, result.solution)
+        found = summarise(law, method.name, estimate(law, method, loss, progress))
+        if found.status == "ok":
+            found.freed = [test]
+            found.warnings.append(
+                f"the scene's damping misses the trace: {test.name} ({', '.join(test.free)}) was freed too; "
+                "--fixed, --free or [fit] keep the law"
+            )
+            return found
     return result
 
 

@@ -19,7 +19,7 @@ from fitting.estimate.normal_equations import eliminate_rows
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
-from fitting.parameters.parameter import given_effect, resolve, with_effects
+from fitting.parameters.parameter import given_effect, names_in_scene, resolve, with_effects
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,9 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     model, _ = build(scene_with_law(prepared.scene, dry, dict.fromkeys(OF_JOINTS, 0.0), each))
     release = prepared.simulator.release
     same = {p.name: p for p in prepared.parameters if p.name in others}
-    parameters = [same.get(p.name, p) for p in resolve(model, [*others, *names], release=release)]
+    known = names_in_scene(same.values())
+    parameters = [same.get(p.name, p) for p in resolve(model, [*known, *names], release=release)]
+    parameters += [p for name, p in same.items() if name not in known]
     owner = tuple(next((part for part in parts if p.name.startswith(PARTS[part])), None) for p in parameters)
     # dense works for any model; other solvers may reject the joints of some law
     solver = "dense" if prepared.scene.run.solver == "dense" else "auto"

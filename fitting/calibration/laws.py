@@ -36,7 +36,7 @@ from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces, raised_to
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import free_option
-from fitting.parameters.parameter import CAMERA, Parameter, given_effect, resolve, with_effects
+from fitting.parameters.parameter import CAMERA, Parameter, given_effect, names_in_scene, resolve, with_effects
 
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
 LEVEL = 0.01
@@ -76,10 +76,11 @@ class Suspect:
     along: str = ""
 
 
+QUADRATIC = "quadratic drag"
 #: Names of the forces and the paths that free them.
 FORCES = {
     "linear": ("linear drag", "effects.linear_damping.b_l"),
-    "quadratic": ("quadratic drag", "effects.quadratic_damping.b_q"),
+    "quadratic": (QUADRATIC, "effects.quadratic_damping.b_q"),
     "viscous": ("viscous friction in the joints", "effects.joint_friction.viscous"),
     "dry": ("dry friction in the joints", "effects.joint_friction.dry"),
     "springs": ("springs in the joints", "effects.bending.EI"),
@@ -335,10 +336,11 @@ def with_law(prepared: Prepared, paths: Sequence[str], solution: Solution) -> Pr
     model, _ = build(scene)
     old = {p.name: p for p in prepared.parameters}
     release = prepared.simulator.release
+    resolved = {p.name: p for p in resolve(model, [*names_in_scene(prepared.parameters), *paths], release=release)}
     parameters = []
-    for p in resolve(model, [*old, *paths], release=release):
-        known = old.get(p.name)
-        parameters.append(p if known is None else replace(known, where=p.where))
+    for name, p in old.items():
+        parameters.append(replace(p, where=resolved[name].where) if name in resolved else p)
+    parameters += [p for name, p in resolved.items() if name not in old]
     stepper = choose_stepper(model, solver=scene.run.solver)
     simulator = Simulator(model, parameters, stepper, release, more=tested_parameters(model, parameters))
     windows = replace(prepared.windows, substeps=substeps_of(prepared, simulator))

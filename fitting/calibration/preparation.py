@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax import load_scene
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
@@ -34,6 +34,7 @@ from fitting.parameters.of_scene import (
     rig_priors,
 )
 from fitting.parameters.parameter import (
+    RECORDING,
     Bounds,
     LostPlace,
     Parameter,
@@ -42,6 +43,7 @@ from fitting.parameters.parameter import (
     adjust_parameters,
     with_effects,
 )
+from fitting.parameters.recordings import share_motion
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar, pendulum_period
 from fitting.traces.trace import Convention, Trace, as_trace, convention, noise
@@ -74,6 +76,8 @@ class FitSettings:
         begin: samples before this time [s] are not fitted.
         fixed: whether the scene's lengths and the zero of the angles are kept where neither the caller nor the scene's
             `[fit]` lists what is free; otherwise a scale of the lengths and the zero are free too.
+        same_motion: whether the traces are recordings of one motion (`parameters.recordings`), not runs. All but the
+            first one have zeros, a scale and a delay, free unless the caller frees some of them by name.
     """
 
     window: float | None = None
@@ -87,6 +91,7 @@ class FitSettings:
     columns: Mapping[str, str] | None = None
     begin: float | None = None
     fixed: bool = False
+    same_motion: bool = False
 
     @property
     def convention(self) -> Convention:
@@ -172,11 +177,18 @@ def fitted_parts(traces: Sequence[Trace], spans: Sequence[Span]) -> list[Trace]:
     """The traces with every sample outside the spans (run, from, to) [s] marked as missing."""
     found = []
     for i, trace in enumerate(traces):
-        inside = np.zeros(len(trace.t), bool)
-        for run, low, high in spans:
-            inside |= (run == i) & (trace.t >= low - 1e-9) & (trace.t < high - 1e-9)
-        found.append(replace(trace, theta=np.where(inside[:, None], trace.theta, np.nan)))
+        mine = [span for span in spans if span.run == i]
+        recordings = tuple(_part(one, mine) for one in trace.recordings)
+        found.append(replace(_part(trace, mine), recordings=recordings))
     return found
+
+
+def _part(trace: Trace, spans: Sequence[Span]) -> Trace:
+    """A trace with every sample outside the spans, of any run, marked as missing."""
+    inside = np.zeros(len(trace.t), bool)
+    for span in spans:
+        inside |= (trace.t >= span.low - 1e-9) & (trace.t < span.high - 1e-9)
+    return replace(trace, theta=np.where(inside[:, None], trace.theta, np.nan))
 
 
 #: Steps per period of the shortest link as a pendulum, by the scheme's order: 1/120 s for the lab dropper (error after
@@ -328,7 +340,11 @@ def prepare(
     say = progress or silent
     say(0.0, "reading")
     scene = load_scene(scene)
-    names = default_free(scene) if free is None else full_names(scene, free)
+    of_recordings = [name for name in free or () if name.startswith(f"{RECORDING}.")]
+    if free is None:
+        names = default_free(scene)
+    else:
+        names = full_names(scene, [name for name in free if name not in of_recordings])
     # a file is checked by the lengths and the zero of the scene, although they are free
     if free is not None or settings.fixed or settings.static_start:
         rig = []
@@ -339,8 +355,19 @@ def prepare(
     check_planar(model, state)
     read, notes = read_traces(traces, model, settings, names)
     release = release_of(scene, state, names, len(read), settings.static_start)
-    changed = by_full_path(scene, start, bounds, priors)
-    parameters = adjust_parameters(free_of_traces(scene, model, [*names, *rig], release), *changed)
+    changed = by_full_path(scene, start, bounds, priors, (RECORDING,))
+    parameters = free_of_traces(scene, model, [*names, *rig], release)
+    if settings.same_motion:
+        refuse_with_recordings(settings, release)
+        motion = share_motion(read, start)
+        notes += motion.notes
+        read = [motion.trace]
+        parameters = (*parameters, *some_of(motion.parameters, of_recordings))
+        delays = {p.name: p.value for p in motion.parameters if p.name.endswith(".delay")}
+        changed[0] |= {name: value for name, value in delays.items() if name in changed[0]}
+    elif of_recordings:
+        raise SceneError(f"free: {of_recordings[0]!r}: only for recordings of one motion. Use --same-motion")
+    parameters = adjust_parameters(parameters, *changed)
     parameters, known = rig_priors(scene, model, at_frames(parameters, read))
     samples = choose_samples(read, scene, model, until, held_out, settings, release is not None)
     if simulator is None:
@@ -394,7 +421,7 @@ def read_traces(
         raise SceneError("traces: none given. Use one or more CSV files")
     asked = settings.convention
     notes = []
-    read = [as_trace(item, model.line.links, settings.columns) for item in given]
+    read = [as_trace(item, model.line.links, settings.columns, settings.same_motion) for item in given]
     for trace in read:
         check_sampling(trace, model)
         check_unit(trace, model, asked.over(trace.convention))
@@ -407,6 +434,30 @@ def read_traces(
     if settings.dt is not None:
         check_step(found, settings.dt)
     return found, notes
+
+
+def refuse_with_recordings(settings: FitSettings, release: Release | None) -> None:
+    """Reject settings that belong to separate runs.
+
+    Raises:
+        SceneError: a release, or poses at rest.
+    """
+    if release is not None:
+        raise SceneError("same-motion: cannot be combined with a static start or release.*. Fit the first recording")
+    if settings.rest:
+        raise SceneError("same-motion: cannot be combined with rest. Fit the first recording, or leave rest out")
+
+
+def some_of(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Parameter, ...]:
+    """The parameters with these names, or that belong to them; all of them without any.
+
+    Raises:
+        SceneError: a name that none of them has.
+    """
+    for name in names:
+        if not any(f"{p.name}.".startswith(f"{name}.") for p in parameters):
+            raise SceneError(f"free: {name!r} does not exist; {nearest(name, [p.name for p in parameters])}")
+    return tuple(p for p in parameters if not names or any(f"{p.name}.".startswith(f"{n}.") for n in names))
 
 
 def choose_samples(
@@ -439,7 +490,8 @@ def choose_samples(
     period = pendulum_period(length)
     if not released:
         seen = fitted_parts(traces, spans)
-        spans, more = without_held_starts(spans, seen, sigma, slowest, lambda: resting_angles(model))
+        of_links = [size[: model.line.links] for size in sigma]
+        spans, more = without_held_starts(spans, seen, of_links, slowest, lambda: resting_angles(model))
         notes += more
     for i, trace in enumerate(traces):
         if mine := [(low, high) for run, low, high in spans if run == i]:
@@ -447,7 +499,7 @@ def choose_samples(
     found = Samples(traces, spans, sigma, held, rests(traces, sigma, rest), slowest, period, notes)
     if not rest and not released:
         for trace, size in zip(found.seen, sigma, strict=True):
-            notes += advice_on_rest(trace, size, slowest)
+            notes += advice_on_rest(trace, size[: model.line.links], slowest)
     return found
 
 

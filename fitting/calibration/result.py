@@ -12,6 +12,7 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.model import Model
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.decision import verdict
+from fitting.calibration.disagreement import Disagreement
 from fitting.calibration.law_fits import Law
 from fitting.calibration.laws import DRAG, LawTest, LawTests, freeing_option
 from fitting.calibration.preparation import Prepared
@@ -138,6 +139,7 @@ class FitResult(SceneFit):
         wrong_file: the mistake in the traces that explains a misfit, in a line; otherwise empty.
         likely: the likeliest cause of a smaller misfit and what to free, from the score tests; otherwise empty.
         laws: score tests of forces that the scene lacks.
+        recordings: of one motion, where each of them disagrees; otherwise empty.
         prepared: what was fitted; `advise`, `compare` and others start from it.
         tested: score tests that were made because of a misfit.
         accepted: whether a misfit or a wrong law is accepted; it has errors then.
@@ -157,6 +159,7 @@ class FitResult(SceneFit):
     likely: str = ""
     left_out: tuple[Span, ...] = ()
     laws: LawTests = LawTests()
+    recordings: list[Disagreement] = field(default_factory=list)
     prepared: Prepared
     tested: list[Candidate] = field(default_factory=list)
     accepted: bool = False
@@ -268,6 +271,7 @@ class FitResult(SceneFit):
         requested = {
             "descent": self.descent,
             "comparison": [row.to_json() for row in self.comparison],
+            "recordings": [row.to_json() for row in self.recordings],
             "law": self.comparison and verdict(self.comparison),
             "left_out": [
                 {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out

@@ -37,7 +37,10 @@ FRAMES = 6
 
 
 def name_wrong_file(prepared: Prepared) -> str:
-    """The change of the traces that short windows suggest, in a line; empty if they fit as given."""
+    """The change of the traces that short windows suggest, in a line; empty if they fit as given, and of several
+    recordings of one motion, which show each other's mistakes."""
+    if any(trace.recordings for trace in prepared.traces):
+        return ""
     pieces = _moving_pieces(prepared)
     links = prepared.traces[0].links
     found = fit_short_windows(prepared, pieces)

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import jax
 import numpy as np
 
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.scene import SceneData, WholeLine, whole_lines
 from fitting.traces.trace import noise_by_differences
@@ -155,11 +156,15 @@ class SavedMotion(NamedTuple):
         nodes: of all lines, both ends of each included (S + 1, N, 3) [m], including the start.
         middle: the same at the times of the tensions (S, N, 3) [m].
         tension: of the links (S, n) [N].
+        spacing: time between saved states [s].
+        gravity: [m/s^2].
     """
 
     nodes: jax.Array
     middle: jax.Array
     tension: jax.Array
+    spacing: jax.Array | float = 1.0
+    gravity: jax.Array | float = GRAVITY
 
 
 @dataclass(frozen=True)
@@ -182,6 +187,10 @@ class Channel(ABC):
     turns: ClassVar[bool] = False
     #: Whether it is a single number, in one column.
     scalar: ClassVar[bool] = True
+    #: Rows at either end of the saved motion that its values lack, because it takes differences.
+    margin: ClassVar[int] = 0
+    #: Numbers of how it is mounted, and their units: fields that `mounted` sets.
+    mounting: ClassVar[dict[str, str]] = {}
     #: Keys of its table in addition to those of all channels.
     KEYS: ClassVar[tuple[str, ...]] = ()
 
@@ -202,6 +211,10 @@ class Channel(ABC):
     @abstractmethod
     def see(self, motion: SavedMotion) -> jax.Array:
         """Output of a perfect sensor (times, columns) [SI]."""
+
+    def mounted(self, position: jax.Array, turn: jax.Array) -> Channel:
+        """The channel mounted in this way, for kinds with a `mounting`; differentiable."""
+        return self
 
 
 class Context(NamedTuple):

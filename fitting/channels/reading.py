@@ -6,7 +6,7 @@ file = "monday.csv"                  # a column t [s] and those of the channels;
 
 [[channel]]
 name = "west"
-kind = "tension"                     # angle, position, pixel, tension, depth
+kind = "tension"                     # angle, position, pixel, tension, depth, accelerometer, gyro
 column = "load_cell"
 unit = "kN"
 line = "backbone"
@@ -41,6 +41,7 @@ from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
 from fitting.channels.channel import CameraSpec, Channel, Context, Data, Run, Sensor, Where
+from fitting.channels.inertial import Accelerometer, Gyro
 from fitting.channels.sensors import (
     Angle,
     Depth,
@@ -62,7 +63,9 @@ FEWEST_READINGS = 3
 
 
 #: Kinds of channels, and the keys that tables of all kinds share.
-KINDS: dict[str, type[Channel]] = {cls.kind: cls for cls in (Angle, Position, Pixel, Tension, Depth)}
+KINDS: dict[str, type[Channel]] = {
+    cls.kind: cls for cls in (Angle, Position, Pixel, Tension, Depth, Accelerometer, Gyro)
+}
 COMMON = ("name", "kind", "column", "columns", "unit", "camera", "noise", "noise_unit", "offset", "gain", "delay")
 LOCATIONS = ("line", "link", "node", "end", "at", "point")
 

@@ -1,8 +1,9 @@
 """Setup of a run: all numbers that a parameter may change, the free ones among them, and the motion that they give.
 
 Paths of parameters in addition to those of scenes: `start.velocities.3.1`, `channel.NAME.offset`, `.gain` and `.delay`,
-`camera.NAME.delay` and `.rate`. `measured(t) = offset + gain * true(rate t - delay of the camera - delay of the
-channel)`.
+`.position` and `.turn` of an accelerometer, `camera.NAME.delay` and `.rate`.
+
+    measured(t) = offset + gain * true(rate t - delay of the camera - delay of the channel)
 
 All numbers are in one pytree (`Setup`). The host specifies how each parameter changes it (`tangents`, with one more
 axis in front), so that one compiled program serves every choice of free parameters:
@@ -21,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
@@ -35,11 +37,14 @@ from fitting.parameters.parameter import Parameter, check_once
 
 
 class Reading(NamedTuple):
-    """Sensor of one channel: offset (m,) [SI], gain () [-], delay () [s]."""
+    """Sensor of one channel: offset (m,) [SI], gain () [-], delay () [s], and how it is mounted on its link: position
+    () [m], turn () [rad]."""
 
     offset: jax.Array
     gain: jax.Array
     delay: jax.Array
+    position: jax.Array
+    turn: jax.Array
 
 
 class Clock(NamedTuple):
@@ -140,6 +145,9 @@ def _numbers(scene: Scene, data: Data) -> list[Parameter]:
             found.append(Parameter(f"{path}.offset{column}", where, sensor.offset, unit=unit))
         found.append(Parameter(f"{path}.gain", SetupPlace("readings", i, "gain"), sensor.gain, 0.0))
         found.append(_of_time(f"{path}.delay", SetupPlace("readings", i, "delay"), sensor.delay))
+        for key, unit in sensor.channel.mounting.items():
+            value = float(getattr(sensor.channel, key))
+            found.append(Parameter(f"{path}.{key}", SetupPlace("readings", i, key), value, unit=unit))
     for i, camera in enumerate(data.cameras):
         path = f"camera.{camera.name}"
         ends = camera.rate * (1 - RATE_RANGE), camera.rate * (1 + RATE_RANGE)
@@ -159,7 +167,8 @@ def _why_missing(scene: Scene, data: Data, section: str, rest: Sequence[str], na
         return f" has no such entry; allowed: below {', '.join(map(str, shape))}"
     if section == "channel":
         columns = {s.channel.name: len(s.channel.columns) for s in data.sensors}
-        fields = "offset, gain, delay"
+        mounting = [key for s in data.sensors for key in s.channel.mounting if f"channel.{s.channel.name}" in name]
+        fields = ", ".join(["offset, gain, delay", *mounting])
     else:
         columns = dict.fromkeys((c.name for c in data.cameras), 0)
         fields = "delay, rate"
@@ -216,7 +225,12 @@ def first_setup(scene: Scene, data: Data) -> Setup:
         model=jax.tree.map(array, build_model(scene)),
         start=start,
         readings=tuple(
-            Reading(array(np.full(len(s.channel.columns), s.offset)), array(s.gain), array(s.delay))
+            Reading(
+                array(np.full(len(s.channel.columns), s.offset)),
+                array(s.gain),
+                array(s.delay),
+                *(array(getattr(s.channel, key, 0.0) if s.channel.mounting else 0.0) for key in ("position", "turn")),
+            )
             for s in data.sensors
         ),
         clocks=tuple(Clock(array(c.delay), array(c.rate)) for c in data.cameras),
@@ -300,7 +314,8 @@ def observe_channels(
     t = jnp.arange(plan.saves + 1) * spacing
     nodes = jax.vmap(lambda r, t: model.nodes(r, model.ends(t)))(jnp.concatenate([s.r[None], run.r]), t)
     early = (1 - plan.stepper.integrator.tension_time) / plan.every
-    motion = SavedMotion(nodes, nodes[1:] - early * jnp.diff(nodes, axis=0), run.tension)
+    gravity = next((effect.gravity for effect in model.effects if effect.name == "weight"), GRAVITY)
+    motion = SavedMotion(nodes, nodes[1:] - early * jnp.diff(nodes, axis=0), run.tension, spacing, gravity)
     shown = []
     for channel, reading, stamps in zip(plan.channels, setup.readings, times, strict=True):
         when = stamps
@@ -311,8 +326,9 @@ def observe_channels(
         if channel.of_tension:
             first = spacing * (1 - early)
         else:
-            first = jnp.zeros_like(spacing)
-        shown.append(reading.offset + reading.gain * at_times(channel.see(motion), first, spacing, when))
+            first = channel.margin * spacing
+        perfect = channel.mounted(reading.position, reading.turn).see(motion)
+        shown.append(reading.offset + reading.gain * at_times(perfect, first, spacing, when))
     return tuple(shown), s, run.first_bad[-1]
 
 

@@ -221,6 +221,7 @@ def run(args: argparse.Namespace) -> int:
         unit=None if foreign else args.unit,
         begin=args.since,
         fixed=args.fixed,
+        same_motion=args.same_motion,
     )
     shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
     say = progress(args.quiet)
@@ -356,7 +357,9 @@ OF_TRACES = {
         )
     ),
     **dict.fromkeys(("rate", "counts", "lengths", "mass")),
-    **dict.fromkeys(("static_start", "fixed", "advice", "auto_free", "compare_models", "accept_misfit"), False),
+    **dict.fromkeys(
+        (*("static_start", "fixed", "advice", "auto_free", "compare_models", "accept_misfit"), "same_motion"), False
+    ),
     "method": "shooting",
 }
 
@@ -458,9 +461,19 @@ def _check_numbers(args: argparse.Namespace) -> None:
 def text(result: FitResult) -> str:
     """The result as text."""
     from fitting.calibration.decision import verdict
-    from fitting.report.tables import advice_rows, comparison_rows, interval_rows, law_rows, parameter_rows, summary
+    from fitting.report.tables import (
+        advice_rows,
+        comparison_rows,
+        interval_rows,
+        law_rows,
+        parameter_rows,
+        recording_rows,
+        summary,
+    )
 
     parts = [table(parameter_rows(result)), listing(summary(result))]
+    if result.recordings:
+        parts.append(table(recording_rows(result.recordings)))
     if len(rows := interval_rows(result)) > 1:
         parts.append(table(rows))
     if result.freed:

@@ -24,10 +24,13 @@ if TYPE_CHECKING:
 
 
 def add_file_options(parser: argparse.ArgumentParser) -> None:
-    """--rate, --counts, --lengths, --mass."""
+    """--rate, --counts, --same-motion, --lengths, --mass."""
     parser.add_argument("--rate", type=number, metavar="FPS", help="rows per second of a file that counts frames")
     parser.add_argument(
         "--counts", type=number, metavar="N", help="counts per turn of an encoder whose angle is in counts"
+    )
+    parser.add_argument(
+        "--same-motion", action="store_true", help="the files are recordings of one motion (default: one run each)"
     )
     parser.add_argument("--lengths", metavar="L1,L2,...", help="lengths [m] of links whose angles alone are measured")
     parser.add_argument(
@@ -61,13 +64,17 @@ def given_of(args: argparse.Namespace) -> Given:
     )
 
 
-def is_trace_file(file: str) -> bool:
-    """Whether a file has the columns of a trace, `t` and `theta_1`, under these names."""
+def is_trace_file(file: str, partial: bool = False) -> bool:
+    """Whether a file has the columns of a trace, `t` and `theta_1`, or of any link if `partial`, under these names."""
     from fitting.from_file.cells import read_lines
 
     heads = [line for line in read_lines(Path(file))[:100] if not line.lstrip().startswith("#")]
     names = re.split(r"[,;\s]+", heads[0].strip()) if heads else []
-    return "t" in names and "theta_1" in names
+    if partial:
+        angles = [name for name in names if re.fullmatch(r"theta_\d+", name)]
+    else:
+        angles = [name for name in names if name == "theta_1"]
+    return "t" in names and bool(angles)
 
 
 def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:
@@ -81,7 +88,7 @@ def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace
     found: list[str | Trace] = []
     notes = []
     for file in args.traces:
-        if is_trace_file(file) and not any(stated):
+        if is_trace_file(file, args.same_motion) and not any(stated):
             found.append(file)
             continue
         measured = read_measured(file, given, scene.lines[0].links)
@@ -147,7 +154,7 @@ def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[F
         folder = new_folder(measured[0].trace.name)
     else:
         folder = args.report
-    case = write_case(folder, measured, plain)
+    case = write_case(folder, measured, plain, ("--same-motion",) if args.same_motion else ())
     values = found_values(result, measured[0], args.mass)
     assumed.append(model_note(measured[0].trace.links, args.mass))
     parts = [

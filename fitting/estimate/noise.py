@@ -102,8 +102,8 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
         reach = 2 * max(2, round(0.05 / trace.interval)) + 1
         rate = smooth(trace.at(even), min(reach, 2 * ((len(even) - 1) // 2) + 1), trace.interval)[1]
         for derivative, columns in zip(found, (rate, np.gradient(rate, trace.interval, axis=0)), strict=True):
-            for j, column in enumerate(columns.T):
-                derivative[mine, :, j] = np.interp(t[mine], even, column)
+            for j in range(derivative.shape[2]):  # of every recording
+                derivative[mine, :, j] = np.interp(t[mine], even, columns[:, j % trace.links])
     return np.where(windows.weight > 0, found, 0.0)
 
 
@@ -153,8 +153,9 @@ def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     decay = windows.decay[:, None, :]
     first = before < 0
     phi = np.where(first, 0.0, np.exp(-decay * np.maximum(apart, 1e-300)))
-    if known.all(2)[:, 1:].any():
-        step = np.median(np.diff(windows.times(), axis=1)[known.all(2)[:, 1:]])
+    neighbours = (known[:, 1:] & known[:, :-1]).any(2)
+    if neighbours.any():
+        step = np.median(np.diff(windows.times(), axis=1)[neighbours])
     else:
         step = windows.dt
     kept = np.exp(-decay * step)

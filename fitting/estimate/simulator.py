@@ -29,7 +29,7 @@ from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.windows import ON_GRID, Starts, Windows, with_rows
 from fitting.parameters.missing_forces import add_missing_forces
-from fitting.parameters.parameter import Parameter, apply, camera_angles, clock_rate, losses
+from fitting.parameters.parameter import Parameter, apply, camera_angles, clock_rate, losses, recording
 from fitting.traces import planar
 
 #: Windows in one batched program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all cores
@@ -294,6 +294,7 @@ class Simulator:
         """
         theta0, omega0, basis, measured, weight, index, fraction, jumps, own_steps, *more = inputs
         m = basis.shape[1]
+        recordings = measured.shape[1] // len(theta0)
         point = jnp.concatenate([jnp.zeros(2 * m), values])
 
         def outputs(x: jax.Array) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array]]:
@@ -313,7 +314,19 @@ class Simulator:
             start = planar.close_chain(model, theta, omega0 + basis @ z[m:])
             state = planar.to_state(model, *start)
             angles, rates, failed = march(stepper, model, state, h, capacity, substeps, steps, own_steps)
-            angle = camera_angles(model, self.compiled, p, at_samples(start, angles, rates, *samples, h, on_grid))
+            shown = []
+            for number in range(recordings):
+                reading = recording(self.compiled, p, number, len(theta0))
+                at = samples
+                if number:  # the first recording's clock is that of the motion
+                    at = delayed(*samples, reading.delay / dt, own_steps)
+                poses = at_samples(start, angles, rates, *at, h, on_grid and not number)
+                seen = camera_angles(model, self.compiled, p, poses)
+                if number:
+                    mine = slice(number * len(theta0), (number + 1) * len(theta0))
+                    seen = reading.read(seen, measured[:, mine])
+                shown.append(seen)
+            angle = jnp.concatenate(shown, axis=-1)
             end = jnp.concatenate([angles[own_steps - 1], rates[own_steps - 1]])
             return (planar.wrap(angle - measured) * weight, jnp.concatenate(start), end), (angle, failed)
 
@@ -409,6 +422,14 @@ def march(
     shelf = lambda a: jnp.broadcast_to(a, (capacity, *a.shape))  # noqa: E731
     (_, bad), (r, v) = scan_steps(full_interval, first, steps, (shelf(first[0].r), shelf(first[0].v)))
     return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad
+
+
+def delayed(index: jax.Array, fraction: jax.Array, delay: jax.Array, steps: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Positions of samples in steps, integer and fraction, earlier by a delay [steps]; the fraction of one just outside
+    the window lies outside 0 to 1."""
+    position = index + fraction - delay
+    whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(position)), 0, steps - 1)
+    return whole.astype(jnp.int32), position - whole
 
 
 def at_samples(

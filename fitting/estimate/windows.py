@@ -53,7 +53,8 @@ class Windows:
         begin: start times (K,) [s].
         run: number of the trace of each window (K,).
         follows: whether a window starts where the previous one ends (K,).
-        theta: measured angles (K, S, n) [rad], 0 if missing.
+        theta: measured angles (K, S, n) [rad], 0 if missing. Of R recordings of one motion (K, S, R n): each
+            has slots and columns of its own.
         weight: 1/sigma (K, S, n) [1/rad], 0 where there is no sample.
         index, fraction: time of each slot in steps after the start, integer and fraction, (K, S).
         dt, steps: time step [s], and the step capacity of programs for these windows.
@@ -211,7 +212,7 @@ def cut(
 
 def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Sequence[np.ndarray]) -> Windows:
     """Windows of these pieces with the samples that lie in them."""
-    parts = [_samples(traces[p.run], p.begin, p.steps, dt, sigma[p.run]) for p in pieces]
+    parts = [_all_samples(traces[p.run], p.begin, p.steps, dt, sigma[p.run]) for p in pieces]
     slots = max(len(part[0]) for part in parts)
     pad = lambda a: np.concatenate([a, np.zeros((slots - len(a), *a.shape[1:]), a.dtype)])  # noqa: E731
     theta, weight, index, fraction = (np.stack([pad(a) for a in column]) for column in zip(*parts, strict=True))
@@ -220,12 +221,28 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
     most = int(steps.max())
     found = Windows(begin, run, follows, theta, weight, index, fraction, dt, most, released, steps)
     # windows in which some link has too few samples to determine its start are dropped
-    empty = (found.weight > 0).sum(axis=1).min(axis=1) < 2
+    seen = (found.weight > 0).sum(axis=1).reshape(len(begin), -1, traces[0].links)
+    empty = seen.sum(axis=1).min(axis=1) < 2
     if empty.all():
         raise SceneError("window: no window has two samples of every link. Use longer windows or denser traces")
     if empty.any():
         return found.exclude(empty)
     return found
+
+
+def _all_samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The samples of a trace, or of all recordings of its motion one after another, each in its own columns."""
+    if not trace.recordings:
+        return _samples(trace, begin, steps, dt, sigma)
+    found = []
+    count = len(trace.recordings)
+    for i, one in enumerate(trace.recordings):
+        mine = slice(i * trace.links, (i + 1) * trace.links)
+        theta, weight, index, fraction = _samples(one, begin, steps, dt, sigma[mine])
+        wide = np.zeros((2, len(theta), count * trace.links))
+        wide[:, :, mine] = theta, weight
+        found.append((*wide, index, fraction))
+    return tuple(np.concatenate(column) for column in zip(*found, strict=True))
 
 
 def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -272,6 +289,7 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
     traces = [without_spikes(trace) for trace in traces]
     # maximum reach of a start's polynomial, as a fraction of the shortest link's period
     longest = 0.3 * planar.pendulum_period(model.line.length)
+    sigma = [size[: len(trace.theta.T)] for size, trace in zip(sigma, traces, strict=True)]
     at = zip(windows.run, windows.begin, strict=True)
     value = np.array([local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest) for i, t0 in at])
     # multiple of the starts closed in one call, so that one program serves most traces

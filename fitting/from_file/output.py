@@ -20,11 +20,12 @@ class Case:
 
     traces: tuple[Path, ...]
     scene: Path
+    options: tuple[str, ...] = ()
 
     @property
     def command(self) -> str:
         """The command that repeats the fit."""
-        return shlex.join(["dropper", "fit", *map(str, self.traces), "--scene", str(self.scene)])
+        return shlex.join(["dropper", "fit", *map(str, self.traces), "--scene", str(self.scene), *self.options])
 
 
 def new_folder(name: str) -> Path:
@@ -35,15 +36,15 @@ def new_folder(name: str) -> Path:
     return folder
 
 
-def write_case(folder: Path, measured: list[Measured], scene: Mapping[str, Any]) -> Case:
-    """Write the traces and the scene; nothing is replaced."""
+def write_case(folder: Path, measured: list[Measured], scene: Mapping[str, Any], options: tuple[str, ...] = ()) -> Case:
+    """Write the traces and the scene; nothing is replaced. `options` are those of the command that repeats the fit."""
     folder.mkdir(parents=True, exist_ok=True)
     traces = []
     for one in measured:
         path = unused(folder / f"{one.trace.name}.csv")
         traces.append(write_trace(path, one.trace, [note.replace("=", " ") for note in one.notes]))
     path = unused(folder / "scene.toml")
-    return Case(tuple(traces), atomic_write(path, as_toml(scene)))
+    return Case(tuple(traces), atomic_write(path, as_toml(scene)), options)
 
 
 def unused(path: Path) -> Path:

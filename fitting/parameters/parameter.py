@@ -9,6 +9,7 @@ Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.
     clock.rate              factor that stretches the traces' time
     clock.lost.RUN.FRAME    time that is missing before a frame
     release.time, .force    see `release`
+    recording.NAME.zero.J, .scale, .delay   of a further recording of the same motion (`recordings`)
 
 A field with one value per link frees one parameter per entry. Bounds apply to raw parameters (no exponential), so that
 a damping of exactly 0 is reachable.
@@ -17,9 +18,9 @@ a damping of exactly 0 is reachable.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +31,7 @@ from dropper_jax.base.read import ScenePath, declared_fields, limits
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from fitting.traces.planar import directions
+from fitting.traces.planar import directions, wrap
 
 CAMERA = "camera.offset"
 MARKER = "marker.offset"
@@ -38,6 +39,9 @@ NODE = "marker.node"
 CLOCK = "clock.rate"
 LOST = "clock.lost"
 SCALE = "rig.scale"
+RECORDING = "recording"
+#: Angle [rad] about which a recording has its scale: straight down.
+DOWN = np.pi / 2
 
 
 @dataclass(frozen=True)
@@ -171,6 +175,17 @@ class ReleasePlace:
 
 
 @dataclass(frozen=True)
+class RecordingPlace:
+    """The `zero` of a link, the `scale` or the `delay` of a recording; `applied`: what was taken off its samples."""
+
+    recording: int
+    field: str
+    link: int | None = None
+    applied: float = 0.0
+    section: ClassVar[str] = "recording"
+
+
+@dataclass(frozen=True)
 class MissingForce:
     """The size of a force that the scene lacks (`missing_forces`); `field` is its kind."""
 
@@ -178,7 +193,8 @@ class MissingForce:
     section: ClassVar[str] = "missing"
 
 
-Target = ModelPlace | Direction | CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | ReleasePlace | MissingForce
+Observer = CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | RecordingPlace
+Target = ModelPlace | Direction | Observer | ReleasePlace | MissingForce
 
 
 #: Start values, bounds and priors (mean, standard deviation) by path.
@@ -188,7 +204,7 @@ Priors = Mapping[str, tuple[float, float]]
 
 #: Step size of a parameter that starts at zero [its own unit], unless its prior gives one.
 SIZES_AT_ZERO = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
-SIZES_AT_ZERO |= {NODE: 1e-3, LOST: 1e-2}
+SIZES_AT_ZERO |= {NODE: 1e-3, LOST: 1e-2, "zero": 1e-2, "delay": 1e-3}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,6 +254,11 @@ class Parameter:
         if self.value != 0:
             return abs(self.value)
         return SIZES_AT_ZERO.get(self.where.field, 1.0)
+
+
+def names_in_scene(parameters: Iterable[Parameter]) -> list[str]:
+    """Names of the parameters that a scene or its release has, without those of recordings."""
+    return [p.name for p in parameters if not isinstance(p.where, RecordingPlace)]
 
 
 class Released(Protocol):
@@ -504,6 +525,39 @@ def node_markers(
         moved = moved.at[..., where.node, :].add(values[i] * direction)
     apart = moved[..., 1:, :] - moved[..., :-1, :]
     return jnp.arctan2(jnp.sum(across * apart, -1), model.line.length + jnp.sum(along * apart, -1))
+
+
+class Recording(NamedTuple):
+    """How a recording reads angles: `zeros + scale theta(t - delay)`, theta from straight down.
+
+    Attributes:
+        zeros: of the links (n,) [rad].
+        scale: [-].
+        delay: of the aligned stamps [s].
+    """
+
+    zeros: jax.Array
+    scale: jax.Array | float
+    delay: jax.Array | float
+
+    def read(self, theta: jax.Array, measured: jax.Array) -> jax.Array:
+        """Readings of angles (..., n) from the horizontal [rad], with the whole turns of the measured ones."""
+        turned = measured + wrap(theta - measured)
+        return DOWN + self.zeros + self.scale * (turned - DOWN)
+
+
+def recording(parameters: Sequence[Parameter], values: jax.Array, number: int, links: int) -> Recording:
+    """Recording `number` at these values; differentiable."""
+    found = Recording(jnp.zeros(links), 1.0, 0.0)
+    for i, p in enumerate(parameters):
+        where = p.where
+        if not isinstance(where, RecordingPlace) or where.recording != number:
+            continue
+        if where.field == "zero":
+            found = found._replace(zeros=found.zeros.at[where.link].set(values[i] - where.applied))
+        else:
+            found = found._replace(**{where.field: values[i] - where.applied})
+    return found
 
 
 def clock_rate(parameters: Sequence[Parameter], values: jax.Array) -> jax.Array | None:

@@ -31,7 +31,9 @@ def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, n
     known = known[used]
     measured = w.theta[mine][used]
     simulated = measured + wrap(result.solution.evaluation.theta[mine][used] - measured)
-    return w.times()[mine][used], np.where(known, measured, np.nan), simulated, known
+    t = w.times()[mine][used]
+    order = np.argsort(t, kind="stable")  # recordings of one motion follow each other in a window
+    return t[order], np.where(known, measured, np.nan)[order], simulated[order], known[order]
 
 
 def stretches(t: np.ndarray) -> list[slice]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fitting.calibration.candidate import Candidate
+from fitting.calibration.disagreement import STRETCHES, Disagreement
 from fitting.calibration.law_fits import Law
 from fitting.calibration.laws import LawTests
 from fitting.calibration.result import FitResult
@@ -141,6 +142,19 @@ def advice_rows(candidates: Sequence[Candidate]) -> list[tuple[str, ...]]:
             ends = (f"{row.gain:.1f}", f"{row.p:.2g}", " or ".join(["<-", *row.alike]) if row.worth_naming else "")
         rows.append((row.name, ",".join(row.free), *ends))
     return rows
+
+
+def recording_rows(rows: Sequence[Disagreement]) -> list[tuple[str, ...]]:
+    """Where recordings of one motion disagree, as text."""
+    found = [
+        ("recording", "link", "samples", "RMS [rad]", "noise [rad]", "farthest off [rad]", "std error", "at [s]", "")
+    ]
+    for row in rows:
+        sizes = (f"{x:.3g}" for x in (row.rms, row.noise))
+        note = f"<- disagrees in {row.stretches} of {STRETCHES} stretches" if row.disagrees else ""
+        where = (f"{row.mean:+.2g}", f"{row.std_error:.1g}", f"{row.low:.3g} to {row.high:.3g}", note)
+        found.append((row.recording, str(row.link), str(row.samples), *sizes, *where))
+    return found
 
 
 def law_rows(laws: LawTests) -> list[tuple[str, ...]]:

@@ -217,9 +217,10 @@ def _scores(trace: Trace, model: Model, unit: str | None) -> dict[tuple[str, int
 
 
 def off_rest(theta: np.ndarray, rest: np.ndarray) -> float:
-    """RMS departure [rad] of the links' mean directions from those at rest."""
-    mean = np.angle(np.nanmean(np.exp(1j * theta), axis=0))
-    return float(np.sqrt(np.mean(wrap(mean - rest) ** 2)))
+    """RMS departure [rad] of the links' mean directions from those at rest; links without samples are left out."""
+    seen = np.isfinite(theta).any(axis=0)
+    mean = np.angle(np.nanmean(np.exp(1j * theta[:, seen]), axis=0))
+    return float(np.sqrt(np.mean(wrap(mean - rest[seen]) ** 2)))
 
 
 def missing_reach(model: Model, theta: np.ndarray) -> np.ndarray:

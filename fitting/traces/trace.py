@@ -59,6 +59,7 @@ class Trace:
         convention: how the angles are counted in the file.
         warnings: remarks of the trace's author, which a fit repeats.
         model_error: angle by which the trace deviates from any model, in the unit of `theta`.
+        recordings: what recorded this one motion, if several (`parameters.recordings`); empty: the trace itself.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Trace:
     convention: Convention = Convention()
     warnings: tuple[str, ...] = ()
     model_error: float = 0.0
+    recordings: tuple[Trace, ...] = ()
 
     @property
     def links(self) -> int:
@@ -79,11 +81,20 @@ class Trace:
         """Median time between samples [s]."""
         return float(np.median(np.diff(self.t)))
 
+    def column_name(self, column: int) -> str:
+        """Recording and link, from 0, of a column of its windows."""
+        if not self.recordings:
+            return f"{self.name} link {column}"
+        number, link = divmod(column, self.links)
+        return f"{self.recordings[number].name} link {link}"
+
     def between(self, low: float, high: float) -> Trace:
         """The samples with low <= t < high."""
         keep = (self.t >= low - 1e-9) & (self.t < high - 1e-9)
         pick = lambda a: None if a is None else a[keep]  # noqa: E731
-        return replace(self, t=self.t[keep], theta=self.theta[keep], omega=pick(self.omega), se=pick(self.se))
+        parts = tuple(one.between(low, high) for one in self.recordings)
+        part = replace(self, t=self.t[keep], theta=self.theta[keep], recordings=parts)
+        return replace(part, omega=pick(self.omega), se=pick(self.se))
 
     def at(self, times: np.ndarray) -> np.ndarray:
         """Angles (len(times), n) interpolated linearly between the known samples."""
@@ -117,8 +128,10 @@ def unwrap(theta: np.ndarray, turn: float = 2 * np.pi) -> np.ndarray:
     return theta
 
 
-def as_trace(given: Trace | str | Path, links: int, columns: Mapping[str, str] | None = None) -> Trace:
-    """A trace, read if its file is given, with `columns` as for `read_trace`.
+def as_trace(
+    given: Trace | str | Path, links: int, columns: Mapping[str, str] | None = None, partial: bool = False
+) -> Trace:
+    """A trace, read if its file is given, with `columns` and `partial` as for `read_trace`.
 
     Raises:
         SceneError: it has angles of another number of links.
@@ -126,16 +139,19 @@ def as_trace(given: Trace | str | Path, links: int, columns: Mapping[str, str] |
     if isinstance(given, Trace):
         trace = given
     else:
-        trace = read_trace(given, links, columns)
+        trace = read_trace(given, links, columns, partial)
     if trace.links != links:
         raise SceneError(f"{trace.name}: has {trace.links} angles, but the scene has {links} links; allowed: {links}")
     return trace
 
 
-def read_trace(path: str | Path, links: int | None = None, columns: Mapping[str, str] | None = None) -> Trace:
+def read_trace(
+    path: str | Path, links: int | None = None, columns: Mapping[str, str] | None = None, partial: bool = False
+) -> Trace:
     """A trace from a CSV file.
 
     Args:
+        partial: whether some of the `links` may have no column, or an empty one.
         columns: the file's columns if they have other names, such as `{"time": "timestamp", "theta_1": "angle"}`;
             columns that are neither listed nor have names of a trace are then left out.
 
@@ -151,8 +167,13 @@ def read_trace(path: str | Path, links: int | None = None, columns: Mapping[str,
     names = table.names
     if renamed:
         names[:] = [name if OF_TRACE.fullmatch(name) else "" for name in names]
+    values = list(table.numbers())
+    if partial and any(name.startswith("theta_") for name in names):
+        for name in [f"theta_{j + 1}" for j in range(links or 0)]:
+            if name not in names:
+                names.append(name)
+                values.append(np.full(len(values[0]), np.nan))
     count = _check_columns(path.name, names, links)
-    values = table.numbers()
     stated = _header_values(path.name, table.comments)
     part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
     trace = Trace(
@@ -165,7 +186,7 @@ def read_trace(path: str | Path, links: int | None = None, columns: Mapping[str,
         warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
         model_error=float(stated.get("model_error", 0.0)),
     )
-    check_trace(trace)
+    check_trace(trace, partial)
     return trace
 
 
@@ -219,8 +240,11 @@ def convention(zero: str | None, sign: str | int | None, unit: str | None, where
     return Convention(zero, None if sign is None else int(sign), unit)
 
 
-def check_trace(trace: Trace) -> None:
+def check_trace(trace: Trace, partial: bool = False) -> None:
     """Reject times and values that cannot be fitted.
+
+    Args:
+        partial: whether links without any sample are ignored.
 
     Raises:
         SceneError: with the trace and the first error.
@@ -228,6 +252,9 @@ def check_trace(trace: Trace) -> None:
     theta = trace.theta
     check_times(trace.name, trace.t)
     known = np.isfinite(theta).sum(axis=0)
+    if partial and known.any():
+        theta = theta[:, known > 0]
+        known = known[known > 0]
     if known.min() < FEWEST:
         count = f"{known.min()} samples; allowed: at least {FEWEST}"
         if known.min():
@@ -298,8 +325,10 @@ ORDERS = (3, 4, 6, 8)
 def noise(trace: Trace) -> np.ndarray:
     """Standard deviation of the noise of each link (n,) [rad], from differences of high order, robust to outliers.
 
-    It is at least the rounding of the samples.
+    It is at least the rounding of the samples. Of several recordings of one motion, that of each one's links in turn.
     """
+    if trace.recordings:
+        return np.concatenate([noise(one) for one in trace.recordings])
     if len(trace.t) < FEWEST:
         return np.full(trace.links, 1e-3)
     found = noise_by_differences(trace.theta, trace.t)

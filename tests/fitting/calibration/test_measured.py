@@ -78,6 +78,19 @@ def test_a_rig_that_says_what_it_leaves_open_needs_no_list(file, scene, until, s
 
 
 @pytest.mark.check
+def test_a_rig_without_fit_gets_the_drag_that_its_scene_lacks():
+    """The packaged scene has the friction of a bearing alone; its default parameters miss the trace without drag."""
+    table = dj.load_scene("measured-single-pendulum").to_dict()
+    del table["fit"]
+    trace = read_trace(FILE)
+    trace = replace(trace, t=trace.t[::2], theta=trace.theta[::2], omega=None)
+    result = fit(trace, table, until=UNTIL, held_out=HELD_OUT, settings=DOWN)
+    assert result.status == "ok"
+    assert [test.name for test in result.freed] == ["quadratic drag"]
+    assert np.mean([held.rms for held in result.held_out]) < 0.6 * np.mean(PUBLISHED)
+
+
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("file", "name", "until", "spans", "published", "part"),
     [

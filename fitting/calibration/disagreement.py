@@ -1,0 +1,136 @@
+"""Where the recordings of one motion disagree: mean deviations of each from the common motion, by stretches of time."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from fitting.calibration.preparation import Prepared
+from fitting.estimate.residuals import Solution
+
+#: Stretches of time in which deviations are averaged.
+STRETCHES = 10
+#: Standard errors of such a mean above which a recording disagrees: one in 4000 links by chance.
+DISAGREES = 5.0
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A link of a recording, and the stretch in which it is farthest from the motion, in its errors.
+
+    Attributes:
+        recording, link: name, and number from 1.
+        samples: in all.
+        rms, noise: of the deviations, and as estimated [rad].
+        low, high: of the stretch [s].
+        mean, std_error: of its readings minus the others' there [rad], each corrected for its zeros, scale and delay.
+        stretches: number of the stretches in which it disagrees.
+    """
+
+    recording: str
+    link: int
+    samples: int
+    rms: float
+    noise: float
+    low: float
+    high: float
+    mean: float
+    std_error: float
+    stretches: int
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether any stretch is too far off for chance."""
+        return self.stretches > 0
+
+    def __str__(self) -> str:
+        return (
+            f"{self.recording} disagrees with the others in {self.stretches} of {STRETCHES} stretches of link "
+            f"{self.link}, most from {self.low:.3g} to {self.high:.3g} s: {self.mean:+.2g} +- {self.std_error:.1g} rad"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values with the keys of the command line's JSON."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """Of one link of one recording: deviations (k,) from the motion and noise (k,) [rad]; by stretches (s,) mean,
+    standard error and whether there are samples."""
+
+    off: np.ndarray
+    noise: np.ndarray
+    mean: np.ndarray
+    error: np.ndarray
+    known: np.ndarray
+
+
+def deviations(solution: Solution, run: int, column: int, edges: np.ndarray) -> Deviations:
+    """Measured minus simulated angles of a run's column, averaged between the edges (s + 1,) [s]."""
+    windows = solution.windows
+    known = (windows.run == run)[:, None] & (windows.weight[..., column] > 0)
+    off = -solution.errors[..., column][known]
+    noise = 1 / windows.weight[..., column][known]
+    part = np.clip(np.searchsorted(edges, windows.times()[known], side="right") - 1, 0, STRETCHES - 1)
+    count = np.maximum(np.bincount(part, minlength=STRETCHES), 1)
+    mean = np.bincount(part, off, STRETCHES) / count
+    # jitter of frames is not in the weights, but in the scatter
+    spread = np.bincount(part, np.maximum((off - mean[part]) ** 2, noise**2), STRETCHES) / count
+    number = np.maximum(count / solution.problem.memory, 1.0)  # correlated samples count as fewer
+    return Deviations(off, noise, mean, np.sqrt(spread / number), np.bincount(part, minlength=STRETCHES) > 1)
+
+
+def disagreements(prepared: Prepared, solution: Solution) -> list[Disagreement]:
+    """A row for every link of every recording; empty unless several recordings show one motion.
+
+    A recording is compared with the others' mean of the same link and stretch: what all of them show is not theirs.
+    """
+    found = []
+    for run, trace in enumerate(prepared.traces):
+        edges = np.linspace(trace.t[0], trace.t[-1] + trace.interval, STRETCHES + 1)
+        columns = range(len(trace.recordings) * trace.links)
+        each = [deviations(solution, run, column, edges) for column in columns]
+        for column in columns:
+            if not len(each[column].off):
+                continue
+            recording, link = divmod(column, trace.links)
+            rest = [one for i, one in enumerate(each) if i != column and i % trace.links == link]
+            name = trace.recordings[recording].name
+            found.append(_row(name, link, each[column], rest, edges))
+    return found
+
+
+def _row(name: str, link: int, mine: Deviations, rest: list[Deviations], edges: np.ndarray) -> Disagreement:
+    """A link of a recording against the same link of the others."""
+    weight = np.sum([one.known / np.maximum(one.error, 1e-12) ** 2 for one in rest], axis=0) + np.zeros(STRETCHES)
+    total = np.sum([one.known * one.mean / np.maximum(one.error, 1e-12) ** 2 for one in rest], axis=0)
+    both = mine.known & (weight > 0)
+    share = np.where(both, weight, 1.0)
+    mean = np.where(both, mine.mean - total / share, 0.0)
+    error = np.hypot(mine.error, 1 / np.sqrt(share))
+    size = np.where(both, np.abs(mean) / np.maximum(error, 1e-300), 0.0)
+    worst = int(np.argmax(size))
+    return Disagreement(
+        recording=name,
+        link=link + 1,
+        samples=len(mine.off),
+        rms=float(np.sqrt(np.mean(mine.off**2))),
+        noise=float(np.sqrt(np.mean(mine.noise**2))),
+        low=float(edges[worst]),
+        high=float(edges[worst + 1]),
+        mean=float(mean[worst]),
+        std_error=float(error[worst]),
+        stretches=int((size > DISAGREES).sum()),
+    )
+
+
+def disagreement_warnings(rows: list[Disagreement]) -> list[str]:
+    """A line for each recording that disagrees, with its worst link."""
+    found = []
+    for name in dict.fromkeys(row.recording for row in rows if row.disagrees):
+        mine = [row for row in rows if row.recording == name]
+        found.append(str(max(mine, key=lambda row: abs(row.mean) / row.std_error)))
+    return found

@@ -1,0 +1,137 @@
+"""Accelerometers and gyroscopes on links.
+
+An accelerometer at the position s [m] of a link shows the specific force in its own axes,
+
+    f = a - g,      a = d^2/dt^2 (r_1 + s d/|d|),      d = r_2 - r_1,      g = (0, 0, -gravity)
+
+`along` is d/|d|, `side` the y axis made perpendicular to it, and `across` = side x along, in which the link's angle
+from the horizontal grows (downwards for a link along +x). A sensor mounted turned by an angle has axes turned by it
+about side. A gyroscope shows the rate about side, which is that of the link's angle from the horizontal.
+
+Derivatives are central differences of fourth order of the saved motion, with errors (w h)^4/90 of an acceleration and
+(w h)^4/30 of a rate for a motion of angular frequency w saved at intervals h; cubics extrapolate them to the ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.read import read_list, read_text
+from fitting.channels.channel import Channel, Context, SavedMotion, Where, line_of, link_of, node_of
+from fitting.channels.sensors import number_of
+
+#: Axes of an accelerometer.
+AXES = ("along", "across", "side")
+#: Weights of central differences of fourth order, of the rows two before to two after.
+FIRST = (1 / 12, -8 / 12, 0.0, 8 / 12, -1 / 12)
+SECOND = (-1 / 12, 16 / 12, -30 / 12, 16 / 12, -1 / 12)
+
+
+@dataclass(frozen=True)
+class OnLink(Channel):
+    """A sensor that moves with a link, between its nodes `first` and `second`."""
+
+    margin: ClassVar[int] = 2
+
+    first: int = 0
+    second: int = 1
+
+    def link_direction(self, motion: SavedMotion) -> jax.Array:
+        """Unit vectors (S, 3) along the link."""
+        d = motion.nodes[:, self.second] - motion.nodes[:, self.first]
+        return d / safe_norm(d)[:, None]
+
+    def side(self, along: jax.Array) -> jax.Array:
+        """Unit vectors (S, 3) perpendicular to the link, nearest to the y axis."""
+        y = jnp.array([0.0, 1.0, 0.0])
+        across = y - along[:, 1:2] * along
+        return across / safe_norm(across)[:, None]
+
+
+def nodes_of_link(where: Where, context: Context) -> dict[str, int]:
+    """First and second node of the link that carries a sensor."""
+    line = line_of(context.scene, where.line, context.path)
+    link = link_of(context.scene, where, context.path) - line.links.start
+    return {"first": int(line.nodes[link]), "second": int(line.nodes[link + 1])}
+
+
+@dataclass(frozen=True)
+class Accelerometer(OnLink):
+    """Specific force [m/s^2] at a position [m] of a link, in axes turned by an angle [rad]."""
+
+    kind: ClassVar[str] = "accelerometer"
+    measures: ClassVar[str] = "m/s^2"
+    scalar: ClassVar[bool] = False
+    KEYS: ClassVar[tuple[str, ...]] = ("axes", "position", "turn")
+    mounting: ClassVar[dict[str, str]] = {"position": "m", "turn": "rad"}
+
+    axes: tuple[int, ...] = (0, 1)
+    position: Any = 0.0
+    turn: Any = 0.0
+
+    @classmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        path = f"{context.path}.axes"
+        default = list(AXES[: len(common["columns"])])
+        names = read_list(table.get("axes", default), path, None, f"a list of {', '.join(AXES)}")
+        axes = tuple(AXES.index(read_text(name, f"{path}.{i}", AXES)) for i, name in enumerate(names))
+        if len(common["columns"]) != len(axes):
+            count = len(common["columns"])
+            raise SceneError(f"{context.path}.columns: {count} columns for {len(axes)} axes; allowed: one per axis")
+        nodes = nodes_of_link(where, context)
+        line = line_of(context.scene, where.line, context.path)
+        length = float(line.spec.length[line.nodes.tolist().index(nodes["first"])])
+        if where.at is None:
+            position = number_of(table, context.path, "position", 0.5 * length, low=0.0, high=length)
+        elif "position" in table:
+            raise SceneError(f"{context.path}.position: given twice, by `at` too; allowed: one of them")
+        else:
+            position = node_of(context.scene, where, context.path).share * length
+        turn = number_of(table, context.path, "turn", 0.0)
+        return cls(**common, **nodes, axes=axes, position=position, turn=turn)
+
+    def mounted(self, position: jax.Array, turn: jax.Array) -> Channel:
+        return replace(self, position=position, turn=turn)
+
+    def see(self, motion: SavedMotion) -> jax.Array:
+        along = self.link_direction(motion)
+        mount = motion.nodes[:, self.first] + self.position * along
+        inner = along[self.margin : -self.margin]
+        force = differences(mount, SECOND) / motion.spacing**2 + jnp.array([0.0, 0.0, 1.0]) * motion.gravity
+        side = self.side(inner)
+        shown = [jnp.sum(force * axis, axis=1) for axis in (inner, jnp.cross(side, inner), side)]
+        c = jnp.cos(self.turn)
+        s = jnp.sin(self.turn)
+        turned = (c * shown[0] + s * shown[1], c * shown[1] - s * shown[0], shown[2])
+        return jnp.stack([turned[i] for i in self.axes], axis=1)
+
+
+@dataclass(frozen=True)
+class Gyro(OnLink):
+    """Rate [rad/s] of a link's angle from the horizontal, positive downwards."""
+
+    kind: ClassVar[str] = "gyro"
+    measures: ClassVar[str] = "rad/s"
+
+    @classmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        return cls(**common, **nodes_of_link(where, context))
+
+    def see(self, motion: SavedMotion) -> jax.Array:
+        along = self.link_direction(motion)
+        inner = along[self.margin : -self.margin]
+        rate = differences(along, FIRST) / motion.spacing
+        return jnp.sum(self.side(inner) * jnp.cross(inner, rate), axis=1, keepdims=True)
+
+
+def differences(rows: jax.Array, weights: tuple[float, ...]) -> jax.Array:
+    """Sums (S - 4, m) of five neighbouring rows (S, m) with these weights."""
+    count = len(rows) - len(weights) + 1
+    return sum(weight * rows[i : i + count] for i, weight in enumerate(weights))

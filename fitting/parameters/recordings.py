@@ -1,0 +1,209 @@
+"""Several recordings of one motion: two cameras, two trackers, an encoder and a film.
+
+The first recording is the reference. Recording r of link j reads, with theta from straight down,
+
+    measured(t) = zero_j + scale theta_j(t - delay)
+
+Its zeros, scale and delay are relative to the reference, whose own are those of the scene's angles and clock. All
+recordings have noise of their own, and may differ in rate, duration and in the links that they show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from fitting.parameters.parameter import RECORDING, Parameter, RecordingPlace, StartValues
+from fitting.traces.planar import wrap
+from fitting.traces.trace import FEWEST, Trace, convention
+
+#: Rows of a recording that are compared with the reference at each delay, and the maximum number of delays.
+COMPARED = 400
+MOST_DELAYS = 20_000
+#: Minimum part of the shorter recording that overlaps with the reference.
+OVERLAP = 0.5
+#: Ratio of the misfit to the best one, below which another delay may be the right one; the part of the motion that a
+#: misfit must exceed to count, because linear interpolation causes as much; minima that are compared.
+ALIKE = 1.5
+UNSEEN = 0.003
+MOST_MINIMA = 12
+#: Half intervals about a given delay in which it is searched.
+NEAR = 5
+
+
+class Delay(NamedTuple):
+    """Delay [s] of a recording, its misfit [rad], and other delays [s] that fit about as well."""
+
+    value: float
+    misfit: float
+    alike: tuple[float, ...] = ()
+
+
+class SharedMotion(NamedTuple):
+    """One trace with its recordings, the parameters of all but the first, and notes for the user."""
+
+    trace: Trace
+    parameters: tuple[Parameter, ...]
+    notes: list[str]
+
+
+def share_motion(traces: Sequence[Trace], start: StartValues | None = None) -> SharedMotion:
+    """The recordings of one motion as one trace in the model's convention, roughly aligned with the first one.
+
+    Args:
+        start: start values by path; a recording's delay is searched near its own.
+
+    Raises:
+        SceneError: fewer than two recordings, a common name, or recordings that do not overlap.
+    """
+    if len(traces) < 2:
+        raise SceneError("same-motion: one recording; needed: two or more of the same motion")
+    names = [trace.name.replace(".", "_") for trace in traces]
+    if len(set(names)) < len(names):
+        raise SceneError(f"same-motion: recordings of the same name: {', '.join(names)}. Rename a file")
+    motion = traces[0]
+    recordings = [replace(traces[0], se=stated_errors(traces[0]))]
+    parameters: list[Parameter] = []
+    notes = [f"{len(traces)} recordings of one motion; zeros, scales and delays are relative to {traces[0].name}"]
+    for number, trace in enumerate(traces[1:], start=1):
+        found = find_delay(motion, trace, (start or {}).get(f"{RECORDING}.{names[number]}.delay"))
+        zero = zeros(motion, trace, found.value)
+        aligned = replace(trace, t=trace.t - found.value, theta=trace.theta - zero, se=stated_errors(trace))
+        if found.alike:
+            others = ", ".join(f"{x:.4g}" for x in found.alike)
+            notes.append(
+                f"{trace.name}: a delay of {others} s fits about as well as {found.value:.4g} s; "
+                f"--start {RECORDING}.{names[number]}.delay=VALUE chooses another one"
+            )
+        parameters += parameters_of(number, names[number], trace, zero, found.value)
+        recordings.append(aligned)
+        motion = with_further(motion, aligned)
+    for trace in traces:
+        unseen = [f"link {j + 1}" for j in np.flatnonzero(~np.isfinite(trace.theta).any(axis=0))]
+        if unseen:
+            notes.append(f"{trace.name}: shows nothing of {', '.join(unseen)}")
+    error = max(trace.model_error for trace in traces)
+    motion = replace(motion, recordings=tuple(recordings), omega=None, se=None, model_error=error)
+    return SharedMotion(motion, tuple(parameters), notes)
+
+
+def stated_errors(trace: Trace) -> np.ndarray | None:
+    """Standard errors (k, n) of the samples with the trace's model error; None if the trace has none."""
+    if trace.se is None:
+        return None
+    return np.hypot(trace.se, trace.model_error)
+
+
+def parameters_of(number: int, name: str, trace: Trace, zero: np.ndarray, delay: float) -> list[Parameter]:
+    """Zeros of the links that a recording shows, its scale and its delay."""
+    stem = f"{RECORDING}.{name}"
+    found = []
+    for j in np.flatnonzero(np.isfinite(trace.theta).any(axis=0)):
+        where = RecordingPlace(number, "zero", int(j), float(zero[j]))
+        found.append(Parameter(f"{stem}.zero.{j}", where, float(zero[j]), unit="rad"))
+    found.append(Parameter(f"{stem}.scale", RecordingPlace(number, "scale"), 1.0, 0.5, 2.0, unit="rad/rad"))
+    where = RecordingPlace(number, "delay", None, delay)
+    # a window is run over its own time only: samples may move by two of the recording's intervals
+    reach = 2 * trace.interval
+    found.append(Parameter(f"{stem}.delay", where, delay, delay - reach, delay + reach, unit="s"))
+    return found
+
+
+def common_links(motion: Trace, trace: Trace) -> np.ndarray:
+    """Numbers of the links that both show."""
+    return np.flatnonzero(
+        (np.isfinite(motion.theta).sum(axis=0) >= FEWEST) & (np.isfinite(trace.theta).sum(axis=0) >= FEWEST)
+    )
+
+
+def find_delay(motion: Trace, trace: Trace, near: float | None = None) -> Delay:
+    """The delay at which a recording follows the motion most closely, apart from its zeros; 0 without a common link.
+
+    Of delays that fit about as well, as after a whole period, the smallest one is taken, or that next to `near` [s].
+
+    Raises:
+        SceneError: the recordings do not overlap at any delay.
+    """
+    links = common_links(motion, trace)
+    if not len(links):
+        return Delay(near or 0.0, 0.0)
+    rows = np.unique(np.linspace(0, len(trace.t) - 1, COMPARED).astype(int))
+    t = trace.t[rows]
+    theta = trace.theta[np.ix_(rows, links)]
+    reference = replace(motion, theta=motion.theta[:, links])
+    begin = float(motion.t[0])
+    end = float(motion.t[-1])
+    needed = OVERLAP * min(end - begin, float(t[-1] - t[0]))
+    low = float(t[0]) - end + needed
+    high = float(t[-1]) - begin - needed
+    step = max(0.5 * min(motion.interval, trace.interval), (high - low) / MOST_DELAYS)
+    delays = np.arange(low, high + step, step)
+    if near is not None:
+        delays = near + step * np.arange(-NEAR, NEAR + 1)
+    misfit = np.array([_misfit(reference, t - delay, theta) for delay in delays])
+    if not np.isfinite(misfit).any():
+        raise SceneError(f"{trace.name}: does not overlap with the first recording; needed: recordings of one motion")
+    misfit = np.where(np.isfinite(misfit), misfit, np.inf)
+    inner = np.r_[True, misfit[1:] <= misfit[:-1]] & np.r_[misfit[:-1] < misfit[1:], True]
+    minima = np.flatnonzero(inner & np.isfinite(misfit))
+    minima = minima[np.argsort(misfit[minima])][:MOST_MINIMA]
+    tried = [_refine(reference, t, theta, delays[i], step) for i in minima]
+    least = min(one.misfit for one in tried)
+    alike = [one for one in tried if one.misfit < max(ALIKE * least, UNSEEN * float(np.nanstd(theta)))]
+    alike.sort(key=lambda one: abs(one.value - (near or 0.0)))
+    others = [one.value for one in alike[1:] if abs(one.value - alike[0].value) > 10 * step]
+    return alike[0]._replace(alike=tuple(others[:3]))
+
+
+def _refine(motion: Trace, t: np.ndarray, theta: np.ndarray, delay: float, step: float) -> Delay:
+    """The best delay within a step [s] of another one."""
+    fine = delay + np.linspace(-step, step, 41)
+    misfit = np.array([_misfit(motion, t - one, theta) for one in fine])
+    best = int(np.nanargmin(misfit))
+    return Delay(float(fine[best]), float(misfit[best]))
+
+
+def _misfit(motion: Trace, t: np.ndarray, theta: np.ndarray) -> float:
+    """RMS [rad] of a recording's angles (k, n) at times (k,) about the motion, each link's mean taken off."""
+    inside = (t >= motion.t[0]) & (t <= motion.t[-1])
+    off = wrap(theta[inside] - motion.at(t[inside]))
+    known = np.isfinite(off)
+    # too few rows would fit anything
+    if known.sum(axis=0).min() < max(FEWEST, 0.4 * OVERLAP * len(theta)):
+        return np.nan
+    return float(np.sqrt(np.mean(np.nanvar(off, axis=0))))
+
+
+def zeros(motion: Trace, trace: Trace, delay: float) -> np.ndarray:
+    """Zeros (n,) [rad] of a recording's links relative to the motion; 0 of links that the motion lacks."""
+    found = np.zeros(trace.links)
+    t = trace.t - delay
+    inside = (t >= motion.t[0]) & (t <= motion.t[-1])
+    for j in common_links(motion, trace):
+        column = replace(motion, theta=motion.theta[:, [j]])
+        # both are continuous, so that they differ by the same number of whole turns throughout
+        found[j] = np.nanmean(trace.theta[inside, j] - column.at(t[inside])[:, 0])
+    return found
+
+
+def with_further(motion: Trace, trace: Trace) -> Trace:
+    """The motion with what a further, aligned recording shows where there was nothing: links, times, missing rows."""
+    before = trace.t[trace.t < motion.t[0] - 0.5 * motion.interval]
+    after = trace.t[trace.t > motion.t[-1] + 0.5 * motion.interval]
+    t = np.concatenate([before, motion.t, after])
+    theta = np.full((len(t), motion.links), np.nan)
+    theta[len(before) : len(t) - len(after)] = motion.theta
+    for j, column in enumerate(theta.T):
+        known = np.flatnonzero(np.isfinite(trace.theta[:, j]))
+        if not len(known):
+            continue
+        times = trace.t[known]
+        right = np.clip(np.searchsorted(times, t), 1, len(known) - 1)
+        apart = times[right] - times[right - 1]
+        near = (t >= times[0] - 1e-9) & (t <= times[-1] + 1e-9) & (apart < 3 * trace.interval)
+        column[:] = np.where(np.isnan(column) & near, np.interp(t, times, trace.theta[known, j]), column)
+    return replace(motion, t=t, theta=theta, convention=convention("horizontal", 1, "rad"))

@@ -1,0 +1,175 @@
+"""Several recordings of one motion: their biases, what they disagree about, and the command. Truth by SciPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli import main
+from fitting import Convention, FitSettings, Trace, fit
+from fitting.parameters.recordings import find_delay, share_motion
+
+LENGTH, MASS, G, B_L = (0.10, 0.08), (0.030, 0.020), 9.81, 0.002
+SETTINGS = FitSettings(same_motion=True)
+SCENE = {
+    "run": {"dt": 0.002, "duration": 5.0},
+    "point": [
+        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+        {"name": "tip", "kind": "free", "position": [0.0, 0.0, -sum(LENGTH)]},
+    ],
+    "line": [
+        {"name": "arms", "from": "pivot", "to": "tip", "links": 2, "length": list(LENGTH), "mass": list(MASS)},
+    ],
+    "effects": {"weight": {}, "linear_damping": {"b_l": 0.001}},
+    "start": {"kind": "angles", "zero": "down", "polar": [0.9, -0.6]},
+}
+
+
+def rates(t, state):
+    """Two point masses on rods, with drag b_l v of each, angles from straight down."""
+    a, b, u, v = state
+    (l1, l2), (m1, m2) = LENGTH, MASS
+    c, s = np.cos(a - b), np.sin(a - b)
+    mass = np.array([[(m1 + m2) * l1**2, m2 * l1 * l2 * c], [m2 * l1 * l2 * c, m2 * l2**2]])
+    first = l1 * u * np.array([np.cos(a), np.sin(a)])
+    second = first + l2 * v * np.array([np.cos(b), np.sin(b)])
+    force = [
+        -m2 * l1 * l2 * s * v**2
+        - (m1 + m2) * G * l1 * np.sin(a)
+        - B_L * l1 * (first + second) @ [np.cos(a), np.sin(a)],
+        m2 * l1 * l2 * s * u**2 - m2 * G * l2 * np.sin(b) - B_L * l2 * second @ [np.cos(b), np.sin(b)],
+    ]
+    return [u, v, *np.linalg.solve(mass, force)]
+
+
+@pytest.fixture(scope="module")
+def motion():
+    """Angles (2,) from straight down as a function of time."""
+    solved = solve_ivp(rates, (0, 7), [0.9, -0.6, 0, 0], dense_output=True, rtol=1e-10, atol=1e-12).sol
+    return lambda t: solved(t)[:2].T
+
+
+def recorded(motion, name, rate, span, noise, seed, zero=(0.0, 0.0), scale=1.0, delay=0.0):
+    t = np.arange(*span, 1 / rate)
+    theta = zero + scale * motion(t) + noise * np.random.default_rng(seed).standard_normal((len(t), 2))
+    return Trace(name, t + delay, theta, convention=Convention("down", 1, "rad"))
+
+
+def biased(motion, seed=1):
+    """A slower and noisier recording that starts later, ends later, and has biases."""
+    return recorded(motion, "B", 60, (1.0, 6.0), 0.006, seed, (0.02, -0.03), 1.01, 1.2371)
+
+
+#: Of the biased recording, in the model's convention: from the horizontal, positive downwards.
+TRUTH = {"zero.0": -0.02, "zero.1": 0.03, "scale": 1.01, "delay": 1.2371}
+
+
+def deviations(result):
+    """Estimates minus truth, in standard errors, by name."""
+    truth = {f"recording.B.{key}": value for key, value in TRUTH.items()} | {"effects.linear_damping.b_l": B_L}
+    errors = result.uncertainty.std_error
+    return {p.name: (result[p.name] - truth[p.name]) / e for p, e in zip(result.parameters, errors, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def fitted(motion):
+    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0)
+    return fit([first, biased(motion)], SCENE, ["b_l"], settings=SETTINGS)
+
+
+@pytest.mark.check
+def test_biases_of_a_second_recording_are_found_within_their_errors(fitted):
+    assert fitted.status == "ok", fitted.message
+    off = deviations(fitted)
+    assert len(off) == 5
+    assert max(map(abs, off.values())) < 3, off
+    assert fitted.uncertainty.std_error[-1] < 1e-4  # of the delay, a hundredth of its sampling interval
+
+
+@pytest.mark.check
+def test_each_recording_has_its_own_noise_and_none_disagrees(fitted):
+    noise = {(row.recording, row.link): row.noise for row in fitted.recordings}
+    assert noise["A", 1] == pytest.approx(0.003, rel=0.15)
+    assert noise["B", 2] == pytest.approx(0.006, rel=0.15)
+    assert not any(row.disagrees for row in fitted.recordings)
+    assert [row["recording"] for row in fitted.to_json()["recordings"]] == ["A", "A", "B", "B"]
+
+
+@pytest.mark.check
+def test_a_link_that_only_one_recording_shows_is_fitted_from_it(motion):
+    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0)
+    first.theta[:, 1] = np.nan
+    second = recorded(motion, "B", 60, (1.0, 6.0), 0.006, 1, (0.02, -0.03), 1.01, 1.2371)
+    found = fit([first, second], SCENE, ["b_l"], settings=SETTINGS)
+    assert found.status == "ok", found.message
+    assert max(map(abs, deviations(found).values())) < 3
+    assert any("A: shows nothing of link 2" in warning for warning in found.warnings)
+
+
+@pytest.mark.check
+def test_the_table_names_the_recording_and_the_time_that_disagree(motion):
+    first = recorded(motion, "A", 100, (0.0, 5.0), 0.003, 0)
+    slipped = recorded(motion, "B", 100, (0.0, 5.0), 0.003, 1)
+    late = slipped.t > 4.0
+    slipped.theta[late, 1] += 0.03
+    third = recorded(motion, "C", 50, (0.0, 5.0), 0.003, 2)
+    found = fit([first, slipped, third], SCENE, ["b_l"], settings=SETTINGS)
+    worst = max(found.recordings, key=lambda row: abs(row.mean) / row.std_error)
+    assert (worst.recording, worst.link) == ("B", 2)
+    assert any(warning.startswith("B disagrees") for warning in found.warnings)
+
+
+def test_the_delay_is_found_before_any_fit_and_another_period_is_named(motion):
+    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0).in_model_convention(Convention("down", 1, "rad"))
+    second = biased(motion).in_model_convention(Convention("down", 1, "rad"))
+    assert find_delay(first, second).value == pytest.approx(1.2371, abs=2e-3)
+    t = np.arange(0, 20, 0.01)
+    swing = Trace("swing", t, np.pi / 2 + 0.3 * np.sin(2 * np.pi * t)[:, None])
+    again = find_delay(swing, replace(swing, name="again", t=t + 0.2))
+    assert again.value == pytest.approx(0.2, abs=1e-3)  # the smallest of 0.2, 1.2, -0.8 ...
+    assert any(abs(other - 1.2) < 0.02 for other in again.alike)
+    chosen = share_motion([swing, replace(swing, name="again", t=t + 0.2)], {"recording.again.delay": 1.21})
+    assert chosen.parameters[-1].value == pytest.approx(1.2, abs=1e-3)
+
+
+def test_wrong_recordings_are_refused_in_one_line(motion):
+    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0)
+    with pytest.raises(SceneError, match="one recording; needed: two"):
+        fit([first], SCENE, ["b_l"], settings=SETTINGS)
+    with pytest.raises(SceneError, match="same name"):
+        share_motion([first, first])
+    with pytest.raises(SceneError, match="cannot be combined with a static start"):
+        fit([first, biased(motion)], SCENE, ["b_l", "release.time"], settings=SETTINGS)
+    with pytest.raises(SceneError, match="Use --same-motion"):
+        fit([first, biased(motion)], SCENE, ["b_l", "recording.B.delay"])
+    with pytest.raises(SceneError, match=r"recording\.B\.offset.*does not exist"):
+        fit([first, biased(motion)], SCENE, ["b_l", "recording.B.offset"], settings=SETTINGS)
+
+
+@pytest.mark.check
+def test_the_command_takes_files_of_two_programs_as_one_motion_or_as_two_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+
+    def pendulum(t, state):
+        return [state[1], -G / 0.5 * np.sin(state[0]) - 0.3 * state[1]]
+
+    solved = solve_ivp(pendulum, (0, 25), [0.5, 0.0], dense_output=True, rtol=1e-10, atol=1e-12).sol
+    noise = np.random.default_rng(3)
+    t = np.arange(0, 20, 0.01)
+    encoder = solved(t)[0] + 0.001 * noise.standard_normal(len(t))
+    rows = "\n".join(f"{a:.3f},{b:.6f}" for a, b in zip(t, encoder, strict=True))
+    (tmp_path / "encoder.csv").write_text("time [s],angle [rad]\n" + rows + "\n")
+    t = np.arange(2, 24, 1 / 30)
+    film = np.degrees(1.02 * solved(t)[0] + 0.004 * noise.standard_normal(len(t)))
+    rows = "\n".join(f"{a - 2:.4f};{b:.4f}" for a, b in zip(t, film, strict=True))
+    (tmp_path / "film.csv").write_text("time [s];angle [deg]\n" + rows + "\n")
+    assert main(["fit", "encoder.csv", "film.csv", "--same-motion", "--quiet"]) == 0
+    text = capsys.readouterr().out
+    for name in ("recording.film.scale", "recording.film.delay", "--same-motion", "farthest off"):
+        assert name in text
+    scale = next(line for line in text.splitlines() if "recording.film.scale" in line).split()
+    assert abs(float(scale[1]) - 1.02) < 4 * float(scale[2])
+    assert main(["fit", "encoder.csv", "film.csv", "--quiet"]) in (0, 3)
+    assert "recording." not in capsys.readouterr().out

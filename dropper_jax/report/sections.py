@@ -66,8 +66,7 @@ def largest_table(
     shown = largest(lines, size)
     if len(shown) == len(lines):
         return table_of([row(line) for line in shown])
-    kept = {id(line) for line in shown}
-    at = [i for i, line in enumerate(lines) if id(line) in kept]
+    at = [i for i, line in enumerate(lines) if any(line is one for one in shown)]
     rows = []
     for before, here in zip([-1, *at], [*at, len(lines)], strict=True):
         if here - before > 1:

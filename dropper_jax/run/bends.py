@@ -128,7 +128,7 @@ def _joined_ends(scene: Scene) -> Iterator[tuple[tuple[str, str], tuple[int, int
     """The lines of each pair that `bending` joins, their ends (0 or 1) at the common point, and their nodes there."""
     ends = {line.name: (line.start, line.end) for line in scene.lines}
     nodes = {where.name: (where.nodes.start, where.nodes.stop - 1) for where in line_slices(scene)}
-    for pair in scene.effects["bending"]["joined"]:
+    for pair in scene.effects.get("bending", {}).get("joined", ()):
         common = common_ends(pair, ends)
         yield pair, common, [nodes[name][end] for name, end in zip(pair, common, strict=True)]
 

@@ -71,7 +71,8 @@ class Trials:
         scored = scored_windows(prepared)
         self.spans = stretches(prepared, scored)
         self.used, self.loss = ~scored, loss
-        inside = fitted_parts(prepared.traces, list(zip(windows.run, windows.begin, windows.ends, strict=True)))
+        fitted = map(Span, windows.run, windows.begin, windows.ends)
+        inside = fitted_parts(prepared.traces, list(fitted))
         self.prepared = replace(prepared, traces=inside, held_out=tuple(span for _, *span in self.spans))
         self.windows = self.prepared.windows.pick(self.used)
 

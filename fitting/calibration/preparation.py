@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ from fitting.parameters.parameter import (
     adjust_parameters,
     with_effects,
 )
-from fitting.parameters.recordings import share_motion
+from fitting.parameters.recordings import distance_from, share_motion
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar, pendulum_period
 from fitting.traces.trace import Convention, Trace, as_trace, convention, noise
@@ -428,7 +429,11 @@ def read_traces(
         notes += refuse_wrong_file(trace, model, asked, free)
     found = []
     for trace in read:
-        converted, more = settle_convention(trace, model, asked)
+        if settings.same_motion and found:
+            distance = partial(distance_from, found[0])
+        else:
+            distance = None
+        converted, more = settle_convention(trace, model, asked, distance)
         found.append(converted)
         notes += more
     if settings.dt is not None:

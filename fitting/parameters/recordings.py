@@ -159,6 +159,25 @@ def find_delay(motion: Trace, trace: Trace, near: float | None = None) -> Delay:
     return alike[0]._replace(alike=tuple(others[:3]))
 
 
+def distance_from(motion: Trace, trace: Trace) -> float:
+    """Misfit [rad] of a recording in one of its conventions, its zeros included, at its best delay.
+
+    The mirrored swing half a period later is much the same: the convention of the motion's file is preferred.
+
+    Args:
+        trace: in the model's convention, made from the one that it states.
+    """
+    links = common_links(motion, trace)
+    if not len(links):
+        return 0.0
+    delay = find_delay(motion, trace)
+    off = wrap(zeros(motion, trace, delay.value)[links])
+    distance = float(np.hypot(delay.misfit, np.sqrt(np.mean(off**2))))
+    if (trace.convention.zero, trace.convention.sign) == (motion.convention.zero, motion.convention.sign):
+        return distance / ALIKE
+    return distance
+
+
 def _refine(motion: Trace, t: np.ndarray, theta: np.ndarray, delay: float, step: float) -> Delay:
     """The best delay within a step [s] of another one."""
     fine = delay + np.linspace(-step, step, 41)

@@ -115,11 +115,20 @@ def units(named: Convention) -> Iterator[Change]:
     yield Change(f"the unit is {unit}", f"--unit {unit}", lambda theta: factor * theta)
 
 
-def settle_convention(trace: Trace, model: Model, requested: Convention) -> tuple[Trace, list[str]]:
+#: Misfit [rad], and its ratio, by which another convention must fit better to reject one.
+WORSE = 0.3
+TIMES_WORSE = 2.0
+
+
+def settle_convention(
+    trace: Trace, model: Model, requested: Convention, distance: Callable[[Trace], float] | None = None
+) -> tuple[Trace, list[str]]:
     """The trace in the model's convention, and warnings.
 
     Args:
         requested: given by the caller; it takes precedence over the file.
+        distance: from the first recording of the same motion, which then decides between conventions that the scene's
+            pose does not tell apart, such as the two signs of a hanging chain.
 
     Raises:
         SceneError: angles in degrees without a unit, or a specified convention that contradicts the scene.
@@ -131,16 +140,25 @@ def settle_convention(trace: Trace, model: Model, requested: Convention) -> tupl
     allowed = [key for key in scored if named.zero in (None, key[0]) and named.sign in (None, key[1])]
     best = min(scored, key=scored.get)
     own = min(allowed, key=scored.get)
-    # difference of misfit [rad], and its ratio, by which another convention must fit better to reject the specified one
-    if scored[own] > 2.0 * scored[best] and scored[own] > scored[best] + 0.3:
+    alike = [key for key in allowed if not _is_worse(scored[key], scored[own])]
+    if distance is not None and len(alike) > 1:
+        own = min(alike, key=lambda key: distance(trace.in_model_convention(Convention(*key, named.unit))))
+        source = "the first recording"
+    else:
+        source = "the scene's pose"
+    if _is_worse(scored[own], scored[best]):
         raise SceneError(
             f"{trace.name}: zero={own[0]}, sign={own[1]} is {scored[own]:.2f} rad from the scene's pose, "
             f"zero={best[0]}, sign={best[1]} only {scored[best]:.2f}. Use the convention that fits"
         )
     warnings = [f"{trace.name}: {warning}" for warning in trace.warnings]
     if named.zero is None or (named.sign is None and own[1] != 1):
-        warnings.append(f"{trace.name}: angles read as zero={own[0]}, sign={own[1]} (inferred from the scene's pose)")
+        warnings.append(f"{trace.name}: angles read as zero={own[0]}, sign={own[1]} (inferred from {source})")
     return trace.in_model_convention(Convention(own[0], own[1], named.unit or "rad")), warnings
+
+
+def _is_worse(misfit: float, other: float) -> bool:
+    return misfit > TIMES_WORSE * other and misfit > other + WORSE
 
 
 def check_sampling(trace: Trace, model: Model) -> None:

@@ -1,15 +1,18 @@
 """Several recordings of one motion: their biases, what they disagree about, and the command. Truth by SciPy."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import dropper_jax as dj
 from dropper_jax.base.errors import SceneError
 from dropper_jax.cli import main
 from fitting import Convention, FitSettings, Trace, fit
-from fitting.parameters.recordings import find_delay, share_motion
+from fitting.parameters.recordings import distance_from, find_delay, share_motion
+from fitting.traces.conventions import settle_convention
 
 LENGTH, MASS, G, B_L = (0.10, 0.08), (0.030, 0.020), 9.81, 0.002
 SETTINGS = FitSettings(same_motion=True)
@@ -132,6 +135,20 @@ def test_the_delay_is_found_before_any_fit_and_another_period_is_named(motion):
     assert any(abs(other - 1.2) < 0.02 for other in again.alike)
     chosen = share_motion([swing, replace(swing, name="again", t=t + 0.2)], {"recording.again.delay": 1.21})
     assert chosen.parameters[-1].value == pytest.approx(1.2, abs=1e-3)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_sign_of_a_recording_that_begins_within_the_swing_is_that_of_the_first_one(motion, sign):
+    """A hanging chain has no sign of its own: a file that states none is read as the first recording shows it."""
+    model, _ = dj.build(SCENE)
+    first = recorded(motion, "A", 100, (0.0, 4.0), 0.003, 0).in_model_convention(Convention("down", 1, "rad"))
+    second = biased(motion)
+    for begin in (1.5, 1.8, 2.1, 2.4):
+        kept = second.t > begin
+        later = Trace("B", second.t[kept], sign * second.theta[kept])
+        found, warnings = settle_convention(later, model, Convention(), partial(distance_from, first))
+        assert (found.convention.zero, found.convention.sign) == ("down", sign)
+        assert any("inferred from the first recording" in warning for warning in warnings)
 
 
 def test_wrong_recordings_are_refused_in_one_line(motion):

@@ -36,7 +36,15 @@ from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces, raised_to
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import free_option
-from fitting.parameters.parameter import CAMERA, Parameter, given_effect, names_in_scene, resolve, with_effects
+from fitting.parameters.parameter import (
+    CAMERA,
+    RECORDING,
+    Parameter,
+    given_effect,
+    names_in_scene,
+    resolve,
+    with_effects,
+)
 
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
 LEVEL = 0.01
@@ -312,7 +320,10 @@ def freeing_option(test: LawTest, names: Sequence[str]) -> str:
     words = f"{' or '.join([test.name, *test.alike])}, which the scene lacks (t = {test.t:.1f}, p = {test.p:.1g})"
     if not test.free:
         return f"{words}; no force of the list explains it. Fit parts of the trace (--until) to see the change"
-    return f"{words}. Use {free_option(names, test.free)}, or --auto-free"
+    use = f"{words}. Use {free_option(names, test.free)}"
+    if any(name.startswith(f"{RECORDING}.") for name in names):  # --auto-free needs separate runs
+        return use
+    return f"{use}, or --auto-free"
 
 
 def law_warnings(laws: LawTests) -> list[str]:

@@ -216,7 +216,11 @@ class FitResult(SceneFit):
         if self.status == "misfit" and self.misses and not self.wrong_file:
             times = float(np.sqrt(self.chi2_per_dof))
             advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
-            if self.likely:
+            if self.recordings:
+                advice = (
+                    "Fit each recording alone to find the one that differs; leave out --same-motion for separate runs"
+                )
+            elif self.likely:
                 advice = f"Likeliest cause: {self.likely}, or state a model_error in [fit]"
             if self.solution.rms < 5e-6 * times:  # noise [rad] far below an encoder's: a simulated trace
                 advice = (

@@ -33,6 +33,9 @@ REPEATS = 3
 EDULIS_SPAN = 150.0
 #: Our steps in 0.1 s, from large steps to small ones; the last is the reference.
 EVERY = (1, 2, 4, 5, 10, 15, 20, 40, 160)
+#: Accuracies of runs that choose their steps, which are at most `LONGEST` shares of 0.1 s.
+ACCURACIES = (0.1, 0.03, 0.01, 0.003)
+LONGEST = 1
 #: MoorDyn's steps [s] from large to small, tried until one is stable, and the share of it that gives the reference.
 STEPS = (0.008, 0.006, 0.004, 0.003, 0.002, 0.0015, 0.001, 0.0007, 0.0005, 0.0003)
 FINER = 0.25
@@ -115,8 +118,8 @@ def turned() -> dj.Scene:
     return dj.Scene.from_dict({**table, "start": {"kind": "points"}, "run": {**table["run"], "duration": EDULIS_SPAN}})
 
 
-def speed() -> Iterator[Found]:
-    """Rows of all comparisons."""
+def speed(only: str | None = None) -> Iterator[Found]:
+    """Rows of all comparisons, or of those whose name holds a word."""
     grid = {"sea.interpolation": "grid"}
     own = {"ways": {"rope": {}, "rope, as well": {"run.integrator": "generalized_alpha"}}, "across": (-60, 120)}
     for name, scene, wanted, calls, options in (
@@ -135,7 +138,8 @@ def speed() -> Iterator[Found]:
         ("case 3, 29 components (both: exact kinematics)", case(3), 2.0, SAMPLE, {}),
         ("edulis-longline (both: wave grid)", turned().with_values(grid), 1.0, SAMPLE, own),
     ):
-        yield from compare(name, scene, wanted, calls, **options)
+        if only is None or only in name:
+            yield from compare(name, scene, wanted, calls, **options)
 
 
 def errors(rows: Rows, reference: Rows) -> dict[str, float] | None:
@@ -166,23 +170,37 @@ def compare(
 def _ours(scene: Scene, there: Found) -> Found:
     ours = Ours.of(scene)
     reference = ours.run(EVERY[-1], SPAN)
-    rows = []
-    for every in EVERY[:-1]:
-        run = ours.run(every, SPAN, REPEATS)
+
+    def row(every: int, accuracy: float | None = None) -> Found:
+        run = ours.run(every, SPAN, REPEATS, accuracy)
         row = {"dt_s": SAMPLE / every, "errors": errors(run, reference), "cpu_per_s": run.cpu_s / SPAN}
-        rows.append(row)
+        row["accuracy"] = accuracy
         say(row)
-    return {"our_runs": rows, **{measure: _fastest(rows, there, keys) for measure, keys in MEASURES.items()}}
+        return row
+
+    rows = [row(every) for every in EVERY[:-1]]
+    chosen = [row(LONGEST, accuracy) for accuracy in ACCURACIES]
+    found = {}
+    for measure, keys in MEASURES.items():
+        found[measure] = _fastest(rows, there, keys)
+        found[f"{measure}_by_accuracy"] = _fastest(chosen, there, keys)
+    return {"our_runs": rows, "our_chosen_steps": chosen, **found}
 
 
 def _fastest(rows: list[Found], there: Found, keys: tuple[str, ...]) -> Found | None:
-    """The largest step with errors no larger, and the ratio of times; a lucky step above a worse one does not count."""
+    """The coarsest run with errors no larger, and the ratio of times; a lucky one above a worse one does not count."""
     limit = there["errors"]
     exact = takewhile(
         lambda row: limit and row["errors"] and all(row["errors"][key] <= limit[key] for key in keys), reversed(rows)
     )
     best = next(reversed(list(exact)), None)
-    return best and {"ratio": there["cpu_per_s"] / best["cpu_per_s"], "ours_dt_s": best["dt_s"]}
+    if best is None:
+        return None
+    return {
+        "ratio": there["cpu_per_s"] / best["cpu_per_s"],
+        "ours_dt_s": best["dt_s"],
+        "ours_accuracy": best["accuracy"],
+    }
 
 
 def largest_stable(scene: Scene, calls: float, **options) -> Found:

@@ -1,6 +1,6 @@
 """Random sequences of public calls in one process, each call compared with the same call alone in a fresh process.
 
-    python tests/faults/sequences.py [--sequences 20] [--calls 6] [--seed 1] [--alone FILE] [--out TABLE.json]
+    python tests/faults/sequences.py [--sequences 20] [--calls 6] [--seed 1] [--jobs 1] [--alone FILE] [--out TABLE]
     python tests/faults/sequences.py --one NAME ...      these calls in this order, a line of JSON each
 
 A call must give the same numbers after any other calls, and from the traces and programs that another process has kept.
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -22,6 +23,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -287,15 +289,18 @@ class Alone:
 
     def __init__(self, file: Path | None) -> None:
         self.file, self.digest = file, sources_digest()
+        self._writing = threading.Lock()
         kept = json.loads(file.read_text()) if file is not None and file.exists() else {}
         self.results: dict[str, list[Any]] = kept.get(self.digest, {})
 
     def __getitem__(self, name: str) -> list[Any]:
         if name not in self.results:
             with tempfile.TemporaryDirectory() as folder:
-                self.results[name] = in_process([name], folder)[0]
-            if self.file is not None:
-                self.file.write_text(json.dumps({self.digest: self.results}, indent=1))
+                found = in_process([name], folder)[0]
+            with self._writing:
+                self.results[name] = found
+                if self.file is not None:
+                    self.file.write_text(json.dumps({self.digest: self.results}, indent=1))
         return self.results[name]
 
 
@@ -310,11 +315,17 @@ def run_sequence(names: list[str], alone: Alone) -> list[str]:
     return wrong
 
 
+def drawn(seed: int, among: list[str], calls: int) -> list[str]:
+    """The calls of a sequence."""
+    return [str(name) for name in np.random.default_rng(seed).choice(among, calls)]
+
+
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sequences", type=int, default=20, help="number of sequences")
     parser.add_argument("--calls", type=int, default=6, help="calls of each")
     parser.add_argument("--seed", type=int, default=1, help="of the first sequence")
+    parser.add_argument("--jobs", type=int, default=1, help="sequences at a time")
     parser.add_argument("--only", nargs="+", choices=CALLS, default=list(CALLS), metavar="NAME", help="calls to draw")
     parser.add_argument("--alone", type=Path, help="file that keeps the results of single calls")
     parser.add_argument("--until", type=float, default=math.inf, help="start no sequence after this time [s]")
@@ -325,14 +336,22 @@ def main(argv: list[str] | None = None) -> int:
         for name in args.one:
             print(RESULT, json.dumps(result_of(name)), flush=True)
         return 0
-    alone, started, rows = Alone(args.alone), time.monotonic(), []
-    for seed in range(args.seed, args.seed + args.sequences):
+    alone = Alone(args.alone)
+    started = time.monotonic()
+    sequences = {seed: drawn(seed, args.only, args.calls) for seed in range(args.seed, args.seed + args.sequences)}
+
+    def judge(seed: int) -> dict[str, Any] | None:
         if time.monotonic() - started > args.until:
-            break
-        names = [str(name) for name in np.random.default_rng(seed).choice(args.only, args.calls)]
+            return None
+        names = sequences[seed]
         wrong = run_sequence(names, alone)
-        rows.append({"seed": seed, "calls": names, "wrong": wrong})
         print(f"{seed}: {'ok' if not wrong else 'WRONG'}: {', '.join(names)}", *wrong, sep="\n    ", flush=True)
+        return {"seed": seed, "calls": names, "wrong": wrong}
+
+    with ThreadPoolExecutor(args.jobs) as pool:
+        # first the single calls, once each: two sequences would otherwise run the same one
+        list(pool.map(alone.__getitem__, sorted(set(itertools.chain.from_iterable(sequences.values())))))
+        rows = [row for row in pool.map(judge, sequences) if row is not None]
     failed = {name: found for name, found in alone.results.items() if has_failed(found)}
     for name, found in failed.items():
         print(f"alone: {name}: {found}")

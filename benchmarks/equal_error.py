@@ -2,7 +2,7 @@
 
     python benchmarks/equal_error.py [--only SCENE]
 
-Errors are those of mean, deviation and window maxima of the tension at the end of the first line, root of the mean
+Errors are those of mean, deviation and window maxima of the tension at the end of a line, root of the mean
 square over `PHASES` phases of the waves or of the motion, against the finest equal step. The best equal step is the
 cheapest with none of the three larger, at all smaller steps too. Times are processor time without compilation, refused
 steps and the filter included. Writes results/equal_error.json.
@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from moordyn_runs import SAMPLE, Ours, Rows, case
+from moordyn_runs import SAMPLE, Ours, case
+from moordyn_runs import Rows as Run
 from moordyn_speed import HARD, RAMP, SMOOTH, driven_chain
-from study import Found, collect, command, describe, say, versions
+from study import Found, Rows, collect, columns, command, describe, percent, say, table_of, versions
 
 import dropper_jax as dj
 from dropper_jax import Scene
@@ -26,7 +27,7 @@ PHASES = 3
 REPEATS = 3
 MANY = 30_000
 ACCURACIES = (0.1, 0.03, 0.01, 0.003)
-#: The accuracy that is the default of commands.
+#: The accuracy of packaged scenes, by which the kinds of motion are summed up.
 USUAL = 0.01
 #: Longest step of runs with an accuracy: steps in `SAMPLE`.
 LONGEST = 1
@@ -47,6 +48,7 @@ class Compared:
         window: length [s] of the windows whose maxima are compared.
         finest: equal steps in `SAMPLE` of the reference.
         phases: how many.
+        line: whose far end's tension is compared.
     """
 
     kind: str
@@ -56,10 +58,11 @@ class Compared:
     window: float
     finest: int
     phases: int = PHASES
+    line: int = 0
 
 
 def waves(name: str | int) -> Callable[[float], Scene]:
-    """A scene whose waves begin in another phase; with an accuracy of its own it takes equal steps here."""
+    """A scene whose waves begin in another phase."""
 
     def shifted(phase: float) -> Scene:
         if isinstance(name, int):
@@ -95,7 +98,7 @@ SCENES = {
     "chain of 12 segments, top driven, smooth": Compared(STORM, driven(SMOOTH), 60.0, 12.0, 8.0, 512),
     "paper-case-4": Compared(STORM, released("paper-case-4-table-6"), 60.0, 12.0, 8.0, 512, phases=1),
     "dropper-north-sea": Compared(STORM, waves("dropper-north-sea"), 40.0, 10.0, 10.0, 256),
-    "edulis-longline": Compared(STORM, waves("edulis-longline"), 20.0, 5.0, 5.0, 64, phases=2),
+    "edulis-longline": Compared(STORM, waves("edulis-longline"), 20.0, 5.0, 5.0, 64, phases=2, line=1),
     "dropper-release-a": Compared(RELEASE, released("dropper-release-a"), 4.0, 0.0, 1.0, 2048, phases=1),
     "dropper-release-c": Compared(RELEASE, released("dropper-release-c"), 4.0, 0.0, 1.0, 2048, phases=1),
     "dropper-release-e": Compared(RELEASE, released("dropper-release-e"), 4.0, 0.0, 1.0, 2048, phases=1),
@@ -106,14 +109,14 @@ SCENES = {
 }
 
 
-def three(run: Rows, one: Compared) -> dict[str, float] | None:
+def three(run: Run, one: Compared) -> dict[str, float] | None:
     if run.status != "ok":
         return None
     found = run.statistics(one.settled)["fairlead"]
     return {"mean": found["mean"], "std": found["std"], "peaks": run.peaks(one.settled, one.window)}
 
 
-def errors(runs: list[Rows], reference: list[dict[str, float]], one: Compared) -> dict[str, float] | None:
+def errors(runs: list[Run], reference: list[dict[str, float]], one: Compared) -> dict[str, float] | None:
     """Root of the mean square, over phases, of the relative errors; None where a run failed."""
     found = [three(run, one) for run in runs]
     if None in found:
@@ -129,7 +132,7 @@ def compare(name: str) -> Found:
     """Rows of equal steps and of accuracies, and the ratio of their times at equal errors."""
     one = SCENES[name]
     phases = [2.0 * math.pi * i / one.phases for i in range(one.phases)]
-    every = [Ours.of(one.scene(phase)) for phase in phases]
+    every = [Ours.of(one.scene(phase), one.line) for phase in phases]
     reference = [three(ours.run(one.finest, one.span), one) for ours in every]
     bound = errors([ours.run(one.finest // 2, one.span) for ours in every], reference, one)
     equal = []
@@ -183,6 +186,32 @@ def beside(found: Found, equal: list[Found], bound: dict[str, float]) -> Found:
 def rows(only: str | None) -> Iterator[Found]:
     for name in [only] if only else SCENES:
         yield compare(name)
+
+
+@table_of("equal_error")
+def equal_error(found: Found) -> Rows:
+    """Each scene at the usual accuracy, and the geometric mean of each kind of motion."""
+    shown = []
+    for kind in (STORM, RELEASE, SNAPS):
+        of_kind = [row for row in found["rows"] if row["kind"] == kind]
+        for row in of_kind:
+            usual = next(one for one in row["chosen"] if one["accuracy"] == USUAL)
+            shown.append({"name": row["name"], **usual})
+        ratios = [one["ratio"] for one in shown[-len(of_kind) :]]
+        shown.append({"name": f"**{kind}**", "errors": None, "ratio": float(np.exp(np.mean(np.log(ratios))))})
+    return columns(
+        shown,
+        ("", "{name}"),
+        ("errors of mean, deviation, window maxima", _errors),
+        ("best equal step [s]", lambda row: f"{row['best_dt_s']:.2g}" if row["errors"] else ""),
+        ("time over that of the best equal step", "{ratio:.2f}"),
+    )
+
+
+def _errors(row: Found) -> str:
+    if row["errors"] is None:
+        return "geometric mean"
+    return ", ".join(percent(row["errors"][key], 2) for key in MEASURES)
 
 
 @command(only=(None, *SCENES))

@@ -18,7 +18,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from study import Found, command, say, store
+from study import Found, Rows, command, say, store, table_of
 
 import dropper_jax as dj
 from dropper_jax.backend.batches import map_members
@@ -33,6 +33,10 @@ STEP = 0.0025
 STEPS = 200
 DAMPING = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 AT_REST = ("paper-case-1", "edulis-longline")
+#: Kinds of results, by the first word of their arrays' names.
+KINDS = ("runs", "derivatives of runs", "fit", "equilibrium")
+#: How names of times begin in the kept file.
+TIME = "time "
 #: Members of batches.
 CASES = (256, 4096, 16384)
 
@@ -44,8 +48,8 @@ def runs() -> Arrays:
     found = {}
     for name in SCENES:
         run = dj.simulate(name, duration=DURATION, accuracy=0.01)
-        found[f"run {name} positions"] = run.positions
-        found[f"run {name} tensions"] = run.tension
+        found[f"runs {name} positions"] = run.positions
+        found[f"runs {name} tensions"] = run.tension
     return found
 
 
@@ -113,11 +117,17 @@ def times() -> Found:
     return found
 
 
+def kept_times(measured: Found) -> Arrays:
+    return {f"{TIME}{name}": np.asarray(value) for name, value in measured.items()}
+
+
 def differences(found: Arrays, expected: Arrays) -> dict[str, float]:
     """Largest difference of each array over its largest number."""
-    return {
-        name: float(np.max(np.abs(found[name] - expected[name])) / np.max(np.abs(expected[name]))) for name in expected
-    }
+    apart = {}
+    for name in expected:
+        if not name.startswith(TIME):
+            apart[name] = float(np.max(np.abs(found[name] - expected[name])) / np.max(np.abs(expected[name])))
+    return apart
 
 
 @command({"kept": Path}, against=Path)
@@ -130,9 +140,30 @@ def main(args: Any) -> None:
         np.savez(args.kept, **found)
     measured = times()
     say(measured)
+    np.savez(args.kept, **found, **kept_times(measured))
     if args.against is not None:
         with np.load(args.against) as expected:
             apart = differences(found, dict(expected))
+            processor = {name.removeprefix(TIME): float(expected[name]) for name in expected if name.startswith(TIME)}
         say(apart)
         device = jax.devices()[0].device_kind
-        store("gpu", {"device": device, "jax": jax.__version__, "differences": apart, "times": measured})
+        head = {"device": device, "jax": jax.__version__, "differences": apart}
+        store("gpu", {**head, "times": measured, "processor_times": processor})
+
+
+@table_of("gpu")
+def gpu(found: Found) -> Rows:
+    """The largest difference of each kind of result, and times on both."""
+
+    def largest(kind: str) -> str:
+        return f"{max(value for name, value in found['differences'].items() if name.startswith(kind)):.0e}"
+
+    def of(kept: Found, name: str) -> str:
+        if name not in kept:
+            return "-"
+        return f"{kept[name]:.3g}"
+
+    head = ("", f"{found['device']} (JAX {found['jax']})", "one core of its machine")
+    apart = [(f"{kind}: largest difference, relative", largest(kind.split()[0]), "") for kind in KINDS]
+    both = [(name, of(found["times"], name), of(found["processor_times"], name)) for name in found["times"]]
+    return [head, *apart, *both]

@@ -108,7 +108,7 @@ class Rows:
         return {**found, "place": {"min": place.min(axis=0).tolist(), "max": place.max(axis=0).tolist()}}
 
 
-@partial(jax.jit, static_argnames=("stepper", "saves", "links"))
+@partial(jax.jit, static_argnames=("stepper", "saves", "ends"))
 def _march(
     stepper: Stepper,
     model: Model,
@@ -117,15 +117,16 @@ def _march(
     accuracy: float | None,
     every: jax.Array,
     saves: int,
-    links: int,
+    ends: tuple[int, int],
 ):
     """Rows of `every` steps of dt [s] each; with an accuracy the steps follow it and are at most so long.
 
     Returns:
-        How many steps were taken again; of the first line mean, mean square, least and largest tension (saves, 2) of
-        its ends, its far end's place (saves, 3), and whether all is well (saves,).
+        How many steps were taken again; of a line, whose first and last link are the `ends`, mean, mean square, least
+        and largest tension (saves, 2), its far end's place (saves, 3), and whether all is well (saves,).
     """
-    ends = jnp.array([0, links - 1])
+    last_link = ends[1]
+    ends = jnp.array(ends)
 
     def link_tensions(model, before, after):
         return after.tension, after.t
@@ -159,7 +160,7 @@ def _march(
         start = (carry, zero, zero, zero + jnp.inf, zero - jnp.inf)
         carry, total, square, least, most = jax.lax.fori_loop(0, every, one, start)
         _, s, alive, _ = carry
-        place = model.geometry.everywhere(s.r, model.ends(s.t).positions)[model.geometry.last[links - 1]]
+        place = model.geometry.everywhere(s.r, model.ends(s.t).positions)[model.geometry.last[last_link]]
         return carry, (total / every, square / every, least, most, place, alive)
 
     carry = (adaptive, first.state, jnp.array(True), jnp.zeros((), jnp.int32))
@@ -174,12 +175,14 @@ class Ours:
     stepper: Stepper
     model: Model
     start: State
-    links: int
+    ends: tuple[int, int]
 
     @classmethod
-    def of(cls, scene: Scene) -> "Ours":
+    def of(cls, scene: Scene, line: int = 0) -> "Ours":
         model, start = build(scene)
-        return cls(stepper_of(model, scene.run, track_work=False), model, start, len(scene.lines[0].length))
+        first = sum(len(before.length) for before in scene.lines[:line])
+        ends = first, first + len(scene.lines[line].length) - 1
+        return cls(stepper_of(model, scene.run, track_work=False), model, start, ends)
 
     def run(self, every: int, duration: float, repeats: int = 1, accuracy: float | None = None) -> Rows:
         """Steps of SAMPLE / every [s], or with an accuracy at most so long; the least time counts."""
@@ -187,7 +190,7 @@ class Ours:
         given = (self.stepper, self.model, self.start, jnp.asarray(SAMPLE / every), accuracy)
 
         def march(count: int):
-            return jax.block_until_ready(_march(*given, jnp.asarray(count), saves=saves, links=self.links))
+            return jax.block_until_ready(_march(*given, jnp.asarray(count), saves=saves, ends=self.ends))
 
         march(0)  # compiles
         runs = [timed(partial(march, every)) for _ in range(repeats)]

@@ -19,8 +19,10 @@ from study import RESULTS, TABLES, command, markdown, stored
 PARTS = (
     "accuracy_tables",
     "coarse_lines",
+    "equal_error",
     "files_of_users",
     "fit_tables",
+    "gpu",
     "moordyn_hard_cases",
     "moordyn_tables",
     "edulis_anchors",

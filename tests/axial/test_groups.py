@@ -187,6 +187,7 @@ def test_rigid_triangles_hold_more_than_they_need_to():
     assert dj.simulate(table, duration=0.2).status == "ok"
 
 
+@pytest.mark.check
 def test_a_table_beside_ropes_is_a_rope_where_it_is_straight():
     def scene(**axial) -> dict:
         return bare(

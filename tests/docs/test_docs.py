@@ -60,6 +60,7 @@ def test_the_section_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkey
     assert names["model"].effects[1].name == "shock_cord"
 
 
+@pytest.mark.check
 @pytest.mark.slow
 def test_the_scene_and_the_code_of_the_first_page_run(tmp_path, monkeypatch):
     (tmp_path / "loop.toml").write_text(blocks("README.md", "toml")[0])

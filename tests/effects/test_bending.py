@@ -64,6 +64,7 @@ def halves(turned, **bending):
     return table
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("turned", [False, True])
 def test_joined_lines_bend_as_one(turned):
     exact = 5 * 0.1 * 10.0**4 / (384 * 1e4)

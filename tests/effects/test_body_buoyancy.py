@@ -84,6 +84,7 @@ def righting(scene, tilt=1e-3):
     return float(jax.jit(jax.grad(potential))(tilt)) / (mass * G * np.sin(tilt))
 
 
+@pytest.mark.check
 def test_metacentric_height_of_a_flat_cylinder(afloat):
     """D/h = 3: GM = KB + BM - KG, BM = D^2/(16 T)."""
     diameter, height, density = 3.0, 1.0, 0.6
@@ -119,6 +120,7 @@ def test_metacentric_heights_of_a_lying_drum(afloat):
         assert righting(scene) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.check
 def test_homogeneous_spar_capsizes_and_floats_on_its_side(spar):
     scene = spar(centre=4.5, attitude=[0.0, 0.05, 0.0])
     model = build_model(dj.load_scene(scene))

@@ -43,6 +43,7 @@ def pendulum(angle=0.6, dt=0.005, duration=12.0, **more):
     }
 
 
+@pytest.mark.check
 def test_a_pinned_arm_swings_as_a_compound_pendulum_about_its_pin():
     angle = 0.6
     solution = dj.simulate(pendulum(angle))
@@ -120,6 +121,7 @@ def moored(bodies=2):
     }
 
 
+@pytest.mark.check
 def test_the_network_holds_bodies_with_bending_contact_and_pins_exactly():
     model, s = build(moored())
     assert make_stepper(model).solver_name == "network"

@@ -78,6 +78,7 @@ def shaken():
     return dj.simulate(scene())
 
 
+@pytest.mark.check
 def test_a_cantilever_that_is_shaken_and_turned_follows_its_modes(shaken):
     assert shaken.status == "ok", shaken.failure
     exact = tip_by_modes(shaken.t)
@@ -105,6 +106,7 @@ def test_the_work_of_the_clamp_closes_the_balance(shaken):
     assert shaken.energy_drift < 1e-8 * shaken.energy_scale
 
 
+@pytest.mark.check
 def test_quaternions_turn_the_line_as_directions_do():
     half = 0.5 * angle(TIME)
     rows = np.stack([np.cos(half), 0.0 * half, -np.sin(half), 0.0 * half], axis=1)

@@ -56,6 +56,7 @@ def test_small_dry_swings_decay_linearly_and_then_stop(chain):
     assert np.ptp(angle[-1000:]) == 0.0
 
 
+@pytest.mark.check
 def test_a_stuck_link_creeps_by_nothing_in_300_seconds(chain):
     """Held at an angle where its weight asks for 0.9 of the limit."""
     length, mass, a = 0.5, 0.4, 0.3
@@ -100,6 +101,7 @@ def test_viscous_joints_of_two_links_follow_the_linear_equations_of_small_angles
     np.testing.assert_allclose(np.arctan2(d[:, 0], -d[:, 2]), y[:2].real, atol=1e-5 * a0)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("scene", ["dropper-release-a-undamped", pytest.param("string", marks=pytest.mark.check)])
 def test_dry_friction_never_raises_the_energy(scene):
     """In the plane and in space."""

@@ -197,6 +197,7 @@ def winch(**more):
     return [{"end": "to", "control": control}]
 
 
+@pytest.mark.check
 def test_winch_follows_its_equations_to_first_order():
     """Two links between fixed points, 5.2 m apart: tension rises from 160 N to the target of 500 N."""
     span = 5.2

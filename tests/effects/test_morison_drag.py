@@ -85,6 +85,7 @@ def test_the_quadratically_damped_pendulum_keeps_its_integral_at_turning_points(
     assert integral(first, -c) - integral(second, -c) == pytest.approx(0.0, abs=1e-8)
 
 
+@pytest.mark.check
 def test_frozen_and_implicit_directions_agree_to_second_order(hanging, march):
     effects = {"weight": {}, "buoyancy": {}, "morison_drag": {"cdn": 1.0, "cdt": 0.02}}
     start = {"kind": "angles", "zero": "down", "polar": [0.9, 0.7, 0.4, 0.2]}

@@ -101,6 +101,7 @@ def test_a_neutral_particle_stays_with_the_water_only_with_the_material_accelera
     assert np.linalg.norm(strays["local"][-1] - last) == pytest.approx(11.8, abs=0.1)
 
 
+@pytest.mark.check
 def test_the_kinetic_energy_of_added_mass_is_that_of_the_free_nodes_in_systems_with_anchors():
     """`1/2 v . M_a v`, up to the stretch of links: half of the first link is at the anchor, which does not move."""
     model, s = dj.build("paper-case-1")

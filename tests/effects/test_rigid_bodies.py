@@ -84,6 +84,7 @@ def test_momentum_of_a_free_body_stays(tumbling):
     np.testing.assert_allclose(drift, drift[:1] * np.ones_like(drift), atol=1e-8)
 
 
+@pytest.mark.check
 def test_arm_on_a_short_rope_swings_as_a_compound_pendulum():
     """On a rope of 1e-3 of the arm's length the arm turns about its end: `T = 4 K(sin(a/2)) sqrt(J/(m g l))`."""
     arm, mass, moment, angle = 2.0, 5.0, 3.0, 0.6

@@ -48,6 +48,7 @@ def test_heave_force_on_a_fixed_spar_is_the_pressure_on_its_base_to_first_order(
     assert first_harmonic == pytest.approx(expected, rel=1e-3)  # second-order terms are a/H = 1e-3 of it
 
 
+@pytest.mark.check
 def test_free_spar_heaves_with_its_natural_period_and_added_mass_of_a_half_sphere():
     scene = moored_buoy({}, cat=0.5)
     pose = equilibrium(scene)

@@ -55,6 +55,7 @@ def test_added_mass_needs_the_relative_velocity(hanging):
         dj.build(relative_scene(hanging, velocity="absolute", c_a=1.0))
 
 
+@pytest.mark.check
 def test_the_thesis_scheme_in_angles_books_the_work_of_the_water(hanging):
     """Energy is that of the start and of the work, to the first order of the scheme."""
     waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}

@@ -73,6 +73,7 @@ def test_a_run_says_where_its_torque_would_throw_loops():
         assert any("it would form loops" in words for words in dj.simulate(stiff).warnings) == told
 
 
+@pytest.mark.check
 def test_a_moment_put_on_at_once_swings_the_rod_with_its_natural_periods():
     solution = dj.simulate(rod(torque=MOMENT, begins="untwisted", dt=0.002, duration=2.2))
     # of sin((2 m + 1) pi s/(2 L)) the moment holds a_m = 8 T L/(GJ pi^2) (-1)^m/(2 m + 1)^2; put on at once it

@@ -91,6 +91,7 @@ def test_the_power_balance_closes_in_waves_through_the_surface():
     assert solution.energy_drift < 1e-6 * solution.energy_scale
 
 
+@pytest.mark.check
 def test_the_booked_power_is_the_force_times_the_velocity():
     """An independent quadrature of drag times velocity over the saved states, fourth order, agrees with the entry."""
     import jax

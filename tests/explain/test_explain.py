@@ -100,6 +100,7 @@ def test_wear_by_the_derivative_is_that_of_another_equilibrium(answers):
     assert row.worn_use == pytest.approx(row.use, rel=0.02)
 
 
+@pytest.mark.check
 def test_a_line_that_hangs_straight_down_is_too_long(capsys, tmp_path):
     file = tmp_path / "long.toml"
     file.write_text(dj.as_toml(chain(60.0, 150.0, links=50)))

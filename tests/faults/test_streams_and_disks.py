@@ -61,6 +61,7 @@ def test_an_unknown_platform_is_one_line_and_one_object():
     assert json.loads(done.stdout)["status"] == "invalid_input"
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("suffix", ["nc", "npz"])
 def test_a_full_disk_is_told_with_the_file_and_brings_nothing_down(tmp_path, suffix):
     """The limit on the size of files works as a disk that is full; HDF5 ended in a segmentation fault."""
@@ -92,6 +93,7 @@ def test_a_sweep_that_a_full_disk_refuses_names_its_folder(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.check
 def test_pictures_that_a_full_disk_refuses_are_no_fault_of_the_input(tmp_path):
     done = shell(f"ulimit -f 8; dropper run conical-pendulum --duration 1 --quiet --json --plot {tmp_path / 'p.png'}")
     assert done.returncode == 3

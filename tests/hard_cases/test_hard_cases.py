@@ -38,6 +38,7 @@ LEFT_TO_CHECK = {
         "gradient-mass-ratio",
         "turning-tide",
     ),
+    *("dropped-spar", "tumbling-body", "snapping-rope", "pendulum-in-waves", "end-starts-at-speed", "stiffness-ratio"),
     *("rope-on-rope", "rope-on-rope-energy", "twisted-rod", "clamped-rod", "sliding-drum", "pinned-arm"),
 }
 

@@ -63,6 +63,7 @@ def angle_and_tension(motion: dict, times: np.ndarray) -> tuple[np.ndarray, np.n
     return found[0], MASS * (LENGTH * found[1] ** 2 + GRAVITY * np.cos(found[0]))
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("integrator", "drift"),  # of shorter substeps corrections end at the tolerance, which 800 steps add up
     [("energy_momentum", 1e-12), pytest.param("energy_momentum_4", 1e-9, marks=pytest.mark.check)],

@@ -14,6 +14,7 @@ def test_damping_leaves_the_order_as_it_is(order):
     assert order("rattle_4", (7, 8, 9), damped=True) == pytest.approx(4.0, abs=0.3)
 
 
+@pytest.mark.check
 def test_fourth_order_rattle_keeps_energy_bounded_and_lengths_to_rounding():
     """Symplectic and symmetric: half the step takes a sixteenth of the energy error, which does not grow with time."""
     swings = []

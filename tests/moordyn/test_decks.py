@@ -262,6 +262,7 @@ END
 """
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("pairs", "root"),
     [

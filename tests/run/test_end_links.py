@@ -114,6 +114,7 @@ def test_a_light_cable_in_air_pulls_as_the_catenary_does():
 HEAVY = {"mass": 90.0, "diameter": 0.3, "links": 44}
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("first", "last", "length", "kind"),
     [

@@ -47,6 +47,7 @@ def test_held_points_with_nothing_free_between_them_are_refused():
         dj.load_scene(table)
 
 
+@pytest.mark.check
 def test_precision_is_what_the_arrays_have(as_a_user):
     code = """
 import json, os

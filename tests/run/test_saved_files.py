@@ -62,6 +62,7 @@ def test_a_coupled_state_is_restored(saved):
     assert np.all(np.isfinite(forces))
 
 
+@pytest.mark.check
 def test_a_sweep_is_resumed(saved):
     pytest.importorskip("zarr")
     from fitting.sweep import open_sweep, sweep

@@ -105,6 +105,7 @@ def test_growth_by_month_and_depth_is_tabulated():
     assert rows[0]["wet_weight_n_per_m"] == pytest.approx(9.81 * (mass - 1025.0 * outer))
 
 
+@pytest.mark.check
 def test_drop_off_compares_accelerations_with_what_holds_a_mussel():
     weak, strong = (
         report_run(dj.simulate(scene(attachment=force, mussel_mass=0.004), halvings=0))["crop"]

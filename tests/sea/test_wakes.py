@@ -157,6 +157,7 @@ def test_inflows_are_those_of_all_pairs_of_wakes(count, long, wide, depth):
     np.testing.assert_allclose(met, inflows_by_all_pairs(elements, 0.3, depth), atol=3e-13, rtol=0.0)
 
 
+@pytest.mark.check
 def test_two_hundred_rows_slow_the_water_by_their_drag():
     elements, shape = block(200, apart=8.0, between=12.0, half=8)
     wakes = solve_wakes(elements, 0.3, 25.0)
@@ -187,6 +188,7 @@ SCENE = {
 }
 
 
+@pytest.mark.check
 def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, capsys):
     scene = dj.load_scene(SCENE)
     share = scene_wakes(scene).share.reshape(3, 3).mean(axis=1)

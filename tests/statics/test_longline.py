@@ -54,6 +54,7 @@ def test_chain_on_a_bed_is_the_elastic_catenary_to_1e_4_and_of_second_order(one_
     assert error[25] / error[200] > 8.0**1.8  # second order, up to where the touchdown falls between nodes
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("mu", [0.3, 1.0], ids=["to the anchor", "to a part without tension"])
 def test_friction_on_the_bed_lowers_the_tension_towards_the_anchor_as_jonkman_says(one_line, mu):
     length, w, EA, links = 75.0, CHAIN["mass"] * G, CHAIN["EA"], 100

@@ -49,6 +49,7 @@ def difference(matrix, known):
     return np.max(np.abs(matrix - known) / np.outer(size, size))
 
 
+@pytest.mark.check
 def test_a_mooring_above_the_bed_has_the_stiffness_of_moorpy():
     known = np.array(KNOWN[TAUT]["stiffness"])
     matrix = matrix_of(KNOWN[TAUT]["mooring"], links=40)

@@ -68,6 +68,7 @@ def test_a_held_point_is_pulled_as_poses_sought_anew_tell(wire):
     np.testing.assert_allclose(found[:, 2], -(pulls[0] - pulls[1]) / (2 * move), rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     "name",
     ["bridles", pytest.param("floats", marks=pytest.mark.check), pytest.param("spread", marks=pytest.mark.check)],

@@ -28,6 +28,7 @@ def two_steps(stepper, model, s):
     return own, dj.integrate(stepper, model, s, STEP, 2)[0]
 
 
+@pytest.mark.check
 def test_thesis_angles_steps_from_a_built_state():
     model, s = dj.build("dropper-release-a")
     own, run = two_steps(dj.make_stepper(model, "thesis_angles", gamma=0.51), model, s)

@@ -92,6 +92,7 @@ def test_spectra_integrate_to_the_variances(response):
     np.testing.assert_allclose(np.sqrt(width @ motion[:, 0, 2]), response.motion_deviation[1, 0, 2], rtol=1e-10)
 
 
+@pytest.mark.check
 def test_rigid_link_carries_the_inertia_of_its_mass():
     """Own waves of a scene: the mass follows its end, so that T = m w^2 a without drag."""
     scene = hanging_mass(mass=1.0, law="rigid")

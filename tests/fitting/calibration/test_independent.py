@@ -54,6 +54,7 @@ def test_runs_with_gaps_are_fitted_together(two, ready, motion, ten):
     assert np.all(result.uncertainty.std_error < alone)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("how", ["held out", "until", "empty ends"])
 def test_a_rig_that_swings_is_never_said_to_rest(two, ready, motion, how):
     """Samples that a fit does not see are no still frames."""

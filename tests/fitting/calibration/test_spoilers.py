@@ -88,6 +88,7 @@ def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(two, re
             np.testing.assert_allclose(noise["delay_s"], 0.004, rtol=0.25)
 
 
+@pytest.mark.check
 def test_a_misfit_that_is_no_noise_is_not_taken_for_noise_and_widens_the_errors(two, ready, motion):
     """Without its quadratic part the law is wrong: misfits are smooth, the noise stays white, blocks tell the error."""
     trace = two.seen(motion, 0, two.NOISE / 5)
@@ -124,6 +125,7 @@ def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, motion):
     np.testing.assert_allclose((moved[0] - moved[1]) / 2e-5, exact, rtol=1e-5, atol=1e-5 * np.abs(exact).max())
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("spoil", "name"),
     [

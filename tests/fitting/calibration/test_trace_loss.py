@@ -77,6 +77,7 @@ def test_the_loss_is_a_function_of_the_parameters_whose_gradient_jax_takes(probl
     assert float(gradient @ along) == pytest.approx(float(ends[0] - ends[1]) / 2, rel=0.05)
 
 
+@pytest.mark.check
 def test_gauss_newton_steps_of_ones_own_end_where_the_fit_of_the_same_windows_does(problem, two):
     at = 2.0 * jnp.asarray(two.TRUTH)
     for _ in range(8):

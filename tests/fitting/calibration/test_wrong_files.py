@@ -227,6 +227,7 @@ def test_the_right_rig_with_errors_of_its_model_above_a_low_noise_is_not_called_
     assert name_wrong_file(prepared) == ""
 
 
+@pytest.mark.check
 def test_a_fit_of_a_wrong_file_is_not_ok_and_says_why(two, rods, ready, motion, monkeypatch):
     trace = relative(two.seen(motion, 6))
     # by the simulator of the other tests, whose windows are compiled

@@ -103,6 +103,7 @@ def test_an_accelerometer_in_free_fall_shows_only_the_turning_and_a_gyro_its_rat
     assert np.allclose(Gyro(**COMMON).see(motion), 3.0, atol=1e-5)
 
 
+@pytest.mark.check
 def test_at_rest_it_shows_gravity_upwards_and_errors_are_of_fourth_order():
     still = turning(0.01)._replace(nodes=jnp.zeros((9, 2, 3)).at[:, 1, 2].set(-1.0))
     assert np.allclose(Accelerometer(**COMMON).see(still), [-GRAVITY, 0.0])
@@ -112,6 +113,7 @@ def test_at_rest_it_shows_gravity_upwards_and_errors_are_of_fourth_order():
     assert np.allclose(at_times(Gyro(**COMMON).see(turning(0.01)), 0.02, 0.01, t), 3.0, atol=1e-5)
 
 
+@pytest.mark.check
 def test_damping_and_every_defect_of_four_sensors_are_found_within_their_errors():
     found = fit_channels({"run": [{"file": columns()}], "channel": CHANNELS}, scene(), list(TRUTH))
     assert found.status == "ok", found.message

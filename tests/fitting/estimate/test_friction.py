@@ -60,6 +60,7 @@ def test_dry_friction_and_linear_damping_are_told_apart(ready):
     assert np.all(np.abs(result.values - TRUTH) < 3 * result.uncertainty.std_error)
 
 
+@pytest.mark.check
 def test_the_derivative_of_windows_in_which_the_joint_turns_round_is_that_of_differences(ready):
     simulator = ready.simulator
     at = simulator(TRUTH, ready.starts, ready.windows)
@@ -70,6 +71,7 @@ def test_the_derivative_of_windows_in_which_the_joint_turns_round_is_that_of_dif
         np.testing.assert_allclose(exact, (ends[0] - ends[1]) / (2 * step), atol=1e-4 * np.abs(exact).max())
 
 
+@pytest.mark.check
 def test_starts_that_are_far_off_are_found_though_all_parameters_are_held(ready):
     """Steps that are too long do not count as a rough cost, however little the held parameters move."""
     held = np.ones(2, bool)

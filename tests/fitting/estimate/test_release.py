@@ -82,6 +82,7 @@ def test_the_derivative_by_force_mass_and_release_is_that_of_differences(ready):
             np.testing.assert_allclose(exact, slope, atol=2e-6 * np.abs(exact).max())
 
 
+@pytest.mark.check
 def test_before_its_release_a_run_rests_in_the_scenes_static_pose(ready):
     at = ready.simulator(TRUTH, ready.starts, ready.windows)
     k = int(np.flatnonzero(ready.windows.released)[0])
@@ -120,6 +121,7 @@ def test_laws_are_compared_with_the_release_free_in_each(ready):
     assert found[NAMES[0]] == pytest.approx(TRUTH[0], rel=0.1)
 
 
+@pytest.mark.check
 def test_the_laws_are_not_judged_on_windows_that_the_model_begins(ready):
     """Two runs with four windows each."""
     released = np.arange(8) % 4 == 0

@@ -137,6 +137,7 @@ def test_the_error_of_a_solution_is_in_radians_whatever_the_noise(windows):
     np.testing.assert_allclose(Solution.errors.fget(point), expected)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("shares", [[1.0] * 8, [6, 4, 3, 2, 2, 1, 1, 1]])
 def test_the_bootstrap_of_eight_blocks_is_as_wide_as_estimates_scatter(shares):
     """Least squares of two coefficients to 1500 draws of noise; blocks of the same and of unlike information."""

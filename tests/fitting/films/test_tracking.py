@@ -125,6 +125,7 @@ def test_the_lens_is_recovered_from_boards(lab):
     np.testing.assert_allclose(lens.bend(lens.straighten(edge)), edge, atol=1e-3)
 
 
+@pytest.mark.check
 def test_markers_that_pass_each_other_keep_their_names(tmp_path):
     # links 1 and 2 fold like a knife, so that node 2 passes over node 0, and node 3 over node 1
     t = np.arange(0, 1.5, 1 / 240)

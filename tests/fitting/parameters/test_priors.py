@@ -54,6 +54,7 @@ def test_masses_that_are_held_carry_their_scale_into_the_errors_of_what_grows_wi
     assert correlation == pytest.approx(1)
 
 
+@pytest.mark.check
 def test_angles_do_not_change_when_everything_heavy_grows_alike():
     """The reason for what is carried: masses, inertias and friction, all 7 % larger, swing alike."""
     scene = dj.load_scene(NAME)

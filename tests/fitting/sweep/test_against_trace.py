@@ -85,6 +85,7 @@ def test_the_true_pair_has_the_best_head_and_its_error_is_the_noise(scored, case
     assert found.sweep.plan.scene.run.dt == pytest.approx(1 / 120)  # divides the samples' interval, at most the scene's
 
 
+@pytest.mark.check
 def test_a_run_at_values_of_a_case_has_its_score(scored):
     found = scored(2)
     fit = FittedScore.of(found, "ok", np.array([0.01, 0.001]), np.array([1e-4, 1e-5]))

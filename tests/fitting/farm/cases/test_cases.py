@@ -339,6 +339,7 @@ def test_every_number_of_the_page_can_be_followed_to_edition_and_clause(by_stand
     assert "ns-9415: the check includes one broken line; `states` has none" in text
 
 
+@pytest.mark.check
 def test_a_rougher_crop_raises_the_mean_load_of_its_case(by_standard):
     rows = {(case["sea_state"], case["crop"]): case["case"] for case in by_standard["cases"]}
     mean = {row["case"]: row["mean_n"] for row in by_standard["parts"][0]["cases"]}

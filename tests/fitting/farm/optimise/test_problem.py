@@ -156,6 +156,7 @@ def test_a_variable_that_moves_nothing_is_named():
         read_problem(changed(variable=own))
 
 
+@pytest.mark.check
 def test_models_and_poses_follow_the_variables_as_differences_say(site):
     design = read_problem(site)
     case, x = design.cases[0], design.start

@@ -97,6 +97,7 @@ def test_floats_of_each_month_are_those_of_the_tributary_hand_calculation(found)
         np.testing.assert_allclose(row["mussels_wet_n"], 4 * loop, rtol=1e-9)
 
 
+@pytest.mark.check
 def test_the_schedule_holds_and_its_margins_are_those_of_its_poses(found):
     assert found["holds"]
     for row in found["months"]:

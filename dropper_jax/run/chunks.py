@@ -134,8 +134,18 @@ class RunOutcome(NamedTuple):
 
 def first_carry(stepper: Stepper, model: Model, start: State, run: RunSpec) -> Carry:
     """The carry of a run that starts at `start`."""
+    return _first_carry(stepper, model, start, run.accuracy is not None)
+
+
+@cached_jit(static=("stepper", "follows"))
+def _first_carry(stepper: Stepper, model: Model, start: State, follows: bool) -> Carry:
+    """One program: its sixty small operations would be compiled one by one at each start of a process.
+
+    Args:
+        follows: whether the steps follow an accuracy.
+    """
     progress = begin(stepper, model, start)
-    if run.accuracy is None:
+    if not follows:
         return progress
     return adaptive_start(stepper, model, progress)
 

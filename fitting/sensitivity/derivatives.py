@@ -37,7 +37,7 @@ from fitting.sensitivity.problem import (
     vary_start,
     vary_study,
 )
-from fitting.sensitivity.result import TANGENT, Local, empty_result
+from fitting.sensitivity.result import TANGENT, Local, empty_result, hide_unresolved, slope_status
 
 
 @cached_jit(static=("plan",))
@@ -114,11 +114,15 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
         limit, rate = _growth(problem, start, run)
         if limit < duration:
             say(0.7, "windows")
-            mean, error, length = windows(problem, at, min(limit, duration / 2), run.tree)
+            mean, spread, length = windows(problem, at, min(limit, duration / 2), run.tree)
             rate = rate if found.exponent is None else found.exponent
             found = dataclasses.replace(
-                found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=error
+                found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread
             )
+    if found.finite and found.linear_range == 0.0:
+        nowhere = [False] * len(forward)
+        status = slope_status(problem, found.value, forward, found.error, nowhere)
+        found = hide_unresolved(dataclasses.replace(found, slope_status=status))
     return found
 
 

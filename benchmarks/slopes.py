@@ -29,7 +29,7 @@ from dropper_jax.run.chunks import run_chunks
 from dropper_jax.run.quantities import Quantity, quantity
 from fitting.sensitivity import Local, local, study
 from fitting.sensitivity.derivatives import changed_study
-from fitting.sensitivity.differences import DIFFERENCES, StudyRuns, measure_rows
+from fitting.sensitivity.differences import DIFFERENCES, Run, StudyRuns, measure_rows
 from fitting.sensitivity.problem import Study
 from fitting.sensitivity.result import KNOWN, NOT_RESOLVED, OTHER_BRANCH
 
@@ -226,8 +226,8 @@ PLATEAU_QUANTITIES = ("tension.chain.mean", "tension.chain.sustained", "tension.
 SIZES = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 6e-2)
 
 
-def values_of(runs: StudyRuns, quantities: list[Quantity], values: np.ndarray) -> np.ndarray:
-    """Several quantities of the run with these values (p,); a maximum or minimum has to be that of the study."""
+def run_all_of(runs: StudyRuns, quantities: list[Quantity], values: np.ndarray) -> tuple[Run, np.ndarray]:
+    """The run with these values (p,) and several quantities of it; an extreme has to be that of the study."""
     model, s, program = runs.prepare(values, runs.record)
     rows = run_chunks(program, runs.settings.rows, silent).trajectory
     interval = jnp.asarray(runs.settings.interval, model.dtype)
@@ -237,7 +237,7 @@ def values_of(runs: StudyRuns, quantities: list[Quantity], values: np.ndarray) -
             found.append(runs.measure(model, s, rows))
         else:
             found.append(float(measure_rows(one, model, s, rows, interval, None)))
-    return np.array(found)
+    return runs.compare(model, s, rows), np.array(found)
 
 
 def measure_plateau() -> dict[str, Any]:
@@ -246,10 +246,10 @@ def measure_plateau() -> dict[str, Any]:
     problem = study(scene, PLATEAU_QUANTITIES[-1], [PLATEAU_PARAMETER])
     runs = StudyRuns(problem)
     quantities = [quantity(name, problem.model) for name in PLATEAU_QUANTITIES]
-    here = values_of(runs, quantities, problem.values)
+    here = run_all_of(runs, quantities, problem.values)[1]
     slopes = []
     for size in SIZES:
-        low, high = (values_of(runs, quantities, problem.values * (1.0 + sign * size)) for sign in (-1.0, 1.0))
+        low, high = (run_all_of(runs, quantities, problem.values * (1.0 + sign * size))[1] for sign in (-1.0, 1.0))
         slopes.append((high - low) / (2.0 * size) / here)
     return {
         "scene": PLATEAU_SCENE,

@@ -191,10 +191,11 @@ class StudyRuns:
         prepared = self.prepare(values, self.record)
         if prepared is None:
             return Run(np.nan, np.nan, np.nan)
-        return self._run_prepared(*prepared)
+        model, s, program = prepared
+        return self.compare(model, s, run_chunks(program, self.settings.rows, silent).trajectory)
 
-    def _run_prepared(self, model: Model, s: State, program: Program) -> Run:
-        rows = run_chunks(program, self.settings.rows, silent).trajectory
+    def compare(self, model: Model, s: State, rows: Trajectory) -> Run:
+        """The quantity of the rows of a run from s, and its displacements from the study's own."""
         apart = rows.r - self.rows.r[: len(rows.r)]
         farthest = float(np.linalg.norm(apart, axis=-1).max())
         return Run(self.measure(model, s, rows), self._apart_at_start(s), farthest)
@@ -274,6 +275,18 @@ def central_differences(problem: Study, say: Progress = silent) -> Local:
     A change beyond a bound ends there.
     """
     base = StudyRuns(problem, say)
+    if np.isfinite(base.value):
+        return slopes_of_runs(base, base.run_all(changed_values(problem)))
+    return slopes_of_runs(base, [])
+
+
+def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
+    """Slopes by the runs (1 + 4 p) with the values of `changed_values`; none if a step of the own run failed.
+
+    Args:
+        base: with the quantity, and its value, that the runs have.
+    """
+    problem = base.problem
     settings = base.settings
     nothing = np.full(len(problem.parameters), np.nan)
     found = replace(
@@ -287,10 +300,10 @@ def central_differences(problem: Study, say: Progress = silent) -> Local:
         motion_growth=0.0,
         linear_range=min(difference_sizes(p)[0] for p in problem.parameters),
     )
-    if not np.isfinite(base.value):
+    if not runs:
         return found
-    rows = _changed_values(problem)
-    shown, *runs = base.run_all(rows)
+    rows = changed_values(problem)
+    shown, *runs = runs
     pairs = []
     for i in range(len(problem.parameters)):
         change = (rows[1 + 4 * i : 5 + 4 * i, i] - problem.values[i]).reshape(2, 2)
@@ -367,7 +380,7 @@ def _error_of_value(problem: Study, base: StudyRuns) -> list[str]:
     ]
 
 
-def _changed_values(problem: Study) -> np.ndarray:
+def changed_values(problem: Study) -> np.ndarray:
     """Values (1 + 4 p, p) of the runs: all changed by little, then four of each parameter, the larger pair first."""
     rows = [problem.values + SMALL_CHANGE * np.array([p.scale for p in problem.parameters])]
     for i, p in enumerate(problem.parameters):
@@ -437,8 +450,8 @@ def _branch_notes(problem: Study, branches: Sequence[Sequence[float]]) -> list[s
         if shares:
             runs = ", ".join(f"{100.0 * share:+.2g} %" for share in shares)
             notes.append(
-                f"{p.name}: the motion or its static start at {runs} is on another branch than that at the opposite or a "
-                "smaller change; a slope holds on one branch only. Use a sweep over the range"
+                f"{p.name}: the motion or its start at {runs} is on another branch than at the opposite or a smaller "
+                "change; a slope holds on one branch only. Use a sweep over the range"
             )
     return notes
 

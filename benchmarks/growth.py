@@ -2,10 +2,10 @@
 
     python benchmarks/growth.py --out benchmarks/results/growth.json
 
-A chaotic motion makes changes of engineering size grow (0.3 % of a parameter, 1 % for rigid lines); a tangent that grows
-alone makes only small ones grow (1e-6, or exact derivatives of rigid lines). Both are powers of e. `expected` follows
-from what the scene is, not from a run: pendulums thrown over the top and whirling chains are chaotic, storms that drag
-moored ropes are not, but with steps as long as the source's their links ring or are slack.
+A chaotic motion makes changes of engineering size grow (0.3 % of a parameter, 1 % for rigid lines); a tangent that
+grows alone makes only small ones grow (1e-6, or exact derivatives of rigid lines). Both are powers of e. `expected`
+follows from what the scene is, not from a run: pendulums thrown over the top and whirling chains are chaotic, storms
+that drag moored ropes are not, but with steps as long as the source's their links ring or are slack.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Slopes of `dropper sensitivity` against fresh runs: do two runs at 0.5 % differ as predicted, within two errors?
 
     python benchmarks/slopes.py --scenes 0:20 --out benchmarks/results/slopes.json
-    python benchmarks/slopes.py --scenes 0:10 --seed 6000 --out benchmarks/results/slopes_unseen.json
+    python benchmarks/slopes.py --scenes 0:10 --seed 7000 --out benchmarks/results/slopes_unseen.json
     python benchmarks/slopes.py --plateau --out benchmarks/results/slopes_plateau.json
     python benchmarks/slopes.py --draw benchmarks/results/slopes_plateau.json docs/pictures/slopes-plateau.png
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.cli.options import listing, table
+from dropper_jax.study.gradient_check import TRUSTED, GradientCheck
 from fitting.sensitivity.problem import Study
 
 #: Status of a slope: known to a third; not; differences reach another branch of the motion; no number at all.
@@ -44,6 +45,8 @@ class Local:
             known.
         slope_status: of each parameter, `known`, `unclear` (not known to a third), `other_branch` (a run or start
             within 1 % is on another branch), or `not_resolved`, whose slope is NaN.
+        along: of exact derivatives, two runs along them: all parameters change by 1 %, each in the direction that
+            increases the quantity, and by the opposite. None where a bound prevents it.
         horizon: time [s] up to which derivatives are valid; `duration` [s] of the run.
         reverse: dQ/dp by reverse mode (p,); None unless requested.
         exponent: growth rate [1/s] of the derivatives where they are not valid for the whole run, or of small errors,
@@ -77,6 +80,7 @@ class Local:
     value_error: float = np.nan
     noise: float = np.nan
     slope_status: tuple[str, ...] = ()
+    along: GradientCheck | None = None
 
     @property
     def unclear(self) -> tuple[str, ...]:
@@ -110,7 +114,8 @@ class Local:
 
     @property
     def trusted(self) -> bool:
-        return self.window is None and not self.unclear
+        along = self.along is None or self.along.status == TRUSTED
+        return self.window is None and not self.unclear and along
 
     @property
     def grows(self) -> str:
@@ -139,6 +144,7 @@ class Local:
             "scaled": self.scaled,
             "scaled_error": self.scaled_error,
             "unclear": self.unclear,
+            "along": None if self.along is None else self.along._asdict(),
             "trusted": self.trusted,
             "grows": self.grows,
         }
@@ -216,8 +222,11 @@ def local_text(found: Local) -> str:
         ("quantity Q", f"{found.of} = {found.value:.6g}{_plus_minus(found)} {found.unit} over {found.duration:g} s"),
         ("derivatives valid", f"{_validity(found)}{rate}"),
     ]
+    if found.along is not None:
+        share = f"two runs at 1 % change the quantity by {found.along.ratio:.3g} of what they predict"
+        pairs.append(("along them", f"{share}: {found.along.status}"))
     if found.method == OF_RUNS:
-        sizes = "1 % of a parameter (0.3 % of a length), error from 0.3 % (0.1 %) and rounding"
+        sizes = "1 % of a parameter (0.6 % of a length), error from 0.3 % (0.2 %) and rounding"
         pairs.append(("method", f"differences of runs by {sizes}"))
     if found.grows != "nothing":
         pairs.append(("grows", _GROWS[found.grows]))

@@ -24,9 +24,10 @@ from fitting.sensitivity import study
 from fitting.sensitivity.differences import StudyRuns, changed_values, slopes_of_runs
 
 SCENE = "edulis-longline"
-DURATION = 30.0
+DURATION = 20.0
+RAMP = 5.0
 SEEDS = 8
-PARAMETERS = ("sea.current.speed", "line.west-leg.length")
+PARAMETERS = ("sea.current.speed",)
 #: Quantities; the last, a maximum, is that of the study.
 QUANTITIES = tuple(f"tension.west-leg.{name}" for name in ("mean", "std", "sustained", "mpm", "max"))
 
@@ -36,6 +37,7 @@ def storm(seed: int) -> Scene:
     table = load_scene(SCENE).to_dict()
     waves = table["sea"]["waves"]
     waves["phase"] = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, len(waves["period"])).tolist()
+    table["sea"]["ramp"] = RAMP
     table["run"] = {**table["run"], "duration": DURATION, "save_interval": 0.1}
     return load_scene(table)
 

@@ -60,7 +60,8 @@ from fitting.sensitivity.result import (
 
 #: Relative changes of central differences: the slope, and a smaller one whose difference is its error. A farm's runs
 #: differ linearly from 0.3 % to 3 % of a current, wave height or EA, but are 20 % off for 1 % of the length of a leg;
-#: of 0.3 % and 0.1 % of a length, changes by 0.5 % were off by 2 to 6 times the error in 4 of 12 scenes. Below, the rounding of the run dominates: 1 N of a largest tension.
+#: with 0.3 % and 0.1 % of a length, changes by 0.5 % were off by 2 to 8 errors in 4 of 23 scenes. Below, the rounding
+#: of the run dominates: 1 N of a largest tension.
 DIFFERENCES = (0.01, 0.003)
 LENGTH_DIFFERENCES = (0.006, 0.002)
 #: Relative change up to which static starts are checked for other branches.

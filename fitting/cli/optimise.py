@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: Optimum) -> str:
     """The design as text: before, after, active constraints, sensitivity to assumptions."""
-    from fitting.farm.optimise.run import ACTIVE, HELD
+    from fitting.farm.optimise.run import ACTIVE, HELD, along_text
 
     rows = [
         ("", "before", "after", "bounds"),
@@ -104,8 +104,6 @@ def text(found: Optimum) -> str:
     apart = "windows and whole runs were not compared, because the start is the best design"
     if found.residual == found.residual:  # a number
         apart = f"windows and whole runs differed by up to {found.residual:.1%} of a limit before the last update"
-    from fitting.farm.optimise.run import along_text
-
     end = (
         f"constraints of whole runs, {found.characteristic}; derivatives checked to {found.check:.1e}; "
         f"{along_text(found.along)}; {apart}; "

@@ -157,18 +157,18 @@ class StudyRuns:
             return None
 
     def start_moved(self, values: np.ndarray) -> float:
-        """Displacement [m] of the farthest node at the start with these values; NaN if there is none."""
+        """Displacement [m] of the farthest node at the start with these values; NaN without one."""
         started = self._start_at(values)
         if started is None:
             return np.nan
-        return self._apart_at_start(started[1])
+        return self._moved_at_start(started[1])
 
     def is_jump(self, moved: float, change: float, rates: Sequence[float]) -> bool:
         """Whether a change displaces a node much farther than others do, at these rates [m per change]."""
         usual = max(rates, default=0.0)
         return usual > 0.0 and moved > max(JUMP * usual * change, SMALLEST_JUMP * self.extent)
 
-    def _apart_at_start(self, s: State) -> float:
+    def _moved_at_start(self, s: State) -> float:
         return float(np.linalg.norm(np.asarray(s.r) - np.asarray(self.start.r), axis=-1).max())
 
     def _watch(self, s: State) -> QuantitySignals | None:
@@ -197,7 +197,7 @@ class StudyRuns:
         """The quantity of the rows of a run from s, and its displacements from the study's own."""
         apart = rows.r - self.rows.r[: len(rows.r)]
         farthest = float(np.linalg.norm(apart, axis=-1).max())
-        return Run(self.measure(model, s, rows), self._apart_at_start(s), farthest)
+        return Run(self.measure(model, s, rows), self._moved_at_start(s), farthest)
 
     def run_all(self, values: np.ndarray) -> list[Run]:
         """The runs with these values (cases, p), on all cores at once."""
@@ -355,8 +355,8 @@ def _unclear(problem: Study, slopes: np.ndarray, errors: np.ndarray, status: Seq
             )
         if status[i] == NOT_RESOLVED:
             notes.append(
-                f"{problem.of.name}: its differences by {large} and {small} of {p.name} differ by more than 100 times "
-                "the quantity: the slope is not resolved. Use a sweep over the range, with several seeds"
+                f"{problem.of.name}: its differences by {large} and {small} of {p.name} are apart by more than the "
+                "whole quantity for 1 %: the slope is not resolved. Use a sweep over the range, with several seeds"
             )
     return notes
 

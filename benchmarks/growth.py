@@ -27,7 +27,7 @@ from fitting.sensitivity import local, study
 PACKAGED: list[tuple[str, float, float | None, str, str, str]] = [
     ("double-pendulum-chaotic", 15.0, None, "angle.2.mean", "line.0.mass.1", "motion"),
     ("double-pendulum-periodic", 10.0, None, "angle.2.mean", "line.0.mass.1", "nothing"),
-    ("dropper-release-a", 5.0, None, "tension.mean", "line.0.mass.3", "nothing"),
+    ("dropper-release-a", 1.0, None, "tension.mean", "line.0.mass.3", "nothing"),
     ("edulis-longline", 15.0, None, "tension.west-leg.mean", "sea.current.speed", "nothing"),
     ("edulis-longline", 15.0, 0.03, "tension.west-leg.mean", "sea.current.speed", "tangent"),
     ("paper-case-1", 15.0, None, "tension.chain.mean", "buoy.spar.mass", "nothing"),

@@ -23,6 +23,8 @@ UNRESOLVED = 100.0
 #: Growth of a difference of two runs by 0.3 %, as a power of e, from which the motion itself is chaotic: it
 #: then displaces a node by a sixth of the motion.
 MOTION_GROWTH = 4.0
+#: The same of rigid lines, by 1 % of all parameters.
+MOTION_GROWTH_RIGID = 2.8
 #: Growth of the small difference, as a power of e, from which rounding errors and exact tangents grow.
 TANGENT_GROWTH = 5.0
 TANGENT = "tangent"
@@ -40,7 +42,8 @@ class Local:
         method: `tangent` (exact derivatives) or `differences` (of runs with links that stretch).
         error: of `forward` (p,); None if it is not known.
         growth: logarithm of the growth of small changes over the run, those of the tangent; None without a run.
-        motion_growth: the same of changes by 0.3 %: above `MOTION_GROWTH` the motion is chaotic; None if not known.
+        motion_growth: the same of changes by 0.3 % (1 % of rigid lines): above `MOTION_GROWTH` (`MOTION_GROWTH_RIGID`)
+            the motion is chaotic; None if not known.
         value_error, noise: error of the quantity by the steps of its run, and what rounding makes of it; NaN if not
             known.
         slope_status: of each parameter, `known`, `unclear` (not known to a third), `other_branch` (a run or start
@@ -120,12 +123,13 @@ class Local:
     @property
     def grows(self) -> str:
         """What grows over the run: `nothing`, `tangent` (small changes, but not those of a size that matters), or
-        `motion` (chaos)."""
-        if self.motion_growth is not None and self.motion_growth > MOTION_GROWTH:
+        `motion` (both: chaos). Of a motion whose phase drifts only the latter grow."""
+        if self.growth is None or self.growth <= TANGENT_GROWTH:
+            return "nothing"
+        limit = MOTION_GROWTH if self.method == OF_RUNS else MOTION_GROWTH_RIGID
+        if self.motion_growth is not None and self.motion_growth > limit:
             return "motion"
-        if self.growth is not None and self.growth > TANGENT_GROWTH:
-            return "tangent"
-        return "nothing"
+        return "tangent"
 
     @property
     def mismatch(self) -> float | None:
@@ -251,7 +255,7 @@ def _plus_minus(found: Local) -> str:
 
 
 _GROWS = {
-    "tangent": "tangent: changes of 1e-6 grow, those of 0.3 % do not; `jax.grad` of this run is of no use",
+    "tangent": "tangent: small changes grow, those of engineering size do not; `jax.grad` of this run is of no use",
     "motion": "motion: it is chaotic, so only means and distributions have slopes",
 }
 

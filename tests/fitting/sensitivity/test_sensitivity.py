@@ -183,6 +183,21 @@ def test_exact_derivatives_are_checked_by_two_runs_along_them(loop, found):
     assert "of what they predict: trusted" in local_text(found)
 
 
+@pytest.mark.parametrize(
+    ("method", "growth", "motion", "grows"),
+    [
+        ("differences", 11.6, 4.6, "motion"),
+        ("differences", 8.6, 3.1, "tangent"),
+        ("differences", 0.1, 0.4, "nothing"),
+        ("tangent", 6.9, 3.9, "motion"),  # half of the motion by 1 %
+        ("tangent", 6.9, 0.5, "tangent"),
+        ("tangent", 3.5, 3.5, "nothing"),  # a phase that drifts, as the derivative predicts
+    ],
+)
+def test_growth_of_small_and_of_large_changes_are_told_apart(found, method, growth, motion, grows):
+    assert replace(found, method=method, growth=growth, motion_growth=motion).grows == grows
+
+
 def test_a_parameter_without_effect_has_slope_zero_with_error_zero(loop):
     scene = load_scene({**SCENE, "anchor": [{"point": "top", "kind": "tested", "capacity": 5.0, "safety_factor": 1.5}]})
     problem = study(scene, "tension.1.mean", ["anchor.0.capacity", "b_l"])

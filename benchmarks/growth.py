@@ -66,7 +66,7 @@ def cases() -> Iterator[tuple[str, Scene, str, str, str]]:
         values: dict[str, Any] = {"run.duration": duration}
         label = name
         if dt is not None:
-            values |= {"run.accuracy": None, "run.dt": dt}
+            values["run.dt"] = dt
             label = f"{name}, equal steps of {dt:g} s"
         yield label, load_scene(name).with_values(values), of, to, expected
     double = thrown(2, 1.0, [1.0, 0.2], 1.5707963267948966, 0.5, 10.0)

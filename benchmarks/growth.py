@@ -1,11 +1,11 @@
-"""What grows over a run, as `sensitivity` reports it, on ten scenes whose motion is known beforehand.
+"""What grows over a run, as `sensitivity` reports it, on eleven scenes whose motion is known beforehand.
 
     python benchmarks/growth.py --out benchmarks/results/growth.json
 
 A chaotic motion makes changes of engineering size grow (0.3 % of a parameter, 1 % for rigid lines); a tangent that
 grows alone makes only small ones grow (1e-6, or exact derivatives of rigid lines). Both are powers of e. `expected`
-follows from what the scene is, not from a run: pendulums thrown over the top and whirling chains are chaotic, storms
-that drag moored ropes are not, but with steps as long as the source's their links ring or are slack.
+follows from what the scene is, not from a run: double pendulums and slowly whirling chains thrown from the horizontal
+are chaotic; moored ropes in waves are not, but derivatives grow while links are slack, and not before the waves rose.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ PACKAGED: list[tuple[str, float, float | None, str, str, str]] = [
     ("double-pendulum-periodic", 10.0, None, "angle.2.mean", "line.0.mass.1", "nothing"),
     ("dropper-release-a", 1.0, None, "tension.mean", "line.0.mass.3", "nothing"),
     ("edulis-longline", 15.0, None, "tension.west-leg.mean", "sea.current.speed", "nothing"),
-    ("edulis-longline", 15.0, 0.03, "tension.west-leg.mean", "sea.current.speed", "tangent"),
-    ("paper-case-1", 15.0, None, "tension.chain.mean", "buoy.spar.mass", "nothing"),
-    ("paper-case-1", 15.0, 0.02, "tension.chain.mean", "buoy.spar.mass", "tangent"),
+    ("edulis-longline", 35.0, 0.03, "tension.west-leg.mean", "sea.current.speed", "tangent"),
+    ("paper-case-1", 20.0, None, "tension.chain.mean", "buoy.spar.mass", "tangent"),
+    ("paper-case-1", 20.0, 0.02, "tension.chain.mean", "buoy.spar.mass", "tangent"),
 ]
 #: Seed of a storm of slack ropes.
 STORM = 5013
@@ -69,10 +69,11 @@ def cases() -> Iterator[tuple[str, Scene, str, str, str]]:
             values["run.dt"] = dt
             label = f"{name}, equal steps of {dt:g} s"
         yield label, load_scene(name).with_values(values), of, to, expected
-    double = thrown(2, 1.0, [1.0, 0.2], 1.5707963267948966, 0.5, 10.0)
+    double = thrown(2, 1.0, [1.0, 0.2], 1.5707963267948966, 0.5, 20.0)
     yield "double pendulum of ropes", double, "tension.1.mean", "line.0.mass.1", "motion"
-    whirling = thrown(8, 0.5, [0.5] * 8, 1.5707963267948966, 2.0, 10.0)
-    yield "whirling chain of ropes", whirling, "tension.1.mean", "line.0.mass.3", "motion"
+    for rate, expected in ((0.5, "motion"), (2.0, "nothing")):  # the fast one stays taut and straight
+        whirling = thrown(8, 0.5, [0.5] * 8, 1.5707963267948966, rate, 30.0)
+        yield f"chain of ropes, whirling at {rate:g} rad/s", whirling, "tension.1.mean", "line.0.mass.3", expected
     yield "storm of slack ropes", random_scene(STORM)[0], "tension.l0.mean", "parameters.mass", "tangent"
 
 

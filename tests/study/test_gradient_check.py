@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -62,11 +64,14 @@ def test_wrong_forms_are_refused_in_one_line():
 def test_the_gradient_of_a_run_is_trusted_by_two_runs():
     model, start = dj.build("dropper-release-a")
     stepper = dj.make_stepper(model, "rattle", track_work=False)
+    weight, linear, quadratic = model.effects
 
-    def swing(r):
-        last, _ = dj.integrate(stepper, model, dj.state(model, r), dt=0.005, steps=40, warn=False)
-        return jnp.mean(last.r[:, 2])
+    @jax.jit
+    def height(b_l):
+        damped = replace(model, effects=(weight, replace(linear, b_l=b_l), quadratic))
+        return dj.integrate(stepper, damped, start, dt=0.005, steps=100, warn=False)[1].r[:, 2, 2].mean()
 
-    gradient = jax.jit(jax.grad(swing))(start.r)
-    found = dj.check_gradient(jax.jit(swing), start.r, gradient, size=0.001)
+    found = dj.check_gradient(height, 0.002, jax.jit(jax.grad(height))(0.002))
+    assert found.ratio == pytest.approx(1.0, abs=1e-3)
     assert found.status == "trusted"
+    assert dj.check_gradient(height, 0.002, 1.2 * jax.jit(jax.grad(height))(0.002)).status == "not_trusted"

@@ -49,6 +49,7 @@ PUBLIC = {
     "as_toml": "base.toml_text",
     "build": "run.build",
     "build_model": "run.build",
+    "check_gradient": "study.gradient_check",
     "component": "base.fields",
     "coupled_lines": "run.coupled_lines",
     "equilibrium": "run.build",

@@ -56,3 +56,4 @@ from dropper_jax.stepping.integrate import Trajectory as Trajectory
 from dropper_jax.stepping.integrate import integrate as integrate
 from dropper_jax.stepping.integrate import step_lengths as step_lengths
 from dropper_jax.stepping.stepper import make_stepper as make_stepper
+from dropper_jax.study.gradient_check import check_gradient as check_gradient

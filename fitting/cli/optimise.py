@@ -47,17 +47,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     state = output_file(args.state, "--state", (".json",))
 
-    from fitting.farm.optimise.run import check_derivatives, optimise, read_problem
+    from fitting.farm.optimise.run import along_text, check_along, check_derivatives, optimise, read_problem
     from fitting.farm.site import read_site
 
     register_effects(args)
     site = read_site(args.site)
     say = progress(args.quiet)
     if args.check:
-        worst = check_derivatives(read_problem(site), say)
+        problem = read_problem(site)
+        worst = check_derivatives(problem, say)
+        along = check_along(problem, say)
         say(1.0, "ok")
-        agreement = f"derivatives agree with differences to {worst:.1e}"
-        return print_result(args, done_object(check=worst), agreement)
+        agreement = f"derivatives agree with differences to {worst:.1e}; {along_text(along)}: {along.status}"
+        return print_result(args, done_object(check=worst, along=along._asdict()), agreement)
     found = optimise(site, state, say)
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
@@ -76,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: Optimum) -> str:
     """The design as text: before, after, active constraints, sensitivity to assumptions."""
-    from fitting.farm.optimise.run import ACTIVE, HELD
+    from fitting.farm.optimise.run import ACTIVE, HELD, along_text
 
     rows = [
         ("", "before", "after", "bounds"),
@@ -103,7 +105,8 @@ def text(found: Optimum) -> str:
     if found.residual == found.residual:  # a number
         apart = f"windows and whole runs differed by up to {found.residual:.1%} of a limit before the last update"
     end = (
-        f"constraints of whole runs, {found.characteristic}; derivatives checked to {found.check:.1e}; {apart}; "
+        f"constraints of whole runs, {found.characteristic}; derivatives checked to {found.check:.1e}; "
+        f"{along_text(found.along)}; {apart}; "
         f"constraints and bounds balance {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
         f"{found.runs} evaluations"
     )

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from dropper_jax.cli.options import listing, table
+from dropper_jax.study.gradient_check import TRUSTED, GradientCheck
 from fitting.sensitivity.problem import Study
 
+#: Status of a slope: known to a third; not; differences reach another branch of the motion; no number at all.
+KNOWN = "known"
+UNCLEAR = "unclear"
+OTHER_BRANCH = "other_branch"
+NOT_RESOLVED = "not_resolved"
+#: Slope or error of a slope that is not known, as `p/Q dQ/dp`, from which it is not resolved: the change would be as
+#: large as the quantity for 1 % of the parameter.
+UNRESOLVED = 100.0
 #: Growth of a difference of two runs by 0.3 %, as a power of e, from which the motion itself is chaotic: it
 #: then displaces a node by a sixth of the motion.
 MOTION_GROWTH = 4.0
+#: The same of rigid lines, by 1 % of all parameters.
+MOTION_GROWTH_RIGID = 2.8
 #: Growth of the small difference, as a power of e, from which rounding errors and exact tangents grow.
 TANGENT_GROWTH = 5.0
 TANGENT = "tangent"
@@ -30,10 +42,14 @@ class Local:
         method: `tangent` (exact derivatives) or `differences` (of runs with links that stretch).
         error: of `forward` (p,); None if it is not known.
         growth: logarithm of the growth of small changes over the run, those of the tangent; None without a run.
-        motion_growth: the same of changes by 0.3 %: above `MOTION_GROWTH` the motion is chaotic; None if not known.
+        motion_growth: the same of changes by 0.3 % (1 % of rigid lines): above `MOTION_GROWTH` (`MOTION_GROWTH_RIGID`)
+            the motion is chaotic; None if not known.
         value_error, noise: error of the quantity by the steps of its run, and what rounding makes of it; NaN if not
             known.
-        unclear: names of parameters whose slope is not known to a third.
+        slope_status: of each parameter, `known`, `unclear` (not known to a third), `other_branch` (a run or start
+            within 1 % is on another branch), or `not_resolved`, whose slope is NaN.
+        along: of exact derivatives, two runs along them: all parameters change by 1 %, each in the direction that
+            increases the quantity, and by the opposite. None where a bound prevents it.
         horizon: time [s] up to which derivatives are valid; `duration` [s] of the run.
         reverse: dQ/dp by reverse mode (p,); None unless requested.
         exponent: growth rate [1/s] of the derivatives where they are not valid for the whole run, or of small errors,
@@ -66,7 +82,19 @@ class Local:
     motion_growth: float | None = None
     value_error: float = np.nan
     noise: float = np.nan
-    unclear: tuple[str, ...] = ()
+    slope_status: tuple[str, ...] = ()
+    along: GradientCheck | None = None
+
+    @property
+    def unclear(self) -> tuple[str, ...]:
+        """Names of parameters whose slope is not known."""
+        pairs = zip(self.names, self.slope_status, strict=True)
+        return tuple(name for name, status in pairs if status != KNOWN)
+
+    @property
+    def resolved(self) -> np.ndarray:
+        """Whether each slope is a number (p,)."""
+        return np.array([status != NOT_RESOLVED for status in self.slope_status], bool)
 
     @property
     def scaled(self) -> np.ndarray:
@@ -78,7 +106,7 @@ class Local:
     @property
     def finite(self) -> bool:
         """Whether every step of the run was solved."""
-        return bool(np.isfinite(self.value) and np.isfinite(self.forward).all())
+        return bool(np.isfinite(self.value) and np.isfinite(self.forward[self.resolved]).all())
 
     @property
     def scaled_error(self) -> np.ndarray | None:
@@ -89,17 +117,19 @@ class Local:
 
     @property
     def trusted(self) -> bool:
-        return self.window is None and not self.unclear
+        along = self.along is None or self.along.status == TRUSTED
+        return self.window is None and not self.unclear and along
 
     @property
     def grows(self) -> str:
         """What grows over the run: `nothing`, `tangent` (small changes, but not those of a size that matters), or
-        `motion` (chaos)."""
-        if self.motion_growth is not None and self.motion_growth > MOTION_GROWTH:
+        `motion` (both: chaos). Of a motion whose phase drifts only the latter grow."""
+        if self.growth is None or self.growth <= TANGENT_GROWTH:
+            return "nothing"
+        limit = MOTION_GROWTH if self.method == OF_RUNS else MOTION_GROWTH_RIGID
+        if self.motion_growth is not None and self.motion_growth > limit:
             return "motion"
-        if self.growth is not None and self.growth > TANGENT_GROWTH:
-            return "tangent"
-        return "nothing"
+        return "tangent"
 
     @property
     def mismatch(self) -> float | None:
@@ -117,6 +147,8 @@ class Local:
             **dataclasses.asdict(self),
             "scaled": self.scaled,
             "scaled_error": self.scaled_error,
+            "unclear": self.unclear,
+            "along": None if self.along is None else self.along._asdict(),
             "trusted": self.trusted,
             "grows": self.grows,
         }
@@ -135,20 +167,53 @@ def empty_result(problem: Study, duration: float) -> Local:
         forward=nothing,
         horizon=duration,
         duration=duration,
+        slope_status=(KNOWN,) * len(problem.names),
     )
+
+
+def slope_status(
+    problem: Study, value: float, slopes: np.ndarray, errors: np.ndarray, branched: Sequence[bool]
+) -> tuple[str, ...]:
+    """The status of slopes (p,) with errors (p,) of a quantity of this value.
+
+    Args:
+        branched: whether a run or start near it is on another branch, of each parameter.
+    """
+    found = []
+    for i, p in enumerate(problem.parameters):
+        level = abs(value) / p.scale
+        # a third of the change, or 0.01 in p/Q dQ/dp, as of exact derivatives (`linear_range`)
+        known = errors[i] <= max(abs(slopes[i]) / 3.0, 0.01 * level)
+        if known and not branched[i]:
+            found.append(KNOWN)
+        elif not known and max(abs(slopes[i]), errors[i]) >= UNRESOLVED * level:
+            found.append(NOT_RESOLVED)
+        elif branched[i]:
+            found.append(OTHER_BRANCH)
+        else:
+            found.append(UNCLEAR)
+    return tuple(found)
+
+
+def hide_unresolved(found: Local) -> Local:
+    """The result without slopes that are not resolved."""
+    return dataclasses.replace(found, forward=np.where(found.resolved, found.forward, np.nan))
 
 
 def local_text(found: Local) -> str:
     """Derivatives as text, the largest first, and their range of validity."""
-    order = np.argsort(-np.abs(found.scaled if np.isfinite(found.scaled).all() else found.forward))
+    scaled = np.isfinite(found.scaled[found.resolved]).all()
+    order = np.argsort(-np.abs(found.scaled if scaled else found.forward))  # those that are not resolved come last
     columns = {
         "parameter p": found.names,
         "value": [f"{x:.5g} {unit}" for x, unit in zip(found.values, found.units, strict=True)],
-        f"dQ/dp [{found.unit} per unit of p]": [f"{x:.6g}" for x in found.forward],
-        "p/Q dQ/dp [% per %]": [f"{x:.4g}" for x in found.scaled],
+        f"dQ/dp [{found.unit} per unit of p]": _cells(found, found.forward, ".6g", "not resolved"),
+        "p/Q dQ/dp [% per %]": _cells(found, found.scaled, ".4g", ""),
     }
     if found.error is not None:
-        columns["error of dQ/dp"] = [f"{x:.2g}" for x in found.error]
+        columns["error of dQ/dp"] = _cells(found, found.error, ".2g", "")
+    if found.unclear:
+        columns["status"] = [status.replace("_", " ") for status in found.slope_status]
     if found.window is not None:
         columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
         columns["std error"] = [f"{x:.2g}" for x in found.window_error]
@@ -161,8 +226,11 @@ def local_text(found: Local) -> str:
         ("quantity Q", f"{found.of} = {found.value:.6g}{_plus_minus(found)} {found.unit} over {found.duration:g} s"),
         ("derivatives valid", f"{_validity(found)}{rate}"),
     ]
+    if found.along is not None:
+        share = f"two runs at 1 % change the quantity by {found.along.ratio:.3g} of what they predict"
+        pairs.append(("along them", f"{share}: {found.along.status}"))
     if found.method == OF_RUNS:
-        sizes = "1 % of a parameter (0.3 % of a length), error from 0.3 % (0.1 %) and rounding"
+        sizes = "1 % of a parameter (0.6 % of a length), error from 0.3 % (0.2 %) and rounding"
         pairs.append(("method", f"differences of runs by {sizes}"))
     if found.grows != "nothing":
         pairs.append(("grows", _GROWS[found.grows]))
@@ -173,6 +241,12 @@ def local_text(found: Local) -> str:
     return f"{listing(pairs)}\n\n{table(rows)}"
 
 
+def _cells(found: Local, numbers: np.ndarray, form: str, otherwise: str) -> list[str]:
+    """Numbers (p,) as text; `otherwise` where the slope is not resolved."""
+    pairs = zip(numbers, found.resolved, strict=True)
+    return [f"{x:{form}}" if resolved else otherwise for x, resolved in pairs]
+
+
 def _plus_minus(found: Local) -> str:
     """The error of the quantity."""
     if np.isfinite(found.value_error):
@@ -181,7 +255,7 @@ def _plus_minus(found: Local) -> str:
 
 
 _GROWS = {
-    "tangent": "tangent: changes of 1e-6 grow, those of 0.3 % do not; `jax.grad` of this run is of no use",
+    "tangent": "tangent: small changes grow, those of engineering size do not; `jax.grad` of this run is of no use",
     "motion": "motion: it is chaotic, so only means and distributions have slopes",
 }
 

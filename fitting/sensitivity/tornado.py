@@ -13,8 +13,8 @@ from fitting.sensitivity.result import Local
 
 
 def local_picture(found: Local, path: str | Path) -> Path:
-    """Scaled derivatives as bars, the largest on top."""
-    if np.isfinite(found.scaled).all():
+    """Scaled derivatives as bars, the largest on top, without those that are not resolved."""
+    if np.isfinite(found.scaled[found.resolved]).all():
         values = found.scaled
     else:
         values = found.forward
@@ -28,7 +28,9 @@ def local_picture(found: Local, path: str | Path) -> Path:
         note = f"NOT valid beyond {found.horizon:.2g} s"
     errors = found.error if values is found.forward else found.scaled_error
     title = f"{found.of} = {found.value:.4g} {found.unit}; {note}"
-    return _bars(found.names, [values], [""], label, title, path, None if errors is None else [errors])
+    shown = np.flatnonzero(found.resolved)
+    names = [found.names[i] for i in shown]
+    return _bars(names, [values[shown]], [""], label, title, path, None if errors is None else [errors[shown]])
 
 
 def global_picture(found: Global, of: str, path: str | Path) -> Path:

@@ -16,6 +16,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
 from dropper_jax.plots.style import save as save_figure
+from dropper_jax.study.gradient_check import NOT_TRUSTED, TRUSTED, GradientCheck, check_gradient
 from fitting.farm.optimise.design import Design, Say
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS, still_model
@@ -52,6 +53,7 @@ class Optimum:
             whole runs at `after`, before windows and factors were updated there; NaN if the start was the best.
         held: fraction of the objective's slope at `after` that active constraints and bounds balance: 1 at an optimum.
         check: error of the derivatives before the search, relative to the largest one.
+        along: two runs of a window along the gradient of its highest peak, before the search.
         warnings: reasons to doubt the result.
         dominated: derivatives of active constraints by variable that one seed dominates, with their mean and median.
     """
@@ -74,6 +76,7 @@ class Optimum:
     warnings: tuple[str, ...] = ()
     characteristic: str = "mean of the seeds' maxima"
     dominated: tuple[Table, ...] = ()
+    along: GradientCheck | None = None
 
     @property
     def gain(self) -> float:
@@ -82,7 +85,8 @@ class Optimum:
 
     def to_json(self) -> Table:
         """Plain values."""
-        return jsonable({**dataclasses.asdict(self), "gain": self.gain})
+        along = None if self.along is None else self.along._asdict()
+        return jsonable({**dataclasses.asdict(self), "gain": self.gain, "along": along})
 
 
 def read_problem(site: Site) -> Design:
@@ -152,19 +156,21 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent) -> 
     design = read_problem(site)
     file = None if state is None else Path(state)
     mark = _mark(design)
-    search, off = _resume_search(file, mark, design)
+    search, off, along = _resume_search(file, mark, design)
 
     def save() -> None:
         if file is not None:
-            atomic_write(file, json.dumps(jsonable({"site": mark, "check": off, **dataclasses.asdict(search)})))
+            table = {"site": mark, "check": off, "along": along._asdict(), **dataclasses.asdict(search)}
+            atomic_write(file, json.dumps(jsonable(table)))
 
     if search.before is None:
         _possible(design)
         off = check_derivatives(design, say)
+        along = check_along(design, say)
         save()
     if not search.done:
         run_search(search, design, save, say)
-    return _optimum(design, search, off, say)
+    return _optimum(design, search, off, along, say)
 
 
 def _possible(design: Design) -> None:
@@ -202,10 +208,10 @@ def _mark(design: Design) -> str:
     return hashlib.sha256(json.dumps(jsonable(table), sort_keys=True, default=str).encode()).hexdigest()
 
 
-def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, float]:
+def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, float, GradientCheck]:
     fresh = Search(design.start, design.settings.reach)
     if file is None or not file.exists():
-        return fresh, float("nan")
+        return fresh, float("nan"), GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
     try:
         table = json.loads(file.read_text(encoding="utf-8"))
         if table.pop("site") != mark:
@@ -213,17 +219,18 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
                 f"--state: {str(file)!r} belongs to another site or version of it. Use its own, or a new file"
             )
         off = table.pop("check")
+        along = {key: np.nan if x is None else x for key, x in table.pop("along").items()}
         arrays = {key: None if table[key] is None else np.array(table[key]) for key in ("x", "best", "fixed")}
         best = table["best_objective"]
         found = Search(**{**table, **arrays, "best_objective": np.inf if best is None else best})
-        return found, float("nan") if off is None else off
+        return found, float("nan") if off is None else off, GradientCheck(**along)
     except (ValueError, KeyError, TypeError):
         raise SceneError(
             f"--state: {str(file)!r} is not a state of a search. Use one that it wrote, or a new file"
         ) from None
 
 
-def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
+def _optimum(design: Design, search: Search, off: float, along: GradientCheck, say: Say) -> Optimum:
     """The end of a search: constraints of whole runs, prices, assumptions."""
     feasible = search.best is not None
     if feasible:
@@ -263,7 +270,8 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
         runs=len(search.history),
         history=search.history,
         characteristic=CHARACTERISTIC[design.site.run.characteristic],
-        warnings=tuple(design_warnings(residual, 1.0 - price.left, search.reach, dominated)),
+        along=along,
+        warnings=tuple(design_warnings(residual, 1.0 - price.left, search.reach, dominated, along)),
         dominated=tuple(
             {
                 **one._asdict(),
@@ -275,7 +283,13 @@ def _optimum(design: Design, search: Search, off: float, say: Say) -> Optimum:
     )
 
 
-def design_warnings(residual: float, held: float, reach: float, dominated: Sequence[Dominated] = ()) -> list[str]:
+def design_warnings(
+    residual: float,
+    held: float,
+    reach: float,
+    dominated: Sequence[Dominated] = (),
+    along: GradientCheck | None = None,
+) -> list[str]:
     """Reasons to doubt a design's numbers, one line each; `reach` is that of the last steps."""
     reasons = (
         (
@@ -299,13 +313,48 @@ def design_warnings(residual: float, held: float, reach: float, dominated: Seque
             f"one seed dominates {len(dominated)} derivative(s) of active constraints: their mean and median differ in "
             "what they predict. Use more run.seeds, and compare designs by their whole runs",
         ),
+        (
+            along is not None and along.status != TRUSTED,
+            f"{along_text(along)}: not_trusted. Compare designs by their whole runs",
+        ),
     )
     return [reason for applies, reason in reasons if applies]
+
+
+def along_text(along: GradientCheck | None) -> str:
+    """What two runs along the gradient show."""
+    ratio = np.nan if along is None else along.ratio
+    return f"two runs along the gradient change the highest peak by {ratio:.3g} of what it predicts"
 
 
 def check_derivatives(design: Design, say: Say = silent) -> float:
     """The check of a design's derivatives at its start: see `check_slopes`."""
     say(0.0, "checking derivatives")
+    return check_slopes(design, first_windows(design))
+
+
+def check_along(design: Design, say: Say = silent) -> GradientCheck:
+    """Two runs of a window along the gradient of its highest peak, by 0.5 % of the variables' ranges, at the start of a
+    design: the worst window."""
+    say(0.0, "two runs along the gradient")
+    span = np.array([v.span for v in design.variables])
+    found = []
+    for window in first_windows(design):
+        start = design.run_start(design.start, window.case, {})
+        peaks = design.window(design.start, window, start)
+        highest = int(np.argmax(peaks.hard))
+
+        def peak(x: np.ndarray, window: Window = window, highest: int = highest) -> float:
+            x = np.asarray(x)
+            return design.window(x, window, design.run_start(x, window.case, {}), slopes=False).soft[highest]
+
+        slope = peaks.slope[highest, : len(span)]
+        found.append(check_gradient(peak, design.start, slope, span))
+    return max(found, key=lambda one: np.nan_to_num(abs(one.ratio - 1.0), nan=np.inf))
+
+
+def first_windows(design: Design) -> list[Window]:
+    """A window of one case of each kind, from the start of the storm."""
     windows = []
     known = {}
     for kind in design.site.kinds:
@@ -315,7 +364,7 @@ def check_derivatives(design: Design, say: Say = silent) -> float:
         begin = Window(case, 0.0, np.ones(count), None)
         heights = design.window(design.start, begin, start, slopes=False).hard
         windows.append(dataclasses.replace(begin, height=heights))
-    return check_slopes(design, windows)
+    return windows
 
 
 # A picture of a design: the layout from the side, and the utilisation of constraints, before and after

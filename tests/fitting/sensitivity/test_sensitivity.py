@@ -18,7 +18,14 @@ from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows
 from fitting.sensitivity.derivatives import global_text
-from fitting.sensitivity.differences import StudyRuns, central_differences, difference_sizes, statistic_notes
+from fitting.sensitivity.differences import (
+    Run,
+    StudyRuns,
+    central_differences,
+    difference_sizes,
+    slopes_of_runs,
+    statistic_notes,
+)
 from fitting.sensitivity.result import local_text
 from fitting.sensitivity.tornado import path_label
 
@@ -126,6 +133,71 @@ def test_slopes_of_a_snapping_rope_are_differences_with_an_error(snapping):
     assert "error of dQ/dp" in local_text(found)
 
 
+def made_up_runs(values, moved):
+    """The run with all parameters changed, and those of two parameters, by changes of quantity and displacements [m]:
+    of -1, +1, -0.3, +0.3 % each."""
+    return [Run(values[0], 0.0, 1e-9), *(Run(*pair) for pair in zip(values[1:], [0.0] * 8, moved, strict=True))]
+
+
+def test_runs_that_move_much_farther_than_others_are_on_another_branch(snapping):
+    """By the first parameter one of four, by the second both larger changes, by the same displacement."""
+    _, base = snapping
+    q = base.value
+    straight = [q, 0.99 * q, 1.01 * q, 0.997 * q, 1.003 * q, 0.99 * q, 1.01 * q, 0.997 * q, 1.003 * q]
+    usual = [0.01, 0.01, 0.003, 0.003]
+    found = slopes_of_runs(base, made_up_runs(straight, usual + usual))
+    assert found.slope_status == ("known", "known")
+    np.testing.assert_allclose(found.scaled, 1.0, rtol=1e-6)
+    found = slopes_of_runs(base, made_up_runs(straight, [0.01, 0.5, 0.003, 0.003] + [0.5, 0.5, 0.003, 0.003]))
+    assert found.slope_status == ("other_branch", "other_branch")
+    assert not found.trusted
+    notes = [text for text in found.warnings if "is on another branch" in text]
+    assert len(notes) == 2
+    assert "at +1 % is" in notes[0]
+    assert "at -1 %, +1 % is" in notes[1]
+    assert "other branch" in local_text(found)
+
+
+def test_a_slope_with_an_error_of_100_times_the_quantity_is_no_number(snapping):
+    problem, base = snapping
+    q = base.value
+    wild = [q, 0.99 * q, 1.01 * q, 0.997 * q, 1.003 * q, -3.0 * q, 5.0 * q, 0.9 * q, 1.1 * q]
+    found = slopes_of_runs(base, made_up_runs(wild, [0.01, 0.01, 0.003, 0.003] * 2))
+    assert found.slope_status == ("known", "not_resolved")
+    assert found.unclear == (problem.names[1],)
+    assert np.isfinite(found.forward[0])
+    assert np.isnan(found.forward[1])
+    assert found.finite
+    text = local_text(found)
+    assert "not resolved" in text
+    assert f"{400.0:.4g}" not in text
+    assert any("the slope is not resolved" in line for line in found.warnings)
+
+
+def test_exact_derivatives_are_checked_by_two_runs_along_them(loop, found):
+    signs = np.sign(found.forward)
+    ends = [float(loop(loop.values * (1.0 + 0.01 * sign * signs))) for sign in (1.0, -1.0)]
+    assert found.along.measured == pytest.approx(ends[0] - ends[1], rel=1e-9)
+    assert found.along.predicted == pytest.approx(0.02 * float(np.abs(found.forward) @ loop.values), rel=1e-9)
+    assert found.along.status == "trusted"
+    assert "of what they predict: trusted" in local_text(found)
+
+
+@pytest.mark.parametrize(
+    ("method", "growth", "motion", "grows"),
+    [
+        ("differences", 11.6, 4.6, "motion"),
+        ("differences", 8.6, 3.1, "tangent"),
+        ("differences", 0.1, 0.4, "nothing"),
+        ("tangent", 6.9, 3.9, "motion"),  # half of the motion by 1 %
+        ("tangent", 6.9, 0.5, "tangent"),
+        ("tangent", 3.5, 3.5, "nothing"),  # a phase that drifts, as the derivative predicts
+    ],
+)
+def test_growth_of_small_and_of_large_changes_are_told_apart(found, method, growth, motion, grows):
+    assert replace(found, method=method, growth=growth, motion_growth=motion).grows == grows
+
+
 def test_a_parameter_without_effect_has_slope_zero_with_error_zero(loop):
     scene = load_scene({**SCENE, "anchor": [{"point": "top", "kind": "tested", "capacity": 5.0, "safety_factor": 1.5}]})
     problem = study(scene, "tension.1.mean", ["anchor.0.capacity", "b_l"])
@@ -154,7 +226,7 @@ def test_a_single_step_maximum_and_samples_that_are_not_gaussian_are_said(snappi
 def test_differences_of_lengths_are_smaller_and_end_at_bounds(loop):
     from_bound = replace(loop.parameters[0], value=1.0, low=1.0)
     length = replace(loop.parameters[1], name="line.leg.length")
-    assert [difference_sizes(p) for p in (from_bound, length)] == [(0.01, 0.003), (0.003, 0.001)]
+    assert [difference_sizes(p) for p in (from_bound, length)] == [(0.01, 0.003), (0.006, 0.002)]
     problem = replace(loop, parameters=(from_bound,))
     found = central_differences(problem)
     one_sided = np.diff([StudyRuns(problem).run(np.array([x])).value for x in (1.0, 1.01)])[0] / 0.01

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
+from fitting.farm.optimise import run
 from fitting.farm.optimise.design import run_parallel
 from fitting.farm.optimise.run import check_slopes, design_warnings
 from fitting.farm.optimise.search import RESIDUAL, Search, measure, run_round, run_search
@@ -74,6 +75,24 @@ def test_derivatives_next_to_runs_that_fail_are_checked_by_others_or_refused(fai
     else:
         with pytest.raises(SceneError, match="a window of storm has steps that do not converge"):
             check_slopes(design, [own])
+
+
+@pytest.mark.parametrize(("slope", "status"), [(3.0, "trusted"), (3e5, "not_trusted"), (np.nan, "not_trusted")])
+def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(monkeypatch, slope, status):
+    def window(x, own, start, slopes=True):
+        peaks = np.array([1.0, 3.0 * x[0]])
+        return SimpleNamespace(hard=peaks, soft=peaks, slope=np.array([[0.0], [slope]]))
+
+    variables = [SimpleNamespace(span=2.0)]
+    design = SimpleNamespace(start=np.ones(1), variables=variables, window=window, run_start=lambda *_: None)
+    monkeypatch.setattr(run, "first_windows", lambda _: [SimpleNamespace(case=None)])
+    found = run.check_along(design)
+    assert found.status == status
+    if np.isfinite(slope):
+        assert found.measured == pytest.approx(2.0 * 3.0 * 0.005 * 2.0)
+        assert found.ratio == pytest.approx(3.0 / slope)
+    warned = any("not_trusted" in text for text in design_warnings(0.0, 1.0, 0.2, along=found))
+    assert warned == (status == "not_trusted")
 
 
 def test_runs_abreast_keep_their_order_and_the_first_is_alone():

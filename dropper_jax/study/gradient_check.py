@@ -1,0 +1,80 @@
+"""A gradient of a run against two runs along it, by a change of a size that matters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from dropper_jax.base.errors import SceneError
+
+#: Relative change of the number that matters most, and the difference of both changes from which a gradient is not
+#: trusted.
+SIZE = 0.005
+ALLOWED = 0.1
+TRUSTED = "trusted"
+NOT_TRUSTED = "not_trusted"
+
+
+class GradientCheck(NamedTuple):
+    """Change of a function between two points along its gradient.
+
+    Attributes:
+        predicted, measured: by the gradient, and by the function at both points.
+        ratio: measured over predicted; NaN if the gradient is 0 or not finite.
+        status: `trusted`, or `not_trusted` if they differ by more than 10 %.
+    """
+
+    predicted: float
+    measured: float
+    ratio: float
+    status: str
+
+    @classmethod
+    def of(cls, predicted: float, measured: float, rounding: float = 0.0) -> GradientCheck:
+        """The check of two changes; differences up to `rounding` do not matter."""
+        if predicted:
+            ratio = measured / predicted
+        else:
+            ratio = 1.0 if measured == 0.0 else np.nan
+        good = abs(measured - predicted) <= max(ALLOWED * abs(predicted), rounding)
+        return cls(predicted, measured, ratio, TRUSTED if good else NOT_TRUSTED)
+
+
+def check_gradient(
+    function: Callable[[Any], Any], x: Any, gradient: Any, scale: Any = None, size: float = SIZE
+) -> GradientCheck:
+    """Whether a gradient, such as that of `jax.grad` through a run, predicts a change of engineering size.
+
+        d = h s (s g)/max |s g|,    predicted 2 g.d,    measured f(x + d) - f(x - d)
+
+    An exact gradient of a run whose small changes grow predicts nothing: growth shows at this size, and only there.
+
+    Args:
+        function: of x, to a number; two evaluations.
+        x: numbers, an array or a tree of arrays; `gradient` has the same form.
+        scale: typical sizes s of the numbers, in the same form; by default their values, so that zeros do not change.
+        size: relative change h of the number that matters most.
+
+    Raises:
+        SceneError: gradient or scale have another form than x, or size is not between 0 and 1.
+    """
+    if not 0.0 < size < 1.0:
+        raise SceneError(f"size: {size:g}; allowed: above 0 and below 1")
+    forms = {"gradient": gradient, "scale": x if scale is None else scale}
+    for name, tree in forms.items():
+        if jax.tree.map(np.shape, tree) != jax.tree.map(np.shape, x):
+            raise SceneError(f"{name}: has another form than x; allowed: a number for each number of x")
+    at, restore = ravel_pytree(x)
+    slope = np.asarray(ravel_pytree(gradient)[0], float)
+    sizes = np.abs(np.asarray(ravel_pytree(forms["scale"])[0], float))
+    matters = slope * sizes
+    largest = float(np.max(np.abs(matters), initial=0.0))
+    if not 0.0 < largest < np.inf:
+        return GradientCheck(largest, np.nan, np.nan, NOT_TRUSTED)
+    step = size * sizes * matters / largest
+    high, low = (float(function(restore(at + sign * step))) for sign in (1.0, -1.0))
+    return GradientCheck.of(2.0 * float(slope @ step), high - low)

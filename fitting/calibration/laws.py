@@ -7,9 +7,11 @@ S = sum S_b, the candidate and the free parameters would move, to first order, b
 
     d = -S^-1 g,    cov = (B - 1)/B sum_b (e_b - mean e)(e_b - mean e)',    e_b = (S - S_b)^-1 (g_b + S_b d)
 
-(Rao 1948; jackknife over B blocks as in `uncertainty`). The covariance is at least that of the noise. The ratio
-`t = d_c/sqrt(cov_cc)` has Student's law with B minus the number of parameters degrees of freedom. A coefficient that
-the scene lacks can only grow: its test is one-sided. Holm's correction (1979) accounts for the number of candidates.
+(Rao 1948; jackknife over B blocks as in `uncertainty`), with B minus the number of parameters degrees of freedom. The
+variance is pooled with that of the noise, of `NOISE_DEGREES` (Smyth 2004), and at least the latter: a large misfit has
+a long memory, and few blocks alone would show it with few degrees of freedom. The ratio `t = d_c/sqrt(cov_cc)` has
+Student's law. A coefficient that the scene lacks can only grow: its test is one-sided. Holm's correction (1979)
+accounts for the number of candidates.
 
 A wrong law also loosens the joins of its fit: they are as tight as the evidence allows without the candidate. Each
 candidate is tested at the gap weight that the evidence allows with it, by the linear model of the fit's end, which has
@@ -31,7 +33,7 @@ from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import stdtr
+from scipy.special import ndtri, stdtr
 
 from dropper_jax.run.build import build
 from fitting.calibration.candidate import holm
@@ -48,7 +50,7 @@ from fitting.estimate.normal_equations import (
 from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.shooting import SCHEDULE, level_of, loosest_of
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces, raised_to
+from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import free_option
 from fitting.parameters.parameter import (
@@ -71,8 +73,14 @@ ALIKE = 0.98
 #: Fraction of a candidate's information, in separate windows, that must remain once the free parameters are accounted
 #: for. Any force moves tightly joined windows of a chaotic motion along one direction: 1e-5 remains there, and decides.
 REMAINS = 1e-4
+#: Change of a value, in its standard errors, by a force that is not shown and not excluded, from which the value
+#: includes the force: a correlation of 0.98 hides this much. Probability that the force is below its upper limit.
+HIDDEN = 5.0
+EXCLUDED = 0.95
 #: Degrees of freedom below which nothing is tested.
 FEWEST = 3
+#: Degrees of freedom of the variance that the noise predicts.
+NOISE_DEGREES = 10
 #: Maximum number of candidates that are freed in the linear model, one after another.
 MOST = 3
 #: Coefficients that a law keeps constant, and what they are tested to change with.
@@ -152,13 +160,11 @@ class LawTests:
 
     Attributes:
         tests: of candidates that the traces distinguish from the free parameters, forces first.
-        included: by free parameter, candidates that have the same effect on the motion.
-        blocks: number of blocks of windows.
+        included: by free parameter, forces that the motion does not distinguish from it.
     """
 
     tests: tuple[LawTest, ...] = ()
     included: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    blocks: int = 0
 
     @property
     def significant(self) -> list[LawTest]:
@@ -289,14 +295,14 @@ def _judge(
     candidates = len(solution.values) + np.arange(len(suspects))
     alone = np.diag(eliminate_rows(separate, free, candidates)) / np.maximum(np.diag(separate)[candidates], 1e-300)
     names = [p.name for p in solution.problem.parameters]
-    included: dict[str, tuple[str, ...]] = {}
+    hidden = []
     left = []
     for i, suspect in enumerate(suspects):
         twin = _nearest(separate, free, candidates[i])
         if alone[i] > REMAINS:
             left.append(i)
         elif suspect.grows and twin is not None:
-            included[names[twin]] = (*included.get(names[twin], ()), suspect.name)
+            hidden.append((names[twin], suspect.name))
     judge = Judge(solution, u, suspects, levels, free)
     shown: list[LawTest] = []
     given = free
@@ -308,17 +314,22 @@ def _judge(
         shown.append(replace(first.test, alike=judge.alike(first, rows, given)))
         given = np.append(given, candidates[first.suspect])
         left.remove(first.suspect)
-    blocks = max((row.blocks for row in rows), default=0)
-    return LawTests((*shown, *(row.test for row in rows)), included, blocks)
+    for row in rows:
+        where = judge.hides_in(row, given)
+        if where is not None:
+            hidden.append((names[where], row.test.name))
+    included: dict[str, tuple[str, ...]] = {}
+    for name, force in hidden:
+        included[name] = (*included.get(name, ()), force)
+    return LawTests((*shown, *(row.test for row in rows)), included)
 
 
 class Row(NamedTuple):
-    """A test with the number of its suspect, the level where it was made, and the number of blocks."""
+    """A test with the number of its suspect and the level where it was made."""
 
     test: LawTest
     suspect: int
     level: Level
-    blocks: int
 
 
 @dataclass(frozen=True)
@@ -351,11 +362,11 @@ class Judge:
         evidence = [level.evidence_with(chosen, self.scale) for level in self.levels]
         without = [level.evidence_with(given, self.scale) for level in self.levels]
         level = self.levels[loosest_of(evidence)]
-        moved, covariance, blocks = _one_step(level, chosen, self.scale)
-        degrees = blocks - len(chosen)
+        moved, errors, degrees = _one_step(level, chosen, self.scale)
         if degrees < FEWEST:
             return None
-        error = float(np.sqrt(covariance[-1, -1]))
+        degrees += NOISE_DEGREES
+        error = float(errors[-1])
         t = float(moved[-1]) / error
         if suspect.grows:
             p = float(stdtr(degrees, -t))
@@ -367,7 +378,7 @@ class Judge:
         matters = _matters(self.solution, self.u, suspect, self.free, own, abs(moved[-1]))
         gain = max(evidence) - max(without)
         test = LawTest(suspect.name, suspect.free, float(moved[-1]), error, t, p, moves, gain, matters)
-        return Row(test, i, level, blocks)
+        return Row(test, i, level)
 
     def alike(self, row: Row, rows: Sequence[Row], given: np.ndarray) -> tuple[str, ...]:
         """Names of other forces that are shown and that the traces cannot distinguish from one."""
@@ -378,9 +389,23 @@ class Judge:
         like = np.abs(rest[0, 1:]) / (size[0] * size[1:])
         return tuple(one.test.name for one, much in zip(others, like, strict=True) if much > ALIKE)
 
+    def hides_in(self, row: Row, given: np.ndarray) -> int | None:
+        """The free parameter that includes a force of a size that the traces do not exclude; None if none does."""
+        if not self.suspects[row.suspect].grows:
+            return None
+        mine = len(self.solution.values) + row.suspect
+        information = row.level.information
+        slope = solve_spd(information[np.ix_(given, given)], information[given, mine])[: len(self.free)]
+        largest = max(row.test.change, 0.0) + float(ndtri(EXCLUDED)) * row.test.error
+        least = np.maximum(HIDDEN * self.u.std_error[self.free], SHARE * np.abs(self.solution.values[self.free]))
+        ratio = np.abs(slope) * largest / least
+        if not np.any(ratio > 1):
+            return None
+        return int(self.free[np.argmax(ratio)])
+
 
 def _one_step(level: Level, chosen: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, int]:
-    """Change of the chosen parameters by one step from the fit, its covariance, and the number of blocks."""
+    """Change of the chosen parameters by one step from the fit, its errors, and the blocks' degrees of freedom."""
     parts = level.parts
     information = level.information[np.ix_(chosen, chosen)]
     mine = Pieces(parts.gradient[:, chosen], parts.information[:, chosen][:, :, chosen], parts.run)
@@ -391,7 +416,11 @@ def _one_step(level: Level, chosen: np.ndarray, scale: float) -> tuple[np.ndarra
     count = len(after.run)
     blocks = [np.arange(i, min(i + length, count)) for i in range(0, count, length)]
     least = scale * np.diag(solve_spd(information, np.eye(len(chosen))))
-    return moved, raised_to(jackknife(after, blocks, information), least), len(blocks)
+    scatter = jackknife(after, blocks, information)
+    degrees = len(blocks) - len(chosen)
+    share = NOISE_DEGREES / (NOISE_DEGREES + max(degrees, 0))
+    variance = share * least + (1 - share) * np.diag(scatter)
+    return moved, np.sqrt(np.maximum(variance, least)), degrees
 
 
 def _matters(

@@ -456,7 +456,7 @@ def freeing_option(test: LawTest, names: Sequence[str]) -> str:
 def law_warnings(laws: LawTests) -> list[str]:
     """One line on a significant candidate that changes no value by much, and on candidates in a coefficient."""
     found = [
-        f"{name} includes {' and '.join(others)}: this motion does not distinguish them"
+        f"{name} may include {' and '.join(others)}: this motion does not distinguish them"
         for name, others in laws.included.items()
     ]
     if laws.significant and laws.wrong is None:

@@ -8,8 +8,8 @@ S = sum S_b, the candidate and the free parameters would move, to first order, b
     d = -S^-1 g,    cov = (B - 1)/B sum_b (e_b - mean e)(e_b - mean e)',    e_b = (S - S_b)^-1 (g_b + S_b d)
 
 (Rao 1948; jackknife over B blocks as in `uncertainty`), with B minus the number of parameters degrees of freedom. The
-variance is pooled with that of the noise, of `NOISE_DEGREES` (Smyth 2004), and at least the latter: a large misfit has
-a long memory, and few blocks alone would show it with few degrees of freedom. The ratio `t = d_c/sqrt(cov_cc)` has
+variance is pooled with that of the noise, of `NOISE_DEGREES` (Smyth 2004), and at least the latter. A large misfit has
+a long memory, and its few blocks alone would have few degrees of freedom. The ratio `t = d_c/sqrt(cov_cc)` has
 Student's law. A coefficient that the scene lacks can only grow: its test is one-sided. Holm's correction (1979)
 accounts for the number of candidates.
 
@@ -33,6 +33,7 @@ from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import LinAlgError
 from scipy.special import ndtri, stdtr
 
 from dropper_jax.run.build import build
@@ -42,7 +43,6 @@ from fitting.calibration.preparation import Prepared
 from fitting.estimate.normal_equations import (
     Evaluation,
     Prior,
-    bounded_step,
     eliminate_rows,
     move_along,
     solve_spd,
@@ -254,11 +254,14 @@ class Level(NamedTuple):
     parts: Pieces
 
     def evidence_with(self, chosen: np.ndarray, scale: float) -> float:
-        """Log evidence of the weight with these parameters and candidates free."""
+        """Log evidence of the weight with these parameters and candidates free; minus infinity if they are undetermined
+        within rounding."""
         gradient = self.gradient[chosen]
-        reach = np.full(len(chosen), np.inf)
-        step = bounded_step(self.information[np.ix_(chosen, chosen)], gradient, -reach, reach)
-        return self.evidence - 0.5 * float(gradient @ step) / scale
+        try:
+            step = solve_spd(self.information[np.ix_(chosen, chosen)], gradient)
+        except LinAlgError:
+            return -np.inf
+        return self.evidence + 0.5 * float(gradient @ step) / scale
 
 
 def _wide_prior(solution: Solution, evaluation: Evaluation) -> Prior:
@@ -278,7 +281,10 @@ def _levels(solution: Solution, evaluation: Evaluation, prior: Prior, scale: flo
     found = []
     for weight in weights:
         level = level_of(solution.problem, weight)
-        step = level.eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
+        try:
+            step = level.eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
+        except LinAlgError:  # tight joins of a chaotic motion exhaust the digits
+            break
         gain = step.predicted - level.cost(evaluation, solution.values)
         there = move_along(evaluation, step.dz)
         at = replace(solution, evaluation=there, eliminated=step.eliminated, gap_weight=weight)
@@ -349,18 +355,24 @@ class Judge:
 
     def test(self, left: Sequence[int], given: np.ndarray) -> list[Row]:
         """Tests of these suspects with the given parameters and candidates free: forces first, by decreasing gain."""
-        rows = [row for i in left if (row := self._test_one(i, given)) is not None]
+        without = max((level.evidence_with(given, self.scale) for level in self.levels), default=-np.inf)
+        rows = [row for i in left if (row := self._test_one(i, given, without)) is not None]
         rows.sort(key=lambda row: row.test.p)
         over_family = holm([row.test.p for row in rows])
         rows = [row._replace(test=replace(row.test, p=p)) for row, p in zip(rows, over_family, strict=True)]
         return sorted(rows, key=lambda row: (not row.test.free, -row.test.gain))
 
-    def _test_one(self, i: int, given: np.ndarray) -> Row | None:
-        """The test of a suspect at the gap weight that the evidence allows with it; None with too few blocks."""
+    def _test_one(self, i: int, given: np.ndarray, without: float) -> Row | None:
+        """The test of a suspect at the gap weight that the evidence allows with it; None with too few blocks.
+
+        Args:
+            without: the best log evidence without the suspect.
+        """
         suspect = self.suspects[i]
         chosen = np.append(given, len(self.solution.values) + i)
         evidence = [level.evidence_with(chosen, self.scale) for level in self.levels]
-        without = [level.evidence_with(given, self.scale) for level in self.levels]
+        if not np.isfinite(max(evidence, default=-np.inf)):
+            return None
         level = self.levels[loosest_of(evidence)]
         moved, errors, degrees = _one_step(level, chosen, self.scale)
         if degrees < FEWEST:
@@ -376,7 +388,7 @@ class Judge:
         names = [self.solution.problem.parameters[j].name for j in self.free]
         moves = dict(zip(names, map(float, own), strict=True))
         matters = _matters(self.solution, self.u, suspect, self.free, own, abs(moved[-1]))
-        gain = max(evidence) - max(without)
+        gain = max(evidence) - without
         test = LawTest(suspect.name, suspect.free, float(moved[-1]), error, t, p, moves, gain, matters)
         return Row(test, i, level)
 

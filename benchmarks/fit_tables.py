@@ -90,7 +90,7 @@ def wrong_laws(found: Found) -> Rows:
 
     faults = {draw["fault"]: draw["law"] for draw in draws}
     rows = [counted("none", [draw["right"] for draw in draws], "")]
-    for fault, law in faults.items():
+    for fault, law in sorted(faults.items()):
         rows.append(counted(fault, [draw["wrong"] for draw in draws if draw["fault"] == fault], law))
     return columns(
         rows,

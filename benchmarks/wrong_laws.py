@@ -254,7 +254,7 @@ def judge(d: Draw, trace: Trace, free: list[int], simulator: Simulator | None = 
         **{"values": result.values.tolist(), "std_error": result.uncertainty.std_error.tolist()},
         **{"errors": (error / result.uncertainty.std_error).tolist()},
         **{"relative": (error / np.where(truth > 0, truth, np.nan)).tolist()},
-        **{"chi2": result.chi2_per_dof, "gap_weight": result.solution.gap_weight, "blocks": result.laws.blocks},
+        **{"chi2": result.chi2_per_dof, "gap_weight": result.solution.gap_weight},
         **{"seconds": times["processor_s"]},
     }, result
 

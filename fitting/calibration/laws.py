@@ -7,12 +7,22 @@ S = sum S_b, the candidate and the free parameters would move, to first order, b
 
     d = -S^-1 g,    cov = (B - 1)/B sum_b (e_b - mean e)(e_b - mean e)',    e_b = (S - S_b)^-1 (g_b + S_b d)
 
-(Rao 1948; jackknife over B blocks as in `uncertainty`). The covariance is at least that of the noise. The ratio
-`t = d_c/sqrt(cov_cc)` has Student's law with B minus the number of parameters degrees of freedom. A coefficient that
-the scene lacks can only grow: its test is one-sided. Holm's correction (1979) accounts for the number of candidates.
+(Rao 1948; jackknife over B blocks as in `uncertainty`), with B minus the number of parameters degrees of freedom. The
+variance is pooled with that of the noise, of `NOISE_DEGREES` (Smyth 2004), and at least the latter. A large misfit has
+a long memory, and its few blocks alone would have few degrees of freedom. The ratio `t = d_c/sqrt(cov_cc)` has
+Student's law. A coefficient that the scene lacks can only grow: its test is one-sided. Holm's correction (1979)
+accounts for the number of candidates.
+
+A wrong law also loosens the joins of its fit: they are as tight as the evidence allows without the candidate. Each
+candidate is tested at the gap weight that the evidence allows with it, by the linear model of the fit's end, which has
+evidence for every weight. Its gain in log likelihood is the difference of both evidences.
+
+The candidate of largest gain is freed in this model, and the others are tested again, as long as one is shown: a force
+that seems to be missing only because another one is missing is not.
 
 For laws outside the list, the coefficients of drag must not change with time or amplitude: a candidate whose derivative
-in each window is that of the coefficient, multiplied by the window's mean time or RMS rate.
+in each window is that of the coefficient, multiplied by the window's mean time or RMS rate. They are tested once the
+forces explain no more.
 """
 
 from __future__ import annotations
@@ -20,20 +30,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import compress
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import stdtr
+from scipy.linalg import LinAlgError
+from scipy.special import ndtri, stdtr
 
 from dropper_jax.run.build import build
 from fitting.calibration.candidate import holm
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.normal_equations import Evaluation, Prior, eliminate_rows, solve_spd
+from fitting.estimate.normal_equations import (
+    Evaluation,
+    Prior,
+    eliminate_rows,
+    move_along,
+    solve_spd,
+)
 from fitting.estimate.residuals import Residuals, Solution
-from fitting.estimate.shooting import level_of
+from fitting.estimate.shooting import SCHEDULE, level_of, loosest_of
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces, raised_to
+from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.of_scene import free_option
 from fitting.parameters.parameter import (
@@ -56,8 +73,16 @@ ALIKE = 0.98
 #: Fraction of a candidate's information, in separate windows, that must remain once the free parameters are accounted
 #: for. Any force moves tightly joined windows of a chaotic motion along one direction: 1e-5 remains there, and decides.
 REMAINS = 1e-4
+#: Change of a value, in its standard errors, by a force that is not shown and not excluded, from which the value
+#: includes the force: a correlation of 0.98 hides this much. Probability that the force is below its upper limit.
+HIDDEN = 5.0
+EXCLUDED = 0.95
 #: Degrees of freedom below which nothing is tested.
 FEWEST = 3
+#: Degrees of freedom of the variance that the noise predicts.
+NOISE_DEGREES = 10
+#: Maximum number of candidates that are freed in the linear model, one after another.
+MOST = 3
 #: Coefficients that a law keeps constant, and what they are tested to change with.
 DRAG = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 ALONG = ("time", "amplitude")
@@ -107,8 +132,8 @@ class LawTest:
         error: standard error of that.
         t: their ratio.
         p: probability of such a t if the law is right, over all candidates.
-        moves: by free parameter, its change to first order if the candidate is freed.
-        gain: in log likelihood, in units of the noise.
+        moves: by free parameter, its change to first order if the candidate is freed, with those shown before it.
+        gain: in log evidence.
         matters: whether a reported value changes by more than its errors and 5 %.
         alike: names of other significant forces that the traces cannot distinguish from it.
     """
@@ -131,17 +156,15 @@ class LawTest:
 
 @dataclass(frozen=True)
 class LawTests:
-    """All tests of a fit, by decreasing gain; changes of a coefficient come after all forces.
+    """All tests of a fit: candidates that are shown, each with those before it free, then the others.
 
     Attributes:
-        tests: of candidates that the traces distinguish from the free parameters.
-        included: by free parameter, candidates that have the same effect on the motion.
-        blocks: number of blocks of windows.
+        tests: of candidates that the traces distinguish from the free parameters, forces first.
+        included: by free parameter, forces that the motion does not distinguish from it.
     """
 
     tests: tuple[LawTest, ...] = ()
     included: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    blocks: int = 0
 
     @property
     def significant(self) -> list[LawTest]:
@@ -169,7 +192,12 @@ def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTest
     if not np.isfinite(evaluation.jacobian).all():
         return LawTests()
     evaluation = _with_changes(solution, evaluation, [s for s in suspects if s.of is not None])
-    return _judge(solution, u, suspects, *_scores(solution, evaluation))
+    scale = u.noise**2 * problem.memory
+    prior = _wide_prior(solution, evaluation)
+    still = np.zeros(len(prior.gradient))
+    alone = level_of(problem, None)
+    separate = alone.eliminate(alone.system(evaluation, solution.values), 0.0, prior, still, still).information
+    return _judge(solution, u, suspects, _levels(solution, evaluation, prior, scale), separate)
 
 
 def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
@@ -211,82 +239,187 @@ def _rates(solution: Solution) -> np.ndarray:
     return np.sqrt(0.5 * (square[0] + square[1]))
 
 
-def _scores(solution: Solution, evaluation: Evaluation) -> tuple[Pieces, np.ndarray, np.ndarray]:
-    """Gradients and information of pieces of time by all parameters and candidates; the total information of the joined
-    windows, and that of separate ones."""
-    problem = solution.problem
-    count = evaluation.jacobian.shape[-1] - problem.freedoms
-    more = count - len(solution.values)
-    own = problem.prior(solution.values)
-    prior = Prior(own.cost, np.pad(own.gradient, (0, more)), np.pad(own.curvature, (0, more)))
-    still = np.zeros(count)
-    step, alone = (
-        level.eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
-        for level in (level_of(problem, solution.gap_weight), level_of(problem, None))
-    )
-    at = replace(solution, evaluation=evaluation, eliminated=step.eliminated)
-    return pieces(at, np.arange(count)), step.information, alone.information
+class Level(NamedTuple):
+    """The linear model of a fit's end at one gap weight, with the starts of the windows at their optimum.
+
+    Attributes:
+        information, gradient: by all parameters and candidates.
+        evidence: of the weight, before a move of the parameters.
+        parts: gradients and information of pieces of time.
+    """
+
+    information: np.ndarray
+    gradient: np.ndarray
+    evidence: float
+    parts: Pieces
+
+    def evidence_with(self, chosen: np.ndarray, scale: float) -> float:
+        """Log evidence of the weight with these parameters and candidates free; minus infinity if they are undetermined
+        within rounding."""
+        gradient = self.gradient[chosen]
+        try:
+            step = solve_spd(self.information[np.ix_(chosen, chosen)], gradient)
+        except LinAlgError:
+            return -np.inf
+        return self.evidence + 0.5 * float(gradient @ step) / scale
+
+
+def _wide_prior(solution: Solution, evaluation: Evaluation) -> Prior:
+    """The fit's prior, without knowledge of the candidates."""
+    own = solution.problem.prior(solution.values)
+    more = evaluation.jacobian.shape[-1] - solution.problem.freedoms - len(solution.values)
+    return Prior(own.cost, np.pad(own.gradient, (0, more)), np.pad(own.curvature, (0, more)))
+
+
+def _levels(solution: Solution, evaluation: Evaluation, prior: Prior, scale: float) -> list[Level]:
+    """The linear model at the gap weight of the fit and at all tighter ones."""
+    every = np.arange(len(prior.gradient))
+    still = np.zeros(len(every))
+    weights = [solution.gap_weight]
+    if solution.gap_weight:
+        weights += [weight for weight in SCHEDULE if weight < solution.gap_weight]
+    found = []
+    for weight in weights:
+        level = level_of(solution.problem, weight)
+        try:
+            step = level.eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
+        except LinAlgError:  # tight joins of a chaotic motion exhaust the digits
+            break
+        gain = step.predicted - level.cost(evaluation, solution.values)
+        there = move_along(evaluation, step.dz)
+        at = replace(solution, evaluation=there, eliminated=step.eliminated, gap_weight=weight)
+        evidence = gain / scale - level.log_volume(step)
+        found.append(Level(step.information, step.gradient, evidence, pieces(at, every)))
+    return found
 
 
 def _judge(
-    solution: Solution,
-    u: Uncertainty,
-    suspects: Sequence[Suspect],
-    parts: Pieces,
-    information: np.ndarray,
-    separate: np.ndarray,
+    solution: Solution, u: Uncertainty, suspects: Sequence[Suspect], levels: Sequence[Level], separate: np.ndarray
 ) -> LawTests:
-    """The tests of all candidates, from the pieces' gradients and information (`_scores`)."""
+    """The tests of all candidates, from the linear models and the information of separate windows."""
     free = np.flatnonzero(~solution.problem.held_mask & ~u.at_bound)
     candidates = len(solution.values) + np.arange(len(suspects))
     alone = np.diag(eliminate_rows(separate, free, candidates)) / np.maximum(np.diag(separate)[candidates], 1e-300)
-    rest = eliminate_rows(information, free, candidates)
-    size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
-    like = np.abs(rest) / np.outer(size, size) > ALIKE
     names = [p.name for p in solution.problem.parameters]
-    scale = u.noise**2 * solution.problem.memory
-    tests: list[tuple[LawTest, int]] = []
-    included: dict[str, tuple[str, ...]] = {}
-    blocks = 0
+    hidden = []
+    left = []
     for i, suspect in enumerate(suspects):
-        mine = candidates[i]
-        if not alone[i] > REMAINS:
-            twin = _nearest(separate, free, mine)
-            if suspect.grows and twin is not None:
-                included[names[twin]] = (*included.get(names[twin], ()), suspect.name)
-            continue
-        chosen = np.append(free, mine)
-        moved, covariance, blocks = _one_step(parts, information[np.ix_(chosen, chosen)], chosen, scale)
-        degrees = blocks - len(chosen)
+        twin = _nearest(separate, free, candidates[i])
+        if alone[i] > REMAINS:
+            left.append(i)
+        elif suspect.grows and twin is not None:
+            hidden.append((names[twin], suspect.name))
+    judge = Judge(solution, u, suspects, levels, free)
+    shown: list[LawTest] = []
+    given = free
+    while True:
+        rows = judge.test(left, given)
+        first = next((row for row in rows if row.test.p < LEVEL), None)
+        if first is None or len(shown) == MOST:
+            break
+        shown.append(replace(first.test, alike=judge.alike(first, rows, given)))
+        given = np.append(given, candidates[first.suspect])
+        left.remove(first.suspect)
+    for row in rows:
+        where = judge.hides_in(row, given)
+        if where is not None:
+            hidden.append((names[where], row.test.name))
+    included: dict[str, tuple[str, ...]] = {}
+    for name, force in hidden:
+        included[name] = (*included.get(name, ()), force)
+    return LawTests((*shown, *(row.test for row in rows)), included)
+
+
+class Row(NamedTuple):
+    """A test with the number of its suspect and the level where it was made."""
+
+    test: LawTest
+    suspect: int
+    level: Level
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Tests candidates of one fit; `free` are the numbers of its free parameters that are not at a bound."""
+
+    solution: Solution
+    u: Uncertainty
+    suspects: Sequence[Suspect]
+    levels: Sequence[Level]
+    free: np.ndarray
+
+    @property
+    def scale(self) -> float:
+        """Variance of the noise and its memory."""
+        return self.u.noise**2 * self.solution.problem.memory
+
+    def test(self, left: Sequence[int], given: np.ndarray) -> list[Row]:
+        """Tests of these suspects with the given parameters and candidates free: forces first, by decreasing gain."""
+        without = max((level.evidence_with(given, self.scale) for level in self.levels), default=-np.inf)
+        rows = [row for i in left if (row := self._test_one(i, given, without)) is not None]
+        rows.sort(key=lambda row: row.test.p)
+        over_family = holm([row.test.p for row in rows])
+        rows = [row._replace(test=replace(row.test, p=p)) for row, p in zip(rows, over_family, strict=True)]
+        return sorted(rows, key=lambda row: (not row.test.free, -row.test.gain))
+
+    def _test_one(self, i: int, given: np.ndarray, without: float) -> Row | None:
+        """The test of a suspect at the gap weight that the evidence allows with it; None with too few blocks.
+
+        Args:
+            without: the best log evidence without the suspect.
+        """
+        suspect = self.suspects[i]
+        chosen = np.append(given, len(self.solution.values) + i)
+        evidence = [level.evidence_with(chosen, self.scale) for level in self.levels]
+        if not np.isfinite(max(evidence, default=-np.inf)):
+            return None
+        level = self.levels[loosest_of(evidence)]
+        moved, errors, degrees = _one_step(level, chosen, self.scale)
         if degrees < FEWEST:
-            continue
-        error = float(np.sqrt(covariance[-1, -1]))
+            return None
+        degrees += NOISE_DEGREES
+        error = float(errors[-1])
         t = float(moved[-1]) / error
         if suspect.grows:
             p = float(stdtr(degrees, -t))
         else:
             p = 2 * float(stdtr(degrees, -abs(t)))
-        moves = dict(zip([names[j] for j in free], map(float, moved[:-1]), strict=True))
-        matters = _matters(solution, u, suspect, free, moved)
-        gain = 0.5 * float(moved[-1]) ** 2 * float(rest[i, i]) / scale
-        row = LawTest(suspect.name, suspect.free, float(moved[-1]), error, t, p, moves, gain, matters)
-        tests.append((row, i))
-    tests.sort(key=lambda row: row[0].p)
-    over_family = holm([test.p for test, _ in tests])
-    tests = [(replace(test, p=p), i) for (test, i), p in zip(tests, over_family, strict=True)]
-    shown = [(test, k) for test, k in tests if test.p < LEVEL and test.free]
-    found = []
-    for test, i in tests:
-        alike = tuple(other.name for other, k in shown if k != i and like[i, k])
-        found.append(replace(test, alike=alike))
-    found.sort(key=lambda test: (not test.free, -test.gain))
-    return LawTests(tuple(found), included, blocks)
+        own = moved[: len(self.free)]
+        names = [self.solution.problem.parameters[j].name for j in self.free]
+        moves = dict(zip(names, map(float, own), strict=True))
+        matters = _matters(self.solution, self.u, suspect, self.free, own, abs(moved[-1]))
+        gain = max(evidence) - without
+        test = LawTest(suspect.name, suspect.free, float(moved[-1]), error, t, p, moves, gain, matters)
+        return Row(test, i, level)
+
+    def alike(self, row: Row, rows: Sequence[Row], given: np.ndarray) -> tuple[str, ...]:
+        """Names of other forces that are shown and that the traces cannot distinguish from one."""
+        others = [one for one in rows if one is not row and one.test.free and one.test.p < LEVEL]
+        numbers = len(self.solution.values) + np.array([row.suspect, *(one.suspect for one in others)])
+        rest = eliminate_rows(row.level.information, given, numbers)
+        size = np.sqrt(np.maximum(np.diag(rest), 1e-300))
+        like = np.abs(rest[0, 1:]) / (size[0] * size[1:])
+        return tuple(one.test.name for one, much in zip(others, like, strict=True) if much > ALIKE)
+
+    def hides_in(self, row: Row, given: np.ndarray) -> int | None:
+        """The free parameter that includes a force of a size that the traces do not exclude; None if none does."""
+        if not self.suspects[row.suspect].grows:
+            return None
+        mine = len(self.solution.values) + row.suspect
+        information = row.level.information
+        slope = solve_spd(information[np.ix_(given, given)], information[given, mine])[: len(self.free)]
+        largest = max(row.test.change, 0.0) + float(ndtri(EXCLUDED)) * row.test.error
+        least = np.maximum(HIDDEN * self.u.std_error[self.free], SHARE * np.abs(self.solution.values[self.free]))
+        ratio = np.abs(slope) * largest / least
+        if not np.any(ratio > 1):
+            return None
+        return int(self.free[np.argmax(ratio)])
 
 
-def _one_step(
-    parts: Pieces, information: np.ndarray, chosen: np.ndarray, scale: float
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Change of the chosen parameters by one step from the fit, its covariance, and the number of blocks."""
+def _one_step(level: Level, chosen: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, int]:
+    """Change of the chosen parameters by one step from the fit, its errors, and the blocks' degrees of freedom."""
+    parts = level.parts
+    information = level.information[np.ix_(chosen, chosen)]
     mine = Pieces(parts.gradient[:, chosen], parts.information[:, chosen][:, :, chosen], parts.run)
     moved = -solve_spd(information, mine.gradient.sum(axis=0))
     # scores at the end of the step: its own effect is not scatter
@@ -295,15 +428,21 @@ def _one_step(
     count = len(after.run)
     blocks = [np.arange(i, min(i + length, count)) for i in range(0, count, length)]
     least = scale * np.diag(solve_spd(information, np.eye(len(chosen))))
-    return moved, raised_to(jackknife(after, blocks, information), least), len(blocks)
+    scatter = jackknife(after, blocks, information)
+    degrees = len(blocks) - len(chosen)
+    share = NOISE_DEGREES / (NOISE_DEGREES + max(degrees, 0))
+    variance = share * least + (1 - share) * np.diag(scatter)
+    return moved, np.sqrt(np.maximum(variance, least)), degrees
 
 
-def _matters(solution: Solution, u: Uncertainty, suspect: Suspect, free: np.ndarray, moved: np.ndarray) -> bool:
+def _matters(
+    solution: Solution, u: Uncertainty, suspect: Suspect, free: np.ndarray, moved: np.ndarray, size: float
+) -> bool:
     """Whether a reported value changes by more than its errors and a fraction of it; a changing coefficient is off by
     its own spread."""
-    change = np.abs(moved[:-1])
+    change = np.abs(moved)
     if suspect.of is not None:
-        change = np.where(free == suspect.of, np.maximum(change, abs(moved[-1])), change)
+        change = np.where(free == suspect.of, np.maximum(change, size), change)
     return bool(np.any(change > np.maximum(ERRORS * u.std_error[free], SHARE * np.abs(solution.values[free]))))
 
 
@@ -329,7 +468,7 @@ def freeing_option(test: LawTest, names: Sequence[str]) -> str:
 def law_warnings(laws: LawTests) -> list[str]:
     """One line on a significant candidate that changes no value by much, and on candidates in a coefficient."""
     found = [
-        f"{name} includes {' and '.join(others)}: this motion does not distinguish them"
+        f"{name} may include {' and '.join(others)}: this motion does not distinguish them"
         for name, others in laws.included.items()
     ]
     if laws.significant and laws.wrong is None:

@@ -94,6 +94,16 @@ def drop_wild(e: Evaluation) -> Evaluation:
     return e._replace(failed=e.failed + wild, **derivatives)
 
 
+def move_along(e: Evaluation, dz: np.ndarray) -> Evaluation:
+    """The evaluation after a step dz (K, m2) of the starts, by its linear model; derivatives stay."""
+    m2 = dz.shape[1]
+    return e._replace(
+        residual=e.residual + np.einsum("ksnj,kj->ksn", e.jacobian[..., :m2], dz),
+        start=e.start + np.einsum("kij,kj->ki", e.start_jacobian[..., :m2], dz),
+        end=e.end + np.einsum("kij,kj->ki", e.end_jacobian[..., :m2], dz),
+    )
+
+
 #: Values added to the diagonal of a scaled information matrix; the first that makes it positive definite is used.
 #: Eliminating starts that a stuck joint leaves undetermined loses digits.
 FLOORS = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)

@@ -21,7 +21,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, part_of, silent
 from fitting.estimate.least_squares import Separate, descend
-from fitting.estimate.normal_equations import Evaluation, Joined, Normal, eliminate_joined
+from fitting.estimate.normal_equations import Evaluation, Joined, Normal, Step, eliminate_joined
 from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Windows
@@ -184,9 +184,12 @@ class JoinedWindows(Separate):
         step = self.undamped_step(point.evaluation, point.values)
         if step is None:
             return -np.inf
+        return step.predicted - self.cost(point.evaluation, point.values) - self.log_volume(step)
+
+    def log_volume(self, step: Step) -> float:
+        """The terms of the evidence that are not the cost."""
         count = int(self.problem.windows.follows.sum()) * self.problem.freedoms
-        cost = self.cost(point.evaluation, point.values) - step.predicted
-        return -cost - count * float(np.log(self.weight)) - 0.5 * step.log_determinant
+        return count * float(np.log(self.weight)) + 0.5 * step.log_determinant
 
     def solution_at(self, point: Solution) -> Solution:
         """A point of another weight as a solution at this weight, not converged."""
@@ -280,7 +283,7 @@ def follow_linear_model(
     for _ in schedule:
         if not np.isfinite(expected).all():
             return None
-        chosen = int(np.argmax(expected >= expected.max() - SAME_EVIDENCE))
+        chosen = loosest_of(expected)
         if point.gap_weight != schedule[chosen]:
             level = JoinedWindows(point.problem, schedule[chosen], intermediate=True)
             point = level.descend(point, iterations, total, part_of(progress, 0.5, 0.5))
@@ -336,6 +339,10 @@ def level_of(problem: Problem, gap_weight: float | None) -> Separate:
 
 
 def loosest(found: Sequence[Solution]) -> Solution:
-    """The largest weight whose evidence is near the best: below it, the noise cannot distinguish weights."""
-    most = max(point.evidence for point in found)
-    return next((point for point in found if point.evidence >= most - SAME_EVIDENCE), found[-1])
+    """The solution at the largest weight whose evidence is near the best."""
+    return found[loosest_of([point.evidence for point in found])]
+
+
+def loosest_of(evidence: Sequence[float]) -> int:
+    """Number of the largest weight whose evidence is near the best: below it, the noise cannot distinguish weights."""
+    return int(np.argmax(np.array(evidence) >= max(evidence) - SAME_EVIDENCE))

@@ -1,5 +1,8 @@
 """Score tests of the law, on traces of another simulator (`conftest`): right laws pass, wrong ones are named."""
 
+import importlib
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +10,7 @@ from fitting.calibration.fit import estimate, summarise
 from fitting.calibration.laws import with_law
 from fitting.parameters.missing_forces import UNITS
 
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 #: Dry friction [N m] of 0.3 % of a rod's weight times its length.
 DRY = 1e-3
 
@@ -55,6 +59,13 @@ def test_dry_friction_that_the_scene_lacks_is_a_model_error_that_names_it(rubbed
     assert result.to_json()["laws"][0]["matters"]
 
 
+def test_a_force_that_is_shown_leaves_nothing_to_others(rubbed):
+    """Without dry friction, the trace alone also shows viscous friction and drag that changes with time."""
+    _, result = rubbed
+    assert [test.name for test in result.laws.significant] == ["dry friction in the joints"]
+    assert result.laws.wrong.p < 1e-6
+
+
 def test_a_law_that_is_freed_starts_from_the_end_of_the_fit_without_it(rubbed):
     """The trace shows friction of its own in the joints."""
     prepared, result = rubbed
@@ -71,3 +82,34 @@ def test_quadratic_drag_that_is_left_out_is_a_model_error_that_names_it(two, rea
     result = summarise(prepared, "shooting", solution)
     assert result.status == "model_error"
     assert "quadratic drag" in (result.laws.wrong.name, *result.laws.wrong.alike)
+
+
+@pytest.fixture(scope="module")
+def quadratic():
+    """`quadratic(seed)`: the fit of linear drag alone to a chain of `wrong_laws` that has quadratic drag alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(BENCHMARKS)
+        study = importlib.import_module("wrong_laws")
+
+    def fitted(seed):
+        draw = study.draw(seed)
+        return study.judge(draw, study.seen(draw, draw.rig, 1), [0])[1]
+
+    return fitted
+
+
+@pytest.mark.check
+def test_joins_that_a_wrong_law_loosens_do_not_hide_it(quadratic):
+    """At the gap weight of the fit quadratic drag is 2.7 standard errors from zero, tightly joined it is 7."""
+    result = quadratic(33)
+    assert result.status == "model_error"
+    assert result.laws.wrong.name == "quadratic drag"
+    assert result.laws.wrong.t > 5
+
+
+@pytest.mark.check
+def test_a_force_that_a_trace_neither_shows_nor_excludes_is_in_a_warning(quadratic):
+    """The amplitude of this chain decays by 7 %: its speeds do not distinguish both kinds of drag."""
+    result = quadratic(5)
+    assert result.status == "ok"
+    assert "effects.linear_damping.b_l may include quadratic drag" in " ".join(result.warnings)

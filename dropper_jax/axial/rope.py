@@ -7,7 +7,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.axial.elastic import Elastic, _Step
+from dropper_jax.axial.elastic import Elastic, StretchStep
 from dropper_jax.axial.law import LinkStart
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot, positive_part, safe_norm
@@ -60,7 +60,7 @@ class Rope(Elastic):
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        step = _Step.of(self, start, length, h)
+        step = StretchStep.of(self, start, length, h)
 
         def elastic_elongation(size: jax.Array) -> jax.Array:
             spring = self._unclipped_spring(step, size)
@@ -108,10 +108,10 @@ class Rope(Elastic):
     def _stored_energy(self, size: jax.Array, length: jax.Array) -> jax.Array:
         return 0.5 * self.EA / length * jnp.maximum(size - length, 0.0) ** 2
 
-    def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _mean(self, step: StretchStep, size: jax.Array) -> jax.Array:
         return self.EA / step.length * mean_positive_part(step.size - step.length, size - step.length)
 
-    def _unclipped_spring(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _unclipped_spring(self, step: StretchStep, size: jax.Array) -> jax.Array:
         """Spring tension over a step, zero if it ends slack; the ringing force may make it negative.
 
         A mean over the step alone would leave a force in a link that was taut and ends slack, so that its tension did
@@ -124,15 +124,15 @@ class Rope(Elastic):
         spring = mean + jnp.minimum(ringing, mean)
         return jnp.minimum(spring, STEEPEST * self.spring(size, step.length))
 
-    def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _spring_over(self, step: StretchStep, size: jax.Array) -> jax.Array:
         return jnp.maximum(self._unclipped_spring(step, size), 0.0)
 
-    def _damper_of(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _damper_of(self, step: StretchStep, size: jax.Array) -> jax.Array:
         """Tension (n,) [N] of a dashpot alone; it acts on taut links."""
         if self.damping is None:
             return jnp.zeros_like(size)
         longer = self._elongation(size, step.length) - self._elongation(step.size, step.length)
         return self.damping / step.length * longer / step.h
 
-    def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
+    def _damper_over(self, step: StretchStep, size: jax.Array, spring: jax.Array) -> jax.Array:
         return never_more(self._damper_of(step, size), spring)

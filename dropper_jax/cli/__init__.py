@@ -24,7 +24,7 @@ from dropper_jax.cli.faults import (
     terminated_as_interrupted,
     with_streams,
 )
-from dropper_jax.cli.options import OK
+from dropper_jax.cli.printing import OK
 
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
 XLA_LOG = "TF_CPP_MIN_LOG_LEVEL"

@@ -9,20 +9,10 @@ from pathlib import Path
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cell, cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    STOPPED,
-    add_examples,
-    add_quiet,
-    add_scene,
-    done_object,
-    number,
-    print_line,
-    progress,
-    read_scene,
-    row_printer,
-    table,
-)
+from dropper_jax.cli.given import number
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, row_printer, table
 
 help = "measure errors and times of all integrators over a range of steps, row by row, and advise"
 

@@ -7,17 +7,9 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    add_examples,
-    add_run_values,
-    add_scene,
-    done_object,
-    listing,
-    print_warnings,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.options import add_examples, add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver, weights_table
+from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 from dropper_jax.cli.run import OVERRIDES
 
 if TYPE_CHECKING:
@@ -54,7 +46,8 @@ def examine(scene: Scene) -> Table:
     from dropper_jax.load.periods import periods, suggest_step
     from dropper_jax.run.arrays import bare_model
     from dropper_jax.run.build import stepper_of
-    from dropper_jax.run.growth import line_weights, overgrown, wet_weights
+    from dropper_jax.run.growth import overgrown
+    from dropper_jax.run.line_weights import line_weights, wet_weights
     from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.scene import whole_lines
 

@@ -6,7 +6,9 @@ import argparse
 
 from dropper_jax.base.memory import in_words
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import add_examples, add_json, done_object, listing, positive_integer, print_result
+from dropper_jax.cli.given import positive_integer
+from dropper_jax.cli.options import add_examples, add_json
+from dropper_jax.cli.printing import done_object, listing, print_result
 
 help = "versions, devices, cache, and checks against known results"
 

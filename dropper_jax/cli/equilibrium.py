@@ -10,17 +10,10 @@ import numpy as np
 
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    add_examples,
-    add_scene,
-    done_object,
-    failure_of,
-    positive_integer,
-    print_warnings,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import positive_integer
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture, weights_table
+from dropper_jax.cli.printing import done_object, failure_of, print_warnings, table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -119,7 +112,7 @@ def _tide_row(row: Table) -> dict[str, float]:
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
-    from dropper_jax.run.growth import end_angles, end_forces, fixed_point_loads, line_weights
+    from dropper_jax.run.line_weights import end_angles, end_forces, fixed_point_loads, line_weights
     from dropper_jax.scene.data import line_offsets, whole_lines
 
     result = done_object(

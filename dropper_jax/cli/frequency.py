@@ -12,22 +12,10 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    FAILED,
-    OK,
-    add_examples,
-    add_scene,
-    done_object,
-    failure_object,
-    number,
-    positive_integer,
-    print_line,
-    print_warnings,
-    read_numbers,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import number, positive_integer, read_numbers
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import FAILED, OK, done_object, failure_object, print_line, print_warnings, table
 
 if TYPE_CHECKING:
     from dropper_jax.frequency.response import FrequencyResponse

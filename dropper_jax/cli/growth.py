@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.markdown import cells, first_names
-from dropper_jax.cli.options import add_examples, add_scene, done_object, number, read_scene, table
+from dropper_jax.cli.given import number
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import done_object, table
 
 help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 

@@ -7,7 +7,8 @@ import argparse
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
-from dropper_jax.cli.options import OK, add_examples, add_json, done_object, listing, print_json, print_result, table
+from dropper_jax.cli.options import add_examples, add_json
+from dropper_jax.cli.printing import OK, done_object, listing, print_json, print_result, table
 
 help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 

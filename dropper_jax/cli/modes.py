@@ -9,18 +9,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.options import (
-    add_examples,
-    add_scene,
-    done_object,
-    failure_of,
-    number,
-    positive_integer,
-    print_result,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import number, positive_integer
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import done_object, failure_of, print_result, table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene

@@ -7,19 +7,10 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import (
-    FAILED,
-    OK,
-    add_effects,
-    add_examples,
-    add_json,
-    number,
-    output_folder,
-    print_line,
-    print_result,
-    read_run,
-)
+from dropper_jax.cli.given import number, output_folder
+from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
 from dropper_jax.cli.outputs import Output
+from dropper_jax.cli.printing import FAILED, OK, print_line, print_result
 from dropper_jax.evaluation.settings import Settings
 
 if TYPE_CHECKING:

@@ -10,27 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import unfinished_folder
 from dropper_jax.base.read import Table
+from dropper_jax.cli.given import AUTO, output_file, output_folder
 from dropper_jax.cli.options import (
-    AUTO,
-    FAILED,
-    INTERRUPTED,
-    OK,
     add_examples,
     add_quiet,
     add_run_values,
     add_scene,
     given_values,
-    listing,
-    output_file,
-    output_folder,
-    print_json,
-    print_line,
-    print_warnings,
-    progress,
     read_run,
     read_scene,
     recover_leftovers,
-    table,
     with_step,
 )
 from dropper_jax.cli.outputs import (
@@ -41,6 +30,17 @@ from dropper_jax.cli.outputs import (
     weights_table,
     write_channels,
     write_run_report,
+)
+from dropper_jax.cli.printing import (
+    FAILED,
+    INTERRUPTED,
+    OK,
+    listing,
+    print_json,
+    print_line,
+    print_warnings,
+    progress,
+    table,
 )
 
 if TYPE_CHECKING:

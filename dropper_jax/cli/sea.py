@@ -10,17 +10,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    add_examples,
-    add_scene,
-    done_object,
-    listing,
-    output_file,
-    print_warnings,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import output_file
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import Output, add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 
 help = "waves and current of a scene: theory, length, breaking, regime"
 

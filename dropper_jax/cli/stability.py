@@ -6,8 +6,9 @@ import argparse
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import add_examples, add_json, add_quiet, done_object, progress, table
+from dropper_jax.cli.options import add_examples, add_json, add_quiet
 from dropper_jax.cli.outputs import add_out, deliver
+from dropper_jax.cli.printing import done_object, progress, table
 
 help = "run a catalogue of hard cases, each against its limit, with the thesis' schemes for comparison"
 

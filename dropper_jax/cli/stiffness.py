@@ -13,19 +13,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.options import (
-    add_examples,
-    add_scene,
-    done_object,
-    failure_of,
-    output_file,
-    print_result,
-    print_warnings,
-    read_numbers,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import output_file, read_numbers
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import Output, deliver
+from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene

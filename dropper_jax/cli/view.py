@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.options import (
-    add_effects,
-    add_examples,
-    add_json,
-    done_object,
-    output_file,
-    print_result,
-    read_run,
-)
+from dropper_jax.cli.given import output_file
+from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
+from dropper_jax.cli.printing import done_object, print_result
 
 help = "make an interactive 3D page of a saved run"
 

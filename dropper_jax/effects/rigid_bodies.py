@@ -11,7 +11,8 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.numerics import cross, dot, scatter_add, trace_once, upright
+from dropper_jax.base.indexed_sums import scatter_add
+from dropper_jax.base.numerics import cross, dot, trace_once, upright
 from dropper_jax.model import HolonomicConstraint, Kinematics, ModelView
 
 #: Pairs of corners of a body, whose distances are constant.

@@ -24,9 +24,8 @@ from dropper_jax.integrators.consistent import (
     feeds_sawtooth,
     jumps,
     sawtooth_grows,
-    stop_held_joints,
-    stop_held_nodes,
 )
+from dropper_jax.integrators.stop_held import stop_held_joints, stop_held_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import Implicit, LocalError, StepProblem, Unknowns
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.axial import LAWS
-from dropper_jax.axial.tabulated import ForceTable, tables_of
+from dropper_jax.axial.force_table import ForceTable, tables_of
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import gather_sums, index_table
+from dropper_jax.base.indexed_sums import gather_sums, index_table
 from dropper_jax.model.geometry import Member, line_number
 
 #: Number of runs of consecutive indices up to which slices are joined in place of a gather.

@@ -17,7 +17,8 @@ from dropper_jax.report.motion import accelerations, line_distances, node_arc, w
 from dropper_jax.report.parts import body_motions, crops, parts
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
 from dropper_jax.run.flow_coefficients import flow_table, follows
-from dropper_jax.run.growth import line_weights, overgrown
+from dropper_jax.run.growth import overgrown
+from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import BuoySpec, whole_lines
 from dropper_jax.scene.data import point_nodes

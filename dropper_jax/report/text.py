@@ -9,7 +9,7 @@ from dropper_jax.report import sections
 from dropper_jax.report.parts import bodies_text, crop_text, parts_text
 from dropper_jax.report.sections import empty_unless_rows, newton, table_of, with_position
 from dropper_jax.run.flow_coefficients import flow_cells
-from dropper_jax.run.growth import weight_cells
+from dropper_jax.run.line_weights import weight_cells
 from dropper_jax.scene import link_mass_words
 
 

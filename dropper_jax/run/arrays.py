@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
-from dropper_jax.axial.tabulated import stack_tables
+from dropper_jax.axial.force_table import stack_tables
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.checks_water import line_reach

@@ -12,7 +12,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.load.periods import periods
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.growth import lines_in_words
+from dropper_jax.run.line_weights import lines_in_words
 from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.run.samples import TOO_LONG, Kind, Samples
 from dropper_jax.run.winches import winch_warnings

@@ -17,7 +17,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
-from dropper_jax.run.growth import end_angles
+from dropper_jax.run.line_weights import end_angles
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
 from dropper_jax.run.step_extremes import ARRAYS_OF, STEP_EXTREMES, saved_signal
 from dropper_jax.scene import LineSlice, line_slices, whole_lines

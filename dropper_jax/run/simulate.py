@@ -24,18 +24,10 @@ from dropper_jax.run.assembly import TimeOrigin, build_solution, ledger
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
 from dropper_jax.run.companion import with_stated_errors
+from dropper_jax.run.end_of_run import Last, first_row, may_go_on, name_leaves, restore_carry, same_scene
 from dropper_jax.run.plausibility import with_cause
 from dropper_jax.run.resolution import check_skip, check_stretch
-from dropper_jax.run.row_store import (
-    InMemory,
-    Last,
-    OnDisk,
-    first_row,
-    may_go_on,
-    name_leaves,
-    restore_carry,
-    same_scene,
-)
+from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary

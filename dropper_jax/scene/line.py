@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dropper_jax.axial import LAWS
-from dropper_jax.axial.tabulated import ForceTable, read_tables, tables_of
+from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter

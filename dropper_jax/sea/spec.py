@@ -31,7 +31,8 @@ from dropper_jax.base.read import count as whole_number
 from dropper_jax.sea.current import Current, Level
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
-from dropper_jax.sea.waves import STRETCHING, read_components, read_elevation
+from dropper_jax.sea.wave_files import read_components, read_elevation
+from dropper_jax.sea.waves import STRETCHING
 
 #: Alternative keys of waves, by their kind.
 OR = {"regular": {"amplitude": "height", "period": "length"}}

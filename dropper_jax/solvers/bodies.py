@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.base.numerics import scatter_add, scatter_add_many
+from dropper_jax.base.indexed_sums import scatter_add, scatter_add_many
 from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.elimination import apply, optimization_barrier

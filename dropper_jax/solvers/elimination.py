@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import gather_sums, index_table, with_zero_row
+from dropper_jax.base.indexed_sums import gather_sums, index_table, with_zero_row
 
 Pair = tuple[int, int]
 #: Maximum number of neighbours of nodes in one round if second neighbours are coupled, as by bending. A chain of 200

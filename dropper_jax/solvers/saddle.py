@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import scatter_add_many
+from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model import ElementForce, Graph, at_pieces
 from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.elimination import (

@@ -24,7 +24,8 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.fields import component
-from dropper_jax.base.numerics import safe_norm, scatter_add
+from dropper_jax.base.indexed_sums import scatter_add
+from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, Law, Model, State, state
 from dropper_jax.residual import (

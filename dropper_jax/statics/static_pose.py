@@ -18,7 +18,7 @@ from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.numerics import scatter_add
+from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns, largest_row
 from dropper_jax.statics.bodies import moves_of

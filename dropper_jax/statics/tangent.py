@@ -22,7 +22,7 @@ import numpy as np
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.numerics import scatter_add_many
+from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model import Graph, Model, State, state
 from dropper_jax.solvers.elimination import Elimination, Order, apply, eliminate, elimination_order, solve
 from dropper_jax.statics.rest_problem import SMALLEST, balanced, name_of, rest, soft_scale, unbalanced_at

@@ -18,7 +18,7 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model
-from dropper_jax.run.growth import end_force_vectors
+from dropper_jax.run.line_weights import end_force_vectors
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.search import search
 from dropper_jax.statics.static_pose import nodal_loads

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
-from dropper_jax.run.growth import fixed_point_loads
+from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.scene import line_slices, utilisations
 from dropper_jax.sea import Sea

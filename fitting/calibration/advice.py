@@ -34,8 +34,8 @@ from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.of_scene import rig_priors
 from fitting.parameters.parameter import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace, Parameter, resolve
+from fitting.parameters.rig_priors import rig_priors
 
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
 #: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for

@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from fitting.estimate.blocks import scores
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.residuals import Solution
-from fitting.estimate.uncertainty import scores
 
 #: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
 BLOCKS = 5

@@ -44,12 +44,10 @@ from fitting.calibration.preparation import Prepared
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
-from fitting.parameters.of_scene import DAMPING
+from fitting.parameters.names import DAMPING
 from fitting.parameters.parameter import apply
 from fitting.traces import planar
 from fitting.traces.trace import smooth_stretch
-
-# Dissipation of a measured motion by damping, without any simulation
 
 
 def dissipation(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:

@@ -29,13 +29,14 @@ from dropper_jax.run.build import build
 from fitting.calibration.candidate import holm
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
+from fitting.estimate.blocks import Pieces, block_of, jackknife, pieces, raised_to
 from fitting.estimate.normal_equations import Evaluation, Prior, eliminate_rows, solve_spd
 from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces, raised_to
+from fitting.estimate.uncertainty import Uncertainty
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.of_scene import free_option
+from fitting.parameters.names import free_option
 from fitting.parameters.parameter import (
     CAMERA,
     RECORDING,

@@ -25,7 +25,7 @@ from fitting.calibration.preparation import Prepared
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.release import TIME
 from fitting.estimate.windows import Span, first_starts
-from fitting.parameters.of_scene import DAMPING_PATHS, free_option
+from fitting.parameters.names import DAMPING_PATHS, free_option
 from fitting.parameters.parameter import NODE, Parameter
 from fitting.traces.trace import Trace, without_spikes
 

@@ -28,7 +28,7 @@ from fitting.estimate.normal_equations import Evaluation, Step, solve_spd
 from fitting.estimate.residuals import Problem
 from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
 from fitting.estimate.windows import PER_WINDOW, Windows, pick
-from fitting.parameters.of_scene import full_names
+from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 #: Relative change of a gap weight for a central difference of log|H|: its error is below 1e-4 of a gap.

@@ -16,7 +16,8 @@ import numpy as np
 
 from fitting.calibration.result import FitResult
 from fitting.estimate.simulator import march
-from fitting.parameters.parameter import apply, camera_angles, clock_rate, losses
+from fitting.parameters.observation import camera_angles, clock_rate, losses
+from fitting.parameters.parameter import apply
 from fitting.traces import planar
 
 #: RMS over the links [rad] at which two motions count as diverged.

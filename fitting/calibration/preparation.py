@@ -15,25 +15,20 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
+from fitting.calibration.window_length import SHORTEST_PART, follow_motion, longest_window
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.release import Release, release_of
 from fitting.estimate.residuals import Descent, Problem, Solution
-from fitting.estimate.rest import Rest, advice_on_rest, held_start, rests
+from fitting.estimate.rest import Rest, rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
+from fitting.estimate.still import advice_on_rest, held_start
 from fitting.estimate.windows import Piece, Span, Starts, Windows, cut, fewest_frames, fill, first_starts
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.of_scene import (
-    JointPrior,
-    by_full_path,
-    default_free,
-    default_rig,
-    free_of_traces,
-    full_names,
-    rig_priors,
-)
+from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
+from fitting.parameters.of_scene import free_of_traces
 from fitting.parameters.parameter import (
     RECORDING,
     Bounds,
@@ -45,6 +40,7 @@ from fitting.parameters.parameter import (
     with_effects,
 )
 from fitting.parameters.recordings import distance_from, share_motion
+from fitting.parameters.rig_priors import JointPrior, rig_priors
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar, pendulum_period
 from fitting.traces.trace import Convention, Trace, as_trace, convention, noise
@@ -690,54 +686,3 @@ def time_step(traces: Sequence[Trace], requested: float) -> float:
         return requested
     # relative change of a step that rounded times of samples may cause
     return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - 1e-3)))
-
-
-# Windows that are as long as the growth of small errors in the motion allows.
-#
-# Let M_k be the transition of window k, the derivative of its end by its start in units of a gap's scale. Errors grow
-# over windows j to k by at most the largest singular value of M_k ... M_j. The largest Lyapunov exponent is the mean
-# growth rate of the product of all. A whipping motion grows by far more than this mean at some moments. Windows are
-# therefore joined from short ones, up to the length that the growth of their own product allows.
-
-#: Maximum growth of an error over a fit window, in e-folds.
-FIT_GROWTH = 2.0
-#: Shortest windows that are joined, as a fraction of the shortest link's period: links that whip at ten times the rate
-#: of their own swing turn by less than one turn in it.
-SHORTEST_PART = 0.2
-#: Longest automatic window [s], and as a fraction of the trace.
-LONGEST = 10.0
-LONGEST_PART = 0.125
-
-
-def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
-    """Longest window [s]: one second per 0.1 m link of a chain; long where chaos is impossible."""
-    chaotic = float(np.sqrt(length / 0.1)) if freedoms > 1 else np.inf  # one angle cannot be chaotic
-    return max(shortest, min(LONGEST, LONGEST_PART * span, chaotic))
-
-
-def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]:
-    """Windows joined from short ones while an error grows by at most `FIT_GROWTH` e-folds over them.
-
-    Args:
-        windows: short ones, each ending on a whole frame.
-        move: their transitions (K, m2, m2).
-        steps: maximum steps of a window.
-    """
-    found: list[Piece] = []
-    one = np.eye(move.shape[1])
-    move = np.where(windows.released[:, None, None], one, move)  # the start of a released window comes from the model
-    product = one
-    for k, matrix in enumerate(move):
-        piece = windows.piece(k)
-        further = matrix @ product
-        total = piece.steps + sum(last.steps for last in found[-1:])
-        if np.isfinite(further).all():
-            grown = np.linalg.norm(further, 2)
-        else:
-            grown = np.inf
-        if found and piece.follows and total <= steps and grown <= np.exp(FIT_GROWTH):
-            found[-1], product = found[-1]._replace(steps=total), further
-        else:
-            found.append(piece)
-            product = matrix
-    return found

@@ -15,7 +15,8 @@ from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import Prepared, TracesLike, prepare
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import apply, losses
+from fitting.parameters.observation import losses
+from fitting.parameters.parameter import apply
 from fitting.traces import planar
 
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of

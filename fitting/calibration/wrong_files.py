@@ -17,7 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.parameters.of_scene import DAMPING, free_option
+from fitting.parameters.names import DAMPING, free_option
 from fitting.traces.conventions import (
     Change,
     changes,

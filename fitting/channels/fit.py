@@ -14,7 +14,7 @@ from dropper_jax.base.errors import Progress, SceneError, part_of, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
-from fitting.channels.channel import Data, Series
+from fitting.channels.data import Data, Series
 from fitting.channels.problem import MOST_HALVED, Evaluation, Problem
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
@@ -25,8 +25,9 @@ from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
-from fitting.parameters.of_scene import by_full_path, default_free, full_names, rig_priors
+from fitting.parameters.names import by_full_path, default_free, full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
+from fitting.parameters.rig_priors import rig_priors
 
 #: Sections of paths that do not belong to the scene's model.
 OF_DATA = ("start", "channel", "camera")

@@ -15,8 +15,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.run.build import build_model, stepper_of
-from fitting.channels.channel import ByChannel, Data, Series
-from fitting.channels.setup import Plan, SetupPlace, differentiate_channels, setup_with_directions
+from fitting.channels.data import ByChannel, Data, Series
+from fitting.channels.observe import Plan, differentiate_channels
+from fitting.channels.setup import SetupPlace, setup_with_directions
 from fitting.estimate.noise import correlates, lag_one_by_source, whiten
 from fitting.estimate.residuals import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter

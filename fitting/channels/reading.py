@@ -40,22 +40,12 @@ from dropper_jax.base.read import Plain, check_keys, read_integer, read_items, r
 from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
-from fitting.channels.channel import CameraSpec, Channel, Context, Data, Run, Sensor, Where
+from fitting.channels.channel import Channel, Context
+from fitting.channels.data import CameraSpec, Data, Run, Sensor
+from fitting.channels.entries import check_once, columns_of, name_of, number_of, unit_of, value_of
 from fitting.channels.inertial import Accelerometer, Gyro
-from fitting.channels.sensors import (
-    Angle,
-    Depth,
-    Pixel,
-    Position,
-    Tension,
-    check_once,
-    columns_of,
-    name_of,
-    number_of,
-    read_camera,
-    unit_of,
-    value_of,
-)
+from fitting.channels.position import Where
+from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, read_camera
 from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
 #: Minimum number of samples of a channel.

@@ -15,7 +15,7 @@ from fitting.channels.setup import setup_with_directions
 from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
-from fitting.parameters.of_scene import fitted_scene
+from fitting.parameters.fitted_scene import fitted_scene
 
 
 @dataclass(frozen=True)

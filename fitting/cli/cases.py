@@ -8,21 +8,9 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_cores
-from dropper_jax.cli.options import (
-    FAILED,
-    OK,
-    add_effects,
-    add_examples,
-    add_json,
-    add_quiet,
-    done_object,
-    listing,
-    output_folder,
-    positive_integer,
-    print_result,
-    progress,
-    register_effects,
-)
+from dropper_jax.cli.given import output_folder, positive_integer
+from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
+from dropper_jax.cli.printing import FAILED, OK, done_object, listing, print_result, progress
 
 help = "run the load cases of a site and report the utilisation of each part"
 
@@ -65,8 +53,9 @@ def run(args: argparse.Namespace) -> int:
         return _list(site, args)
 
     from fitting.farm.cases.assess import assess
+    from fitting.farm.cases.case_store import CasesStopped
     from fitting.farm.cases.page import write_page
-    from fitting.farm.cases.run import CasesStopped, run_cases
+    from fitting.farm.cases.run import run_cases
     from fitting.farm.cases.stored import step_errors
 
     dt = site.prepared().run.step

@@ -9,25 +9,18 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
+from dropper_jax.cli.given import number, output_folder, read_numbers
 from dropper_jax.cli.options import (
-    OK,
     add_allow_outside,
     add_effects,
     add_examples,
     add_json,
     add_quiet,
     add_set,
-    failure_of,
-    listing,
-    number,
-    output_folder,
-    print_warnings,
-    progress,
-    read_numbers,
     read_scene,
-    table,
 )
 from dropper_jax.cli.outputs import add_out, deliver
+from dropper_jax.cli.printing import OK, failure_of, listing, print_warnings, progress, table
 from fitting.cli.fit_file import add_file_options, fit_files, traces_for
 
 if TYPE_CHECKING:
@@ -294,7 +287,7 @@ def chosen_method(args: argparse.Namespace) -> Method:
 def check_intervals(args: argparse.Namespace, scene: Scene, free: list[str] | None) -> None:
     """Reject intervals of parameters that are not free, and a bootstrap of one draw, before anything is fitted."""
     from fitting.estimate.scene_fit import check_draws
-    from fitting.parameters.of_scene import default_free, default_rig, full_names
+    from fitting.parameters.names import default_free, default_rig, full_names
 
     if args.bootstrap is not None:
         check_draws(args.bootstrap)
@@ -375,7 +368,8 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
         raise SceneError(f"DATA: {len(args.traces)} files; allowed: one TOML file, which lists its runs")
 
     from fitting.channels.fit import fit_channels
-    from fitting.report.tables import between_rows, channel_rows, channel_summary, interval_rows, parameter_rows
+    from fitting.report.channel_tables import between_rows, channel_rows, channel_summary
+    from fitting.report.tables import interval_rows, parameter_rows
 
     changed = {"run.dt": args.dt, "run.integrator": args.integrator}
     scene = scene.with_values({key: value for key, value in changed.items() if value is not None})

@@ -11,7 +11,8 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import number, table
+from dropper_jax.cli.given import number
+from dropper_jax.cli.printing import table
 
 #: Model error that a fit to a file may assume, as a fraction of the motion.
 SMALL_ERROR = 0.003

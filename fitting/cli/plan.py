@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.options import (
-    add_effects,
-    add_examples,
-    add_json,
-    add_quiet,
-    progress,
-    read_numbers,
-    register_effects,
-    table,
-)
+from dropper_jax.cli.given import read_numbers
+from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_out, deliver
+from dropper_jax.cli.printing import progress, table
 
 help = "plan an experiment: which release, duration and camera determine the parameters best"
 

@@ -14,22 +14,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import ScenePath, Table
-from dropper_jax.cli.options import (
-    add_examples,
-    add_quiet,
-    add_run_values,
-    add_scene,
-    listing,
-    output_folder,
-    print_line,
-    print_result,
-    print_warnings,
-    progress,
-    read_numbers,
-    read_scene,
-    read_spaced,
-    table,
-)
+from dropper_jax.cli.given import output_folder, read_numbers, read_spaced
+from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, read_scene
+from dropper_jax.cli.printing import listing, print_line, print_result, print_warnings, progress, table
 from fitting.cli.fit import add_convention
 from fitting.cli.fit_file import column_names
 

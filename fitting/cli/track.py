@@ -11,21 +11,9 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.options import (
-    FAILED,
-    OK,
-    add_examples,
-    add_json,
-    add_quiet,
-    listing,
-    number,
-    output_file,
-    print_line,
-    print_result,
-    print_warnings,
-    progress,
-    read_numbers,
-)
+from dropper_jax.cli.given import number, output_file, read_numbers
+from dropper_jax.cli.options import add_examples, add_json, add_quiet
+from dropper_jax.cli.printing import FAILED, OK, listing, print_line, print_result, print_warnings, progress
 
 if TYPE_CHECKING:
     from fitting.films.ordering import AmbiguousOrderError

@@ -16,8 +16,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
 
 from fitting.estimate.windows import Starts
-from fitting.parameters.of_scene import Common
 from fitting.parameters.parameter import Parameter
+from fitting.parameters.rig_priors import Common
 
 
 class Factor:

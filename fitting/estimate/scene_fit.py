@@ -13,13 +13,14 @@ from scipy.special import chdtri
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.toml_text import SCHEMA
 from dropper_jax.load.scene import Scene
+from fitting.estimate.blocks import block_of, pieces, resample
 from fitting.estimate.least_squares import descend
 from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS
-from fitting.estimate.uncertainty import FEW, Uncertainty, block_of, degrees_of_freedom, pieces, resample
-from fitting.parameters.of_scene import full_names
+from fitting.estimate.uncertainty import FEW, Uncertainty, degrees_of_freedom
+from fitting.parameters.names import full_names
 from fitting.parameters.parameter import Parameter
 
 

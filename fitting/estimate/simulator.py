@@ -29,7 +29,8 @@ from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.windows import ON_GRID, Starts, Windows, with_rows
 from fitting.parameters.missing_forces import add_missing_forces
-from fitting.parameters.parameter import Parameter, apply, camera_angles, clock_rate, losses, recording
+from fitting.parameters.observation import camera_angles, clock_rate, losses, recording
+from fitting.parameters.parameter import Parameter, apply
 from fitting.traces import planar
 
 #: Windows in one batched program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all cores

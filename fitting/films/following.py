@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.films.detection import Circles, map_circles
+from fitting.films.appearance import map_circles
+from fitting.films.detection import Circles
 from fitting.films.flattening import Flat, flatten, robust_lengths
 from fitting.films.hindsight import TrackedChain, fill_missed, reverse_chain
 from fitting.films.identity import Follower, length_errors

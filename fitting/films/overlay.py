@@ -9,7 +9,7 @@ import numpy as np
 
 from dropper_jax.base.files import atomic_write
 from fitting.films.ordering import AmbiguousOrderError
-from fitting.films.render import BRIDGED, LINK, TEXT, _sixteenths
+from fitting.films.render import BRIDGED, LINK, TEXT, in_sixteenths
 from fitting.films.track import Tracked
 from fitting.films.video import Video, opencv, write_video
 
@@ -67,7 +67,7 @@ def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: floa
     cv2 = opencv()
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     radius = tracked.appearance.radius
-    positions = _sixteenths(tracked.pixels[i])
+    positions = in_sixteenths(tracked.pixels[i])
     for a, b in zip(positions[:-1], positions[1:], strict=True):
         cv2.line(picture, a, b, LINK, thick, cv2.LINE_AA, 4)
     for k, (x, y) in enumerate(tracked.pixels[i].tolist()):

@@ -151,7 +151,7 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
     cv2 = opencv()
     thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
     for a, b in zip(nodes[:-1], nodes[1:], strict=True):
-        cv2.line(image, *_sixteenths([a, b]), 150.0, thick, cv2.LINE_AA, 4)
+        cv2.line(image, *in_sixteenths([a, b]), 150.0, thick, cv2.LINE_AA, 4)
     for k, position in enumerate(nodes):
         _disc(image, position, 1.7 * view.radius, stretch[k], 22.0)
         if k not in hidden:
@@ -161,11 +161,11 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
         edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]
         image[:, max(0, round(edges[0])) : max(0, round(edges[1]))] = POST
     if view.cover is not None and (corners := view.cover.corners(t)) is not None:
-        cv2.fillPoly(image, [np.array(_sixteenths(view.to_pixels(corners)))], POST, cv2.LINE_AA, 4)
+        cv2.fillPoly(image, [np.array(in_sixteenths(view.to_pixels(corners)))], POST, cv2.LINE_AA, 4)
     return image
 
 
-def _sixteenths(points: np.ndarray | list[np.ndarray]) -> list[tuple[int, int]]:
+def in_sixteenths(points: np.ndarray | list[np.ndarray]) -> list[tuple[int, int]]:
     """Coordinates with 4 binary digits behind the point, as OpenCV draws them."""
     return [(round(16 * float(x)), round(16 * float(y))) for x, y in points]
 
@@ -224,6 +224,3 @@ def _squares(to_board: np.ndarray, straight: np.ndarray, board: tuple[int, int],
 LINK = (178, 114, 0)
 BRIDGED = (0, 94, 213)
 TEXT = (40, 40, 40)
-
-
-# A picture of the node orders that a film allows, from which the user selects the right one

@@ -10,23 +10,17 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
+from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, Plane, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
-from fitting.films.detection import Circles, MarkerAppearance, detect_at, scan
-from fitting.films.flattening import (
-    Flat,
-    central_differences,
-    changing_lengths,
-    four_quadrant,
-    level_error,
-    link_lengths,
-    scatter,
-    to_trace,
-)
+from fitting.films.detection import Circles, MarkerAppearance, detect_at
+from fitting.films.flattening import Flat, central_differences, level_error, link_lengths
 from fitting.films.following import follow_film
 from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
+from fitting.films.link_angles import four_quadrant, scatter, to_trace
 from fitting.films.marks import Marks, find_marks
 from fitting.films.ordering import AmbiguousOrderError
+from fitting.films.out_of_plane import changing_lengths
 from fitting.films.video import Video
 from fitting.traces.trace import FEWEST, Trace
 

@@ -37,7 +37,8 @@ from dropper_jax.stepping.integrate import (
     scan_steps,
 )
 from dropper_jax.study.march import spare_rows
-from fitting.parameters.of_scene import find_parameters, full_names
+from fitting.parameters.names import full_names
+from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, apply, with_effects
 
 #: Number of runs of a global study that a GPU advances together.

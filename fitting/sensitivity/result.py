@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.cli.options import listing, table
+from dropper_jax.cli.printing import listing, table
 from fitting.sensitivity.problem import Study
 
 #: Growth of a difference of two runs by 0.3 %, as a power of e, from which the motion itself is chaotic: it

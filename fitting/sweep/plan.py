@@ -32,7 +32,7 @@ from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
 from dropper_jax.run.quantities import PERIOD, Quantity, quantity
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
-from fitting.parameters.of_scene import DAMPING_PATHS, full_names
+from fitting.parameters.names import DAMPING_PATHS, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.

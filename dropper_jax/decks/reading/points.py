@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.read import Table
-from dropper_jax.decks.reading.bodies import free_body, free_rod, spar
+from dropper_jax.decks.reading.bodies import free_body, free_rod
 from dropper_jax.decks.reading.sections import Deck, Row
+from dropper_jax.decks.reading.spars import spar
 
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")

@@ -13,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import read_lines
 from dropper_jax.base.read import Table
-from dropper_jax.sea.waves import elevation_components
+from dropper_jax.sea.wave_files import elevation_components
 
 FREQUENCIES = "wave_frequencies.txt"
 ELEVATION = "wave_elevation.txt"

@@ -14,19 +14,9 @@ import numpy as np
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
 from dropper_jax.decks.reading.water import CURRENT, FREQUENCIES
+from dropper_jax.decks.writing.bodies import body_numbers, body_tables, check_bodies, rule, section
 from dropper_jax.decks.writing.differences import differences, moved_points
-from dropper_jax.decks.writing.pieces import (
-    DIGITS,
-    Piece,
-    body_numbers,
-    body_tables,
-    check_bodies,
-    detachment,
-    line_types,
-    pieces,
-    rule,
-    section,
-)
+from dropper_jax.decks.writing.pieces import DIGITS, Piece, detachment, line_types, pieces
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.growth import overgrown

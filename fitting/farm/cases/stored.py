@@ -11,8 +11,9 @@ import numpy as np
 from dropper_jax.base.errors import Progress
 from dropper_jax.base.read import Table
 from dropper_jax.scene import whole_lines
+from fitting.farm.cases.case_store import CaseStore
 from fitting.farm.cases.one import STATUS, Found
-from fitting.farm.cases.run import CaseStore, run_cases
+from fitting.farm.cases.run import run_cases
 from fitting.farm.site import Case, Site, Storm
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from fitting.farm.optimise.design import Design, Say
-from fitting.farm.optimise.storm import Storms
+from fitting.farm.optimise.full_storm import Storms
 from fitting.farm.optimise.values import Values, Window
 from fitting.farm.optimise.variables import bounds
 

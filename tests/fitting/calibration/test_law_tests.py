@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from fitting.calibration.fit import estimate, summarise
+from fitting.calibration.fit import estimate
 from fitting.calibration.laws import with_law
+from fitting.calibration.summarise import summarise
 from fitting.parameters.missing_forces import UNITS
 
 #: Dry friction [N m] of 0.3 % of a rod's weight times its length.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fitting import Huber, StudentT
-from fitting.channels.channel import Data, Run, Sensor
+from fitting.channels.data import Data, Run, Sensor
 from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.sensors import Angle
 from fitting.estimate.least_squares import first_solution

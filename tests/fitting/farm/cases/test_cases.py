@@ -18,15 +18,15 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError, cli
 from dropper_jax.cli import OK, main
-from dropper_jax.cli.options import INVALID_INPUT
+from dropper_jax.cli.printing import INVALID_INPUT
 from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.tension import anchors
 from dropper_jax.scene import line_slices
 from fitting.farm.cases import assess, run_cases, write_page
+from fitting.farm.cases.case_store import CaseStore as Store
 from fitting.farm.cases.flags import characteristic
 from fitting.farm.cases.one import Runner
 from fitting.farm.cases.page import page
-from fitting.farm.cases.run import CaseStore as Store
 from fitting.farm.cases.stored import step_errors
 from fitting.farm.site import Case, read_site
 from fitting.farm.site.sections import RunValues, standards

@@ -5,7 +5,7 @@ import pytest
 
 from dropper_jax import SceneError
 from fitting.farm.cases.flags import characteristic
-from fitting.farm.optimise.quantities import check_seeds, weights
+from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.site.sections import RunValues
 
 

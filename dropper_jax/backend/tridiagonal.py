@@ -58,8 +58,12 @@ def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
     low = lower[1::2] * pivot
     up = upper[1::2] * pivot
     b = rhs[1::2] * pivot
-    low0, up0, b0 = (_shift_rows(a, 1, even) for a in (low, up, b))
-    low1, up1, b1 = (_shift_rows(a, 0, even) for a in (low, up, b))
+    low0 = _shift_rows(low, 1, even)
+    up0 = _shift_rows(up, 1, even)
+    b0 = _shift_rows(b, 1, even)
+    low1 = _shift_rows(low, 0, even)
+    up1 = _shift_rows(up, 0, even)
+    b1 = _shift_rows(b, 0, even)
     left = lower[0::2]
     right = upper[0::2]
     own = diagonal[0::2] - right * low1 - left * up0

@@ -67,7 +67,8 @@ def examine(scene: Scene) -> Table:
         for line in whole_lines(grown)
     ]
     points = [point for point in scene.points if point.is_free]
-    mass, volume = (sum(float(getattr(p, key) or 0.0) for p in points) for key in ("mass", "volume"))
+    mass = sum(float(p.mass or 0.0) for p in points)
+    volume = sum(float(p.volume or 0.0) for p in points)
     if scene.sea is None:
         lift = 0.0
     else:

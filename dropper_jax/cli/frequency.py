@@ -135,7 +135,8 @@ def _text_of_runs(runs: list[Table]) -> str:
     """The ranges of the differences of all ends."""
     lines = [("hs [m]", "tp [s]", "status", "deviations against the run")]
     for run in runs:
-        low, high = (100.0 * pick(run["deviation_difference"]) for pick in (np.min, np.max))
+        low = 100.0 * np.min(run["deviation_difference"])
+        high = 100.0 * np.max(run["deviation_difference"])
         lines.append((f"{run['hs_m']:g}", f"{run['tp_s']:g}", run["status"], f"{low:+.1f} to {high:+.1f} %"))
     return table(lines)
 

@@ -34,7 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(option, action=Output, const=output_folder, metavar="DIR", help=about)
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth saved time for --vtk (default: 1)")
     for field in dataclasses.fields(Settings):
-        meaning, unit, option = (field.metadata[key] for key in ("meaning", "unit", "option"))
+        meaning = field.metadata["meaning"]
+        unit = field.metadata["unit"]
+        option = field.metadata["option"]
         given = "" if field.default is None else f" (default: {field.default:g})"
         parser.add_argument(
             option, dest=f"setting_{field.name}", type=number, metavar="X", help=f"{meaning} [{unit}]{given}"

@@ -109,7 +109,8 @@ class BodyBedFriction(BodyBed):
     ) -> jax.Array:
         """`w x arm` (items, 3) of the bodies `of`, from three of their edges E: `E'(E^-1 arm)`."""
         corners = self.pieces.body_nodes(model, of)
-        edges, rates = (a[corners[:, 1:]] - a[corners[:, :1]] for a in (r, v))
+        edges = r[corners[:, 1:]] - r[corners[:, :1]]
+        rates = v[corners[:, 1:]] - v[corners[:, :1]]
         own = jnp.linalg.solve(jnp.swapaxes(edges, -1, -2), arm[..., None])[..., 0]
         return jnp.sum(rates * own[..., None], axis=1)
 

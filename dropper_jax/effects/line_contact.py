@@ -92,7 +92,8 @@ class LineContact(Effect):
         if values["radius"] is None:
             each = [np.zeros(n.links) if n.diameter is None else 0.5 * n.diameter for n in scene.lines]
             values["radius"] = np.concatenate(each)
-        index, number = ({x.name: i for i, x in enumerate(many)} for many in (scene.points, scene.bodies))
+        index = {x.name: i for i, x in enumerate(scene.points)}
+        number = {x.name: i for i, x in enumerate(scene.bodies)}
         buoys = {b.name: b for b in scene.buoys}
         bars: list[tuple[Group, int, np.ndarray, np.ndarray, float]] = []
         for line, name in values["bodies"]:
@@ -187,7 +188,8 @@ class LinksInContact(LineContact):
     def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
         bars = Bars(self, before.model)
         nodes = self.piece_nodes(before.model)
-        start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
+        start = bars.axes(at_pieces(before, nodes)[0])
+        end = bars.axes(at_pieces(after, nodes)[0])
         way = relative_motion(start, end)
         distance = nearest_points(start, bars.reach, bars.spread).distance
         # fraction of the reach by which links may move relative to each other in a step

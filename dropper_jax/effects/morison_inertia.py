@@ -125,7 +125,8 @@ class MorisonInertia(_InertiaForce):
 
     def _coefficients(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
         """C_A across and along over the displaced mass, ready to multiply (n, 3)."""
-        can, cat = (value if jnp.ndim(value) == 0 else value[:, None] for value in (self.can, self.cat))
+        can = self.can if jnp.ndim(self.can) == 0 else self.can[:, None]
+        cat = self.cat if jnp.ndim(self.cat) == 0 else self.cat[:, None]
         if k.line.outer_diameter is None:
             return can, cat
         size = ((k.line.outer_diameter / k.line.diameter) ** 2)[:, None]
@@ -156,7 +157,9 @@ class MorisonInertia(_InertiaForce):
         can, cat = self._coefficients(k)
         for part in k.line.parts():
             mass = self._wet_mass(k, part)
-            change, v0, v1 = (part.at(nodal) for nodal in (a, before, after))
+            change = part.at(a)
+            v0 = part.at(before)
+            v1 = part.at(after)
             momentum = end * dot(end, v1) - start * dot(start, v0)
             total = total + part.collect(mass * (can * change + (cat - can) * momentum / h))
             force = 0.5 * mass * (cat - can) * (v0 * dot(middle, v1) + v1 * dot(middle, v0))

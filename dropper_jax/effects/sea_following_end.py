@@ -65,5 +65,6 @@ class SeaFollowingEnd(HeldMotion):
         if sea.waves is None:
             return jnp.zeros_like(self.place)
         waves = sea.waves
-        heave, surge = (self._factor(value, waves.omega) for value in (self.heave, self.surge))
+        heave = self._factor(self.heave, waves.omega)
+        surge = self._factor(self.surge, waves.omega)
         return waves.excursion(self.place, t, sea.depth, heave, surge)

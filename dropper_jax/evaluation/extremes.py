@@ -190,7 +190,8 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
             usual = 0.0 if where.spec.rigid else 0.1 * mean
             slack = usual if settings.slack is None else settings.slack
             snap = max(2.0 * mean if settings.snap is None else settings.snap, slack)
-            largest, largest_at = (record.extremes["tension"][i][:, where.links.start + j] for i in (1, 3))
+            largest = record.extremes["tension"][1][:, where.links.start + j]
+            largest_at = record.extremes["tension"][3][:, where.links.start + j]
             peaks = largest, largest_at
             own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
             counts.append(len(own))

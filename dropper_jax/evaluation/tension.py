@@ -61,7 +61,8 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
     s = arc(spec.length)
     square = record.square[:, where.links]
     least, largest, least_at, largest_at = (a[:, where.links] for a in record.extremes["tension"])
-    high, low = (np.unravel_index(i, tension.shape) for i in (np.argmax(largest), np.argmin(least)))
+    high = np.unravel_index(np.argmax(largest), tension.shape)
+    low = np.unravel_index(np.argmin(least), tension.shape)
     found: dict[str, Any] = {
         "line": where.name,
         "arc_length_m": s,

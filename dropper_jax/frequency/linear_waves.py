@@ -140,7 +140,8 @@ def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
 
 def dragging_effects(still: Model) -> tuple[Model, Model]:
     """The model with the effects of the water, without contact, and with those that do not know the waves."""
-    bed, prepared = ({e.name for e in still.having(kind)} for kind in (Seabed, Prepared))
+    bed = {e.name for e in still.having(Seabed)}
+    prepared = {e.name for e in still.having(Prepared)}
     effects = [e for e in still.effects if e.name not in bed]
     wet = tuple(e for e in effects if e.needs_water or e.name in prepared)
     other = tuple(e for e in effects if not (e.needs_water or e.name in prepared))

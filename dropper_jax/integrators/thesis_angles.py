@@ -119,7 +119,9 @@ class AnglesProblem(StepProblem):
 
         unit, unit_rate = jax.jvp(_unit, angles, rate)
         bend = jax.jvp(velocity, angles, rate)[1]
-        along, v, b = (jnp.cumsum(length * per_link, axis=0) for per_link in (unit, unit_rate, bend))
+        along = jnp.cumsum(length * unit, axis=0)
+        v = jnp.cumsum(length * unit_rate, axis=0)
+        b = jnp.cumsum(length * bend, axis=0)
         r = ends.start + along
         free = self.model.free_nodes
         k = self.model.instant(r[:free], v[:free], t, ends)

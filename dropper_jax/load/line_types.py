@@ -266,7 +266,8 @@ def _split(line: Table, path: str, sections: list[Section], points: list[Any]) -
                 f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point per position"
             )
     positions = {str(p.get("name")): p.get("position") for p in points if isinstance(p, Mapping)}
-    start, end = (_read_position(positions.get(str(line.get(key)))) for key in ("from", "to"))
+    start = _read_position(positions.get(str(line.get("from"))))
+    end = _read_position(positions.get(str(line.get("to"))))
     for at, name in stops:
         if name not in positions and start is not None and end is not None:
             position = start + (end - start) * at / total

@@ -245,7 +245,8 @@ class Graph:
 
     def link_length(self, length: jax.Array) -> jax.Array:
         """The mean over the links that meet at each node."""
-        links, count = (self.at_ends(x, x) for x in (length, jnp.ones_like(length)))
+        links = self.at_ends(length, length)
+        count = self.at_ends(jnp.ones_like(length), jnp.ones_like(length))
         return links / jnp.maximum(count, 1.0)
 
     def without_fixed(self, points: Sequence[int]) -> Graph:

@@ -319,7 +319,8 @@ def reduce_samples(
     """Times, mean, minimum and maximum (m,) of `INTERVALS` stretches of samples (k,), k > INTERVALS."""
     starts = np.unique(np.linspace(0, len(t), INTERVALS, endpoint=False).astype(int))
     count = np.diff(np.append(starts, len(t)))
-    mean, at = (np.add.reduceat(a, starts) / count for a in (values, t))
+    mean = np.add.reduceat(values, starts) / count
+    at = np.add.reduceat(t, starts) / count
     least = np.minimum.reduceat(values if low is None else low, starts)
     largest = np.maximum.reduceat(values if high is None else high, starts)
     return at, mean, least, largest

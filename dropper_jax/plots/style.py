@@ -122,7 +122,8 @@ def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     figure.suptitle(f"{run.name}: {what}", fontsize=12, fontweight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
     # one line of text at the bottom and one at the top, for any height of the figure
-    foot, head = (inch / figure.get_figheight() for inch in (0.17, 0.03))
+    foot = 0.17 / figure.get_figheight()
+    head = 0.03 / figure.get_figheight()
     layout = figure.get_layout_engine()
     if layout is not None:
         layout.set(rect=(0.0, foot, 1.0, 1.0 - foot - head))

@@ -125,7 +125,8 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
         name: np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
         for name in held_points(run.scene)
     }
-    low, high = (None if a is None else a[kept] for a in (run.min_load, run.max_load))
+    low = None if run.min_load is None else run.min_load[kept]
+    high = None if run.max_load is None else run.max_load[kept]
     tops = {
         name: float(np.nanmax(load if high is None else high[:, i])) for i, (name, load) in enumerate(loads.items())
     }
@@ -161,7 +162,9 @@ def ends_panel(run: Run) -> Panel:
             stops = [line.stops[key] for key in (min(line.stops), max(line.stops))]
             ends = tuple((f"at {stop}", link) for stop, (_, link) in zip(stops, ends, strict=True))
         for name, link in ends:
-            values, low, high = (a[kept, link] / size for a in (run.tension, run.min_tension, run.max_tension))
+            values = run.tension[kept, link] / size
+            low = run.min_tension[kept, link] / size
+            high = run.max_tension[kept, link] / size
             range_ = () if run.max_tension is run.tension else (low, high)
             curves.append(Curve(name if both else line.name, t, values, *range_))
     title = _count_title(

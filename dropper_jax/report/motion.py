@@ -147,7 +147,8 @@ def _nearest(record: Record, a: int, b: int) -> Approach | None:
     i, j = _pairs(record.written_lines[a], record.written_lines[b])
     if not i.size:
         return None
-    first, second = (record.positions[:, record.written_lines[index].nodes] for index in (a, b))
+    first = record.positions[:, record.written_lines[a].nodes]
+    second = record.positions[:, record.written_lines[b].nodes]
     # pairs of links and instants that are compared at once: 1e6 need some tens of MB
     step = max(1, 100_000 // i.size)
     best = None

@@ -91,7 +91,10 @@ def parts_text(found: list[Table]) -> list[str]:
 
 
 def _part_row(part: Table) -> Cells:
-    top, used, snap, tired = (part[key] for key in ("largest", "utilisation", "snap", "fatigue"))
+    top = part["largest"]
+    used = part["utilisation"]
+    snap = part["snap"]
+    tired = part["fatigue"]
     return {
         "part": part["part"],
         "lines": str(part["lines"]),

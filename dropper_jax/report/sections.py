@@ -117,7 +117,8 @@ def _most_probable(line: Table) -> str:
 
 def _mean_and_peak(line: Table, end: str) -> str:
     """Mean and maximum force on an end point, with the time of the maximum."""
-    mean, most = (newton(line[f"{what}_{end}_force_n"]) for what in ("mean", "max"))
+    mean = newton(line[f"mean_{end}_force_n"])
+    most = newton(line[f"max_{end}_force_n"])
     return f"{mean} / {most} at {line[f'max_{end}_force_s']:.2f} s"
 
 

@@ -36,7 +36,8 @@ def break_links(model: Model, before: Model, s: State, s1: State) -> State:
     parted = _part(model, s.parted, s1)
     work = s1.work
     if work.size:
-        kept, whole = (m.with_internal_state(s1.own) for m in (as_parted(model, parted), before))
+        kept = as_parted(model, parted).with_internal_state(s1.own)
+        whole = before.with_internal_state(s1.own)
         work = work + book_works(model, {BREAKING: _link_energy(kept, s1) - _link_energy(whole, s1)})
     return replace(s1, parted=parted, work=work)
 

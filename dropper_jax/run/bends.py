@@ -26,7 +26,8 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
     """
     given = scene.effects["torsion"]
     links = sum(line.links for line in scene.lines)
-    stiffness, damping = (np.broadcast_to(given[key], links) for key in ("GJ", "damping"))
+    stiffness = np.broadcast_to(given["GJ"], links)
+    damping = np.broadcast_to(given["damping"], links)
     if given["coupling"] is None:
         coupling = None
     else:
@@ -34,7 +35,8 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
     found = np.zeros((len(positions), links))
     for line, where in _twisting_lines(scene):
         at = where.links
-        tau, turning = (np.diff(a[:, where.nodes], axis=1) / line.length for a in (twist, rate))
+        tau = np.diff(twist[:, where.nodes], axis=1) / line.length
+        turning = np.diff(rate[:, where.nodes], axis=1) / line.length
         found[:, at] = stiffness[at] * tau + damping[at] * turning
         if coupling is not None:
             length = np.linalg.norm(np.diff(positions[:, where.nodes], axis=1), axis=-1)

@@ -92,7 +92,8 @@ def _check_leaf(name: str, like: jax.ShapeDtypeStruct, last: dict[str, np.ndarra
         raise SceneError(f"{RUN} lacks {name!r} of its final state. Use a file that was not changed")
     found = last[name]
     if found.shape != like.shape or found.dtype != like.dtype:
-        has, needs = (f"{x.dtype}{list(x.shape)}" for x in (found, like))
+        has = f"{found.dtype}{list(found.shape)}"
+        needs = f"{like.dtype}{list(like.shape)}"
         raise SceneError(f"{RUN} has {name!r} as {has}; allowed: {needs}, which its scene determines")
     if not np.all(np.isfinite(found)):
         raise SceneError(f"{RUN} has non-finite values in {name!r}; allowed: finite values")

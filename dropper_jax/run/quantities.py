@@ -88,7 +88,9 @@ def _highest(x: jax.Array) -> jax.Array:
     k = jnp.argmax(x)
     inside = (k > 0) & (k < len(x) - 1)
     near = jnp.clip(k, 1, max(len(x) - 2, 1))
-    before, top, after = (x[jnp.clip(near + i, 0, len(x) - 1)] for i in (-1, 0, 1))
+    before = x[jnp.clip(near - 1, 0, len(x) - 1)]
+    top = x[jnp.clip(near, 0, len(x) - 1)]
+    after = x[jnp.clip(near + 1, 0, len(x) - 1)]
     bend = 2.0 * top - before - after
     rise = jnp.where(bend > 0, (after - before) ** 2 / (8.0 * jnp.where(bend > 0, bend, 1.0)), 0.0)
     return jnp.where(inside, top + rise, x[k])
@@ -291,7 +293,8 @@ class Quantity:
 
     def _of_nodes(self, model: Model, start: jax.Array, r: jax.Array, t: jax.Array) -> jax.Array:
         if self.members is not None and max(self.members) >= len(r):
-            r, start = (jnp.concatenate([free, model.nodes(free, model.ends(t))]) for free in (r, start))
+            r = jnp.concatenate([r, model.nodes(r, model.ends(t))])
+            start = jnp.concatenate([start, model.nodes(start, model.ends(t))])
         if self.signal == "excursion":
             return safe_norm(r - start)
         if self.signal == "offset":

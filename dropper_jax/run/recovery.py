@@ -57,7 +57,8 @@ def killed_run(folder: Path) -> Solution:
     renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
     stepper = stepper_of(model, scene.run, **renamed)
     if rows.last:
-        first, end = (restore_end(stepper, model, scene.run, leaves) for leaves in (rows.first, rows.last))
+        first = restore_end(stepper, model, scene.run, rows.first)
+        end = restore_end(stepper, model, scene.run, rows.last)
         since = TimeOrigin(*rows.about["since"])
         carry = end.carry
     else:

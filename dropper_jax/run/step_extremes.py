@@ -53,7 +53,8 @@ class StepSignals:
         share = self.tension_time
         t = before.t + share * (after.t - before.t)
         # linear over the step, as `bends.positions_at` between saved times
-        first, last = (model.geometry.everywhere(s.r, model.ends(s.t).positions) for s in (before, after))
+        first = model.geometry.everywhere(before.r, model.ends(before.t).positions)
+        last = model.geometry.everywhere(after.r, model.ends(after.t).positions)
         links = np.array(self.links)
         starts = np.arange(len(links)) < len(links) // 2
         forces = end_forces_of_model(model, links, starts, first + share * (last - first), after.tension, t)

@@ -136,7 +136,8 @@ class Saddle(NamedTuple):
             size = jnp.max(jnp.abs(diagonal))
         else:
             size = jnp.max(jnp.abs(links.turn)) + 1.0
-        before, last = (LinkParts(*(part[at] for part in links)) for at in (graph.previous_links, _last(graph)))
+        before = LinkParts(*(part[graph.previous_links] for part in links))
+        last = LinkParts(*(part[_last(graph)] for part in links))
         none = jnp.zeros_like(before.force)
         nothing = jnp.zeros_like(before.compliance)
         bare = jnp.zeros_like(last.force)

@@ -247,7 +247,8 @@ def descend(
         s, size, before, kappa = correct_pose(moves, s, loads, kappa)
         size = size / scale
         # the guess is evaluated here, by its first correction, so that the program contains the rows once less
-        first, least = (jnp.where(count == 0, before / scale, known) for known in (first, least))
+        first = jnp.where(count == 0, before / scale, first)
+        least = jnp.where(count == 0, before / scale, least)
         best = jax.tree.map(lambda new, old: jnp.where(size < least, new, old), (s, size), (best, least))
         return s, size, kappa, jnp.where(size <= tolerance, reached + 1, 0), count + 1, first, best
 

@@ -79,7 +79,8 @@ def pattern(geometry: Graph, reach: int) -> Pattern:
     from scipy.sparse import coo_array, eye_array  # noqa: PLC0415
 
     free = geometry.free
-    first, last = (np.concatenate([path[part] for path in geometry.paths]) for part in (slice(-1), slice(1, None)))
+    first = np.concatenate([path[slice(-1)] for path in geometry.paths])
+    last = np.concatenate([path[slice(1, None)] for path in geometry.paths])
     inside = (first >= 0) & (first < free) & (last < free)
     first = first[inside]
     last = last[inside]
@@ -237,7 +238,8 @@ def follow_parameters(
         dx = factor.solve(np.asarray(rows[-count:]).reshape(count, -1).T)
         by_position[-count:] -= dx.T.reshape(count, -1, 3)
         rows, found = slopes(by_value, by_position)
-    left, size = (np.max(np.abs(part), axis=(1, 2)) for part in (rows[-count:], right))
+    left = np.max(np.abs(rows[-count:]), axis=(1, 2))
+    size = np.max(np.abs(right), axis=(1, 2))
     return found, left > LEFT * size
 
 

@@ -83,8 +83,11 @@ def solve_design(
         SceneError: unknown or repeated paths and targets, numbers of both that differ, no equilibrium, a single target
             that does not reach its required value, or targets that do not determine the values.
     """
-    paths, names = ([x] if isinstance(x, str) else list(x) for x in (path, target))
-    lows, highs, goals = (np.atleast_1d(np.asarray(x, float)) for x in (low, high, goal))
+    paths = [path] if isinstance(path, str) else list(path)
+    names = [target] if isinstance(target, str) else list(target)
+    lows = np.atleast_1d(np.asarray(low, float))
+    highs = np.atleast_1d(np.asarray(high, float))
+    goals = np.atleast_1d(np.asarray(goal, float))
     if not len(paths) == len(lows) == len(highs) == len(names) == len(goals):
         raise SceneError(
             f"design: {len(paths)} values for {len(names)} targets with {len(goals)} goals; allowed: as many"

@@ -227,7 +227,8 @@ def _statistics(
     """Loads at one position of a line (q,) [N], each with its random standard error; `within` is the variance in a
     sample."""
     square = tension**2 + within
-    tops, bottoms = (_windows(found, values) for values in (largest, -least))
+    tops = _windows(found, largest)
+    bottoms = _windows(found, -least)
     batches = [part for part in np.array_split(np.arange(len(tension)), 8) if part.size]
     means = np.array([tension[part].mean() for part in batches])
     deviations = np.array([np.sqrt(max(square[part].mean() - tension[part].mean() ** 2, 0.0)) for part in batches])

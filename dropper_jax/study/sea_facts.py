@@ -82,7 +82,9 @@ def _steady(wave: SteadyWave) -> dict[str, Any]:
 
 
 def _linear(waves: Waves, depth: float) -> dict[str, Any]:
-    a, k, omega = (float(x[0]) for x in (waves.amplitude, waves.wave_number, waves.omega))
+    a = float(waves.amplitude[0])
+    k = float(waves.wave_number[0])
+    omega = float(waves.omega[0])
     return {
         "kind": "regular",
         "theory": "linear",

@@ -265,7 +265,8 @@ def orders(rows: list[dict[str, Any]]) -> dict[str, float]:
         ]
         good = sorted((r for r in good if r["rms_angle_error_rad"] < 0.1), key=lambda r: r["dt"])[:3]
         if len(good) >= 2:
-            x, y = (np.log([r[key] for r in good]) for key in ("dt", "rms_angle_error_rad"))
+            x = np.log([r["dt"] for r in good])
+            y = np.log([r["rms_angle_error_rad"] for r in good])
             found[label] = float(np.polyfit(x, y, 1)[0])
     # errors that do not fall with the step are those of rounding, which have no order
     return {label: order for label, order in found.items() if order > 0.5}

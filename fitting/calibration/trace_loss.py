@@ -69,7 +69,8 @@ class TraceLoss:
         self.prepared, windows = prepared, prepared.windows
         self.names = tuple(p.name for p in prepared.parameters)
         self.params = jnp.asarray(prepared.values)
-        self.low, self.high = (jnp.array([getattr(p, end) for p in prepared.parameters]) for end in ("low", "high"))
+        self.low = jnp.array([p.low for p in prepared.parameters])
+        self.high = jnp.array([p.high for p in prepared.parameters])
         self.scale = jnp.array([p.scale for p in prepared.parameters])
         self.starts = Starts(*(jnp.asarray(part) for part in prepared.starts))
         self.samples = windows.samples

@@ -114,7 +114,8 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     links = np.exp(1j * theta)
     rows = np.concatenate([links.real, links.imag])
     more = np.linalg.lstsq(rows, np.concatenate([missing.real, missing.imag]), rcond=None)[0]
-    by_hook, by_lengths = (float(np.median(np.abs(missing - moved))) for moved in (off, links @ more))
+    by_hook = float(np.median(np.abs(missing - off)))
+    by_lengths = float(np.median(np.abs(missing - links @ more)))
     # more numbers must close the frames clearly better
     if by_hook < min(still, 2.0 * by_lengths):
         where = f"{-off.real:+.2g} m in x and {off.imag:+.2g} m in z"
@@ -182,7 +183,8 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
     t = t[inside]
     energy = energy[inside]
     for at in _breaks(trace):
-        before, after = (energy[(t > a) & (t < b)] for a, b in ((at - period, at), (at, at + period)))
+        before = energy[(t > at - period) & (t < at)]
+        after = energy[(t > at) & (t < at + period)]
         # medians: the smoother turns a jump into a transient of a few frames
         if len(before) and len(after) and np.median(after) > RISE * np.median(before):
             raise SceneError(

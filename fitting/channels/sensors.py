@@ -187,7 +187,8 @@ def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:
         rows = read_list(table["projection"], f"{path}.projection", 3, "3 rows of 4 numbers")
         matrix = read_rows(rows, f"{path}.projection", {"unit": "-"}, 4, "4 numbers")
     else:
-        position, look_at = (vector_of(table, path, key, 3) for key in ("position", "look_at"))
+        position = vector_of(table, path, "position", 3)
+        look_at = vector_of(table, path, "look_at", 3)
         ahead = look_at - position
         if np.hypot(ahead[0], ahead[1]) < 1e-9:
             raise SceneError(f"{path}.look_at: directly above or below the camera. Use another point, or `projection`")

@@ -217,7 +217,8 @@ class Release:
         first = pick(starts, which)
         tries = np.tile(values, (TRIED, 1))
         times = [*index.values()]
-        low, high = (np.array([getattr(parameters[i], end) for i in times]) for end in ("low", "high"))
+        low = np.array([parameters[i].low for i in times])
+        high = np.array([parameters[i].high for i in times])
         tries[:, times] = np.linspace(low, high, TRIED)
         costs = np.array([np.sum(residuals(tried, first, few) ** 2, axis=(1, 2)) for tried in tries])
         best = np.argmin(np.where(np.isnan(costs), np.inf, costs), axis=0)

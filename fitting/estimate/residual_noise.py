@@ -89,7 +89,8 @@ class ResidualNoiseModel:
         squares = point.problem.loss.squares(point.evaluation.residual)
         found = np.ones_like(self.floor)
         for r in np.unique(source):
-            square, left = (part[source == r].sum(axis=(0, 1)) for part in (squares, unused))
+            square = squares[source == r].sum(axis=(0, 1))
+            left = unused[source == r].sum(axis=(0, 1))
             every = np.sqrt(square.sum() / max(left.sum(), 1.0))
             # minimum number of remaining samples for the noise of a channel
             found[r] = np.where(left > 10, np.sqrt(square / np.maximum(left, 1.0)), every)

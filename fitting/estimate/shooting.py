@@ -82,7 +82,10 @@ def join(normal: Normal, g: Gaps, weight: float) -> Joined:
     B = normal.B.copy()
     gz = normal.gz.copy()
     below = np.zeros((len(A) - 1, *A.shape[1:]))
-    value, before, after, shared = ((x / weight) for x in (g.value, g.before, g.after, g.shared))
+    value = g.value / weight
+    before = g.before / weight
+    after = g.after / weight
+    shared = g.shared / weight
     turn = lambda x: np.swapaxes(x, 1, 2)  # noqa: E731
     right = g.left + 1
     A[g.left] += turn(before) @ before

@@ -171,7 +171,8 @@ def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -
     last = np.argmin(above, axis=2)  # the first sample beyond the edge
     known = above[..., 0] & (last > 0) & (contrast > 0.3 * appearance.answer)[:, None]
     last = np.maximum(last, 1)[..., None]
-    before, after = (np.take_along_axis(light, i, axis=2)[..., 0] for i in (last - 1, last))
+    before = np.take_along_axis(light, last - 1, axis=2)[..., 0]
+    after = np.take_along_axis(light, last, axis=2)[..., 0]
     step = np.where(after == before, 1.0, after - before)
     return np.where(known, along[last[..., 0] - 1] + RAY_STEP * (half[:, None] - before) / step, np.nan), contrast
 

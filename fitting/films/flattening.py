@@ -190,7 +190,8 @@ def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np
     both = (detected[:, 1:] & detected[:, :-1])[rows]
     turns = []
     for each in others:
-        here, there = (np.diff(to(pixels[rows]), axis=1)[both] @ [1.0, 1.0j] for to in (flat, each))
+        here = np.diff(flat(pixels[rows]), axis=1)[both] @ [1.0, 1j]
+        there = np.diff(each(pixels[rows]), axis=1)[both] @ [1.0, 1j]
         turns.append(float(np.angle(np.sum(there * here.conj()))))
     return float(np.sqrt((len(turns) - 1) * np.var(turns)))
 

@@ -89,7 +89,8 @@ def _swapped_names(
     if not len(starts):
         return np.zeros(detected.shape, bool)
     long = np.flatnonzero(ends - starts >= min(12, (ends - starts).max()))
-    first, last = (int(starts[i] + ends[i]) // 2 for i in (long[0], long[-1]))
+    first = int(starts[long[0]] + ends[long[0]]) // 2
+    last = int(starts[long[-1]] + ends[long[-1]]) // 2
     runs = [(first, len(positions), 1), (first, -1, -1), (last, len(positions), 1), (last, -1, -1)]
     asked = np.zeros(len(positions), int)
     other = np.zeros(detected.shape, int)

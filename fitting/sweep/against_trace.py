@@ -61,7 +61,8 @@ class Against:
         for i in range(len(PARTS)):
             part = self.part(i)
             found[0, i] = np.sqrt(np.nanmean(wrap(simulated[part] - self.measured[part]) ** 2))
-            one, other = (self.spectrum(x, i)[1] for x in (simulated, self.interpolated))
+            one = self.spectrum(simulated, i)[1]
+            other = self.spectrum(self.interpolated, i)[1]
             found[1, i] = np.sqrt(np.mean(np.sum((one - other) ** 2, axis=0)) / 2)
         return found
 

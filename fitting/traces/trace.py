@@ -354,7 +354,8 @@ def _calm_difference(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Size (n,) of the differences in the calmest blocks, the minimum over `ORDERS`; NaN with too few samples."""
     best = np.full(theta.shape[1], np.nan)
     for order in ORDERS:
-        x, y = (np.lib.stride_tricks.sliding_window_view(a, order + 1, axis=0) for a in (t - t[0], theta))
+        x = np.lib.stride_tricks.sliding_window_view(t - t[0], order + 1, axis=0)
+        y = np.lib.stride_tricks.sliding_window_view(theta, order + 1, axis=0)
         weight = 1 / np.prod(x[:, :, None] - x[:, None] + np.eye(order + 1), axis=2)
         size = np.abs(np.einsum("kni,ki->kn", y, weight / np.linalg.norm(weight, axis=1, keepdims=True)))
         # frames of a block of differences

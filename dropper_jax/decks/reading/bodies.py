@@ -51,7 +51,8 @@ def _cylinder(deck: Deck, row: Row) -> tuple[Table, tuple[float, np.ndarray, np.
     row.need(10, "rod")
     kind = rod_type(deck, row)
     diameter, each, cdn, can, cdt, cat = kind.values(1, 7, "rod type", 0.0)
-    a, b = (np.array(row.values(i, i + 3, "Xa to Zb")) for i in (3, 6))
+    a = np.array(row.values(3, 6, "Xa to Zb"))
+    b = np.array(row.values(6, 9, "Xa to Zb"))
     length = float(np.linalg.norm(b - a))
     if not length > 0.0:
         row.refuse(f"rod {row.words[0]}: has no length; allowed: two ends")

@@ -91,7 +91,8 @@ def _table(row: Row, text: str) -> dict[str, list[float]]:
     try:
         lines = file.read_text(encoding="utf-8").splitlines()[3:]
         rows = [[float(word) for word in line.split()[:2]] for line in lines if line.strip()]
-        strain, tension = ([float(row[i]) for row in rows] for i in (0, 1))
+        strain = [float(row[0]) for row in rows]
+        tension = [float(row[1]) for row in rows]
     except OSError as error:
         row.refuse(f"EA: {text!r} is neither a number nor a readable file: {error.strerror}")
     except (ValueError, IndexError):

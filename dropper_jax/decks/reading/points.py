@@ -244,7 +244,8 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
         return ""
     if holder.lower() in (*COUPLED, *FIXED):
         row.need(10, "rod")
-        a, b = (row.values(first, first + 3, "Xa to Zb") for first in (3, 6))
+        a = row.values(3, 6, "Xa to Zb")
+        b = row.values(6, 9, "Xa to Zb")
         connector = _is_connector(row)
         for word, position, sign in ((f"R{key}A", a, -1.0), (f"R{key}B", a if connector else b, 1.0)):
             if word in used:

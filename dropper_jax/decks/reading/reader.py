@@ -209,7 +209,8 @@ def _failures(deck: Deck, lines: list[Table], names: dict[str, str], notes: list
     for row in deck.rows.get("failure", []):
         row.need(5, "failure")
         point = by_upper.get(row.words[1].upper(), "")
-        time, load = (row.value(i, key, 0.0) for i, key in ((3, "FailTime"), (4, "FailTen")))
+        time = row.value(3, "FailTime", 0.0)
+        load = row.value(4, "FailTen", 0.0)
         given = {key: value for key, value in (("time", time), ("load", load)) if value > 0.0}
         for word in row.words[2].split(","):
             line = by_number.get(word, {})

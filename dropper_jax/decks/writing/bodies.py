@@ -89,7 +89,8 @@ def body_tables(scene: Scene) -> list[str]:
 
 def _body(number: int, body: BodySpec) -> str:
     """A body with its mass, including that of its cylinders, which are written as massless rods."""
-    centre, moments = ("|".join(repr(float(x)) for x in values[:3]) for values in (body.centre_of_mass, body.inertia))
+    centre = "|".join(repr(float(x)) for x in body.centre_of_mass[:3])
+    moments = "|".join(repr(float(x)) for x in body.inertia[:3])
     volume = 0.0
     area = 0.0
     added = 0.0

@@ -285,7 +285,9 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
         current = make_current(sea.current)
         found[CURRENT] = current_text(sea.current, lambda z: np.asarray(current.profile(z, sea.depth)), sea.depth)
     if bed is not None and bed["bed_x"] is not None:
-        x, y, z = (np.asarray(bed[key], float) for key in ("bed_x", "bed_y", "bed_depth"))
+        x = np.asarray(bed["bed_x"], float)
+        y = np.asarray(bed["bed_y"], float)
+        z = np.asarray(bed["bed_depth"], float)
         rows = [f"{_value(a)} {_value(b)} {_value(-c)}" for (a, b), c in zip(product(x, y), z, strict=True)]
         head = [f"{len(x)} {len(y)}", *(" ".join(_value(v) for v in axis) for axis in (x, y))]
         found[f"{path.stem}-seafloor.txt"] = "\n".join([*head, *rows]) + "\n"

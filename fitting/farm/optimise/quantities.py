@@ -171,7 +171,8 @@ def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[Anc
     names = [point.name for point in model.points]
     for name in anchor.points:
         node = graph.point_node[names.index(name)]
-        first, last = (tuple(map(int, np.flatnonzero(side == node))) for side in (graph.first, graph.last))
+        first = tuple(map(int, np.flatnonzero(graph.first == node)))
+        last = tuple(map(int, np.flatnonzero(graph.last == node)))
         signs = (1.0,) * len(first) + (-1.0,) * len(last)
         load = AnchorLoad(name, first + last, signs, factor / horizontal, factor / upward, any_direction)
         found.append(load)

@@ -125,7 +125,8 @@ def _peaks(
         first = steps
     else:
         first = max(0, min(round(WINDOW_RAMP / h), steps - 1))
-    r, tension = (jnp.concatenate([getattr(run, key) for run in runs])[first:] for key in ("r", "tension"))
+    r = jnp.concatenate([run.r for run in runs])[first:]
+    tension = jnp.concatenate([run.tension for run in runs])[first:]
     hard, when = (np.asarray(a) for a in _hard(quantities, model, r, tension))
     when = (when + first + 1) * h
     heights = jnp.asarray(hard if heights is None else heights, model.dtype)

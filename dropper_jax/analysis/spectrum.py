@@ -141,13 +141,16 @@ def energy_table(solution: Energies) -> dict[str, Any]:
     with np.errstate(invalid="ignore"):
         scale = float(max(kinetic.max(), np.ptp(potential)))
     largest = float(np.abs(drift).max())
+    relative_drift = 0.0
+    if scale != 0:
+        relative_drift = largest / scale
     return {
         "initial": _instant(kinetic[0], potential[0]),
         "final": _instant(kinetic[-1], potential[-1]),
         "work": {name: float(done) for name, done in zip(solution.work_names, work[-1] - work[0], strict=True)},
         "scale": scale,
         "drift": {"final": float(drift[-1]), "largest": largest},
-        "relative_drift": 0.0 if scale == 0 else largest / scale,
+        "relative_drift": relative_drift,
     }
 
 

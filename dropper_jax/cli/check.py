@@ -73,6 +73,9 @@ def examine(scene: Scene) -> Table:
         lift = 0.0
     else:
         lift = scene.sea.gravity * (scene.sea.density * volume - mass)
+    steps = None
+    if scene.run.accuracy is None:
+        steps = scene.run.steps
     return {
         "lines": lines,
         "points": {"free": len(points), "mass_kg": mass, "lift_n": lift},
@@ -90,7 +93,7 @@ def examine(scene: Scene) -> Table:
             "free_nodes": model.free_nodes,
             "bodies": len(scene.bodies),
             "effects": list(scene.effects),
-            "steps": scene.run.steps if scene.run.accuracy is None else None,
+            "steps": steps,
         },
         "warnings": [*scene_warnings(scene), *(() if model.sea is None else sea_warnings(scene, model.sea))],
     }

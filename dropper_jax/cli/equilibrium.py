@@ -70,7 +70,9 @@ def run(args: argparse.Namespace) -> int:
     values = _object(scene, found, angles, bent)
     text = _text(lines, found, angles, bent)
     if not failed:
-        loads = [_loads(values["held_load_n"])] if scene.branched else []
+        loads = []
+        if scene.branched:
+            loads = [_loads(values["held_load_n"])]
         last = f"ok: scaled residual {found.residual:.1e}"
         text = "\n".join([text, *loads, _end_forces(values), *weights_table(scene), last])
     return deliver(args, {**values, "warnings": remarks}, text, failure_of(found))
@@ -164,7 +166,9 @@ def _loads(found: dict[str, np.ndarray]) -> str:
         across = np.hypot(load[0], load[1])
         up = load[2]
         size = np.linalg.norm(load)
-        angle = "-" if size == 0 else f"{np.degrees(np.arctan2(up, across)):.2f}"
+        angle = "-"
+        if size != 0:
+            angle = f"{np.degrees(np.arctan2(up, across)):.2f}"
         rows.append((name, f"{across:.5g}", f"{up:.5g}", f"{size:.5g}", angle))
     return table(rows)
 

@@ -61,9 +61,13 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.frequency.response import frequency_response
 
-    direction = None if args.direction is None else np.radians(args.direction)
+    direction = None
+    if args.direction is not None:
+        direction = np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
-    runs = _runs(scene, found, args.runs, direction, args.frequencies) if args.runs else []
+    runs = []
+    if args.runs:
+        runs = _runs(scene, found, args.runs, direction, args.frequencies)
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))
     print_warnings(found.warnings)

@@ -48,7 +48,9 @@ def run(args: argparse.Namespace) -> int:
         print_json(done_object(section=section, part=values, source=source))
         return OK
     pasted = {**values, "name": name}
-    position = {"position": [0.0, 0.0, -5.0]} if section == "point" else {}
+    position = {}
+    if section == "point":
+        position = {"position": [0.0, 0.0, -5.0]}
     print(f"# {source}\n{as_toml({section: [{**pasted, **position}]})}", end="")
     return OK
 

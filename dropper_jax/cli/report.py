@@ -37,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         meaning = field.metadata["meaning"]
         unit = field.metadata["unit"]
         option = field.metadata["option"]
-        given = "" if field.default is None else f" (default: {field.default:g})"
+        given = ""
+        if field.default is not None:
+            given = f" (default: {field.default:g})"
         parser.add_argument(
             option, dest=f"setting_{field.name}", type=number, metavar="X", help=f"{meaning} [{unit}]{given}"
         )

@@ -68,7 +68,9 @@ class LineContact(Effect):
                 path = f"effects.line_contact.{key}.{i}"
                 for j, (name, known) in enumerate(zip(pair, (list(lines), second), strict=True)):
                     if name not in known:
-                        what = "line" if known is not others else "body or buoy"
+                        what = "body or buoy"
+                        if known is not others:
+                            what = "line"
                         raise SceneError(
                             f"{path}.{j}: {name!r} is not a {what}; {nearest(name, known) if known else 'none exist'}"
                         )

@@ -132,16 +132,24 @@ def anchors(record: Record) -> list[dict[str, Any]]:
         top = int(np.argmax(extremes.largest[:, 2]))
         most = {"max_s": float(extremes.largest_at[top, 2])}
         loaded = size >= max(0.01 * size.mean(), 1e-12)
+        uplift_rad = None
+        uplift_at_largest_load_rad = None
+        if loaded.any():
+            uplift_rad = spread(np.arctan2(up[loaded], across[loaded]))
+            uplift_at_largest_load_rad = _uplift(extremes, top)
+        holding = None
+        if name in held:
+            holding = _holding(held[name], record.scene.anchors, peaks)
         found.append(
             {
                 "point": name,
                 "horizontal_n": spread(across) | _extremes_of(extremes, 0),
                 "vertical_n": spread(up) | _extremes_of(extremes, 1),
                 "total_n": spread(size) | _extremes_of(extremes, 2) | most,
-                "uplift_rad": spread(np.arctan2(up[loaded], across[loaded])) if loaded.any() else None,
+                "uplift_rad": uplift_rad,
                 "share_without_angle": float(1.0 - loaded.mean()),
-                "uplift_at_largest_load_rad": _uplift(extremes, top) if loaded.any() else None,
-                "holding": None if name not in held else _holding(held[name], record.scene.anchors, peaks),
+                "uplift_at_largest_load_rad": uplift_at_largest_load_rad,
+                "holding": holding,
             }
         )
     return found
@@ -197,11 +205,14 @@ def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], peaks: dict[st
     used = utilisations(anchors, loads)
     factored = utilisations(anchors, {name: anchor.safety_factor * load for name, load in loads.items()})
     largest = float(used[anchor.point].max())
+    factor = None
+    if largest > 0.0:
+        factor = 1.0 / largest
     return {
         "kind": anchor.kind,
         "behind": anchor.behind,
         "utilisation": spread(used[anchor.point]),
-        "factor": 1.0 / largest if largest > 0.0 else None,
+        "factor": factor,
         "required_factor": anchor.safety_factor,
         "holds": bool(factored[anchor.behind or anchor.point].max() <= 1.0),
         **({"capacity_n": anchor.screw_capacity} if anchor.kind == "screw" else {}),
@@ -302,9 +313,12 @@ def _damages(record: Record, values: list[float] | None, why_not: str) -> dict[s
         return {"damage": None, "why_no_damage": why_not}
     worst = max(values)
     yearly = worst * YEAR / record.duration
+    life_years = None
+    if yearly > 0:
+        life_years = 1.0 / yearly
     return {
         "damage": values,
         "largest_damage": worst,
         "damage_per_year": yearly,
-        "life_years": 1.0 / yearly if yearly > 0 else None,
+        "life_years": life_years,
     }

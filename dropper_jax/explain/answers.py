@@ -304,9 +304,13 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
     found = []
     for line in whole_lines(scene):
         most = float(tension[line.links].max())
-        exact = float(np.asarray(again.tension)[line.links].max()) if again.status == "ok" else None
+        exact = None
+        if again.status == "ok":
+            exact = float(np.asarray(again.tension)[line.links].max())
         load = line.spec.breaking_load
-        use = None if load is None else float(np.max(tension[line.links] / load))
+        use = None
+        if load is not None:
+            use = float(np.max(tension[line.links] / load))
         worn_use = None
         if load is not None and again.status == "ok":
             worn_use = float(np.max(np.asarray(again.tension)[line.links] / load)) / WORN**2

@@ -60,7 +60,9 @@ class EnergyMomentum(Implicit):
     def change_step(self, model: Model, s: State, h: jax.Array) -> State:
         ends = model.ends(s.t)
         k = model.instant(s.r, s.v, s.t, ends)
-        end_acceleration = model.end_acceleration(s.t) if model.moving else None
+        end_acceleration = None
+        if model.moving:
+            end_acceleration = model.end_acceleration(s.t)
         return replace(s, v=after_change_of_step(k, s.acceleration, end_acceleration, h))
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
@@ -158,10 +160,13 @@ class MidpointProblem(StepProblem):
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
         v1, impulse, struck = self._after_jumps(r1, v1)
+        tension = u.y
+        if impulse is not None:
+            tension = u.y + impulse / h
         return self.end_state(
             r=r1,
             v=v1,
-            tension=u.y if impulse is None else u.y + impulse / h,
+            tension=tension,
             acceleration=u.x / (self.gamma * h**2),
             law=jax.lax.stop_gradient(u.z),
             work=lambda: self._work(u, stopped, struck),

@@ -161,12 +161,15 @@ class AnglesProblem(StepProblem):
 
     def finish(self, u: Unknowns) -> State:
         after = self._motion(u.x, self.s.t + self.h, self.ends1, u.y).k
+        angles = None
+        if self.carried:
+            angles = tuple(u.x.T)
         return self.end_state(
             r=after.r,
             v=after.v,
             tension=u.y,
             work=lambda: self._work(self.old.k, after),
-            angles=tuple(u.x.T) if self.carried else None,
+            angles=angles,
         )
 
     def _work(self, before: Kinematics, after: Kinematics) -> jax.Array:

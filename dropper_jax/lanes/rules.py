@@ -93,7 +93,10 @@ def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
         while x.shape[0] > 1:
             half = x.shape[0] // 2
             paired = two(x[:half], x[half : 2 * half])
-            x = jnp.concatenate([paired, x[2 * half :]]) if x.shape[0] % 2 else paired
+            if x.shape[0] % 2:
+                x = jnp.concatenate([paired, x[2 * half :]])
+            else:
+                x = paired
         return x[0]
 
     return rule

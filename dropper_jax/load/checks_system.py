@@ -265,7 +265,9 @@ def _check_bodies(scene: SceneData) -> Iterator[Check]:
             f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; needed: [sea] with "
             "`depth`, or no shapes",
         )
-        what = "[effects.seabed]" if body.shapes else "cylinders or spheres"
+        what = "cylinders or spheres"
+        if body.shapes:
+            what = "[effects.seabed]"
         yield (
             body.touches_bed and ("seabed" not in scene.effects or not body.shapes),
             f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: false, or a body and scene with both",

@@ -297,7 +297,9 @@ class Surface:
     def lowest(self) -> float:
         """A height [m] to which the surface never falls."""
         spec = self.scene.sea
-        level = 0.0 if spec is None or spec.level is None else spec.level.lowest
+        level = 0.0
+        if spec is not None and spec.level is not None:
+            level = spec.level.lowest
         if spec is None or spec.waves is None or not self.waves:
             return level
         waves = spec.waves

@@ -115,7 +115,9 @@ class LineType:
         """Check for `EA`, a table if the law is `tabulated`, or neither if it is `rigid`; at most one kind of
         damping."""
         wanted = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
-        damped = () if self.law == "rigid" else ("damping", "damping_ratio")
+        damped = ()
+        if self.law != "rigid":
+            damped = ("damping", "damping_ratio")
         takes = " and ".join(wanted) or "no stiffness and no damping"
         for key in ("EA", "strain", "tension", "damping", "damping_ratio"):
             given = getattr(self, key) is not None

@@ -161,7 +161,9 @@ def _schema(about: Mapping[str, Any]) -> dict[str, Any]:
     """JSON Schema of a declared value; a text may be an expression of the scene's parameters."""
     if about["kind"] != "parameter":
         kinds = {int: {"type": ["integer", "string"]}, bool: {"type": "boolean"}, tuple: LIST, list: LIST}
-        choices = {"enum": list(about["choices"])} if about.get("choices") else {}
+        choices = {}
+        if about.get("choices"):
+            choices = {"enum": list(about["choices"])}
         return {**kinds.get(about.get("type"), {} if choices else TEXT), **choices}
     number: dict[str, Any] = {"type": ["number", "string"]}
     if about.get("low") is not None:

@@ -223,7 +223,10 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     ratios = [1.0] if zoom is None else [1.55, 1.0]
     grid = figure.subplots(len(panels), columns, sharex="col", sharey="row", squeeze=False, width_ratios=ratios)
     for row, panel in zip(grid, panels, strict=True):
-        draw_panel(row[0], panel, envelope=None if zoom is None else _shortest(panel, panels))
+        envelope = None
+        if zoom is not None:
+            envelope = _shortest(panel, panels)
+        draw_panel(row[0], panel, envelope=envelope)
         row[0].set_ylabel(panel.label)
         if panel.title:
             row[0].set_title(panel.title, loc="left", fontsize=9)

@@ -135,7 +135,9 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     at = {name: i for i, name in enumerate(loads)}
     curves = []
     for name in names:
-        range_ = () if low is None else (low[:, at[name]] / size, high[:, at[name]] / size)
+        range_ = ()
+        if low is not None:
+            range_ = (low[:, at[name]] / size, high[:, at[name]] / size)
         curves.append(Curve(name, t, loads[name] / size, *range_))
     title = _count_title("force on each fixed point", len(names), len(loads))
     unloaded = sum(top <= least for top in tops.values())
@@ -165,7 +167,9 @@ def ends_panel(run: Run) -> Panel:
             values = run.tension[kept, link] / size
             low = run.min_tension[kept, link] / size
             high = run.max_tension[kept, link] / size
-            range_ = () if run.max_tension is run.tension else (low, high)
+            range_ = ()
+            if run.max_tension is not run.tension:
+                range_ = (low, high)
             curves.append(Curve(name if both else line.name, t, values, *range_))
     title = _count_title(
         "ends of the line" if both else "more loaded end of each line", len(lines), len(run.written_lines)

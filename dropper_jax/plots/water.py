@@ -122,7 +122,9 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
 
     What stays in the plane of x and z is seen from one side only.
     """
-    index = run.peak if time is None else int(np.argmin(np.abs(run.t - time)))
+    index = run.peak
+    if time is not None:
+        index = int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
     low = nodes.min(axis=0)
     high = nodes.max(axis=0)

@@ -41,6 +41,17 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
         fatigue = line_fatigue(part, settings)
     except SceneError as error:  # the package of an extra is missing: the rest of the report is valid
         fatigue = {"skipped": str(error)}
+    if bends(part.scene):
+        bending = line_bending(part)
+    else:
+        bending = {"skipped": "the scene has no [effects.bending]"}
+    if len(part.written_lines) > 1:
+        distance = line_distances(part)
+    else:
+        distance = {"skipped": "one line"}
+    coefficients = NO_COEFFICIENTS
+    if follows(part.scene):
+        coefficients = flow_table(overgrown(part.scene))
     return {
         "scene": solution.scene.name,
         "status": solution.status,
@@ -59,15 +70,15 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
         "parts": parts(tension, snap, fatigue),
         "tension": tension,
         "anchors": anchors(part) or {"skipped": "the scene has no fixed point"},
-        "bending": line_bending(part) if bends(part.scene) else {"skipped": "the scene has no [effects.bending]"},
+        "bending": bending,
         "snap": snap,
         "fatigue": fatigue,
         "watch_circle": watch_circles(part),
         "acceleration": accelerations(part),
         "submergence": submergence(part),
-        "distance": line_distances(part) if len(part.written_lines) > 1 else {"skipped": "one line"},
+        "distance": distance,
         "seabed": bed_contact(part, settings),
-        "coefficients": flow_table(overgrown(part.scene)) if follows(part.scene) else NO_COEFFICIENTS,
+        "coefficients": coefficients,
         "bodies": body_motions(part),
         "crop": crops(part),
     }

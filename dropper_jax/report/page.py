@@ -164,6 +164,11 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
     norm = style.tension_norm(run.tension)
     low, high = limits or (float(norm.vmin), float(norm.vmax))
     shades = style.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
+    water = None
+    flows = []
+    if sea is not None:
+        water = _water(sea, run, part.surface)
+        flows = _flows(solution, sea)
     return {
         "name": run.name,
         "description": solution.scene.description,
@@ -188,8 +193,8 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         "buoys": [buoy._asdict() for buoy in run.buoys],
         "bodies": body_data(run.bodies, kept),
         "bed": _bed_grid(run),
-        "water": None if sea is None else _water(sea, run, part.surface),
-        "flows": [] if sea is None else _flows(solution, sea),
+        "water": water,
+        "flows": flows,
     }
 
 

@@ -68,10 +68,13 @@ def _tension(lines: list[Table]) -> Table:
     loaded = [line for line in lines if line["utilisation"] is not None]
     used = max(loaded, key=lambda line: line["utilisation"]["largest"], default=None)
     kept = ("largest", "with_factor", "at_m")
+    utilisation = None
+    if used is not None:
+        utilisation = {"line": used["line"], **{k: used["utilisation"][k] for k in kept}}
     return {
         "largest": {"line": most["line"], **most["largest"]},
         "mean_n": float(np.mean([np.mean(line["mean_n"]) for line in lines])),
-        "utilisation": None if used is None else {"line": used["line"], **{k: used["utilisation"][k] for k in kept}},
+        "utilisation": utilisation,
     }
 
 
@@ -95,12 +98,15 @@ def _part_row(part: Table) -> Cells:
     used = part["utilisation"]
     snap = part["snap"]
     tired = part["fatigue"]
+    utilisation = "-"
+    if used is not None:
+        utilisation = _with_line_name(part, used, f"{100 * used['largest']:.1f} %")
     return {
         "part": part["part"],
         "lines": str(part["lines"]),
         "mean [N]": newton(part["mean_n"]),
         "largest [N]": _with_line_name(part, top, with_position(top, newton(top["n"]))),
-        "utilisation": "-" if used is None else _with_line_name(part, used, f"{100 * used['largest']:.1f} %"),
+        "utilisation": utilisation,
         "snaps, worst link": _with_line_name(part, snap, str(snap["most_events"])) if snap["most_events"] else "none",
         "damage per year": "-" if tired is None else _with_line_name(part, tired, f"{tired['damage_per_year']:.3g}"),
     }

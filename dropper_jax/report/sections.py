@@ -86,6 +86,9 @@ def tension(lines: list[Table]) -> str:
 
 def _tension_row(line: Table) -> Cells:
     used = line["utilisation"]
+    utilisation = "-"
+    if used is not None:
+        utilisation = f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m"
     return {
         "line": line["line"],
         "least [N]": with_position(line["least"], newton(line["least"]["n"])),
@@ -102,7 +105,7 @@ def _tension_row(line: Table) -> Cells:
         "largest [N]": with_position(line["largest"], newton(line["largest"]["n"])),
         "largest mean over 0.2 s [N]": newton(line["sustained_n"]),
         "most probable maximum in 3 h [N]": _most_probable(line),
-        "utilisation": "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
+        "utilisation": utilisation,
         "with the safety factor": "-" if used is None else f"{100 * used['with_factor']:.1f} %",
     }
 
@@ -132,7 +135,9 @@ def _missing(what: str, lines: list[Table], why: dict[str, str]) -> str:
     found = ""
     for reason in dict.fromkeys(why.values()):
         names = [name for name, own in why.items() if own == reason]
-        which = "any line" if len(names) == len(lines) else first_names(names, SECTION_ROWS)
+        which = "any line"
+        if len(names) != len(lines):
+            which = first_names(names, SECTION_ROWS)
         found += f"\n\nNo {what} of {which}: {reason}."
     return found
 

@@ -125,7 +125,9 @@ def _spread(section: Table) -> str:
     steps."""
     # maximum number of runs with values side by side
     few = len(section["dt_s"]) <= 6
-    own = [f"run {i + 1}" for i in range(len(section["dt_s"]))] if few else []
+    own = []
+    if few:
+        own = [f"run {i + 1}" for i in range(len(section["dt_s"]))]
     rows = [
         ["step [s]", "", "", "", *cells(section["dt_s"][: len(own)], "g")],
         [

@@ -46,7 +46,9 @@ def write_report(
     settings = settings or Settings()
     pictures = []
     for number, (solution, values) in enumerate(zip(solutions.values(), found["runs"], strict=True), start=1):
-        target = folder if len(solutions) == 1 else folder / f"run-{number}"
+        target = folder
+        if len(solutions) != 1:
+            target = folder / f"run-{number}"
         target.mkdir(exist_ok=True)
         files = draw_run(record(solution, settings.skip), values, target)
         pictures.append({name: file.relative_to(folder).as_posix() for name, file in files.items()})
@@ -245,7 +247,11 @@ def _along(part: Record, found: Table, folder: Path) -> Path:
         for index, (colour, curve) in enumerate(zip(style.CYCLE, curves, strict=False)):
             dashes = DASHES if hides(curves, index) else "-"
             axes.plot(curve.t, curve.values, marker="o", ls=dashes, ms=3, color=colour, label=curve.name)
-        axes.set(ylabel=label, ylim=(-4, 104) if scale == 100.0 else (0, None))
+        if scale == 100.0:
+            ylim = (-4, 104)
+        else:
+            ylim = (0, None)
+        axes.set(ylabel=label, ylim=ylim)
     figure.axes[-1].set_xlabel("unstretched arc length [m]")
     if len(kept) > 1:
         figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)

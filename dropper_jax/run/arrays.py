@@ -70,6 +70,9 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
 
 def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
     line = scene.line
+    name = line.name
+    if scene.branched:
+        name = "line"
     return Line(
         length=line.length,
         mass=line.mass,
@@ -80,7 +83,7 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
         geometry=_geometry(scene, index, corners),
         axial=_axial(scene.lines),
         failures=make_failures(scene),
-        name="line" if scene.branched else line.name,
+        name=name,
     )
 
 

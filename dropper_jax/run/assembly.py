@@ -106,6 +106,12 @@ def _observe_run(
     broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
     status, first_bad = _first_failure(run, stepper, model, before, scene.run.save_every, (float(t[0]), dt))
+    failed_steps = 1
+    if first_bad is None:
+        failed_steps = int(np.sum(run.failed))
+    continues = None
+    if before or since.origin:
+        continues = {"origin_s": since.origin, "saves": since.saves}
     found = kind(
         scene=scene,
         settings=_settings_of(scene, stepper, model, extra),
@@ -120,7 +126,7 @@ def _observe_run(
         work_names=ledger(stepper, model, scene.run),
         step_status=np.zeros(good + 1, np.int8),
         status=status,
-        failed_steps=int(np.sum(run.failed)) if first_bad is None else 1,
+        failed_steps=failed_steps,
         retried_steps=int(np.sum(run.retried[: good + 1])),
         first_bad=first_bad,
         max_residual=float(np.max(run.residual[: good + 1])),
@@ -128,7 +134,7 @@ def _observe_run(
         versions=versions(),
         broken=broken,
         own=_name_leaves(own),
-        continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
+        continues=continues,
         **seen.bodies,
     )
     return replace(found, warnings=tuple(_remarks(found, model, np.asarray(start.tension))))

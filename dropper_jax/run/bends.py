@@ -181,11 +181,14 @@ def bending_summary(
         bent = float(np.max(kappa[:, where.nodes]))
         when, node = np.unravel_index(np.argmax(own), own.shape)
         # curvature below which a radius is that of a straight line [1/m]
+        least_radius_m = None
+        if bent > 1e-12:
+            least_radius_m = 1.0 / bent
         found[line.name] = {
             "largest_moment_n_m": float(own[when, node]),
             "at_m": float(np.sum(line.length[:node])),
             "t_s": float(t[when]),
-            "least_radius_m": 1.0 / bent if bent > 1e-12 else None,
+            "least_radius_m": least_radius_m,
         }
     return found
 

@@ -110,7 +110,9 @@ def between_points(model: Model, near: State | None = None, there: bool = False)
         s = _equilibrium_state(held, None)
     else:
         s = settle(held, beside, there=there)
-    r = jnp.concatenate([s.r, jnp.stack(positions)]) if positions else s.r
+    r = s.r
+    if positions:
+        r = jnp.concatenate([s.r, jnp.stack(positions)])
     return state(model, r, tension=s.tension)
 
 

@@ -132,15 +132,23 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     else:
         stated = SCATTER * estimate
     travel = _travel(solution, rows.r)
-    separation = None if travel is None else np.concatenate(distance) / travel
+    separation = None
+    if travel is not None:
+        separation = np.concatenate(distance) / travel
     chaos = None if separation is None else _chaos(separation, run)
     both_tensions = _tensions(rows, beside), _weighted(parts)
     interval = solution.settings["dt"] * solution.settings["save_every"] * every
+    positions = None
+    if separation is not None:
+        positions = stated * float(np.sqrt(np.mean(separation[:chaos] ** 2)))
+    chaotic_from_s = None
+    if chaos is not None:
+        chaotic_from_s = float(solution.t[every * (1 + chaos)])
     return {
         "companion": companion.words,
         "lines": list(_lines(solution, both_tensions, stated if chaos is None else max(stated, 1.0))),
-        "positions": None if separation is None else stated * float(np.sqrt(np.mean(separation[:chaos] ** 2))),
-        "chaotic_from_s": None if chaos is None else float(solution.t[every * (1 + chaos)]),
+        "positions": positions,
+        "chaotic_from_s": chaotic_from_s,
         "angles_rad": estimate * _angle_error(solution, np.concatenate(turned)[:chaos], interval),
     }
 

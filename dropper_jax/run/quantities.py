@@ -286,7 +286,8 @@ class Quantity:
             found = safe_norm(along[1:] - along[:-1]) / (0.5 * (length[1:] + length[:-1]))
         else:
             found = self._of_nodes(model, start, r, t)
-        found = found if self.members is None else found[np.array(self.members)]
+        if self.members is not None:
+            found = found[np.array(self.members)]
         if self.signs:
             return found * np.array(self.signs)
         return found

@@ -45,7 +45,9 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
     for line, strain in _strains(scene, positions):
         if strain >= torn:
             speed = fastest_current(scene)
-            flow = f", and the current of {speed:.4g} m/s" if speed else ""
+            flow = ""
+            if speed:
+                flow = f", and the current of {speed:.4g} m/s"
             error = SceneError(
                 f"line {line!r}: is stretched by {strain:.0%} at rest, more than {torn:.0%}. Check its length "
                 f"and EA and the positions of its ends{flow}"

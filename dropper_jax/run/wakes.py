@@ -358,6 +358,9 @@ def wake_facts(found: SceneWakes) -> dict[str, Any]:
     e = found.wakes.elements
     wakes = found.wakes
     alone = 0.5 * np.sum(e.drag * e.area) * wakes.speed**2
+    drag_over_unsheltered = 1.0
+    if alone > 0.0:
+        drag_over_unsheltered = float(np.sum(wakes.drag) / alone)
     return {
         "current_m_per_s": wakes.speed,
         "turbulence": wakes.turbulence,
@@ -366,6 +369,6 @@ def wake_facts(found: SceneWakes) -> dict[str, Any]:
             for line in found.lines
             for s in [found.share[line.links]]
         ],
-        "drag_over_unsheltered": float(np.sum(wakes.drag) / alone) if alone > 0.0 else 1.0,
+        "drag_over_unsheltered": drag_over_unsheltered,
         "balance": wakes.balance,
     }

@@ -168,7 +168,9 @@ class LineSpec:
         changing = own.pop("length_in_time", [])
         links = own.get("links")
         # a wrong number is rejected when the field is read
-        count = links if isinstance(links, int) and 0 < links <= LINK_LIMIT else 1
+        count = 1
+        if isinstance(links, int) and 0 < links <= LINK_LIMIT:
+            count = links
         values = read_fields(cls, own, path, {"link": count})
         _check_diameters_and_masses(values, path)
         values.update(_read_axial(axial, f"{path}.axial", count))
@@ -177,7 +179,8 @@ class LineSpec:
             if values.get(key) is not None:
                 values[key] = _per_link(values[key], count)
         values["constants"] = {key: _per_link(value, count) for key, value in values.get("constants", {}).items()}
-        growth = None if growth is None else GrowthSpec.read(growth, f"{path}.growth")
+        if growth is not None:
+            growth = GrowthSpec.read(growth, f"{path}.growth")
         changing = read_items(LengthInTimeSpec.read, changing, f"{path}.length_in_time")
         spec = cls(**values, growth=growth, length_in_time=changing)
         check_changing_lengths(changing, f"{path}.length_in_time", spec.name, spec.length, spec.rigid)

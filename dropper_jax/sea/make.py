@@ -40,7 +40,9 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
     Raises:
         SceneError: a component that the current stops; an interpolated sea that is not long-crested.
     """
-    current = None if spec.current is None else make_current(spec.current)
+    current = None
+    if spec.current is not None:
+        current = make_current(spec.current)
     waves = None
     wave = None if spec.waves is None else finite_wave(spec, current)
     if wave is not None:
@@ -60,13 +62,16 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         _refuse_blocked(waves)
         if spec.interpolation == "grid":
             waves = _interpolate_waves(spec, waves, *reach)
+    level = None
+    if spec.level is not None:
+        level = make_level(spec.level)
     return Sea(
         depth=spec.depth,
         density=spec.density,
         gravity=spec.gravity,
         waves=waves,
         current=current,
-        level=None if spec.level is None else make_level(spec.level),
+        level=level,
     )
 
 

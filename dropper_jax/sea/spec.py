@@ -116,8 +116,12 @@ class WaveSpec(DeclaredSection):
         )
         values = {key: getattr(self, key) for key in ("amplitude", "period", "phase", "direction")}
         sizes = {key: np.size(value) for key, value in values.items() if value is not None}
-        most = 1 if self.kind in ("regular", "spectrum") else max(sizes.values())
-        allowed = "one number" if most == 1 else f"{most}, one per component"
+        most = 1
+        if self.kind not in ("regular", "spectrum"):
+            most = max(sizes.values())
+        allowed = "one number"
+        if most != 1:
+            allowed = f"{most}, one per component"
         for key, size in sizes.items():
             yield (
                 size not in (1, most) or (key in ("amplitude", "period") and size != most),

@@ -203,7 +203,10 @@ def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.nda
             step *= 0.5
             # minimum step of the height, relative to the full height
             if step < 1.0 / 256.0:
-                length = 2.0 * np.pi / past[-1][1][0] if past else _first(problem)[1]
+                if past:
+                    length = 2.0 * np.pi / past[-1][1][0]
+                else:
+                    length = _first(problem)[1]
                 raise NotSolved(depth * done * height, depth * length, depth)
             continue
         if share * height > 1.02 * highest(2.0 * np.pi / x[0], 1.0):

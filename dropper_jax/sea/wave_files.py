@@ -32,7 +32,11 @@ def read_components(file: str | Path, path: str = "file") -> dict[str, Any]:
         raise SceneError(f"{path}: {key} of component {worst + 1} is {column[key][worst]:g}; allowed: > 0")
     column = {"phase_rad": np.zeros(len(rows)), **column}
     values = {name: column[f"{name}_{unit}"] for name, unit in UNITS.items() if f"{name}_{unit}" in column}
-    return {**values, "period": column["period_s"] if key == "period_s" else 1.0 / column["frequency_hz"]}
+    if key == "period_s":
+        period = column["period_s"]
+    else:
+        period = 1.0 / column["frequency_hz"]
+    return {**values, "period": period}
 
 
 def read_elevation(file: str | Path, path: str = "file") -> dict[str, Any]:

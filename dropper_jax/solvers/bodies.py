@@ -57,7 +57,9 @@ class BodyNodeMap:
         away = np.concatenate([corners.ravel(), seats])
         rest = _rest(graph, tuple(away.tolist()))
         touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()
-        edge = np.concatenate([seats, corners.ravel()]) if touched else seats
+        edge = seats
+        if touched:
+            edge = np.concatenate([seats, corners.ravel()])
         kept = np.setdiff1d(np.arange(graph.free), away)
         pinned = np.array(constraint.pinned, int)
         return cls(graph, rest, corners, seats, kept, edge, pinned)

@@ -49,7 +49,9 @@ class NetworkFactor:
         return NetworkFactor(self.system.transpose(), None if self.law is None else self.law.transpose())
 
     def apply(self, rows: Unknowns) -> Unknowns:
-        gaps = rows.z[-1:] if isinstance(self.system, BodyFactor) else ()
+        gaps = ()
+        if isinstance(self.system, BodyFactor):
+            gaps = rows.z[-1:]
         law = self.law
         force = rows.x
         if law is not None:

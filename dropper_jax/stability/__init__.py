@@ -13,6 +13,9 @@ def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str,
     """The row of a case: {name, claim, measured, limit, unit, ok, status, baseline_thesis}."""
     found = MEASURES[case.measure](case, short)
     holds = found.status == case.expected and found.measured <= case.limit
+    baseline_thesis = None
+    if compare:
+        baseline_thesis = baselines(case)
     return {
         "name": case.name,
         "claim": case.claim,
@@ -21,7 +24,7 @@ def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str,
         "unit": case.unit,
         "ok": bool(holds),
         "status": found.status,
-        "baseline_thesis": baselines(case) if compare else None,
+        "baseline_thesis": baseline_thesis,
     }
 
 

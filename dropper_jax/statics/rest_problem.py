@@ -101,7 +101,10 @@ def rest(model: Model) -> Model:
 
     Dry friction allows many equilibria; the frictionless one is used. Waves are left out, a current is included.
     """
-    return replace(model.without_slot(Law), sea=None if model.sea is None else model.sea.without_waves())
+    sea = None
+    if model.sea is not None:
+        sea = model.sea.without_waves()
+    return replace(model.without_slot(Law), sea=sea)
 
 
 class RestProblem(StepProblem):

@@ -108,7 +108,9 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
 
 def _remaining_residual(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
     """Maximum scaled row of an equilibrium, and its tolerance (NaN if that is not known in a trace)."""
-    tolerance = np.nan if _is_traced(model) else 2.0 * system_tolerance(model)
+    tolerance = np.nan
+    if not _is_traced(model):
+        tolerance = 2.0 * system_tolerance(model)
     if model.constraints or model.line.axial.elastic:
         return unbalance(model, s, loads), tolerance
     problem = RestProblem(model, s, loads)

@@ -152,10 +152,13 @@ def load_errors(
     chaotic = horizon is not None
     factor = 1.0 if chaotic else error_factor(base, finer=True)
     rows = [_row(i, made, factor) for i in range(len(made["1"]))]
+    horizon_s = horizon
+    if horizon is None:
+        horizon_s = scene.run.duration
     return {
         "loads": rows,
         "chaotic": chaotic,
-        "horizon_s": scene.run.duration if horizon is None else horizon,
+        "horizon_s": horizon_s,
         "not_resolved": [row["line"] for row in rows if row["maximum"]["error"] > UNRESOLVED * row["maximum"]["value"]],
         "left_out": left_out,
     }

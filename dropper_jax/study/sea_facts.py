@@ -167,10 +167,13 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
         held = fixed_point_loads(scene, pose.positions, pose.tension, float(t))
         used = utilisations(scene.anchors, {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()})
         way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
+        level_m = 0.0
+        if model.sea.level is not None:
+            level_m = float(model.sea.level.at(jnp.asarray(t)))
         rows.append(
             {
                 "t_s": float(t),
-                "level_m": 0.0 if model.sea.level is None else float(model.sea.level.at(jnp.asarray(t))),
+                "level_m": level_m,
                 "speed_m_per_s": _speed(model.sea, float(t)),
                 "status": pose.status,
                 "displacement_m": float(way.max()),

@@ -131,12 +131,17 @@ def _scheme_rows(
             # the first row compiles
             wall = pick(walls(again, before=seconds if compiled else 0.0))
         compiled = True
+        us_per_step = None
+        wall_s_per_simulated_s = None
+        if wall:
+            us_per_step = 1e6 * wall / steps
+            wall_s_per_simulated_s = wall / target.horizon
         yield {
             **_row_labels(scheme, stepper),
             "dt": target.grid / every,
             **(row_errors(model, s, run, stepper, target) if status == "ok" else NOTHING),
-            "us_per_step": 1e6 * wall / steps if wall else None,
-            "wall_s_per_simulated_s": wall / target.horizon if wall else None,
+            "us_per_step": us_per_step,
+            "wall_s_per_simulated_s": wall_s_per_simulated_s,
             "operations_per_simulated_s": per_step * steps / target.horizon,
             "status": status,
             "retried_steps": int(run.retried[-1]),
@@ -171,6 +176,11 @@ def _row_of_accuracy(
     ok = status == "ok"
     wall = pick(walls(again)) if ok else None
     tries = int(found.taken + found.refused)
+    us_per_step = None
+    wall_s_per_simulated_s = None
+    if ok:
+        us_per_step = 1e6 * wall / tries
+        wall_s_per_simulated_s = wall / target.horizon
     return {
         **_row_labels(scheme, stepper),
         "label": f"{scheme.label}, accuracy",
@@ -179,8 +189,8 @@ def _row_of_accuracy(
         "refused_steps": int(found.refused),
         **(row_errors(model, s, found.run, stepper, target) if ok else NOTHING),
         "rms_tension_error_n": None,  # means between saved times
-        "us_per_step": 1e6 * wall / tries if ok else None,
-        "wall_s_per_simulated_s": wall / target.horizon if ok else None,
+        "us_per_step": us_per_step,
+        "wall_s_per_simulated_s": wall_s_per_simulated_s,
         "operations_per_simulated_s": per_step * tries / target.horizon,
         "status": status,
         "retried_steps": 0,
@@ -211,12 +221,15 @@ def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: R
     loss = energy_loss(model, s, run, target.t)
     path = float(run.path[-1])
     # minimum ratio of a measured error to that of the reference
+    equivalent_linear_damping = 0.0
+    if path > 0:
+        equivalent_linear_damping = float(loss[-1]) / path
     return {
         "rms_angle_error_rad": angle,
         "rms_position_error_m": rms_position(run.r, target.r),
         "rms_tension_error_n": rms(_tension_errors(run, stepper, target.tension)),
         "energy_drift_j": float(np.max(np.abs(loss))),
-        "equivalent_linear_damping": float(loss[-1]) / path if path > 0 else 0.0,
+        "equivalent_linear_damping": equivalent_linear_damping,
         "resolved": bool(100.0 * target.error <= angle < math.inf),
     }
 

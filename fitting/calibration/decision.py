@@ -209,7 +209,9 @@ def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive:
     for i, j in product(alive, alive):
         if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
             apart = logs[j] - logs[i]
-            error = np.sqrt(len(apart)) * np.std(apart) if len(apart) else 0.0
+            error = 0.0
+            if len(apart):
+                error = np.sqrt(len(apart)) * np.std(apart)
             predicts = apart.sum() > max(STANDARD_ERRORS * error, WORSE)
             likelier = rows[i].cost - rows[j].cost > WORSE and apart.sum() > 0
             if not contains(rows[i].name, rows[j].name) and (predicts or likelier):

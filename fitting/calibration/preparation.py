@@ -293,7 +293,9 @@ class Prepared:
     def floor(self) -> np.ndarray:
         """Minimum noise of every run and link relative to the claimed one (R, n): the sensor's rounding."""
         fit = self.scene.fit
-        rounding = 0.0 if fit is None else fit.resolution("angle") / np.sqrt(12)
+        rounding = 0.0
+        if fit is not None:
+            rounding = fit.resolution("angle") / np.sqrt(12)
         claimed = [
             s if trace.se is None else np.sqrt(np.nanmean(trace.se**2, axis=0))
             for s, trace in zip(self.sigma, self.traces, strict=True)

@@ -247,7 +247,9 @@ class FitResult(SceneFit):
     @property
     def descent(self) -> list[dict[str, Any]]:
         """Loss per sample, parameters and gap weight of every step of the method `gradient`; otherwise empty."""
-        points = self.solution.history if self.method == "gradient" else []
+        points = []
+        if self.method == "gradient":
+            points = self.solution.history
         return [{"loss": one.loss, "values": one.values, "gap_weight": one.gap_weight} for one in points]
 
     @property

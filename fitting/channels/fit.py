@@ -50,8 +50,11 @@ def pose(
     names = [name.strip() for name in (default_free(scene) if free is None else free)]
     mine = [name.strip() for name in own]
     known = [n for n in [*names, *mine] if ScenePath(n).section not in OF_DATA]
-    scene = with_effects(scene, full_names(scene, known)) if known else scene
-    data = source if isinstance(source, Data) else read_data(source, scene)
+    if known:
+        scene = with_effects(scene, full_names(scene, known))
+    data = source
+    if not isinstance(source, Data):
+        data = read_data(source, scene)
     if mine and len(data.runs) < 2:
         raise SceneError(f"own: {mine[0]!r}: there is only one run. Use it with 2 runs or more")
     scenes = []
@@ -85,10 +88,13 @@ def pose(
         of_run.append((*range(len(shared)), *range(first, first + len(split))))
     if split:  # joint priors apply only to shared parameters
         wide = lambda a: np.concatenate([a, np.zeros(len(parameters) - len(a))])  # noqa: E731
+        massive = None
+        if known_together.massive is not None:
+            massive = wide(known_together.massive)
         known_together = replace(
             known_together,
             common=tuple(replace(c, share=wide(c.share)) for c in known_together.common),
-            massive=None if known_together.massive is None else wide(known_together.massive),
+            massive=massive,
         )
     return Problem(
         data=data,

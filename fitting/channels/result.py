@@ -194,6 +194,9 @@ class ChannelFit(SceneFit):
         for c, sensor in enumerate(problem.data.sensors):
             off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
             interval = float(np.median(np.concatenate([np.diff(run.t[c]) for run in problem.data.runs])))
+            noise_unit = "-"
+            if not sensor.relative:
+                noise_unit = sensor.channel.measures
             found.append(
                 {
                     "name": sensor.channel.name,
@@ -202,7 +205,7 @@ class ChannelFit(SceneFit):
                     "samples": int(off.size),
                     "rms": float(np.sqrt(np.mean(off**2))),
                     "noise": float(problem.noise_size[c]),
-                    "noise_unit": "-" if sensor.relative else sensor.channel.measures,
+                    "noise_unit": noise_unit,
                     "noise_claimed": sensor.noise,
                     "kept": float(np.exp(-problem.noise.decay[c, 0] * interval)),
                     "correlation": float(self.errors.correlation_1[c]),

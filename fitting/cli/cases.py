@@ -92,5 +92,7 @@ def text(found: dict[str, Any], files: dict[str, Path]) -> str:
             worst = f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
         pairs.append((part["part"], worst))
     flags = "\n".join(f"- {flag}" for flag in found["flags"])
-    verdict = "all limits hold" if found["passes"] else "not all limits hold"
+    verdict = "not all limits hold"
+    if found["passes"]:
+        verdict = "all limits hold"
     return "\n\n".join(p for p in (listing(pairs), flags, f"{verdict}: {files['page']}") if p)

@@ -374,11 +374,14 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
     changed = {"run.dt": args.dt, "run.integrator": args.integrator}
     scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
     say = progress(args.quiet)
+    own = []
+    if args.own is not None:
+        own = args.own.split(",")
     result = fit_channels(
         args.traces[0],
         scene,
         free,
-        own=[] if args.own is None else args.own.split(","),
+        own=own,
         **shared,
         iterations=args.iterations,
         progress=say,

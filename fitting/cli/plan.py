@@ -39,13 +39,19 @@ def run(args: argparse.Namespace) -> int:
     from fitting.calibration.plan import plan, rows
 
     register_effects(args)
+    requested = None
+    if args.wanted is not None:
+        requested = args.wanted.split(",")
+    gap_weight = None
+    if args.gap_weight is not None:
+        gap_weight = _numbers("gap-weight", args.gap_weight)[0]
     found = plan(
         args.scenes,
         args.free.split(","),
         durations=_numbers("duration", args.duration),
         noises=_numbers("noise", args.noise),
-        requested=None if args.wanted is None else args.wanted.split(","),
-        gap_weight=None if args.gap_weight is None else _numbers("gap-weight", args.gap_weight)[0],
+        requested=requested,
+        gap_weight=gap_weight,
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet),
     )

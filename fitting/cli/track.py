@@ -85,6 +85,9 @@ def run(args: argparse.Namespace) -> int:
     from fitting.traces.trace import write_trace
 
     try:
+        bright = None
+        if args.marker is not None:
+            bright = args.marker == "bright"
         tracked = track(
             args.video,
             args.nodes,
@@ -96,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
             distance=args.distance,
             level=args.level,
             radius=args.radius,
-            bright=None if args.marker is None else args.marker == "bright",
+            bright=bright,
             first=args.first,
             start=start,
             fps=args.fps,
@@ -126,7 +129,9 @@ def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, pictu
     from fitting.films.overlay import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
-    shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"
+    shown = "they"
+    if len(error.orders) > SHOWN:
+        shown = f"the first {SHOWN}"
     failure = ("ambiguous_order", f"{error}; {shown} are drawn in {picture}")
     orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in positions] for positions in error.orders]
     found = {"frame": error.frame, "orders": orders, "picture": str(picture)}

@@ -70,7 +70,9 @@ class Noise:
         """Samples of the claimed noise with this noise; frames with delays need the traces."""
         source = windows.source
         weight = windows.weight / self.factor[source][:, None, :]
-        decay = self.decay[source] if np.isfinite(self.decay).any() else None
+        decay = None
+        if np.isfinite(self.decay).any():
+            decay = self.decay[source]
         if not self.delay.any():
             return replace(windows, weight=weight, decay=decay)
         delay = self.delay[source][:, None, None]

@@ -300,7 +300,9 @@ def follow_linear_model(
             tight = JoinedWindows(point.problem, schedule[chosen + fell[0]])
         else:
             tight = None
-        again = None if tight is None else finer(tight.solution_at(point))
+        again = None
+        if tight is not None:
+            again = finer(tight.solution_at(point))
         if again is None:
             return point
         point = replace(again, gap_weight=None)

@@ -305,7 +305,9 @@ class Simulator:
             theta = theta0 + basis @ z[:m]
             h = dt
             samples = (index, fraction)
-            release_state = ReleaseState(*more) if self.release else None
+            release_state = None
+            if self.release:
+                release_state = ReleaseState(*more)
             if release_state is not None:
                 theta = theta + release_state.slope @ (p - values)
             if release_state is not None or losses(self.compiled):

@@ -174,7 +174,9 @@ def _check_order(tracks: np.ndarray, pixels: np.ndarray, still: np.ndarray, stra
         return True
     frame = int(np.argmax(np.isfinite(tracks[..., 0]).sum(axis=1)))
     orders = [pixels[frame, path] for path in [np.arange(nodes), *others]]
-    count = f"{len(orders)} orders" if len(orders) < 50 else "many orders"
+    count = "many orders"
+    if len(orders) < 50:
+        count = f"{len(orders)} orders"
     raise AmbiguousOrderError(
         f"the order of the nodes is not known: in {count} of the {nodes} circles all links keep their lengths; "
         "use a film in which every joint bends, or --start with the nodes' positions in the first frame",

@@ -79,6 +79,18 @@ class Tracked:
     def to_json(self) -> dict[str, Any]:
         """The result without its samples."""
         mean, deviation = self.link_lengths
+        angle_se_rad = None
+        if np.isfinite(self.trace.se).any():
+            angle_se_rad = float(np.nanmedian(self.trace.se))
+        link_length_m = None
+        if self.scaled:
+            link_length_m = [float(x) for x in mean]
+        slant_rad = None
+        if self.slant is not None:
+            slant_rad = list(self.slant)
+        reprojection_error_pixel = None
+        if self.lens is not None:
+            reprojection_error_pixel = self.lens.error
         found = {
             "schema": 1,
             "status": self.status,
@@ -88,15 +100,15 @@ class Tracked:
             "links": self.detected.shape[1] - 1,
             "bridged": [int(x) for x in (~self.detected).sum(axis=0)],
             "longest_gap_s": float(_longest_gaps(self.detected).max() / self.fps),
-            "angle_se_rad": float(np.nanmedian(self.trace.se)) if np.isfinite(self.trace.se).any() else None,
+            "angle_se_rad": angle_se_rad,
             "marker_radius_pixel": self.appearance.radius,
-            "link_length_m": [float(x) for x in mean] if self.scaled else None,
+            "link_length_m": link_length_m,
             "link_length_deviation": [float(x) for x in deviation / mean],
             "marked": self.marks.spans(self.trace.t),
             "marked_frames": int(self.marks.frames.sum()),
-            "slant_rad": None if self.slant is None else list(self.slant),
+            "slant_rad": slant_rad,
             "exposure_s": self.exposure,
-            "reprojection_error_pixel": None if self.lens is None else self.lens.error,
+            "reprojection_error_pixel": reprojection_error_pixel,
             "warnings": list(self.warnings),
         }
         if self.status == "ok":

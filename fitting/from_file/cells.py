@@ -160,8 +160,8 @@ def is_sample(row: Sequence[str], comma: bool) -> bool:
 def number(cell: str, comma: bool) -> float:
     """The number of a cell, in seconds for a time of day; NaN is missing."""
     text = cell.strip().strip('"')
-    if comma:
-        text = text.replace(".", "").replace(",", ".") if "," in text else text
+    if comma and "," in text:
+        text = text.replace(".", "").replace(",", ".")
     try:
         value = float(text)
     except ValueError:
@@ -197,7 +197,9 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     found = []
     for i, (above, name) in enumerate(zip(groups, last, strict=True)):
         group = above or group
-        text = f"{group} {name}".strip() if group and group != name else name
+        text = name
+        if group and group != name:
+            text = f"{group} {name}".strip()
         found.append(text or f"column_{i + 1}")
     return tuple(found)
 

@@ -138,7 +138,9 @@ def chain_of(
     if pivot is None:
         pivot = centre_of(first)
         mates = [q for q in rest if rigid(first, q, sigma) < KEPT]
-        better = pivot_of_pair(first, mates[0], pivot, sigma) if mates else None
+        better = None
+        if mates:
+            better = pivot_of_pair(first, mates[0], pivot, sigma)
         pivot = pivot if better is None else better
     worst = rigid(first, np.full(len(first), pivot), sigma)
     if worst > KEPT:

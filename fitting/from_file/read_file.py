@@ -124,7 +124,9 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
         named = columns.time_unit
     second, how = unit_of_time(cells.file, motion.t, period, named, rate, name)
     # dates in seconds since 1970 lose digits
-    start = second * rows.start if abs(second * rows.start) < LATE else 0.0
+    start = 0.0
+    if abs(second * rows.start) < LATE:
+        start = second * rows.start
     times = start + second * motion.t
     period = second * period
     count = motion.theta.shape[1]

@@ -150,7 +150,9 @@ def recording_rows(rows: Sequence[Disagreement]) -> list[tuple[str, ...]]:
     ]
     for row in rows:
         sizes = (f"{x:.3g}" for x in (row.rms, row.noise))
-        note = f"<- disagrees in {row.stretches} of {STRETCHES} stretches" if row.disagrees else ""
+        note = ""
+        if row.disagrees:
+            note = f"<- disagrees in {row.stretches} of {STRETCHES} stretches"
         where = (f"{row.mean:+.2g}", f"{row.std_error:.1g}", f"{row.low:.3g} to {row.high:.3g}", note)
         found.append((row.recording, str(row.link), str(row.samples), *sizes, *where))
     return found

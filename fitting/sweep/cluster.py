@@ -22,7 +22,9 @@ def done_on(scheduler: Any, call: Callable[..., Any], jobs: Sequence[tuple[Any, 
     distributed = extra("distributed", "sweep")
     own = isinstance(scheduler, str)
     try:
-        client = distributed.Client(scheduler, timeout=10) if own else scheduler
+        client = scheduler
+        if own:
+            client = distributed.Client(scheduler, timeout=10)
     except (OSError, ValueError) as error:
         raise SceneError(f"scheduler: {scheduler}: cannot be reached: {' '.join(str(error).split())}") from None
     try:

@@ -290,7 +290,9 @@ def run_case(
         progress, row = continue_to_save(progress)
         tally = _count(model, start, progress.state, tally, row)
         s = progress.state
-        extremes = {} if watch is None else watch.over_steps(row.extremes)
+        extremes = {}
+        if watch is not None:
+            extremes = watch.over_steps(row.extremes)
         signals = tuple(
             extremes[one] if one in extremes else one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
             for one in named

@@ -102,7 +102,9 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
         found = differences(self.plan.identity(), there)
         if found:
-            more = f" and {len(found) - MOST_DIFFERENCES} more" if len(found) > MOST_DIFFERENCES else ""
+            more = ""
+            if len(found) > MOST_DIFFERENCES:
+                more = f" and {len(found) - MOST_DIFFERENCES} more"
             raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
         there = group.attrs.get("versions", {})
         there = there if isinstance(there, dict) else {}

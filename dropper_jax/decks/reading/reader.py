@@ -217,7 +217,10 @@ def _failures(deck: Deck, lines: list[Table], names: dict[str, str], notes: list
             if point not in (line.get("from"), line.get("to")):
                 row.refuse(f"line {word} does not end at point {row.words[1]}")
             if given:
-                found.append({"line": line["name"], "link": 1 if line["from"] == point else line["links"], **given})
+                link = 1
+                if line["from"] != point:
+                    link = line["links"]
+                found.append({"line": line["name"], "link": link, **given})
         if load > 0.0 and "," in row.words[2]:
             notes.append(f"line {row.number}: the lines of a failure detach one by one, each at its own tension")
     return found

@@ -49,7 +49,10 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> Table:
     courses = [row[3] if len(row) > 3 else 0.0 for row in rows]
     if len(rows) == 1:
         return {"kind": "regular", "direction": courses[0], **{key: value[0] for key, value in found.items()}}
-    return {"kind": "components", "direction": courses if len(set(courses)) > 1 else courses[0], **found}
+    direction = courses
+    if len(set(courses)) <= 1:
+        direction = courses[0]
+    return {"kind": "components", "direction": direction, **found}
 
 
 def read_current(folder: Path) -> Table:

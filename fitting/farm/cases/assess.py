@@ -68,6 +68,9 @@ def assess(site: Site, folder: str | Path, dt: float, step: Table | None = None)
 
 
 def _labels(site: Site, storm: Storm) -> Table:
+    break_s = site.break_time
+    if storm.broken is None:
+        break_s = None
     return {
         "case": storm.number,
         "name": storm.name,
@@ -79,7 +82,7 @@ def _labels(site: Site, storm: Storm) -> Table:
         "crop": storm.crop,
         "return_periods": storm.periods,
         "state": storm.state,
-        "break_s": None if storm.broken is None else site.break_time,
+        "break_s": break_s,
     }
 
 
@@ -116,6 +119,12 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[F
     links = runs.links[part.lines[worst]]
     first = good[0]
     at = links.start + int(np.argmax(first["largest"][links]))
+    utilisation_error = None
+    if load["error"] is not None:
+        utilisation_error = load["error"] * scale
+    after_break_s = None
+    if storm.broken is not None:
+        after_break_s = float(first["when"][at]) - site.break_time
     return {
         "case": storm.number,
         "line": part.lines[worst],
@@ -128,8 +137,8 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[F
         "capacity_n": float(part.capacity[worst]),
         "factor": factor,
         "utilisation": float(share[worst]),
-        "utilisation_error": None if load["error"] is None else load["error"] * scale,
-        "after_break_s": float(first["when"][at]) - site.break_time if storm.broken is not None else None,
+        "utilisation_error": utilisation_error,
+        "after_break_s": after_break_s,
         "damage_per_hour": _damage(part, good, run.duration - run.skip),
     }
 
@@ -185,10 +194,13 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
     for state in given:
         own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state is state]
         yearly += state.hours * float(np.mean(own)) if own else 0.0
+    life_years = None
+    if yearly > 0.0:
+        life_years = 1.0 / yearly
     return {
         **found,
         "damage_per_year": yearly,
-        "life_years": 1.0 / yearly if yearly > 0.0 else None,
+        "life_years": life_years,
         "share_of_year": sum(state.hours for state in given) * 3600.0 / YEAR,
     }
 
@@ -260,7 +272,9 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
     if anchor is not None:
         factor = anchor.factor[storm.kind]
         used = characteristic(np.array([anchor.utilisation(*load.T).max() for load in loads]), run)
-        error = None if used["error"] is None else factor * used["error"]
+        error = None
+        if used["error"] is not None:
+            error = factor * used["error"]
         row |= {"factor": factor, "utilisation": factor * used["value"], "utilisation_error": error}
     return row
 
@@ -282,11 +296,14 @@ def anchor_found(site: Site, name: str, rows: list[Table]) -> Table:
     def load(row: Table) -> float:
         return row["total_n"]["value"] if anchor is None else row["utilisation"]
 
+    allowed_uplift_deg = None
+    if anchor is not None:
+        allowed_uplift_deg = anchor.table.uplift
     return {
         "point": name,
         "anchor": None if anchor is None else anchor.name,
         "cases": rows,
         "worst": max(rows, key=load, default=None),
         "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
-        "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
+        "allowed_uplift_deg": allowed_uplift_deg,
     }

@@ -54,10 +54,13 @@ class CaseStore(Store[Case, Found]):
     def file(self, case: Case) -> Path:
         """The file of a run."""
         storm = case.storm
+        broken = None
+        if storm.broken is not None:
+            broken = [storm.broken.line, storm.broken.link, self.site.break_time]
         own = {
             "changes": self.site.still_changes(storm),
             "waves": storm.sea_state.waves(storm.direction, case.seed),
-            "broken": None if storm.broken is None else [storm.broken.line, storm.broken.link, self.site.break_time],
+            "broken": broken,
         }
         text = self._shared + json.dumps(own, sort_keys=True)
         return self.path / f"{hashlib.sha256(text.encode()).hexdigest()[:20]}.npz"

@@ -51,7 +51,9 @@ def flags_of(found: Table, site: Site) -> list[str]:
     if found["failed"]:
         rows = found["failed"]
         first = rows[0]
-        at = "" if first["time_s"] is None else f" at {first['time_s']:.4g} s"
+        at = ""
+        if first["time_s"] is not None:
+            at = f" at {first['time_s']:.4g} s"
         why = f": {first['why']}" if first["why"] else ""
         notes.append(
             f"{len(rows)} of {len(site.cases)} runs are missing or failed, the first in case {first['case']}, seed "

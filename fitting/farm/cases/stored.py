@@ -35,7 +35,9 @@ class Runs:
             if code == "ok":
                 good.append(found)
                 continue
-            at = float(found["failed_at"]) if "failed_at" in found else None
+            at = None
+            if "failed_at" in found:
+                at = float(found["failed_at"])
             why = str(found.get("message", ""))
             bad.append({"case": storm.number, "seed": seed, "status": code, "time_s": at, "why": why})
         return good, bad

@@ -257,7 +257,9 @@ class Design:
         stills = {case.storm.still: cache[case.storm.still] for case in self.cases if case.storm.still in cache}
         for key, start in stills.items():
             level = float(key[2])
-            label = "" if len(stills) == 1 else f": {key[0] or ''} level {level:+g} m"
+            label = ""
+            if len(stills) != 1:
+                label = f": {key[0] or ''} level {level:+g} m"
             for depth in self.goals.depths:
                 own = depth.over(start.still.model, np.asarray(start.rest.state.r), start.rest.dr, level)
                 rows += [(name + label, near, by) for name, near, by in own]

@@ -107,7 +107,9 @@ def run_round(
     settings = design.settings
     say(0.0, f"round {search.round + 1}: derivatives")
     one = _Round(search, design, windows, save, say, design.values(search.x, windows, say))
-    renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
+    renew = 1
+    if (search.residual or 0.0) <= RESIDUAL:
+        renew = settings.renew
     # every round starts with at least a quarter of the first reach
     search.reach = max(search.reach, 0.25 * settings.reach)
     while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:

@@ -101,7 +101,9 @@ def peaks(
             runs.append(_record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps))
             s = runs[-1].last
         if all(float(run.residual) <= stepper.limit(model) for run, model in zip(runs, models, strict=True)):
-            numbers = leaf_numbers(models[-1], stills[-1]) if slopes else None
+            numbers = None
+            if slopes:
+                numbers = leaf_numbers(models[-1], stills[-1])
             return _peaks(stepper, models, runs, numbers, rest, tuple(quantities), h, heights)
     none = np.full(len(quantities), np.nan)
     return Peaks(none, none, np.full((len(quantities), rest.dr.shape[0]), np.nan) if slopes else None, none, False)

@@ -65,7 +65,9 @@ def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: 
         own = [name for name in names if fnmatchcase(name, pattern)]
         if not own:
             hint = nearest(pattern, names)
-            known = f"known: {short(names)}" if hint.startswith("known:") else hint
+            known = hint
+            if hint.startswith("known:"):
+                known = f"known: {short(names)}"
             raise SceneError(f"{path}: {pattern!r} matches no {what}; {known}")
         found.update(own)
     return tuple(name for name in names if name in found)
@@ -76,7 +78,9 @@ def short(names: Sequence[str]) -> str:
     # maximum number of names in an error message
     most_names = 6
     names = list(names)
-    more = f", ... ({len(names)} in total)" if len(names) > most_names else ""
+    more = ""
+    if len(names) > most_names:
+        more = f", ... ({len(names)} in total)"
     return (", ".join(names[:most_names]) or "none") + more
 
 
@@ -148,7 +152,9 @@ class Storm:
     @property
     def still(self) -> tuple[Any, ...]:
         """The values that the equilibrium depends on."""
-        heading = None if self.current is None else self.current["direction"]
+        heading = None
+        if self.current is not None:
+            heading = self.current["direction"]
         return self.current_name, heading, self.level, self.month, self.crop
 
     @property

@@ -103,7 +103,9 @@ def _current(item: Plain, path: str) -> Table:
         return {"name": f"{speed:g} m/s", "speed": speed}
     found: Table = dict(plain(item))
     speed = found.get("speed")
-    own = f"{speed:g} m/s" if isinstance(speed, int | float) else "given"
+    own = "given"
+    if isinstance(speed, int | float):
+        own = f"{speed:g} m/s"
     if "return_period" in found:
         found["return_period"] = read_years(found["return_period"], f"{path}.return_period")
     return {**found, "name": read_text(found.get("name", own), f"{path}.name")}

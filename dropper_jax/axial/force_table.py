@@ -90,14 +90,17 @@ def read_tables(table: Mapping[str, Any], path: str, links: int) -> tuple[ForceT
             raise SceneError(f"{path}.{key}: missing; needed: {ROWS}")
     strain = plain(table["strain"])
     tension = plain(table["tension"])
-    nested = [isinstance(x, list) and any(isinstance(row, list) for row in x) for x in (strain, tension)]
+    nested = []
+    for x in (strain, tension):
+        nested.append(isinstance(x, list) and any(isinstance(row, list) for row in x))
     if not any(nested):
         return (ForceTable.read(strain, tension, path),) * links
     for key, column in (("strain", strain), ("tension", tension)):
         read_list(column, f"{path}.{key}", links, f"{links} lists, one per link")
-    return tuple(
-        ForceTable.read(e, force, f"{path}.{i}") for i, (e, force) in enumerate(zip(strain, tension, strict=True))
-    )
+    found = []
+    for i, (e, force) in enumerate(zip(strain, tension, strict=True)):
+        found.append(ForceTable.read(e, force, f"{path}.{i}"))
+    return tuple(found)
 
 
 def tables_of(tables: Sequence[ForceTable]) -> dict[str, Any]:
@@ -105,7 +108,10 @@ def tables_of(tables: Sequence[ForceTable]) -> dict[str, Any]:
     if all(t == tables[0] for t in tables):
         tables = tables[0]
         return {"strain": plain(tables.strain), "tension": plain(tables.tension)}
-    return {key: [plain(getattr(t, key)) for t in tables] for key in ("strain", "tension")}
+    found = {}
+    for key in ("strain", "tension"):
+        found[key] = [plain(getattr(t, key)) for t in tables]
+    return found
 
 
 def stack_tables(tables: Sequence[ForceTable]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -105,7 +105,10 @@ class Groups(AxialLaw):
         return self._add_tables([law.powers(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
 
     def _add_tables(self, tables: list[dict[str, jax.Array]]) -> dict[str, jax.Array]:
-        return {name: sum(table[name] for table in tables if name in table) for name in self.work_names}
+        found = {}
+        for name in self.work_names:
+            found[name] = sum(table[name] for table in tables if name in table)
+        return found
 
 
 def _of(start: LinkStart, members: np.ndarray) -> LinkStart:

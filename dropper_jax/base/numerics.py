@@ -36,7 +36,10 @@ def inverse_rows(node: jax.Array) -> tuple[Components, Components, Components]:
     columns = [components(node[..., :, i]) for i in range(3)]
     crosses = [_cross(columns[1], columns[2]), _cross(columns[2], columns[0]), _cross(columns[0], columns[1])]
     scale = 1.0 / dot_components(columns[0], crosses[0])
-    return tuple(tuple(c * scale for c in row) for row in crosses)
+    found = []
+    for row in crosses:
+        found.append(tuple(c * scale for c in row))
+    return tuple(found)
 
 
 def store_once(x: Tree) -> Tree:

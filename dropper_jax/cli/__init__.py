@@ -129,7 +129,9 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 def command_groups() -> dict[str, list[EntryPoint]]:
     """All commands by group."""
     left = {entry.name: entry for entry in find_commands()}
-    found = {group: [left.pop(name) for name in names if name in left] for group, names in GROUPS.items()}
+    found = {}
+    for group, names in GROUPS.items():
+        found[group] = [left.pop(name) for name in names if name in left]
     return {group: entries for group, entries in {**found, OTHERS: list(left.values())}.items() if entries}
 
 

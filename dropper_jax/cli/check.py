@@ -56,16 +56,17 @@ def examine(scene: Scene) -> Table:
     model = bare_model(grown)
     wet = wet_weights(scene)
     stepper = stepper_of(model, scene.run)
-    lines = [
-        {
-            "line": line.name,
-            "links": line.spec.links,
-            "length_m": float(line.spec.total),
-            "mass_kg": float(line.spec.mass.sum()),
-            "wet_weight_n": float(wet[line.links].sum()),
-        }
-        for line in whole_lines(grown)
-    ]
+    lines = []
+    for line in whole_lines(grown):
+        lines.append(
+            {
+                "line": line.name,
+                "links": line.spec.links,
+                "length_m": float(line.spec.total),
+                "mass_kg": float(line.spec.mass.sum()),
+                "wet_weight_n": float(wet[line.links].sum()),
+            }
+        )
     points = [point for point in scene.points if point.is_free]
     mass = sum(float(p.mass or 0.0) for p in points)
     volume = sum(float(p.volume or 0.0) for p in points)

@@ -153,21 +153,21 @@ def _rows(found: FrequencyResponse) -> list[Table]:
         "tension_period_s": found.tension_period,
         "maximum_tension_n": found.maximum_tension,
     }
-    ends = [
-        {"line": line, "point": point, "static_tension_n": found.static_tension[j]}
-        for j, (line, point) in enumerate(found.ends)
-    ]
-    rows = [
-        {
-            "hs_m": hs,
-            "tp_s": tp,
-            "status": found.status[i],
-            "ends": [end | _at(columns, (i, j)) for j, end in enumerate(ends)],
-            "significant_motion_m": dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True)),
-            "slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low],
-        }
-        for i, (hs, tp) in enumerate(found.sea_states)
-    ]
+    ends = []
+    for j, (line, point) in enumerate(found.ends):
+        ends.append({"line": line, "point": point, "static_tension_n": found.static_tension[j]})
+    rows = []
+    for i, (hs, tp) in enumerate(found.sea_states):
+        rows.append(
+            {
+                "hs_m": hs,
+                "tp_s": tp,
+                "status": found.status[i],
+                "ends": [end | _at(columns, (i, j)) for j, end in enumerate(ends)],
+                "significant_motion_m": dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True)),
+                "slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low],
+            }
+        )
     if len(rows) == 1:
         omega, tension, motion = found.spectra()
         rows[0] |= {"omega_rad_per_s": omega, "tension_spectrum": tension, "motion_spectrum": motion}

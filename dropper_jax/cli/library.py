@@ -71,12 +71,11 @@ def _published_table(crops: list[Table]) -> str:
         ("published", "mass [kg/m]", "outer diameter [m]", "cdn", "can", "EI [N m^2]", "like")
     ]
     keys = ("mass", "outer_diameter", "cdn", "can", "EI")
-    rows += [
-        (f"{i}. {crop['crop']}", *cells((crop[key] for key in keys), ".4g"), crop["like"])
-        for i, crop in enumerate(crops, 1)
-    ]
-    sources = [
-        (f"{i}.", "; ".join(filter(None, (crop["source"], f"read: {crop['read']}", crop["conditions"]))))
-        for i, crop in enumerate(crops, 1)
-    ]
+    for i, crop in enumerate(crops, 1):
+        rows.append((f"{i}. {crop['crop']}", *cells((crop[key] for key in keys), ".4g"), crop["like"]))
+    sources = []
+    for i, crop in enumerate(crops, 1):
+        sources.append(
+            (f"{i}.", "; ".join(filter(None, (crop["source"], f"read: {crop['read']}", crop["conditions"]))))
+        )
     return f"{table(rows)}\n\n{listing(sources)}"

@@ -323,11 +323,9 @@ def _about_errors(found: Table) -> list[str]:
     ]
     if worst["chance"] is not None:
         lines.append(f"scatter: another storm of this length changes the maximum load by about {worst['chance']:.2g} N")
-    lines += [
-        f"twice the {what}: the maximum load changes by {worst[key]:.2g} N"
-        for key, what in (("twice_damping", "internal damping"), ("twice_bed", "stiffness of the seabed"))
-        if key in worst
-    ]
+    for key, what in (("twice_damping", "internal damping"), ("twice_bed", "stiffness of the seabed")):
+        if key in worst:
+            lines.append(f"twice the {what}: the maximum load changes by {worst[key]:.2g} N")
     if found["chaotic"]:
         lines.append(f"the motion is chaotic from {found['horizon_s']:.3g} s on: other steps give other storms")
     return [*lines, *(f"left out: {name}: {why}" for name, why in found["left_out"].items())]

@@ -49,18 +49,19 @@ def run(args: argparse.Namespace) -> int:
 
 def text(rows: list[Table]) -> str:
     """The result as a table."""
-    cells = [
-        (
-            row["name"],
-            f"{row['measured']:.1e}",
-            f"{row['limit']:.0e}",
-            row["unit"],
-            "yes" if row["ok"] else "NO",
-            row["status"],
-            *(_short((row["baseline_thesis"] or {}).get(label)) for label in BASELINES),
+    cells = []
+    for row in rows:
+        cells.append(
+            (
+                row["name"],
+                f"{row['measured']:.1e}",
+                f"{row['limit']:.0e}",
+                row["unit"],
+                "yes" if row["ok"] else "NO",
+                row["status"],
+                *(_short((row["baseline_thesis"] or {}).get(label)) for label in BASELINES),
+            )
         )
-        for row in rows
-    ]
     heads = ("case", "measured", "limit", "unit", "holds", "status", *BASELINES)
     return "\n".join([table([heads, *cells]), "", *(f"{row['name']}: {row['claim']}" for row in rows)])
 

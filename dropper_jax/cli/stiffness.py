@@ -151,7 +151,9 @@ def _text(found: Stiffness) -> str:
     pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
     rows = [("point", *(f"{pair} [N/m]" for pair in pairs))]
     for name in found.names:
-        freedoms = [[first[name] + "xyz".index(letter) for letter in pair] for pair in pairs]
+        freedoms = []
+        for pair in pairs:
+            freedoms.append([first[name] + "xyz".index(letter) for letter in pair])
         rows.append((name, *(f"{found.matrix[i, j]:.5g}" for i, j in freedoms)))
     return f"{table(rows)}\nof each point, the other {len(found.names) - 1} fixed; the full matrix: --json or --out"
 

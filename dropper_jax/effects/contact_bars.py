@@ -91,8 +91,12 @@ def _links(graph: Graph, beside: tuple[tuple[Group, Group], ...]) -> tuple[np.nd
     """Pairs of links that may touch: all links of one group with all of the other, except those that share a point."""
     found = [np.zeros((2, 0), int)]
     for groups in beside:
-        own = [[graph.members[i] for i in group] for group in groups]
-        points = [{end for member in members for end in (member.start, member.end)} for members in own]
+        own = []
+        for group in groups:
+            own.append([graph.members[i] for i in group])
+        points = []
+        for members in own:
+            points.append({end for member in members for end in (member.start, member.end)})
         shared = points[0] & points[1]
         kept = [_links_except(graph, group, shared) for group in groups]
         found.append(np.stack([part.ravel() for part in np.meshgrid(*kept, indexing="ij")]))

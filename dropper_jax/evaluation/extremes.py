@@ -196,19 +196,19 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
             own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
             counts.append(len(own))
             share.append(float(np.mean(tension < slack)))
-            events += [
-                {
-                    "at_m": float(s[j]),
-                    "slack_from_s": event.slack_from,
-                    "slack_to_s": event.slack_to,
-                    "threshold_passed_s": event.passed,
-                    "peak_n": event.peak,
-                    "peak_s": event.peak_at,
-                    "slack_n": slack,
-                    "snap_n": snap,
-                }
-                for event in own
-            ]
+            for event in own:
+                events.append(
+                    {
+                        "at_m": float(s[j]),
+                        "slack_from_s": event.slack_from,
+                        "slack_to_s": event.slack_to,
+                        "threshold_passed_s": event.passed,
+                        "peak_n": event.peak,
+                        "peak_s": event.peak_at,
+                        "slack_n": slack,
+                        "snap_n": snap,
+                    }
+                )
         events.sort(key=lambda event: -event["peak_n"])
         found.append(
             {

@@ -37,11 +37,11 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
 
 def _ends(key: str, values: np.ndarray) -> dict[str, float]:
     """Mean and maximum of values (k, 2) at both ends."""
-    return {
-        f"{what}_{end}_{key}": float(function(values[:, i]))
-        for i, end in enumerate(("first", "last"))
-        for what, function in (("mean", np.mean), ("max", np.max))
-    }
+    found = {}
+    for i, end in enumerate(("first", "last")):
+        for what, function in (("mean", np.mean), ("max", np.max)):
+            found[f"{what}_{end}_{key}"] = float(function(values[:, i]))
+    return found
 
 
 def _force_peaks(extremes: Extremes) -> dict[str, float]:
@@ -162,11 +162,13 @@ def load_extremes(record: Record) -> dict[str, Extremes]:
     zero = np.zeros((len(record.t_tension), 3))
     times = np.tile(record.t_tension[:, None], 3)
     none = Extremes(zero, zero, times, times)
-    return {
-        point.name: Extremes(*(a[:, loaded.index(point.name)] for a in found)) if point.name in loaded else none
-        for point in record.scene.points
-        if not point.is_free
-    }
+    rows = {}
+    for point in record.scene.points:
+        if not point.is_free:
+            rows[point.name] = (
+                Extremes(*(a[:, loaded.index(point.name)] for a in found)) if point.name in loaded else none
+            )
+    return rows
 
 
 def _extremes_of(extremes: Extremes, part: int) -> dict[str, float]:

@@ -335,9 +335,10 @@ def _along(scene: Scene, worn: Scene, state: State) -> np.ndarray:
     model = build_model(scene)
     loads = nodal_loads(model, scene.start.release_nodes or (), scene.start.release_force)
     pairs = zip(jax.tree.leaves(model), jax.tree.leaves(build_model(worn)), strict=True)
-    change = {
-        i: np.asarray(b) - np.asarray(a) for i, (a, b) in enumerate(pairs) if np.any(np.asarray(a) != np.asarray(b))
-    }
+    change = {}
+    for i, (a, b) in enumerate(pairs):
+        if np.any(np.asarray(a) != np.asarray(b)):
+            change[i] = np.asarray(b) - np.asarray(a)
     rows = [row[None] for row in change.values()]
 
     def tension(shift: jax.Array) -> jax.Array:

@@ -155,7 +155,10 @@ def which_looped(p: dict[str, Any], many: list[bool]) -> tuple[list[bool], bool]
 
 def which_branched(p: dict[str, Any], many: list[bool]) -> list[bool]:
     """For the results: those for which any branch has members."""
-    return [any(found) for found in zip(*(_which(b, many) for b in p["branches"]), strict=True)]
+    rows = []
+    for found in zip(*(_which(b, many) for b in p["branches"]), strict=True):
+        rows.append(any(found))
+    return rows
 
 
 class Unreadable(Exception):
@@ -202,7 +205,10 @@ class Interpreter:
         if name in CALLS:
             return self.run(p[CALLS[name]], inputs)
         if not any(v.many for v in inputs):
-            return [Value(x, False) for x in alone(eqn, [v.array for v in inputs])]
+            result = []
+            for x in alone(eqn, [v.array for v in inputs]):
+                result.append(Value(x, False))
+            return result
         if name in self.control:
             return self.control[name](p, inputs)
         if name == "optimization_barrier":  # the compiler ignores it on the CPU
@@ -261,7 +267,9 @@ class Interpreter:
         index = inputs[0]
         given = inputs[1:]
         if index.many:  # members take different branches: all branches are run
-            found = [[spread(v, self.members) for v in self.run(b, given)] for b in p["branches"]]
+            found = []
+            for b in p["branches"]:
+                found.append([spread(v, self.members) for v in self.run(b, given)])
             which = jnp.asarray(index.array, jnp.int32)
             chosen = (lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs) for xs in zip(*found, strict=True))
             return [Value(x, True) for x in chosen]

@@ -270,12 +270,14 @@ def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
     if scene.buoys:
         buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
         sizes[f"buoy.{buoy.name}"] = buoy.diameter
-    return [
-        f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({ENERGY_SHARE:.0%} of the wave energy is "
-        f"longer); Morison's equation needs at most {slender}"
-        for path, size in sizes.items()
-        if size > slender * shortest
-    ]
+    found = []
+    for path, size in sizes.items():
+        if size > slender * shortest:
+            found.append(
+                f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({ENERGY_SHARE:.0%} of the wave energy is "
+                f"longer); Morison's equation needs at most {slender}"
+            )
+    return found
 
 
 @dataclass(frozen=True)

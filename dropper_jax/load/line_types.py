@@ -324,7 +324,9 @@ def _axial(sections: list[Section], path: str) -> Table:
         tables = [s.type.table or ForceTable.straight(s.type.EA) for s in sections for _ in range(s.links)]
         return {"law": "tabulated", **tables_of(tables), "damping": damping}
     links = [s.type.constants for s in sections for _ in range(s.links)]
-    own = {key: [float(each[key]) for each in links] for key in links[0]}
+    own = {}
+    for key in links[0]:
+        own[key] = [float(each[key]) for each in links]
     return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping, **own}
 
 

@@ -93,7 +93,9 @@ def _by_hand() -> dict[str, Any]:
 def _keys_by_hand(path: str) -> list[Key]:
     """Keys of a section that are read by hand."""
     rows = _by_hand().get(path, {}).get("keys", ())
-    found = [Key(join(path, row["name"]), **{k: v for k, v in row.items() if k != "name"}) for row in rows]
+    found = []
+    for row in rows:
+        found.append(Key(join(path, row["name"]), **{k: v for k, v in row.items() if k != "name"}))
     if path == "line.*.axial":
         return [AXIAL_LAW, *found]
     return found

@@ -148,10 +148,10 @@ class Graph:
         """Numbers of each line's nodes (links + 1,) among all nodes, both ends included."""
         node = self.point_node
         ends = np.cumsum([m.links - 1 for m in self.members])
-        return tuple(
-            np.array([node[m.start], *range(end - m.links + 1, end), node[m.end]], int)
-            for m, end in zip(self.members, ends, strict=True)
-        )
+        found = []
+        for m, end in zip(self.members, ends, strict=True):
+            found.append(np.array([node[m.start], *range(end - m.links + 1, end), node[m.end]], int))
+        return tuple(found)
 
     @cached_property
     def near_share(self) -> np.ndarray | float:

@@ -121,15 +121,14 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     kept = slice(_begin(run), None)
     t = run.t_tension[kept]
     tension = run.tension[kept]
-    loads = {
-        name: np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
-        for name in held_points(run.scene)
-    }
+    loads = {}
+    for name in held_points(run.scene):
+        loads[name] = np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
     low = None if run.min_load is None else run.min_load[kept]
     high = None if run.max_load is None else run.max_load[kept]
-    tops = {
-        name: float(np.nanmax(load if high is None else high[:, i])) for i, (name, load) in enumerate(loads.items())
-    }
+    tops = {}
+    for i, (name, load) in enumerate(loads.items()):
+        tops[name] = float(np.nanmax(load if high is None else high[:, i]))
     least = UNLOADED * max(tops.values())
     names = [name for name in sorted(tops, key=lambda name: -tops[name]) if tops[name] > least][:MOST]
     at = {name: i for i, name in enumerate(loads)}

@@ -121,10 +121,9 @@ def _same_lines(solutions: dict[str, Solution]) -> None:
 
 def _peaks(runs: list[Table]) -> dict[str, list[float]]:
     """Values compared between runs: maximum tension of each line, maximum load of each anchor [N], by run."""
-    found = {
-        f"tension of {line['line']}": [r["tension"][i]["largest"]["n"] for r in runs]
-        for i, line in enumerate(runs[0]["tension"])
-    }
+    found = {}
+    for i, line in enumerate(runs[0]["tension"]):
+        found[f"tension of {line['line']}"] = [r["tension"][i]["largest"]["n"] for r in runs]
     if isinstance(runs[0]["anchors"], list):
         for i, anchor in enumerate(runs[0]["anchors"]):
             found[f"load of {anchor['point']}"] = [r["anchors"][i]["total_n"]["max"] for r in runs]
@@ -156,7 +155,10 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
     """Paths of the scenes in which the runs differ, except texts and the seed of the sea."""
     tables = [_flat(solution.scene.to_dict()) for solution in solutions.values()]
     paths = sorted({path for table in tables for path in table} - {"name", "description", "sea.waves.seed"})
-    found = [path for path in paths if any(table.get(path) != tables[0].get(path) for table in tables)]
+    found = []
+    for path in paths:
+        if any(table.get(path) != tables[0].get(path) for table in tables):
+            found.append(path)
     steps = {solution.settings.get("dt") for solution in solutions.values()}
     return found + (["run.dt"] if len(steps) > 1 and "run.dt" not in found else [])
 
@@ -164,9 +166,10 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
 def _flat(table: Plain, path: str = "") -> Table:
     if not isinstance(table, dict):
         return {path: table}
-    return {
-        key: value for name, item in table.items() for key, value in _flat(item, f"{path}.{name}".strip(".")).items()
-    }
+    found = {}
+    for name, item in table.items():
+        found |= _flat(item, f"{path}.{name}".strip("."))
+    return found
 
 
 def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table:
@@ -175,10 +178,9 @@ def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table
     durations = [run["to_s"] - run["from_s"] for run in runs]
     if len(runs) > 1 and np.ptp(durations) > 1e-3 * max(durations):
         return {"skipped": "the runs have different durations: their maxima are of different distributions"}
-    found = {
-        name: storm_extreme(np.array(peaks), durations[0], settings.storm, settings.confidence)
-        for name, peaks in _peaks(runs).items()
-    }
+    found = {}
+    for name, peaks in _peaks(runs).items():
+        found[name] = storm_extreme(np.array(peaks), durations[0], settings.storm, settings.confidence)
     why = {item.get("skipped") for item in found.values()}
     if len(why) == 1 and None not in why:
         return {"skipped": why.pop()}

@@ -37,16 +37,18 @@ def parts(
     if len(members) == len(names):
         return {"skipped": "no lines whose names differ only in their numbers"}
     damaged = fatigue if isinstance(fatigue, list) else []
-    return [
-        {
-            "part": _name([names[i] for i in own]),
-            "lines": len(own),
-            **_tension([tension[i] for i in own]),
-            "snap": _worst([snap[i] for i in own], "most_events"),
-            "fatigue": _worst([damaged[i] for i in own] if damaged else [], "damage_per_year"),
-        }
-        for own in members
-    ]
+    found = []
+    for own in members:
+        found.append(
+            {
+                "part": _name([names[i] for i in own]),
+                "lines": len(own),
+                **_tension([tension[i] for i in own]),
+                "snap": _worst([snap[i] for i in own], "most_events"),
+                "fatigue": _worst([damaged[i] for i in own] if damaged else [], "damage_per_year"),
+            }
+        )
+    return found
 
 
 def _alike(names: list[str]) -> list[list[int]]:

@@ -66,7 +66,10 @@ def largest_table(
     shown = largest(lines, size)
     if len(shown) == len(lines):
         return table_of([row(line) for line in shown])
-    at = [i for i, line in enumerate(lines) if any(line is one for one in shown)]
+    at = []
+    for i, line in enumerate(lines):
+        if any(line is one for one in shown):
+            at.append(i)
     rows = []
     for before, here in zip([-1, *at], [*at, len(lines)], strict=True):
         if here - before > 1:

@@ -103,14 +103,17 @@ def _weights(rows: list[Table]) -> list[str]:
 @empty_unless_rows
 def _bending(found: list[Table]) -> list[str]:
     """Moments and radii; empty if lines have no bending stiffness."""
-    rows = [
-        {
-            "line": line["line"],
-            "largest moment [N m]": with_position(line, f"{line['largest_moment_n_m']:.4g}"),
-            "smallest radius [m]": "straight" if line["least_radius_m"] is None else f"{line['least_radius_m']:.3g}",
-        }
-        for line in found
-    ]
+    rows = []
+    for line in found:
+        rows.append(
+            {
+                "line": line["line"],
+                "largest moment [N m]": with_position(line, f"{line['largest_moment_n_m']:.4g}"),
+                "smallest radius [m]": "straight"
+                if line["least_radius_m"] is None
+                else f"{line['least_radius_m']:.3g}",
+            }
+        )
     return ["## Bending", table_of(rows)]
 
 

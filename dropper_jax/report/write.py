@@ -75,11 +75,11 @@ def draw_run(part: Record, found: Table, folder: Path) -> dict[str, Path]:
         "watch_circle": (_watch, found["watch_circle"]),
         "along": (_along, found["acceleration"]),
     }
-    return {
-        name: draw(part, found, folder)
-        for name, (draw, values) in sections.items()
-        if isinstance(values, list) and values
-    }
+    rows = {}
+    for name, (draw, values) in sections.items():
+        if isinstance(values, list) and values:
+            rows[name] = draw(part, found, folder)
+    return rows
 
 
 def _finish(
@@ -168,9 +168,10 @@ def _fatigue(part: Record, found: Table, folder: Path) -> Path:
     figure = style.new_figure(7.5, 5.6 if damaged else 3.4)
     panels = figure.subplots(1 + damaged, 1, sharex=True, squeeze=False)[:, 0]
     unit, scale = force_unit(np.concatenate([line["equivalent_range_n"] for line in lines]))
-    per_year = {
-        line["line"]: line["damage_per_year"] / line["largest_damage"] for line in lines if line.get("largest_damage")
-    }
+    per_year = {}
+    for line in lines:
+        if line.get("largest_damage"):
+            per_year[line["line"]] = line["damage_per_year"] / line["largest_damage"]
     for colour, line in zip(style.CYCLE, lines, strict=False):
         s = line["arc_length_m"]
         panels[0].plot(s, np.asarray(line["equivalent_range_n"]) / scale, "o-", ms=3, color=colour, label=line["line"])
@@ -240,10 +241,11 @@ def _along(part: Record, found: Table, folder: Path) -> Path:
     for axes, (label, (lines, key, scale)) in zip(
         figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn.items(), strict=True
     ):
-        curves = [
-            Curve(lines[i]["line"], np.asarray(lines[i]["arc_length_m"]), scale * np.asarray(lines[i][key]))
-            for i in kept
-        ]
+        curves = []
+        for i in kept:
+            curves.append(
+                Curve(lines[i]["line"], np.asarray(lines[i]["arc_length_m"]), scale * np.asarray(lines[i][key]))
+            )
         for index, (colour, curve) in enumerate(zip(style.CYCLE, curves, strict=False)):
             dashes = DASHES if hides(curves, index) else "-"
             axes.plot(curve.t, curve.values, marker="o", ls=dashes, ms=3, color=colour, label=curve.name)

@@ -151,11 +151,12 @@ def breaks(scene: SceneData, parted: Parted | None) -> tuple[dict[str, Any], ...
     starts = np.cumsum([0, *(line.links for line in scene.lines)])
     broken = np.flatnonzero(np.asarray(parted.link) >= 0)
     columns = (np.asarray(x)[broken].tolist() for x in (parted.link, parted.t, parted.tension))
-    found = [
-        {"line": scene.lines[i].name, "link": link - int(starts[i]) + 1, "time_s": t, "tension_n": tension}
-        for link, t, tension in zip(*columns, strict=True)
-        for i in [int(np.searchsorted(starts, link, side="right")) - 1]
-    ]
+    found = []
+    for link, t, tension in zip(*columns, strict=True):
+        i = int(np.searchsorted(starts, link, side="right")) - 1
+        found.append(
+            {"line": scene.lines[i].name, "link": link - int(starts[i]) + 1, "time_s": t, "tension_n": tension}
+        )
     return tuple(sorted(found, key=lambda row: row["time_s"]))
 
 

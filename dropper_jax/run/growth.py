@@ -87,16 +87,16 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[di
             found = grown(
                 metre, mass * metre, diameter * metre, thickness, density, scene.sea.density, scene.sea.gravity
             )
-            rows += [
-                {
-                    "lines": names,
-                    "month": float(month),
-                    "depth_m": float(season.depth[i]),
-                    "thickness_m": float(thickness[i]),
-                    "diameter_m": float(found.diameter[i]),
-                    "mass_kg_per_m": float(found.mass[i]),
-                    "wet_weight_n_per_m": float(found.wet_weight[i]),
-                }
-                for i in range(len(metre))
-            ]
+            for i in range(len(metre)):
+                rows.append(
+                    {
+                        "lines": names,
+                        "month": float(month),
+                        "depth_m": float(season.depth[i]),
+                        "thickness_m": float(thickness[i]),
+                        "diameter_m": float(found.diameter[i]),
+                        "mass_kg_per_m": float(found.mass[i]),
+                        "wet_weight_n_per_m": float(found.wet_weight[i]),
+                    }
+                )
     return rows

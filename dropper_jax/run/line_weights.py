@@ -58,10 +58,9 @@ def end_force_vectors(
     found = {}
     for name, first, last, where in _ends(lines):
         ends = ((first, first + 1, where.start, False), (last, last - 1, where.stop - 1, True))
-        both = [
-            links.force(positions[:, [node, inner]], tension[:, link], link, at_last, times)
-            for node, inner, link, at_last in ends
-        ]
+        both = []
+        for node, inner, link, at_last in ends:
+            both.append(links.force(positions[:, [node, inner]], tension[:, link], link, at_last, times))
         found[name] = np.stack(both, axis=1)
     return found
 
@@ -172,9 +171,11 @@ def weight_cells(rows: list[dict[str, Any]]) -> list[tuple[str, ...]]:
 def floating_warnings(scene: Scene) -> list[str]:
     """A warning for each group of lines that is lighter than water although it has mussels, is chain or thicker than a
     rope."""
-    return [
-        f"{lines_in_words(row['lines'])}: floats: {row['mass_kg_per_m']:.4g} kg/m displace "
-        f"{row['displaced_kg_per_m']:.4g} kg/m of water; check mass (in air) and diameter"
-        for row in line_weights(scene)
-        if row["meant_heavy"] and row["wet_weight_n_per_m"] < 0.0
-    ]
+    found = []
+    for row in line_weights(scene):
+        if row["meant_heavy"] and row["wet_weight_n_per_m"] < 0.0:
+            found.append(
+                f"{lines_in_words(row['lines'])}: floats: {row['mass_kg_per_m']:.4g} kg/m displace "
+                f"{row['displaced_kg_per_m']:.4g} kg/m of water; check mass (in air) and diameter"
+            )
+    return found

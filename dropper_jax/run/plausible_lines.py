@@ -90,11 +90,10 @@ def check_spans(scene: Scene, only_broken: bool) -> Iterator[str]:
     if worst is None:
         return
     tension, (strong, broken), path = worst
-    short = [
-        (line.name, line.spec.total, _distance(scene, line.spec))
-        for line in whole_lines(scene)
-        if line.name in names and line.spec.total < _distance(scene, line.spec)
-    ]
+    short = []
+    for line in whole_lines(scene):
+        if line.name in names and line.spec.total < _distance(scene, line.spec):
+            short.append((line.name, line.spec.total, _distance(scene, line.spec)))
     if short:
         which = max(short, key=lambda row: row[2] / row[1])
         what = f"{lines_in_words([row[0] for row in short])}: {which[1]:.4g} m between points {which[2]:.4g} m apart"

@@ -73,11 +73,9 @@ def _lifts(scene: Scene, sea: SeaSpec, system: Connected) -> list[tuple[float, f
     """Height [m] and lift under water, buoyancy less weight [N], of each float, mass, buoy and body of a system."""
     names = {point.name: point for point in system.free}
     items = [(p.position[2], p.volume or 0.0, p.mass or 0.0) for p in system.free if p.body]
-    items += [
-        (names[buoy.point].position[2], 0.25 * np.pi * buoy.diameter**2 * buoy.height, buoy.mass)
-        for buoy in scene.buoys
-        if buoy.point in names
-    ]
+    for buoy in scene.buoys:
+        if buoy.point in names:
+            items.append((names[buoy.point].position[2], 0.25 * np.pi * buoy.diameter**2 * buoy.height, buoy.mass))
     for body in system.bodies:
         volume = sum(0.25 * np.pi * c.diameter**2 * c.length for c in body.cylinders)
         volume += sum(np.pi / 6.0 * s.diameter**3 for s in body.spheres)

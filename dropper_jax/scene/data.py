@@ -143,7 +143,10 @@ class SceneData:
 def link_mass_words(nodes: dict[str, str]) -> str:
     """`SceneData.link_mass_nodes` in one readable line."""
     meaning = {"far": "at their far nodes", "shared": "half at each node", "centre_of_mass": "by the centre of mass"}
-    used = {key: [name for name, found in nodes.items() if found == key] for key in meaning if key in nodes.values()}
+    used = {}
+    for key in meaning:
+        if key in nodes.values():
+            used[key] = [name for name, found in nodes.items() if found == key]
     if len(used) == 1:
         return meaning[next(iter(used))]
     most = max(used, key=lambda key: len(used[key]))
@@ -193,24 +196,26 @@ class WholeLine(NamedTuple):
 def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
     """Index ranges of the lines of a scene in arrays of all nodes and of all links."""
     ends = accumulate(line.links for line in scene.lines)
-    return tuple(
-        LineSlice(line.name, slice(end - line.links + i, end + i + 1), slice(end - line.links, end))
-        for i, (line, end) in enumerate(zip(scene.lines, ends, strict=True))
-    )
+    found = []
+    for i, (line, end) in enumerate(zip(scene.lines, ends, strict=True)):
+        found.append(LineSlice(line.name, slice(end - line.links + i, end + i + 1), slice(end - line.links, end)))
+    return tuple(found)
 
 
 def line_offsets(scene: SceneData) -> list[dict[str, Any]]:
     """The same as plain values: index of the first node and link of each line in the arrays, and its number of
     links."""
-    return [
-        {
-            "name": w.name,
-            "first_node": w.nodes.start,
-            "first_link": w.links.start,
-            "links": w.links.stop - w.links.start,
-        }
-        for w in line_slices(scene)
-    ]
+    found = []
+    for w in line_slices(scene):
+        found.append(
+            {
+                "name": w.name,
+                "first_node": w.nodes.start,
+                "first_link": w.links.start,
+                "links": w.links.stop - w.links.start,
+            }
+        )
+    return found
 
 
 def whole_lines(scene: SceneData) -> tuple[WholeLine, ...]:

@@ -180,10 +180,10 @@ def make_current(spec: CurrentSpec) -> Current:
 
 def _arrays(spec: LevelSpec | CurrentSpec) -> dict[str, Any]:
     values = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
-    return {
-        key: value if value is None or isinstance(value, str) else jnp.asarray(value, float)
-        for key, value in values.items()
-    }
+    found = {}
+    for key, value in values.items():
+        found[key] = value if value is None or isinstance(value, str) else jnp.asarray(value, float)
+    return found
 
 
 def _beyond(height: float, limit: float, rest: str = "") -> SceneError:

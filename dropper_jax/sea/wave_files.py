@@ -96,7 +96,10 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> dict[str, Any]:
 def _read_csv(file: str | Path, path: str) -> tuple[list[str], np.ndarray]:
     try:
         with open(file, newline="", encoding="utf-8") as opened:
-            lines = [row for row in csv.reader(line for line in opened if not line.startswith("#")) if row]
+            lines = []
+            for row in csv.reader(line for line in opened if not line.startswith("#")):
+                if row:
+                    lines.append(row)
     except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:
         raise SceneError(f"{path}: cannot read {str(file)!r}: {getattr(error, 'strerror', None) or error}") from None
     if len(lines) < 2:

@@ -214,7 +214,9 @@ def _before_last_link(graph: Graph) -> dict[int, set[int]]:
 
     Both ends where there are more lines than points.
     """
-    free = [{int(path[i]) for i in (0, -1) if path[i] < graph.free} for path in graph.paths]
+    free = []
+    for path in graph.paths:
+        free.append({int(path[i]) for i in (0, -1) if path[i] < graph.free})
     owner: dict[int, int] = {}
 
     def assign_owner(line: int, visited: set[int]) -> bool:

@@ -307,7 +307,9 @@ def load_convergence(
         return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": reference_run.failure}
     rows = [run.row(right) for run in coarser]
     advice = [_advice(rows, name, within) for name, within in WANTED.items()]
-    loads = [{"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}} for row in right]
+    loads = []
+    for row in right:
+        loads.append({"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}})
     return {"rows": rows, "reference_dt": reference_dt, "loads": loads, "advice": advice}
 
 

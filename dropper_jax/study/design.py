@@ -166,7 +166,9 @@ class _DesignSearch:
         slopes = [model_slopes(scene, model, path) for path in self.paths]
         moving = tuple(sorted({leaf for own in slopes for leaf in own}))
         leaves = jax.tree.leaves(model)
-        rows = [np.stack([own.get(i, np.zeros(jnp.shape(leaves[i]))) for own in slopes]) for i in moving]
+        rows = []
+        for i in moving:
+            rows.append(np.stack([own.get(i, np.zeros(jnp.shape(leaves[i]))) for own in slopes]))
         return np.asarray(_slopes(moving, tuple(self.quantities), model, rows, pose, loads))
 
     def scale(self, reached: np.ndarray) -> np.ndarray:

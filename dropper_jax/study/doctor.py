@@ -67,7 +67,9 @@ def examine(repeats: int = 400) -> dict[str, Any]:
 def versions() -> dict[str, dict[str, str | None]]:
     """Versions of required packages and of extras; None if a package is not installed."""
     groups = {"needed": ("dropper-jax", *NEEDED), **EXTRAS}
-    found = {group: {name: _version(name) for name in names} for group, names in groups.items()}
+    found = {}
+    for group, names in groups.items():
+        found[group] = {name: _version(name) for name in names}
     return {**found, "needed": {"python": platform.python_version(), **found["needed"]}}
 
 

@@ -180,11 +180,10 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
         found["links"] = twice_the_links(scene)
     except SceneError as error:
         left_out["links"] = str(error)
-    damped = {
-        f"line.{i}.axial.damping": (2.0 * line.axial_damping).tolist()
-        for i, line in enumerate(scene.lines)
-        if line.axial_damping is not None
-    }
+    damped = {}
+    for i, line in enumerate(scene.lines):
+        if line.axial_damping is not None:
+            damped[f"line.{i}.axial.damping"] = (2.0 * line.axial_damping).tolist()
     if damped:
         found["twice_damping"] = scene.with_values(damped)
     if "seabed" in scene.effects:

@@ -94,12 +94,11 @@ def _loads(
     """The numbers of a row: forces of the lines on the moved points, and the maximum tension."""
     lines = line_slices(scene)
     vectors = end_force_vectors(scene, positions[None], tension[None], lines)
-    ends = [
-        vectors[line.name][0, i]
-        for line in scene.lines
-        for i, point in enumerate((line.start, line.end))
-        if point in moved
-    ]
+    ends = []
+    for line in scene.lines:
+        for i, point in enumerate((line.start, line.end)):
+            if point in moved:
+                ends.append(vectors[line.name][0, i])
     force = np.sum(ends, axis=0)
     link = int(np.argmax(tension))
     return {

@@ -273,9 +273,10 @@ def orders(rows: list[dict[str, Any]]) -> dict[str, float]:
     found = {}
     for label in dict.fromkeys(row["label"] for row in rows):
         # mean steps that follow an accuracy have no order
-        good = [
-            r for r in rows if r["label"] == label and r["status"] == "ok" and r["resolved"] and "accuracy" not in r
-        ]
+        good = []
+        for r in rows:
+            if r["label"] == label and r["status"] == "ok" and r["resolved"] and "accuracy" not in r:
+                good.append(r)
         good = sorted((r for r in good if r["rms_angle_error_rad"] < 0.1), key=lambda r: r["dt"])[:3]
         if len(good) >= 2:
             x = np.log([r["dt"] for r in good])

@@ -77,7 +77,10 @@ def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Para
     """
     freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
     moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
-    return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)
+    found = []
+    for move in moves:
+        found.append(np.array([move.get(p.name, 0.0) for p in parameters]))
+    return tuple(found)
 
 
 def holm(probabilities: Sequence[float]) -> list[float]:

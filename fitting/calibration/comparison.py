@@ -168,10 +168,13 @@ def compare_laws(
     scores = [score(one, folds) for one in found.values()]
     per_unit = {dry: unit_work(prepared, one.simulator, one.owner) for dry, one in families.items()}
     open_parts = lambda law, one, dry: unseen(one, families[dry].owner, per_unit[dry])  # noqa: E731
-    rows = [
-        replace(row, equals=_equals(row.name, same, laws), unseen=open_parts(row.name, one, "dry" in LADDER[row.name]))
-        for row, one in zip(_rows(prepared, families, found, costs, scores), found.values(), strict=True)
-    ]
+    rows = []
+    for row, one in zip(_rows(prepared, families, found, costs, scores), found.values(), strict=True):
+        rows.append(
+            replace(
+                row, equals=_equals(row.name, same, laws), unseen=open_parts(row.name, one, "dry" in LADDER[row.name])
+            )
+        )
     scores = [replace(one, log_score=one.log_score / memory) for one in scores]
     rows = _with_errors(decide(rows, scores), scores)
     left = {row.name: found[row.name] for row in rows if row.possible}
@@ -286,7 +289,9 @@ def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:
     """Parts of one coefficient that act like another, which replaces them; a part that the fit already has stays."""
     names = [p.name for p in first.problem.parameters]
-    owner = [next((part for part, path in PARTS.items() if name.startswith(path)), None) for name in names]
+    owner = []
+    for name in names:
+        owner.append(next((part for part, path in PARTS.items() if name.startswith(path)), None))
     wanted = {part for law in laws for part in LADDER[law] if owner.count(part) == 1}
     asked = {part for part in wanted if any(p.name.startswith(PARTS[part]) for p in prepared.parameters)}
     columns = first.evaluation.jacobian[..., first.problem.freedoms :].reshape(-1, len(owner))

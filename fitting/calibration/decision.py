@@ -108,7 +108,9 @@ def unseen(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> 
     covariance = solve_spd(information, np.eye(len(free)))
     centre = law.values[free] - covariance @ law.gradient[free] / memory
     lost = float(per_unit @ law.values)
-    work = {owner[i]: np.where([owner[j] == owner[i] for j in free], per_unit[free], 0.0) for i in free}
+    work = {}
+    for i in free:
+        work[owner[i]] = np.where([owner[j] == owner[i] for j in free], per_unit[free], 0.0)
     highest = {part: float(w @ centre) + LIMIT * np.sqrt(w @ covariance @ w) for part, w in work.items()}
     return tuple(part for part, most in highest.items() if part is not None and most >= SHARE * lost)
 

@@ -226,11 +226,10 @@ def _continue_with(
             continue
         near = [c for c in at.found if c.worth_naming and (c.name in best.alike or 0 <= best.worth - c.worth < MARGIN)]
         back = _back(prepared, solution, list(best.changes))
-        doubt = {
-            c.name: {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
-            for c in near
-            if c is not best
-        }
+        doubt = {}
+        for c in near:
+            if c is not best:
+                doubt[c.name] = {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
         best = replace(best, doubt=doubt)
         at = replace(at, prepared=prepared, solution=solution, names=[*at.names, best])
     return at

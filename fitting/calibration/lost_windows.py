@@ -132,7 +132,9 @@ def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solutio
     ahead = pick(starts_from_previous_windows(solution, lost), lost)
     # noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach
     # that the noise allows, and of long reach
-    sigmas = [[share * s for s in prepared.sigma] for share in (0.2, 1.0, 5.0)]
+    sigmas = []
+    for share in (0.2, 1.0, 5.0):
+        sigmas.append([share * s for s in prepared.sigma])
     for starts in [ahead, *(first_starts(model, prepared.traces, windows, sigma) for sigma in sigmas)]:
         solution = _with_starts(solution, lost, starts)
     return solution

@@ -296,10 +296,9 @@ class Prepared:
         rounding = 0.0
         if fit is not None:
             rounding = fit.resolution("angle") / np.sqrt(12)
-        claimed = [
-            s if trace.se is None else np.sqrt(np.nanmean(trace.se**2, axis=0))
-            for s, trace in zip(self.sigma, self.traces, strict=True)
-        ]
+        claimed = []
+        for s, trace in zip(self.sigma, self.traces, strict=True):
+            claimed.append(s if trace.se is None else np.sqrt(np.nanmean(trace.se**2, axis=0)))
         return np.maximum(rounding / np.array(claimed), 1e-9)
 
     @property
@@ -460,7 +459,11 @@ def some_of(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Para
     for name in names:
         if not any(f"{p.name}.".startswith(f"{name}.") for p in parameters):
             raise SceneError(f"free: {name!r} does not exist; {nearest(name, [p.name for p in parameters])}")
-    return tuple(p for p in parameters if not names or any(f"{p.name}.".startswith(f"{n}.") for n in names))
+    found = []
+    for p in parameters:
+        if not names or any(f"{p.name}.".startswith(f"{n}.") for n in names):
+            found.append(p)
+    return tuple(found)
 
 
 def choose_samples(

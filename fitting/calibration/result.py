@@ -31,11 +31,10 @@ def score_held_out(
     parameters are fixed."""
     low, high = span
     parts = [(i, trace.between(low, high)) for i, trace in enumerate(prepared.traces) if runs is None or i in runs]
-    pieces = [
-        (i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + prepared.traces[i].interval))
-        for i, part in parts
-        if len(part.t) > 2
-    ]
+    pieces = []
+    for i, part in parts:
+        if len(part.t) > 2:
+            pieces.append((i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + prepared.traces[i].interval)))
     length = min(window_length(prepared, span), *(end - begin for _, begin, end in pieces))
     windows = prepared.cut(length, pieces).pad_to(*_shape(prepared))
     return HeldOut(low, high, fit_starts(prepared, windows, values))

@@ -32,29 +32,25 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     values = solution.by_name
     names = list(values)
     found = common_warnings(solution, u)
-    found += [
-        f"not identifiable from the data: direction ({direction_text(direction)}) in relative changes"
-        for direction in u.undetermined
-    ]
+    for direction in u.undetermined:
+        found.append(f"not identifiable from the data: direction ({direction_text(direction)}) in relative changes")
     # absolute correlation of two estimates above which they are reported as hard to distinguish
     close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > 0.98)
-    found += [
-        f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})" for i, j in close
-    ]
-    found += [
-        f"{name} is not determined: {values[name]:.3g} with standard error {error:.2g}"
-        for name, error, on in zip(names, u.std_error, u.at_bound, strict=True)
-        if not on and error > abs(values[name]) and name.startswith("effects.")
-    ]
-    found += [
-        f"left out: {prepared.traces[run].name} {low:.3f} to {high:.3f} s, no start of this window explains its samples"
-        for run, low, high in prepared.left_out
-    ]
-    found += [
-        f"the motion of {prepared.traces[run].name} jumps at {time:.3f} s, as after a kick, a contact or lost frames; "
-        "windows are not joined there"
-        for run, time in prepared.breaks
-    ]
+    for i, j in close:
+        found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
+    for name, error, on in zip(names, u.std_error, u.at_bound, strict=True):
+        if not on and error > abs(values[name]) and name.startswith("effects."):
+            found.append(f"{name} is not determined: {values[name]:.3g} with standard error {error:.2g}")
+    for run, low, high in prepared.left_out:
+        found.append(
+            f"left out: {prepared.traces[run].name} {low:.3f} to {high:.3f} s, no start of this window explains "
+            "its samples"
+        )
+    for run, at in prepared.breaks:
+        found.append(
+            f"the motion of {prepared.traces[run].name} jumps at {at:.3f} s, as after a kick, a contact or lost frames; "
+            "windows are not joined there"
+        )
     if u.inflation > 1 or abs(u.correlation_1) > 4 * CORRELATION_FLOOR:
         found.append(
             f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were multiplied "
@@ -90,10 +86,11 @@ def outliers(prepared: Prepared, solution: Solution) -> list[str]:
     if not len(out):
         return []
     largest = out[np.argsort(-size[tuple(out.T)])[:NAMED_SAMPLES]]
-    positions = [
-        f"{prepared.traces[windows.run[window]].column_name(column)} at {windows.times()[window, slot]:.3f} s"
-        for window, slot, column in largest
-    ]
+    positions = []
+    for window, slot, column in largest:
+        positions.append(
+            f"{prepared.traces[windows.run[window]].column_name(column)} at {windows.times()[window, slot]:.3f} s"
+        )
     if len(out) > len(positions):
         more = f" and {len(out) - len(positions)} more"
     else:

@@ -87,12 +87,12 @@ class Data:
 
     def columns(self) -> list[tuple[int, int, np.ndarray, int]]:
         """Run, channel, existing samples (k,) and column of every block."""
-        return [
-            (r, c, known, j)
-            for r, run in enumerate(self.runs)
-            for c, y in enumerate(run.values)
-            for j, known in enumerate(np.isfinite(y).T)
-        ]
+        found = []
+        for r, run in enumerate(self.runs):
+            for c, y in enumerate(run.values):
+                for j, known in enumerate(np.isfinite(y).T):
+                    found.append((r, c, known, j))
+        return found
 
     def in_blocks(self, values: ByChannel) -> np.ndarray:
         """The values where there are samples (K, S, ...), 0 in empty slots."""

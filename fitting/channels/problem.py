@@ -92,10 +92,9 @@ class Problem(Residuals):
     def floor(self) -> np.ndarray:
         """Minimum noise of each channel (c,): the rounding of its sensor, `resolution/sqrt(12)`."""
         fit = self.scenes[0].fit
-        least = [
-            0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12)
-            for sensor in self.data.sensors
-        ]
+        least = []
+        for sensor in self.data.sensors:
+            least.append(0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12))
         return np.maximum(least, 1e-15)
 
     @cached_property

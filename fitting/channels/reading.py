@@ -218,7 +218,10 @@ def _files_of_channels(files: Sequence[Columns], channels: Sequence[Channel], pa
 
 def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index: int = 0, count: int = 1) -> Columns:
     """The file that contains all of these columns: the only one, or number `index` of as many as `count`."""
-    found = [file for file in files if all(file.name_of(column) for column in columns)]
+    found = []
+    for file in files:
+        if all(file.name_of(column) for column in columns):
+            found.append(file)
     if len(found) == 1 or (found and len(found) == count):
         return found[index % len(found)]
     if found:

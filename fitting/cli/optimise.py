@@ -97,9 +97,10 @@ def text(found: Optimum) -> str:
     )
     tables = [rows, limits, assumed]
     if found.dominated:
-        seeds = [
-            (one["constraint"], one["variable"], f"{one['mean']:+.3g}", f"{one['median']:+.3g}", str(one["seed"]))
-            for one in found.dominated
-        ]
+        seeds = []
+        for one in found.dominated:
+            seeds.append(
+                (one["constraint"], one["variable"], f"{one['mean']:+.3g}", f"{one['median']:+.3g}", str(one["seed"]))
+            )
         tables.append([("derivative of", "by", "mean of seeds", "median", "dominated by seed"), *seeds])
     return "\n\n".join([*map(table, tables), end])

@@ -46,14 +46,13 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: dict[str, Any]) -> str:
     """The result as text."""
-    pairs = [
-        (
-            row["month"],
+    pairs = []
+    for row in found["months"]:
+        about = (
             f"floats: {row['floats']} (needed: {row['least']}, at most {row['most']}), {row['need_n']:.0f} N to carry, "
-            f"backbone {row['shallowest_m']:.2f} to {row['deepest_m']:.2f} m deep",
+            f"backbone {row['shallowest_m']:.2f} to {row['deepest_m']:.2f} m deep"
         )
-        for row in found["months"]
-    ]
+        pairs.append((row["month"], about))
     flags = "\n".join(f"- {flag}" for flag in found["flags"])
     if found["holds"]:
         verdict = "the schedule holds"

@@ -133,18 +133,22 @@ def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, pictu
     if len(error.orders) > SHOWN:
         shown = f"the first {SHOWN}"
     failure = ("ambiguous_order", f"{error}; {shown} are drawn in {picture}")
-    orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in positions] for positions in error.orders]
+    orders = []
+    for positions in error.orders:
+        orders.append([[round(float(x), 1), round(float(y), 1)] for x, y in positions])
     found = {"frame": error.frame, "orders": orders, "picture": str(picture)}
     return print_result(args, found, f"ambiguous_order: see {picture}", failure)
 
 
 def notes(tracked: Tracked) -> list[str]:
     """Marked frames, as comments of the trace."""
-    return [
-        f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {' '.join(map(str, span['nodes']))} "
-        f"({' '.join(span['why'])})"
-        for span in tracked.marks.spans(tracked.trace.t)
-    ]
+    found = []
+    for span in tracked.marks.spans(tracked.trace.t):
+        found.append(
+            f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {' '.join(map(str, span['nodes']))} "
+            f"({' '.join(span['why'])})"
+        )
+    return found
 
 
 def board_size(text: str) -> tuple[int, int]:

@@ -81,14 +81,18 @@ class Release:
 
     def _all(self) -> list[Parameter]:
         times = [Parameter(f"{TIME}.{i}", ReleasePlace(i, "time"), 0.0, unit="s") for i in range(self.runs)]
-        forces = [
-            Parameter(
-                f"{FORCE}.{i}.{node}.{AXES[c]}", ReleasePlace(i, "force", 3 * j + c), float(self.force[j, c]), unit="N"
-            )
-            for i in range(self.runs)
-            for j, node in enumerate(self.nodes)
-            for c in (0, 2)
-        ]
+        forces = []
+        for i in range(self.runs):
+            for j, node in enumerate(self.nodes):
+                for c in (0, 2):
+                    forces.append(
+                        Parameter(
+                            f"{FORCE}.{i}.{node}.{AXES[c]}",
+                            ReleasePlace(i, "force", 3 * j + c),
+                            float(self.force[j, c]),
+                            unit="N",
+                        )
+                    )
         return times + forces
 
     def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
@@ -231,11 +235,11 @@ class Release:
 
 def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
     """The parameter that is the release time of a run, by run; runs without a free time are omitted."""
-    return {
-        p.where.run: i
-        for i, p in enumerate(parameters)
-        if isinstance(p.where, ReleasePlace) and p.where.field == "time"
-    }
+    found = {}
+    for i, p in enumerate(parameters):
+        if isinstance(p.where, ReleasePlace) and p.where.field == "time":
+            found[p.where.run] = i
+    return found
 
 
 def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, requested: bool) -> Release | None:

@@ -202,8 +202,9 @@ class SceneFit:
         """Value, error, 90 % interval and unit of every parameter, by its path; no error (NaN) of a failed fit."""
         u = self.uncertainty
         known = self.has_errors
-        return {
-            p.name: {
+        found = {}
+        for i, p in enumerate(self.parameters):
+            found[p.name] = {
                 "value": self.values[i],
                 "std_error": u.std_error[i] if known else np.nan,
                 "low": u.low[i] if known else np.nan,
@@ -211,8 +212,7 @@ class SceneFit:
                 "at_bound": bool(u.at_bound[i]),
                 "unit": p.unit,
             }
-            for i, p in enumerate(self.parameters)
-        }
+        return found
 
     def common_json(self, method: str, step: float) -> dict[str, Any]:
         """The values that every fit reports, with the keys of the command line's JSON; `step` [s] is the time step."""

@@ -190,7 +190,9 @@ class Simulator:
         order = np.argsort(inputs[COUNTS], kind="stable")
         more = -len(order) % key.size
         rows = np.pad(order, (more, 0), mode="edge").reshape(-1, key.size)
-        chunks = [tuple(a[some] for a in inputs) for some in rows]
+        chunks = []
+        for some in rows:
+            chunks.append(tuple(a[some] for a in inputs))
         substeps = np.int32(windows.substeps)
         run = lambda job: [  # noqa: E731
             np.asarray(a) for a in program(values, job[0], substeps, job[1][COUNTS].max(), *job[1])
@@ -201,7 +203,9 @@ class Simulator:
             parts = list(pool.map(run, jobs))
         by_seed = [parts[i : i + len(chunks)] for i in range(0, len(parts), len(chunks))]
         back = more + np.argsort(order, kind="stable")
-        joined = [[np.concatenate(column)[back] for column in zip(*some, strict=True)] for some in by_seed]
+        joined = []
+        for some in by_seed:
+            joined.append([np.concatenate(column)[back] for column in zip(*some, strict=True)])
         whole = Evaluation(*joined[0])
         columns = self.freedoms + len(self.parameters)
         for i, field in enumerate(Evaluation._fields):

@@ -80,9 +80,11 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[
 
 def advice_on_rest(trace: Trace, sigma: np.ndarray, slowest: float) -> list[str]:
     """A line for each stretch at rest that a fit could use as a pose but does not."""
-    return [
-        f"{trace.name} is at rest from {low:.3g} to {high:.3g} s. "
-        f"Use --rest {np.ceil(100 * low) / 100:g}:{np.floor(100 * high) / 100:g} to fit that pose as well: it "
-        "determines the rig's numbers, if only the scene's own hooks hold the line then"
-        for low, high in still_spans(trace, sigma, slowest)
-    ]
+    found = []
+    for low, high in still_spans(trace, sigma, slowest):
+        found.append(
+            f"{trace.name} is at rest from {low:.3g} to {high:.3g} s. "
+            f"Use --rest {np.ceil(100 * low) / 100:g}:{np.floor(100 * high) / 100:g} to fit that pose as well: it "
+            "determines the rig's numbers, if only the scene's own hooks hold the line then"
+        )
+    return found

@@ -135,9 +135,10 @@ class Windows:
         """
         more = max(0, slots - self.theta.shape[1])
         given = {f: getattr(self, f) for f in ("theta", "weight", "index", "fraction", "jitter")}
-        padded = {
-            f: np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)]) for f, a in given.items() if a is not None
-        }
+        padded = {}
+        for f, a in given.items():
+            if a is not None:
+                padded[f] = np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)])
         return replace(self, steps=max(steps, self.steps), **padded)
 
     def early(self, part: float) -> Windows:

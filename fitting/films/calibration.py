@@ -99,7 +99,10 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     sizes = {image.shape for _, image in images}
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
-    found = [c for c in (corners(image, board) for _, image in images) if c is not None]
+    found = []
+    for c in (corners(image, board) for _, image in images):
+        if c is not None:
+            found.append(c)
     if len(found) < fewest_pictures:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "

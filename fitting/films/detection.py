@@ -150,10 +150,9 @@ def _brightness(image: np.ndarray, seeds: np.ndarray, ray: np.ndarray, along: np
     flat = position.reshape(-1, along.size, 2).astype(np.float32)
     cv2 = opencv()
     # in pieces: remap takes pictures of less than 32768 rows
-    parts = [
-        cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        for part in np.array_split(flat, max(1, len(flat) // 20000))
-    ]
+    parts = []
+    for part in np.array_split(flat, max(1, len(flat) // 20000)):
+        parts.append(cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
     return np.concatenate(parts).reshape(len(seeds), RAYS, along.size)
 
 

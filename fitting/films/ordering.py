@@ -183,7 +183,9 @@ def paths(
         ratio: (m, m) changes of the distances [tolerances]; steps above `worst` are not links.
         still: (m,) spots that rest: ends only, and never joined with each other.
     """
-    near = [[int(j) for j in np.argsort(row) if row[j] <= worst and j != i] for i, row in enumerate(ratio)]
+    near = []
+    for i, row in enumerate(ratio):
+        near.append([int(j) for j in np.argsort(row) if row[j] <= worst and j != i])
     found: list[tuple[float, tuple[int, ...]]] = []
     stack = [((i,), 0.0) for i in reversed(range(len(ratio)))]
     for _ in range(MOST_PATH_STEPS):

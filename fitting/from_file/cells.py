@@ -130,8 +130,12 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
 def check_commas(file: str, rows: Sequence[Sequence[str]]) -> None:
     """Reject decimal commas between columns separated by commas: `0,016,12,5`."""
     pairs = [row for row in rows if len(row) >= 4 and len(row) % 2 == 0]
-    integers = [all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row) for row in pairs]
-    padded = [any(cell.strip().startswith("0") and len(cell.strip()) > 1 for cell in row[1::2]) for row in pairs]
+    integers = []
+    for row in pairs:
+        integers.append(all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row))
+    padded = []
+    for row in pairs:
+        padded.append(any(cell.strip().startswith("0") and len(cell.strip()) > 1 for cell in row[1::2]))
     if len(pairs) == len(rows) and all(integers) and np.mean(padded) > 0.1:
         raise SceneError(
             f"{file}: decimal commas in a file with comma-separated columns. Use semicolons between columns"
@@ -180,7 +184,10 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
 
     `mass_A,,,mass_B,,` above `t,x,y,t,x,y` gives `mass_A t`, `mass_A x` ...
     """
-    heads = [[cell.strip().strip('"') for cell in row] for row in before if len(row) in (width, width - 1, width + 1)]
+    heads = []
+    for row in before:
+        if len(row) in (width, width - 1, width + 1):
+            heads.append([cell.strip().strip('"') for cell in row])
     heads = [[*row, *[""] * width][:width] for row in heads]
     if not heads:
         return tuple(f"column_{i + 1}" for i in range(width))

@@ -76,13 +76,15 @@ def by_full_path(
 ) -> list[dict[str, Any]]:
     """Start values, bounds and priors by full paths; names of the sections `of_data` are full already."""
     given = (("start", start), ("bounds", bounds), ("prior", priors))
-    return [
-        {
-            name if ScenePath(name).section in of_data else full_names(scene, [name], option)[0]: value
-            for name, value in (values or {}).items()
-        }
-        for option, values in given
-    ]
+    found = []
+    for option, values in given:
+        found.append(
+            {
+                name if ScenePath(name).section in of_data else full_names(scene, [name], option)[0]: value
+                for name, value in (values or {}).items()
+            }
+        )
+    return found
 
 
 def _is_full(name: str) -> bool:

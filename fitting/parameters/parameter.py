@@ -117,9 +117,9 @@ def all_joints(model: Model, field: str) -> Direction:
     """A common change of a friction coefficient of all joints, `viscous` or `dry`."""
 
     def grown(more: jax.Array) -> Model:
-        effects = [
-            replace(e, **{field: getattr(e, field) + more}) if e.name == "joint_friction" else e for e in model.effects
-        ]
+        effects = []
+        for e in model.effects:
+            effects.append(replace(e, **{field: getattr(e, field) + more}) if e.name == "joint_friction" else e)
         return replace(model, effects=tuple(effects))
 
     return _direction(grown, 0.0, linear=True)
@@ -358,13 +358,13 @@ def _fields(model: Model) -> dict[str, tuple[str, int, dataclasses.Field]]:
     """Section, number in it and field of every number of the model, by path."""
     sections = (("point", "points"), ("line", "lines"), ("effects", "effects"))
     items = [(word, section, i, item) for word, section in sections for i, item in enumerate(getattr(model, section))]
-    return {
-        f"{word}.{label}.{f.name}": (section, i, f)
-        for word, section, i, item in items
-        for label in ([item.name] if section == "effects" else [str(i), item.name])
-        for f in dataclasses.fields(item)
-        if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None
-    }
+    found = {}
+    for word, section, i, item in items:
+        for label in [item.name] if section == "effects" else [str(i), item.name]:
+            for f in dataclasses.fields(item):
+                if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None:
+                    found[f"{word}.{label}.{f.name}"] = (section, i, f)
+    return found
 
 
 def _expand(model: Model, name: str, option: str) -> list[Parameter]:

@@ -161,10 +161,10 @@ class FittedScore:
 def by_part(angle: np.ndarray, spectrum: np.ndarray) -> dict[str, dict[str, float | None]]:
     """Scores (3,) [rad] by the names of parts; None for a case that failed."""
     plain = lambda x: float(x) if np.isfinite(x) else None  # noqa: E731
-    return {
-        part: {"angle_rms_rad": plain(a), "spectrum_distance_rad": plain(s)}
-        for part, a, s in zip(PARTS, angle, spectrum, strict=True)
-    }
+    found = {}
+    for part, a, s in zip(PARTS, angle, spectrum, strict=True):
+        found[part] = {"angle_rms_rad": plain(a), "spectrum_distance_rad": plain(s)}
+    return found
 
 
 def sweep_against_trace(

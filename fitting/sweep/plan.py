@@ -194,9 +194,9 @@ class Plan:
         corners = [position @ (sign * one) for one in (np.ones(len(self.axes)), alternating) for sign in (-1.0, 1.0)]
         found = {}
         for case in dict.fromkeys(int(np.argmax(corner)) for corner in corners):
-            changed = {
-                axis.path: axis.values.dtype.type(x).item() for axis, x in zip(self.axes, values[case], strict=True)
-            }
+            changed = {}
+            for axis, x in zip(self.axes, values[case], strict=True):
+                changed[axis.path] = axis.values.dtype.type(x).item()
             name = ", ".join(f"{path} = {value:g}" for path, value in changed.items())
             found[name] = self.scene.with_values(changed)
         return found

@@ -108,9 +108,10 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
         there = group.attrs.get("versions", {})
         there = there if isinstance(there, dict) else {}
-        other = [
-            f"{name} {there.get(name)} there, {here[name]} here" for name in PACKAGES if there.get(name) != here[name]
-        ]
+        other = []
+        for name in PACKAGES:
+            if there.get(name) != here[name]:
+                other.append(f"{name} {there.get(name)} there, {here[name]} here")
         if other and not mixed:
             raise SceneError(
                 f"{self.path}: was started with other versions: {'; '.join(other)}. Use those versions, a new "

@@ -215,7 +215,9 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
         raise SceneError(f"{file}: has no column 'theta_1'; found: {listed(used)}; {_how_to_rename(used, links)}")
     if links is not None and count != links:
         raise SceneError(f"{file}: has {count} columns theta_1..n, but the scene has {links} links; allowed: {links}")
-    columns = {stem: [f"{stem}_{j + 1}" for j in range(count)] for stem in ("theta", "omega", "se")}
+    columns = {}
+    for stem in ("theta", "omega", "se"):
+        columns[stem] = [f"{stem}_{j + 1}" for j in range(count)]
     known = ["t", *columns["theta"], *columns["omega"], *columns["se"]]
     for name in used:
         if name not in known:
@@ -406,6 +408,8 @@ def write_trace(path: str | Path, trace: Trace, notes: Sequence[str] = ()) -> Pa
         error = ""
     text.write(f"# zero={c.zero or 'horizontal'}, sign={c.sign or 1}, unit={c.unit or 'rad'}{error}\n")
     text.writelines(f"# {note}\n" for note in (*notes, *(WARNING + warning for warning in trace.warnings)))
-    rows = [["" if np.isnan(x) else f"{x:.9g}" for x in row] for row in np.concatenate(columns, axis=1)]
+    rows = []
+    for row in np.concatenate(columns, axis=1):
+        rows.append(["" if np.isnan(x) else f"{x:.9g}" for x in row])
     csv.writer(text, lineterminator="\n").writerows([names, *rows])
     return atomic_write(path, text.getvalue())

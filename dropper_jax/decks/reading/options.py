@@ -90,7 +90,10 @@ def _table(row: Row, text: str) -> dict[str, list[float]]:
     file = find_referenced(text, f"{row.path.name}:{row.number}: EA", row.path.parent)
     try:
         lines = file.read_text(encoding="utf-8").splitlines()[3:]
-        rows = [[float(word) for word in line.split()[:2]] for line in lines if line.strip()]
+        rows = []
+        for line in lines:
+            if line.strip():
+                rows.append([float(word) for word in line.split()[:2]])
         strain = [float(row[0]) for row in rows]
         tension = [float(row[1]) for row in rows]
     except OSError as error:
@@ -124,7 +127,9 @@ def read_seafloor(path: Path) -> dict[str, list[float]]:
     try:
         x = sorted(float(w) for w in lines[1])
         y = sorted(float(w) for w in lines[2])
-        positions = {(float(a), float(b)): abs(float(z)) for a, b, z in (line[:3] for line in lines[3:])}
+        positions = {}
+        for a, b, z in (line[:3] for line in lines[3:]):
+            positions[(float(a), float(b))] = abs(float(z))
         depths = [positions[a, b] for a in x for b in y]
     except (ValueError, IndexError):
         raise SceneError(

@@ -174,15 +174,19 @@ def line_parts(deck: Deck) -> dict[str, Part]:
 def _joint_notes(lines: list[Table], parts: dict[str, Part], as_given: bool) -> list[str]:
     """A note for each line that is joined of several, whose start may be `as_given` by the positions of points."""
     joined = [line["name"] for line in lines if "sections" in line]
-    own = {name: [key for key, part in parts.items() if part.line == name] for name in joined}
+    own = {}
+    for name in joined:
+        own[name] = [key for key, part in parts.items() if part.line == name]
     if as_given:
         start = "; it starts straight, without the rods' positions"
     else:
         start = ""
-    return [
-        f"lines {', '.join(keys)}, joined by rods without mass and length, are the sections of line {name!r}{start}"
-        for name, keys in own.items()
-    ]
+    found = []
+    for name, keys in own.items():
+        found.append(
+            f"lines {', '.join(keys)}, joined by rods without mass and length, are the sections of line {name!r}{start}"
+        )
+    return found
 
 
 def _link_of(part: Part, link: int) -> Table:
@@ -347,7 +351,11 @@ def _join_pieces(lines: list[Table], given: Any) -> None:
         lists = [names for names in given if isinstance(names, list)]
     else:
         lists = []
-    whole = {name: names[0] for names in lists if all(isinstance(name, str) for name in names) for name in names[1:]}
+    whole = {}
+    for names in lists:
+        if all(isinstance(name, str) for name in names):
+            for name in names[1:]:
+                whole[name] = names[0]
     for line in lines:
         if line["name"] in whole:
             line["piece_of"] = whole[line["name"]]

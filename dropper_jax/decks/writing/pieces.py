@@ -68,10 +68,10 @@ def pieces(scene: Scene, index: int) -> list[Piece]:
     same = same & np.array([a == b for a, b in pairwise(tables)], bool)
     cuts = [0, *(np.flatnonzero(~same) + 1), line.links]
     rows[:, 1] = [short(mass) for mass in rows[:, 1]]
-    return [
-        Piece(tuple(rows[a, :-1].tolist()), int(b - a), short(np.sum(line.length[a:b])), tables[a])
-        for a, b in pairwise(cuts)
-    ]
+    found = []
+    for a, b in pairwise(cuts):
+        found.append(Piece(tuple(rows[a, :-1].tolist()), int(b - a), short(np.sum(line.length[a:b])), tables[a]))
+    return found
 
 
 def _rows(table: ForceTable) -> tuple[tuple[float, float], ...]:

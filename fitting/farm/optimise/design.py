@@ -102,10 +102,9 @@ class Design:
         """
         key = np.asarray(x, float).tobytes()
         if key != self._scene_cache[0]:
-            slopes = [
-                (self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance
-                for distance, higher, lower in designs_beside(self.variables, x)
-            ]
+            slopes = []
+            for distance, higher, lower in designs_beside(self.variables, x):
+                slopes.append((self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance)
             self._scene_cache = key, (self._evaluate_scene(x), np.stack(slopes, axis=1))
         return self._scene_cache[1]
 

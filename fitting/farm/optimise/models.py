@@ -110,7 +110,11 @@ def designs_beside(variables: Sequence[Variable], values: np.ndarray) -> Iterato
 
 def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
     """Names of variables without effect on the model."""
-    return [v.name for k, v in enumerate(variables) if not any(np.any(slope[k]) for slope in found.slopes.values())]
+    rows = []
+    for k, v in enumerate(variables):
+        if not any(np.any(slope[k]) for slope in found.slopes.values()):
+            rows.append(v.name)
+    return rows
 
 
 def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:

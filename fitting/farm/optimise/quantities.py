@@ -149,10 +149,10 @@ def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Numbers of the free nodes of each line, including free ends."""
     links = model.geometry.line_links(names)
     graph = model.geometry
-    return {
-        name: np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
-        for name, own in links.items()
-    }
+    found = {}
+    for name, own in links.items():
+        found[name] = np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
+    return found
 
 
 def part_load(model: Model, part: Part, kind: str = "intact") -> Load:

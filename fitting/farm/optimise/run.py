@@ -170,11 +170,10 @@ def _possible(design: Design) -> None:
     """Reject depths at rest that no design within the bounds meets to first order, before any storm is run."""
     for case in {c.storm.still: c for c in design.cases}.values():
         found, own, _ = design.still(design.start, case)
-        rows = [
-            row
-            for depth in design.goals.depths
-            for row in depth.over(found.model, np.asarray(own.state.r), own.dr, float(case.storm.level))
-        ]
+        rows = []
+        for depth in design.goals.depths:
+            for row in depth.over(found.model, np.asarray(own.state.r), own.dr, float(case.storm.level)):
+                rows.append(row)
         if not rows:
             continue
         names, value, slopes = zip(*rows, strict=True)

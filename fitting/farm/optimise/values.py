@@ -182,7 +182,6 @@ def dominated_slopes(values: Values, span: np.ndarray, limit: float) -> list[Dom
         off = np.abs(rows - median)
         seed = off.argmax(axis=0)
         dominated = (off.max(axis=0) / len(rows) > 0.25 * size) & (size * span > 0.05 * np.max(size * span))
-        found += [
-            Dominated(name, int(k), int(seed[k]), float(mean[k]), float(median[k])) for k in np.flatnonzero(dominated)
-        ]
+        for k in np.flatnonzero(dominated):
+            found.append(Dominated(name, int(k), int(seed[k]), float(mean[k]), float(median[k])))
     return found

@@ -67,7 +67,10 @@ CHANGING = ("time", "factor", "amplitude", "period", "phase")
 def bare_points(site: Site, names: Sequence[str]) -> dict[str, Table]:
     """The points as specified, without the fields that floats give them."""
     points = {point["name"]: point for point in site.scene.as_written()["point"]}
-    return {name: {k: v for k, v in points[name].items() if k not in BODY} for name in names}
+    found = {}
+    for name in names:
+        found[name] = {k: v for k, v in points[name].items() if k not in BODY}
+    return found
 
 
 def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:

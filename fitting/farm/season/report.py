@@ -37,21 +37,22 @@ def page(found: Table) -> str:
         verdict = "The schedule holds in every month."
     else:
         verdict = "The schedule does not hold: see below."
-    rows = [
-        [
-            row["month"],
-            f"{row['wet_weight_n']:.0f}",
-            f"{row['need_n']:.0f}",
-            f"{row['least']} to {row['most']}",
-            str(row["floats"]),
-            f"{row['change']:+d}" if row["change"] else "-",
-            cell(row["reserve"], ".2f"),
-            f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
-            _margin(row["sinking_m"]),
-            _margin(row["lifting_m"]),
-        ]
-        for row in found["months"]
-    ]
+    rows = []
+    for row in found["months"]:
+        rows.append(
+            [
+                row["month"],
+                f"{row['wet_weight_n']:.0f}",
+                f"{row['need_n']:.0f}",
+                f"{row['least']} to {row['most']}",
+                str(row["floats"]),
+                f"{row['change']:+d}" if row["change"] else "-",
+                cell(row["reserve"], ".2f"),
+                f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
+                _margin(row["sinking_m"]),
+                _margin(row["lifting_m"]),
+            ]
+        )
     head = ["month", "wet weight [N]", "to carry [N]", "allowed", "floats", "change", "reserve", "backbone [m]"]
     parts = [
         f"# Season: {found['site']}",

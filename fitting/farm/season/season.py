@@ -84,7 +84,9 @@ def season(site: Site, progress: Progress | None = None) -> Table:
     months = list(site.growth)
     rows = []
     # at the scene's water level, for which its points are placed: floats at the surface follow the tide, others stay
-    held = [Water(0.0, speed) for speed in dict.fromkeys(water.speed for water in all_waters)]
+    held = []
+    for speed in dict.fromkeys(water.speed for water in all_waters):
+        held.append(Water(0.0, speed))
     for i, month in enumerate(months):
         pulls = []
         for j, water in enumerate(held):
@@ -201,12 +203,14 @@ def _season_table(site: Site, names: list[str], lift: float, rows: list[Table]) 
 def double_crops(site: Site) -> list[str]:
     """A line about lines with mussels of `[[growth]]` whose type is a crop of the library already; none without any."""
     crops = tuple(f"{PREFIX}{name}-" for name, kind in FAMILIES.items() if kind.spread)
-    types = {
-        line["name"]: [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
-        for line in site.scene.as_written()["line"]
-    }
+    types = {}
+    for line in site.scene.as_written()["line"]:
+        types[line["name"]] = [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
     grown = dict.fromkeys(name for lines in site.growth.values() for name in lines)
-    both = [name for name in grown if any(kind.startswith(crops) for kind in types.get(name, ()))]
+    both = []
+    for name in grown:
+        if any(kind.startswith(crops) for kind in types.get(name, ())):
+            both.append(name)
     if not both:
         return []
     return [

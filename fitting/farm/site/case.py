@@ -181,28 +181,29 @@ def storms(site: Any) -> tuple[Storm, ...]:
     """
     lists = site.lists
     standard = site.lists.standard
-    combined = [
-        Storm(
-            0,
-            sea,
-            way,
-            *_current(site, current, way),
-            level,
-            month,
-            state,
-            crop,
-            (sea.return_period, (current or {}).get("return_period")),
+    combined = []
+    for sea, way, current, level, month, crop, state in itertools.product(
+        site.sea_states,
+        np.radians(lists.directions).tolist(),
+        lists.currents or (None,),
+        lists.levels,
+        lists.months or (None,),
+        lists.crops or tuple(site.crop) or (None,),
+        site.states,
+    ):
+        combined.append(
+            Storm(
+                0,
+                sea,
+                way,
+                *_current(site, current, way),
+                level,
+                month,
+                state,
+                crop,
+                (sea.return_period, (current or {}).get("return_period")),
+            )
         )
-        for sea, way, current, level, month, crop, state in itertools.product(
-            site.sea_states,
-            np.radians(lists.directions).tolist(),
-            lists.currents or (None,),
-            lists.levels,
-            lists.months or (None,),
-            lists.crops or tuple(site.crop) or (None,),
-            site.states,
-        )
-    ]
     if standard is not None:
         for waves, current in standard["pairs"]:
             if (waves, current) not in {storm.periods for storm in combined}:

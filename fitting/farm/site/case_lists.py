@@ -49,7 +49,9 @@ class CaseLists(Section):
         else:
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, "'waves', or a number in deg")
         found = super().read(own, path)
-        numbers = {key: [float(x) for x in getattr(found, key)] for key in ("directions", "levels")}
+        numbers = {}
+        for key in ("directions", "levels"):
+            numbers[key] = [float(x) for x in getattr(found, key)]
         for key, values in {**numbers, "states": found.states}.items():
             if len(values) == 0:
                 raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")

@@ -264,7 +264,10 @@ def _parts(
         )
     _unique("part.name", [part.name for part in found])
     refuse_overlap(groups, "line")
-    left = [name for name in lines if not any(name in names for _, names in groups)]
+    left = []
+    for name in lines:
+        if not any(name in names for _, names in groups):
+            left.append(name)
     if left:
         raise SceneError(f"part: no part has the lines {short(left)}. Use a [[part]] with them, or `unchecked`")
     return tuple(found)

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.run.bends import curvature
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
-    from dropper_jax.run.resolution import check_stretch, pose_remarks
+    from dropper_jax.run.pose_remarks import check_stretch, pose_remarks
     from dropper_jax.scene.data import line_slices
 
     found = equilibrium(scene)

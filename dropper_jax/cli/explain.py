@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.explain.answers import explain, refuse_rigid
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
-    from dropper_jax.run.resolution import pose_remarks
+    from dropper_jax.run.pose_remarks import pose_remarks
 
     refuse_rigid(scene)
     pose = equilibrium(scene)

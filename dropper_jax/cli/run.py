@@ -266,7 +266,7 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     from math import degrees
 
     from dropper_jax.run.companion import words
-    from dropper_jax.run.resolution import step_facts
+    from dropper_jax.run.step_facts import step_facts
 
     facts = step_facts(solution)
     found = []

@@ -12,7 +12,7 @@ from dropper_jax.evaluation.settings import Settings
 from dropper_jax.run.bends import held_points, positions_at
 from dropper_jax.run.bends import point_load as line_load
 from dropper_jax.run.line_weights import end_angles, end_forces
-from dropper_jax.run.quantities import excess_kurtosis, statistic
+from dropper_jax.run.statistics import excess_kurtosis, statistic
 from dropper_jax.run.storage import extra
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
 from dropper_jax.stepping.extremes import Extremes

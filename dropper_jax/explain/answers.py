@@ -12,8 +12,9 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.explain.catenary import Hanging, Shape, hanging_length, offset_until_uplift, solve
 from dropper_jax.load.checks_water import bed_height
-from dropper_jax.run.build import build_model, equilibrium, shift_model
+from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.run.line_weights import end_angles, end_forces, wet_weights
+from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.rigid_group import stiffness_of_group
 from dropper_jax.statics.static_pose import nodal_loads, settle

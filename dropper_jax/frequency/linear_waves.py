@@ -36,8 +36,9 @@ from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Model, State
 from dropper_jax.model.slots import Prepared
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
+from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.search import outward
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.tangent import Linear, Tangent, solve_matrix
 
 

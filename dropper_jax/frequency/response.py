@@ -23,8 +23,9 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, wave_components, waves_on
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
+from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.search import Equilibrium, outward
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 from dropper_jax.statics.system import with_axial
 

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.markdown import cells, first_names, table
 from dropper_jax.base.read import Table
-from dropper_jax.run.quantities import NOT_GAUSSIAN
+from dropper_jax.run.statistics import NOT_GAUSSIAN
 
 #: Cells of a row by the headings of their columns.
 Cells = dict[str, str]

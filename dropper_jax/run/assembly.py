@@ -23,7 +23,8 @@ from dropper_jax.run.bends import twist_remarks
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.end_of_run import Last, last_row, name_leaves
 from dropper_jax.run.plausibility import scene_warnings
-from dropper_jax.run.resolution import pose_remarks, with_quality_checks, without_push
+from dropper_jax.run.pose_remarks import pose_remarks
+from dropper_jax.run.resolution import with_quality_checks, without_push
 from dropper_jax.run.row_store import BLOCK_STATES, InMemory, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal

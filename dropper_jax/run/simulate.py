@@ -26,7 +26,8 @@ from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_c
 from dropper_jax.run.companion import with_stated_errors
 from dropper_jax.run.end_of_run import Last, first_row, may_go_on, name_leaves, restore_carry, same_scene
 from dropper_jax.run.plausibility import with_cause
-from dropper_jax.run.resolution import check_skip, check_stretch
+from dropper_jax.run.pose_remarks import check_stretch
+from dropper_jax.run.resolution import check_skip
 from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.step_extremes import step_signals

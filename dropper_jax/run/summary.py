@@ -18,8 +18,8 @@ from dropper_jax.base.toml_text import SCHEMA, jsonable
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.run.bends import bending_summary, bends
 from dropper_jax.run.line_weights import line_weights
-from dropper_jax.run.resolution import step_facts
 from dropper_jax.run.samples import Samples
+from dropper_jax.run.step_facts import step_facts
 from dropper_jax.scene import line_offsets
 
 

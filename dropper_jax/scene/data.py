@@ -11,12 +11,15 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import as_table, plain
+from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.body import BodySpec
+from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec
-from dropper_jax.scene.line import FailureSpec, LineSpec, join_lines
-from dropper_jax.scene.point import AnchorSpec, BuoySpec, PointSpec
-from dropper_jax.scene.run import RunSpec, StartSpec
+from dropper_jax.scene.line import LineSpec, join_lines
+from dropper_jax.scene.point import BuoySpec, PointSpec
+from dropper_jax.scene.run import RunSpec
 from dropper_jax.scene.season import SeasonSpec
+from dropper_jax.scene.start import StartSpec
 from dropper_jax.scene.vessel import VesselSpec
 from dropper_jax.sea.spec import SeaSpec
 

@@ -20,7 +20,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Effect, Ends, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang
-from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance, with_static_seabed_friction
+from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import (
     ROUNDS,
     describe_unbalance,

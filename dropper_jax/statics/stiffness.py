@@ -23,8 +23,9 @@ from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import Coordinates
+from dropper_jax.statics.host_stiffness import factor_softened, free_motion, stiffness
 from dropper_jax.statics.rest_problem import RestProblem, name_of, rest
-from dropper_jax.statics.tangent import LEFT, REFINEMENTS, factor_softened, free_motion, stiffness
+from dropper_jax.statics.tangent import LEFT, REFINEMENTS
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array

@@ -16,9 +16,10 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.arrays import bare_model, static_pose
-from dropper_jax.run.build import SceneLike, build_model, equilibrium, model_slopes, shift_model
+from dropper_jax.run.build import SceneLike, build_model, equilibrium
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.line_weights import end_angles, end_forces
+from dropper_jax.run.model_slopes import model_slopes, shift_model
 from dropper_jax.run.quantities import Quantity, static_quantity
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.static_pose import nodal_loads, settle

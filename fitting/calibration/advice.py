@@ -28,13 +28,15 @@ from fitting.calibration.candidate import Candidate, holm
 from fitting.calibration.law_fits import OF_JOINTS, PARTS
 from fitting.calibration.preparation import Prepared
 from fitting.calibration.result import FitResult
-from fitting.estimate.normal_equations import prior_of, solve_spd
+from fitting.estimate.factors import solve_spd
+from fitting.estimate.normal_equations import prior_of
 from fitting.estimate.release import TIME, Release
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.parameter import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace, Parameter, resolve
+from fitting.parameters.parameter import Parameter, resolve
+from fitting.parameters.places import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 from fitting.parameters.rig_priors import rig_priors
 
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or

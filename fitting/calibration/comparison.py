@@ -44,9 +44,9 @@ from fitting.calibration.law_fits import (
     least_loss,
 )
 from fitting.calibration.preparation import Prepared
+from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import continue_windows
 from fitting.estimate.noise import lag_one
-from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.residual_noise import fit_with_noise
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting

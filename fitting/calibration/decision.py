@@ -41,7 +41,7 @@ from dropper_jax.model.slots import Potential
 from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law_fits import LADDER, Law, contains
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.factors import solve_spd
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.names import DAMPING

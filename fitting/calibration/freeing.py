@@ -21,7 +21,8 @@ import numpy as np
 from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import score_candidates, wide
 from fitting.calibration.candidate import OR, WORTH, Candidate
-from fitting.calibration.kicks import SEVERAL, Fit, alone, far_off, lost_frames, starts_from_previous_windows
+from fitting.calibration.kicks import Fit
+from fitting.calibration.lost_frames import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
 from fitting.calibration.preparation import Prepared, at_frames
 from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.least_squares import fit_windows
@@ -30,7 +31,8 @@ from fitting.estimate.noise import log_volume
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import pick
-from fitting.parameters.parameter import LOST, resolve
+from fitting.parameters.parameter import resolve
+from fitting.parameters.places import LOST
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED = 6

@@ -30,22 +30,16 @@ from fitting.calibration.candidate import holm
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.blocks import Pieces, block_of, jackknife, pieces, raised_to
-from fitting.estimate.normal_equations import Evaluation, Prior, eliminate_rows, solve_spd
+from fitting.estimate.factors import eliminate_rows, solve_spd
+from fitting.estimate.normal_equations import Evaluation, Prior
 from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Uncertainty
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import free_option
-from fitting.parameters.parameter import (
-    CAMERA,
-    RECORDING,
-    Parameter,
-    given_effect,
-    names_in_scene,
-    resolve,
-    with_effects,
-)
+from fitting.parameters.parameter import Parameter, given_effect, names_in_scene, resolve, with_effects
+from fitting.parameters.places import CAMERA, RECORDING
 
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
 LEVEL = 0.01

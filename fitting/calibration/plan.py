@@ -23,8 +23,9 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
+from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import fit_windows
-from fitting.estimate.normal_equations import Evaluation, Step, solve_spd
+from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Problem
 from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
 from fitting.estimate.windows import PER_WINDOW, Windows, pick

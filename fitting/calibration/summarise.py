@@ -48,8 +48,8 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
         )
     for run, at in prepared.breaks:
         found.append(
-            f"the motion of {prepared.traces[run].name} jumps at {at:.3f} s, as after a kick, a contact or lost frames; "
-            "windows are not joined there"
+            f"the motion of {prepared.traces[run].name} jumps at {at:.3f} s, as after a kick, a contact or lost frames"
+            "; windows are not joined there"
         )
     if u.inflation > 1 or abs(u.correlation_1) > 4 * CORRELATION_FLOOR:
         found.append(

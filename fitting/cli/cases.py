@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     from fitting.farm.cases.case_store import CasesStopped
     from fitting.farm.cases.page import write_page
     from fitting.farm.cases.run import run_cases
-    from fitting.farm.cases.stored import step_errors
+    from fitting.farm.cases.step_errors import step_errors
 
     dt = site.prepared().run.step
     how = {"workers": args.workers or available_cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}

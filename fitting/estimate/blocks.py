@@ -22,7 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.estimate.normal_equations import Evaluation, Step, solve_spd
+from fitting.estimate.factors import solve_spd
+from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import gaps
 

@@ -32,8 +32,9 @@ import optax
 from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.base.errors import Progress, SceneError, nearest
+from fitting.estimate.factors import cholesky_root
 from fitting.estimate.least_squares import Point, Separate
-from fitting.estimate.normal_equations import Step, cholesky_root
+from fitting.estimate.normal_equations import Step
 
 #: Steps between restarts of an optimizer without a line search (Loshchilov and Hutter 2017: adam's cosine decay).
 CYCLE = 20

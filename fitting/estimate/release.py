@@ -25,7 +25,8 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from fitting.estimate.windows import Starts, Windows, pick
-from fitting.parameters.parameter import Parameter, ReleasePlace, apply
+from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.places import ReleasePlace
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 

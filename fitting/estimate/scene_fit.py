@@ -14,8 +14,8 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.toml_text import SCHEMA
 from dropper_jax.load.scene import Scene
 from fitting.estimate.blocks import block_of, pieces, resample
+from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import descend
-from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS

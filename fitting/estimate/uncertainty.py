@@ -16,8 +16,9 @@ import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fitting.estimate.blocks import raised_to, scatter, scores
+from fitting.estimate.factors import Factor, solve_spd
 from fitting.estimate.loss import Loss
-from fitting.estimate.normal_equations import Factor, Normal, solve_spd
+from fitting.estimate.normal_equations import Normal
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
 

@@ -10,10 +10,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from fitting.parameters.parameter import (
-    ModelPlace,
-    Parameter,
-)
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.places import ModelPlace
 
 
 def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], values: np.ndarray) -> Scene:

@@ -24,15 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
-from fitting.parameters.parameter import (
-    DOWN,
-    CameraPlace,
-    ClockPlace,
-    LostPlace,
-    NodeMarkerPlace,
-    Parameter,
-    RecordingPlace,
-)
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.places import DOWN, CameraPlace, ClockPlace, LostPlace, NodeMarkerPlace, RecordingPlace
 from fitting.traces.planar import directions, wrap
 
 

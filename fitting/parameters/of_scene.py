@@ -18,14 +18,10 @@ from dropper_jax.base.read import ScenePath, declared_fields
 from dropper_jax.load.paths import describe, locate_written
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.run.build import build_model, model_slopes
-from fitting.parameters.parameter import (
-    Direction,
-    Parameter,
-    Released,
-    check_once,
-    resolve,
-)
+from dropper_jax.run.build import build_model
+from dropper_jax.run.model_slopes import model_slopes
+from fitting.parameters.parameter import Parameter, Released, check_once, resolve
+from fitting.parameters.places import Direction
 
 #: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
 LINEAR_REACH = 0.2

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.parameters.parameter import RECORDING, Parameter, RecordingPlace, StartValues
+from fitting.parameters.parameter import Parameter, StartValues
+from fitting.parameters.places import RECORDING, RecordingPlace
 from fitting.traces.planar import wrap
 from fitting.traces.trace import FEWEST, Trace, convention
 

@@ -29,7 +29,8 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
-from dropper_jax.run.quantities import PERIOD, Quantity, quantity
+from dropper_jax.run.quantities import Quantity, quantity
+from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
 from fitting.parameters.names import DAMPING_PATHS, full_names

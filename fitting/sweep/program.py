@@ -22,7 +22,8 @@ from dropper_jax.lanes import lanes
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
-from dropper_jax.run.quantities import quantity_signals, statistic
+from dropper_jax.run.quantities import quantity_signals
+from dropper_jax.run.statistics import statistic
 from dropper_jax.stepping.adaptive import Adaptive, adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
 from fitting.parameters.parameter import apply, resolve

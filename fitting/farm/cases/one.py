@@ -19,7 +19,8 @@ from dropper_jax.run.build import build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.quantities import Quantity, quantity, quantity_signals, statistic
+from dropper_jax.run.quantities import Quantity, quantity, quantity_signals
+from dropper_jax.run.statistics import statistic
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.farm.site import Case, Site, Storm

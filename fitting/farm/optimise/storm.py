@@ -22,7 +22,7 @@ from dropper_jax.base.read import DeclaredSection
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.model import Model
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import shift_model
+from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.sea import Sea
 from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record
 from dropper_jax.stepping.stepper import make_stepper

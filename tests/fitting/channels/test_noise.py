@@ -13,7 +13,8 @@ from fitting.estimate.least_squares import first_solution
 from fitting.estimate.loss import LEAST_SQUARES
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.residual_noise import ResidualNoiseModel
-from fitting.parameters.parameter import Direction, Parameter
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.places import Direction
 
 N = 4000
 T = np.arange(N) * 0.1

@@ -27,7 +27,7 @@ from fitting.farm.cases.case_store import CaseStore as Store
 from fitting.farm.cases.flags import characteristic
 from fitting.farm.cases.one import Runner
 from fitting.farm.cases.page import page
-from fitting.farm.cases.stored import step_errors
+from fitting.farm.cases.step_errors import step_errors
 from fitting.farm.site import Case, read_site
 from fitting.farm.site.sections import RunValues, standards
 

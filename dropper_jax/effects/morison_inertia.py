@@ -125,8 +125,7 @@ class MorisonInertia(_InertiaForce):
 
     def _coefficients(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
         """C_A across and along over the displaced mass, ready to multiply (n, 3)."""
-        can = self.can if jnp.ndim(self.can) == 0 else self.can[:, None]
-        cat = self.cat if jnp.ndim(self.cat) == 0 else self.cat[:, None]
+        can, cat = (value if jnp.ndim(value) == 0 else value[:, None] for value in (self.can, self.cat))
         if k.line.outer_diameter is None:
             return can, cat
         size = ((k.line.outer_diameter / k.line.diameter) ** 2)[:, None]

@@ -41,8 +41,9 @@ def lanes(f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0) -> Calla
     """
 
     def run_batch(*args: Any) -> Tree:
-        axes = in_axes
-        if not isinstance(in_axes, tuple):
+        if isinstance(in_axes, tuple):
+            axes = in_axes
+        else:
             axes = (in_axes,) * len(args)
         values, tree = jax.tree.flatten(args)
         many = [axis == 0 for arg, axis in zip(args, axes, strict=True) for _ in jax.tree.leaves(arg)]

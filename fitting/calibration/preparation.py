@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -331,16 +332,7 @@ def prepare(
     say = progress or silent
     say(0.0, "reading")
     scene = load_scene(scene)
-    of_recordings = [name for name in free or () if name.startswith(f"{RECORDING}.")]
-    if free is None:
-        names = default_free(scene)
-    else:
-        names = full_names(scene, [name for name in free if name not in of_recordings])
-    # a file is checked by the lengths and the zero of the scene, although they are free
-    if free is not None or settings.fixed or settings.static_start:
-        rig = []
-    else:
-        rig = default_rig(scene)
+    names, rig, of_recordings = _free_names(scene, free, settings)
     scene = with_effects(scene, names)
     model, state = build(scene)
     check_planar(model, state)
@@ -391,6 +383,26 @@ def prepare(
         known=known,
         rest=samples.rest,
     )
+
+
+class FreeNames(NamedTuple):
+    """Names of free parameters: those of the scene, those of its rig, and those of further recordings."""
+
+    scene: list[str]
+    rig: list[str]
+    recordings: list[str]
+
+
+def _free_names(scene: Scene, free: Sequence[str] | None, settings: FitSettings) -> FreeNames:
+    """The parameters that a user frees, or those that a scene frees by default."""
+    if free is not None:
+        recordings = [name for name in free if name.startswith(f"{RECORDING}.")]
+        names = full_names(scene, [name for name in free if name not in recordings])
+        return FreeNames(names, [], recordings)
+    # a file is checked by the lengths and the zero of the scene, although they are free
+    if settings.fixed or settings.static_start:
+        return FreeNames(default_free(scene), [], [])
+    return FreeNames(default_free(scene), default_rig(scene), [])
 
 
 def read_traces(

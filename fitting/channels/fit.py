@@ -52,8 +52,9 @@ def pose(
     known = [n for n in [*names, *mine] if ScenePath(n).section not in OF_DATA]
     if known:
         scene = with_effects(scene, full_names(scene, known))
-    data = source
-    if not isinstance(source, Data):
+    if isinstance(source, Data):
+        data = source
+    else:
         data = read_data(source, scene)
     if mine and len(data.runs) < 2:
         raise SceneError(f"own: {mine[0]!r}: there is only one run. Use it with 2 runs or more")

@@ -170,10 +170,8 @@ def track(
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
     _detect_again(film, span, appearance, chain)
     chain, offset, message = _trim_frames(remove_blur(chain), film.fps)
-    size = len(chain.detected)
-    if size < FEWEST:
-        raise SceneError(f"{film.path.name}: {message or 'only'} {size} frames; allowed: at least {FEWEST}")
-    t = (offset + np.arange(size)) / film.fps
+    _refuse_short(film, len(chain.detected), message)
+    t = (offset + np.arange(len(chain.detected))) / film.fps
     if not message and end is None:
         message = _breaks_off(film, span[0] + len(circles), t[-1])
     marks = find_marks(chain.flat, chain.detected)
@@ -188,10 +186,7 @@ def track(
     status = "not_converged" if message else "ok"
     if lost:
         status = "lost"
-        message = (
-            f"{film.path.name}: the circles do not move as the nodes of a chain: {lost}; needed: a marker on each of "
-            f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
-        )
+        message = _no_chain(film, nodes, lost)
     tracked = Tracked(
         trace=trace,
         pixels=chain.pixels,
@@ -211,6 +206,18 @@ def track(
     )
     say(1.0, tracked.status)
     return tracked
+
+
+def _refuse_short(film: Video, frames: int, message: str) -> None:
+    if frames < FEWEST:
+        raise SceneError(f"{film.path.name}: {message or 'only'} {frames} frames; allowed: at least {FEWEST}")
+
+
+def _no_chain(film: Video, nodes: int, why: str) -> str:
+    return (
+        f"{film.path.name}: the circles do not move as the nodes of a chain: {why}; needed: a marker on each of "
+        f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
+    )
 
 
 def _check_options(

@@ -123,6 +123,10 @@ def angles_to_links(
     return unit * np.asarray(length, float)[..., None]
 
 
+#: Horizontal part of a link vector, relative to its largest component, below which its azimuth is rounding noise.
+VERTICAL = 1e-12
+
+
 def _follow(links: np.ndarray) -> _Branch:
     """The branch of link vectors (k, n, 3)."""
     missing = ~np.isfinite(links).all(axis=-1)
@@ -131,8 +135,7 @@ def _follow(links: np.ndarray) -> _Branch:
     bad = largest == 0.0
     links = links / np.where(bad, 1.0, largest)[..., None]
     radius = np.hypot(links[..., 0], links[..., 1])
-    # horizontal part of a link vector, relative to its largest component, below which its azimuth is rounding noise
-    pole = radius <= 1e-12
+    pole = radius <= VERTICAL
     polar = _hold(np.arctan2(-links[..., 2], radius), bad)
     azimuth = _hold(np.arctan2(links[..., 1], links[..., 0]), pole)
     azimuth = np.where(pole.all(axis=0), 0.0, azimuth)

@@ -49,6 +49,10 @@ def amplitude_spectrum(t: np.ndarray, x: np.ndarray, window: str = "hann") -> tu
     return np.fft.rfftfreq(count, step), amplitude
 
 
+#: Maximum deviation from uniform sampling, relative to the step.
+UNEVEN = 1e-6
+
+
 def _uniform_step(t: np.ndarray) -> float:
     """The step [s] of uniform times (k,)."""
     if t.ndim != 1 or len(t) < 2:
@@ -58,8 +62,7 @@ def _uniform_step(t: np.ndarray) -> float:
     steps = np.diff(t.astype(float))
     mean = steps.mean()
     rounding = 4 * np.finfo(t.dtype if t.dtype.kind == "f" else float).eps * np.abs(t).max()
-    # maximum deviation from uniform sampling, relative to the step
-    if mean <= 0 or np.abs(steps - mean).max() > 1e-6 * mean + rounding:
+    if mean <= 0 or np.abs(steps - mean).max() > UNEVEN * mean + rounding:
         raise ValueError(f"t: steps from {steps.min():g} to {steps.max():g} s, must be uniform and positive")
     return float(mean)
 

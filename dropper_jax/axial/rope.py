@@ -18,6 +18,10 @@ from dropper_jax.base.springs import mean_positive_part, never_more
 STEEPEST = 10.0
 
 
+#: Weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1].
+STRETCH_WEIGHT = 1e-3
+
+
 def taut_or_slack(
     stretch: Callable[[jax.Array], jax.Array], size: jax.Array, slack: jax.Array, held: jax.Array
 ) -> jax.Array:
@@ -30,8 +34,7 @@ def taut_or_slack(
     at = jnp.maximum(stretch(slack), 0.0)
     beyond = size - slack
     above = stretch(jnp.maximum(size, slack)) + jnp.minimum(beyond, 0.0)
-    # weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1]
-    taut = held - at + 1e-3 * (above - at) > 0.0
+    taut = held - at + STRETCH_WEIGHT * (above - at) > 0.0
     return jnp.where(taut, above, jnp.maximum(stretch(jnp.minimum(size, slack)), 0.0)) - held
 
 

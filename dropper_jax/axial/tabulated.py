@@ -12,6 +12,10 @@ from dropper_jax.axial.law import AxialLaw
 from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
 
+#: Relative change of length below which the mean tension is that in the middle of the change: exact to second order,
+#: where a difference of energies would be lost in rounding.
+SHORT_CHANGE = 1e-7
+
 
 @component
 class Tabulated(Rope):
@@ -65,9 +69,7 @@ class Tabulated(Rope):
     def _mean(self, step: StretchStep, size: jax.Array) -> jax.Array:
         length = step.length
         longer = size - step.size
-        # relative change of length below which the mean tension is that in the middle of the change: exact to second
-        # order, where a difference of energies would be lost in rounding
-        little = jnp.abs(longer) < 1e-7 * length
+        little = jnp.abs(longer) < SHORT_CHANGE * length
         work = self._stored_energy(size, length) - self._stored_energy(step.size, length)
         middle = self.spring(0.5 * (step.size + size), length)
         return jnp.where(little, middle, work / jnp.where(little, 1.0, longer))

@@ -48,10 +48,13 @@ def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) ->
     return gather_sums(values, index_table(np.split(order, np.cumsum(counts)[:-1]), len(where)))
 
 
+#: Maximum number of values per row for which gathers are used: each is a separate operation.
+MOST_GATHERS = 8
+
+
 def scatter_add_many(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
     """`scatter_add`, using a scatter if many values meet at one row, as in contact between all pairs of links."""
     where = np.asarray(where)
-    # maximum number of values per row for which gathers are used: each is a separate operation
-    if not len(where) or np.bincount(where, minlength=size).max() <= 8:
+    if not len(where) or np.bincount(where, minlength=size).max() <= MOST_GATHERS:
         return scatter_add(where, values, size)
     return jnp.zeros((size, *values.shape[1:]), values.dtype).at[where].add(values)

@@ -142,9 +142,12 @@ def _names(scene: Scene, given: str | None) -> list[str]:
     return names
 
 
+#: Maximum number of degrees of freedom of a printed matrix.
+PRINTED_FREEDOMS = 12
+
+
 def _text(found: Stiffness) -> str:
-    # maximum number of degrees of freedom of a printed matrix
-    if len(found.freedoms) <= 12:
+    if len(found.freedoms) <= PRINTED_FREEDOMS:
         rows = [("", *found.freedoms)]
         rows += [(name, *cells(line, ".5g")) for name, line in zip(found.freedoms, found.matrix, strict=True)]
         return f"{table(rows)}\nN/m; N, N m/rad for rotations: minus the force on a row per displacement of a column"

@@ -31,6 +31,11 @@ class Touching(Protocol):
         """Whether a bar belongs to a rigid body."""
 
 
+#: Rounding of the nearest point for parallel axes, relative to the square of their lengths: they meet at their middles,
+#: and the contact point moves smoothly (over 0.3 degrees) as they turn away from parallel.
+PARALLEL = 0.5e-5
+
+
 class Bars:
     """The axes of all pieces, from the positions of their nodes.
 
@@ -52,9 +57,7 @@ class Bars:
         other = effect.bar_radius[bar] if len(bar) else jnp.zeros(0, length.dtype)
         self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + other])
         square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[link] ** 2 + dot(across, across)])
-        # rounding of the nearest point for parallel axes, relative to the square of their lengths: they meet at their
-        # middles, and the contact point moves smoothly (over 0.3 degrees) as they turn away from parallel
-        self.spread = 0.5e-5 * jax.lax.stop_gradient(square)
+        self.spread = PARALLEL * jax.lax.stop_gradient(square)
         self.pairs, self.offset, self.shares = len(first), None, None
         if not len(bar):
             return

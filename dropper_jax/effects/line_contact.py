@@ -123,6 +123,12 @@ class LineContact(Effect):
         )
 
 
+#: Motion over a step, relative to the reach, below which the third-order error of the energy balance is not corrected.
+SMALL_MOTION = 1e-5
+#: Fraction of the reach by which links may move relative to each other in a step.
+LARGEST_MOTION = 0.25
+
+
 @component
 class LinksInContact(LineContact):
     """The same with indices for names and its work recorded; a negative owner of a bar is a buoy's point."""
@@ -172,9 +178,7 @@ class LinksInContact(LineContact):
         gained = self._energy(bars, p + 0.5 * displacement) - self._energy(bars, p - 0.5 * displacement)
         lacking = gained + jnp.sum(force * displacement, axis=(-2, -1))
         own = displacement - jnp.mean(displacement, axis=-2, keepdims=True)  # the force has no net motion as a whole
-        # motion over a step, relative to the reach, below which the third-order error of the energy balance is not
-        # corrected
-        size = jnp.sum(own**2, axis=(-2, -1)) + (1e-5 * bars.reach) ** 2
+        size = jnp.sum(own**2, axis=(-2, -1)) + (SMALL_MOTION * bars.reach) ** 2
         return -(lacking / size)[..., None, None] * own
 
     def _dissipative_force(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
@@ -194,8 +198,7 @@ class LinksInContact(LineContact):
         end = bars.axes(at_pieces(after, nodes)[0])
         way = relative_motion(start, end)
         distance = nearest_points(start, bars.reach, bars.spread).distance
-        # fraction of the reach by which links may move relative to each other in a step
-        return jnp.any((way > 0.25 * bars.reach) & (distance - way < bars.reach))
+        return jnp.any((way > LARGEST_MOTION * bars.reach) & (distance - way < bars.reach))
 
 
 @component

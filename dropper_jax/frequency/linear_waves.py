@@ -202,9 +202,12 @@ def static_shift(model: Model, linear: LinearMotion, omega: jax.Array, force: ja
     return solve_matrix(Tangent.of(model), static_matrix(linear, omega), force)
 
 
+#: Static shifts with a stiffness of 1e-4 of the inertia: a slack line on the bed has none across itself.
+BED_STIFFNESS = 1e-4
+
+
 def static_matrix(linear: LinearMotion, omega: jax.Array) -> jax.Array:
-    # static shifts with a stiffness of 1e-4 of the inertia: a slack line on the bed has none across itself
-    return linear.stiffness + 1e-4 * jnp.min(omega) ** 2 * linear.mass
+    return linear.stiffness + BED_STIFFNESS * jnp.min(omega) ** 2 * linear.mass
 
 
 def iterate_drag(

@@ -19,6 +19,10 @@ from dropper_jax.model import AddedMass, Kinematics, Model
 from dropper_jax.residual import StepProblem, Unknowns, couples_inertia
 from dropper_jax.solvers import SOLVERS
 
+#: Step [s] over which the inertia of added mass is evaluated at an instant, because it is a difference over a step. The
+#: truncation error is of second order, the rounding error is 1e-12 of its inverse.
+INSTANT = 1e-4
+
 
 class ProjectionProblem(StepProblem):
     """Unknowns: x, the change of velocities (nodes, 3) [m/s], and impulses y (n,) [N s]; linear."""
@@ -27,9 +31,7 @@ class ProjectionProblem(StepProblem):
 
     def __init__(self, k: Kinematics, added: bool) -> None:
         self.model, self.h = k.model, jnp.ones((), k.r.dtype)
-        # step [s] over which the inertia of added mass is evaluated at an instant, because it is a difference over a
-        # step. The truncation error is of second order, the rounding error is 1e-12 of its inverse
-        self.k, self.added = k.over(1e-4) if added else k, added
+        self.k, self.added = k.over(INSTANT) if added else k, added
         self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
         #: Target rate of stretch per length of rigid links, and impulses of others.

@@ -69,6 +69,10 @@ class EnergyMomentum(Implicit):
         return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
 
 
+#: Square of the sawtooth's speed divided by that of the fastest link, above which a step ends with the projection.
+RINGING_SPEED = 1e-3
+
+
 class MidpointProblem(StepProblem):
     """Unknowns: x = r1 - r0 - h v0 (so that rounding stays relative to the acceleration), tensions, law unknowns.
 
@@ -195,9 +199,7 @@ class MidpointProblem(StepProblem):
         model = self.model
         jumped = jumps(model, self.s.t, self.h)
         if self.alone and sawtooth_grows(model) and self.gamma == 0.5:  # a shifted midpoint damps it
-            # square of the sawtooth's speed divided by that of the fastest link, above which a step ends with the
-            # projection
-            rings = feeds_sawtooth(model) & (self._sawtooth(r1, v1) > (1e-3**2))
+            rings = feeds_sawtooth(model) & (self._sawtooth(r1, v1) > (RINGING_SPEED**2))
             jumped = rings if jumped is None else jumped | rings
         if jumped is None:
             return v1, None, {}

@@ -102,6 +102,11 @@ def _beyond(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
     return jnp.max(jnp.abs(p - nearest), axis=-1, keepdims=True) > 1e-9 * size
 
 
+#: Relative compliance of the impulses: there may be more stuck joints than motions that they stop (8 joints, 5 motions
+#: of a plane loop of 7 links), and the distribution of the load is then arbitrary.
+IMPULSE_COMPLIANCE = 1e-10
+
+
 def _rows(
     model: Model, held: Joints, after: Kinematics, z: Joints, h: jax.Array, over: Joints, aim: Joints, u: Unknowns
 ) -> Unknowns:
@@ -120,9 +125,7 @@ def _rows(
     if not line.axial.elastic:
         rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, model.rates(u.x, None))
         along = jnp.mean(line.mass) * dot(after.tangents, rate)
-    # relative compliance of the impulses: there may be more stuck joints than motions that they stop (8 joints, 5
-    # motions of a plane loop of 7 links), and the distribution of the load is then arbitrary
-    rest = tuple(scale * law.rates(moved) + 1e-10 * p for law, p in zip(model.laws, u.z, strict=True))
+    rest = tuple(scale * law.rates(moved) + IMPULSE_COMPLIANCE * p for law, p in zip(model.laws, u.z, strict=True))
     bound = tuple(p - h * (law.admissible(a) - q) for law, p, q, a in zip(model.laws, u.z, z, aim, strict=True))
     joints = tuple(
         jnp.where(one & ~o, a, jnp.where(o, b, p)) for one, o, a, b, p in zip(held, over, rest, bound, u.z, strict=True)
@@ -140,12 +143,15 @@ def _both_held(model: Model, held: tuple[jax.Array, ...]) -> jax.Array:
     return both
 
 
+#: Below the normal numbers a quotient is 0/0 if the processor flushes them; nothing moves any more at that scale.
+NORMAL_NUMBERS = 1e3
+
+
 def _falling(model: Model, after: Kinematics, delta: jax.Array) -> tuple[jax.Array, jax.Array]:
     """`v + s delta` with the s in [0, 1] of minimum kinetic energy (1 if delta is a projection), and its change."""
     weight = jnp.sum(delta * model.inertia(after, delta))
     slope = jnp.sum(delta * model.inertia(after, after.v))
-    # below the normal numbers a quotient is 0/0 if the processor flushes them; nothing moves any more at that scale
-    moves = weight > 1e3 * jnp.finfo(weight.dtype).tiny
+    moves = weight > NORMAL_NUMBERS * jnp.finfo(weight.dtype).tiny
     share = jnp.clip(-slope / jnp.where(moves, weight, 1.0), 0.0, 1.0)
     share = jnp.where(moves, share, 0.0)
     return after.v + share * delta, share * (slope + 0.5 * share * weight)

@@ -56,6 +56,10 @@ class ThesisAngles(Implicit):
         return replace(s, angles=angles_of_links(model.links(s.r, model.ends(s.t)), model.rates(s.v, None)))
 
 
+#: A vertical link has no azimuth: its rate is left at zero, which is an inherent defect of the scheme.
+VERTICAL = 1e-9
+
+
 def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
     """theta, phi, theta', phi' (n,) of link vectors d and their rates (n, 3), planar links with phi = 0."""
     planar = jnp.all(jnp.abs(d[:, 1]) <= 1e-12 * jnp.max(jnp.abs(d)))
@@ -67,8 +71,7 @@ def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
     polar = jnp.stack([-jnp.sin(theta) * jnp.cos(phi), -jnp.sin(theta) * jnp.sin(phi), -jnp.cos(theta)], -1)
     round_ = jnp.stack([-jnp.sin(phi), jnp.cos(phi), jnp.zeros_like(phi)], -1)
     flat = jnp.cos(theta)
-    # a vertical link has no azimuth: its rate is left at zero, which is an inherent defect of the scheme
-    safe = jnp.where(jnp.abs(flat) > 1e-9, flat, 1.0)
+    safe = jnp.where(jnp.abs(flat) > VERTICAL, flat, 1.0)
     azimuth_rate = jnp.where(jnp.abs(flat) > 1e-9, jnp.sum(rate * round_, -1) / (length * safe), 0.0)
     return theta, phi, jnp.sum(rate * polar, -1) / length, azimuth_rate
 

@@ -78,6 +78,10 @@ def _transpose(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Arra
     return lax.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"])))
 
 
+#: Maximum length of a reduction done as a tree of elementwise operations.
+LONGEST_TREE = 128
+
+
 def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
     """Reduction over some axes as a tree of elementwise operations, which still run over the members."""
 
@@ -87,8 +91,7 @@ def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
         kept = [i for i in range(x.ndim) if i not in axes]
         x = lax.transpose(x, (*axes, *kept))
         x = x.reshape(-1, *x.shape[len(axes) :])
-        # maximum length of a reduction done as a tree of elementwise operations
-        if not 0 < x.shape[0] <= 128:
+        if not 0 < x.shape[0] <= LONGEST_TREE:
             return None
         while x.shape[0] > 1:
             half = x.shape[0] // 2

@@ -218,6 +218,10 @@ def _uniform(t: np.ndarray) -> int:
     return len(t) - 1
 
 
+#: The frequency axis shows this fraction of the power.
+SHOWN_POWER = 0.999
+
+
 def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:
     """End of the frequency axis [Hz]: slightly above the band with nearly all the power of every link."""
     if frequency[-1] == 0:
@@ -225,5 +229,4 @@ def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:
     power = np.cumsum((amplitudes**2).sum(axis=(0, 2)))
     if power[-1] == 0:
         return float(frequency[-1])
-    # the frequency axis shows this fraction of the power
-    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, 0.999 * power[-1])] + 2 * frequency[1]))
+    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, SHOWN_POWER * power[-1])] + 2 * frequency[1]))

@@ -20,12 +20,14 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.simulate import Solution
 
+#: Maximum tension [N] above which a figure is in kN.
+IN_KILONEWTON = 5e3
+
 
 def force_unit(*values: np.ndarray | float | Iterable[float]) -> tuple[str, float]:
     """Unit and its size [N] for all forces [N] of a figure."""
     known = np.concatenate([np.ravel(np.asarray(v, float)) for v in values])
-    # maximum tension [N] above which a figure is in kN
-    if np.abs(known[np.isfinite(known)]).max(initial=0.0) >= 5e3:
+    if np.abs(known[np.isfinite(known)]).max(initial=0.0) >= IN_KILONEWTON:
         return ("kN", 1e3)
     return ("N", 1.0)
 

@@ -15,6 +15,9 @@ from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import curvature, held_points, point_load
 from dropper_jax.scene import whole_lines
 
+#: Drift below this fraction of the maximum energy is rounding: the log axis ends there.
+ROUNDING = 1e-17
+
 
 @style.with_style
 def energy_balance(run: Run, path: str | Path) -> Path:
@@ -41,8 +44,7 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     upper.set_ylabel("energy [J]")
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
     scale = max(np.abs(kinetic).max(), np.abs(potential).max()) or 1.0
-    # drift below this fraction of the maximum energy is rounding: the log axis ends there
-    drift = np.maximum(np.abs(balance_drift(run)), 1e-17 * scale)
+    drift = np.maximum(np.abs(balance_drift(run)), ROUNDING * scale)
     lower.semilogy(t, drift, color=style.DARK, lw=0.8, **mark)
     lower.set_ylim(0.5 * drift[1:].min(initial=drift.max()), 3 * drift.max())
     lower.set_ylabel("|drift| [J]")

@@ -116,6 +116,10 @@ def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
     return wrapper
 
 
+#: Ratio of height to length below which both views of a system are drawn one above the other.
+LOW_AND_LONG = 0.35
+
+
 @_with_sea
 def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None = None) -> Path:
     """The line [m] and the surface above it at a time [s] (default: that of the maximum tension), seen from two sides.
@@ -130,8 +134,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
     high = nodes.max(axis=0)
     middle = 0.5 * (low + high)
     half = 0.55 * max((high - low).max(), 1.0)
-    # ratio of height to length below which both views of a system are drawn one above the other
-    low_and_long = np.ptp(nodes[:, 2]) < 0.35 * 2 * half
+    low_and_long = np.ptp(nodes[:, 2]) < LOW_AND_LONG * 2 * half
     flat = view.planar(run.positions)
     figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
     if flat:

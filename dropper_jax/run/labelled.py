@@ -157,6 +157,10 @@ NUMBERS = {"dt": False, "duration": False, "save_every": False, "residual_tolera
 TEXTS = ("integrator", "solver", "dtype")
 
 
+#: Fraction of the free memory that a file may use.
+MEMORY_SHARE = 0.8
+
+
 def check_archive(file: BinaryIO, path: str | Path) -> None:
     """Reject an archive whose unpacked arrays do not fit into memory.
 
@@ -168,8 +172,7 @@ def check_archive(file: BinaryIO, path: str | Path) -> None:
         size = sum(item.file_size for item in archive.infolist())
     file.seek(0)
     left = available_memory()
-    # fraction of the free memory that a file may use
-    if size > 0.8 * left:
+    if size > MEMORY_SHARE * left:
         raise SceneError(
             f"{path}: holds {in_words(size)} of arrays, but {in_words(left)} of memory are free. Use a smaller file"
         )

@@ -115,6 +115,10 @@ def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, in
         yield line.name, first, last, line.links
 
 
+#: Diameter [m] above which a line is not a rope: fibre ropes of aquaculture, some of which float, are thinner.
+THICK = 0.1
+
+
 def line_weights(scene: Scene) -> list[dict[str, Any]]:
     """Mass, displaced mass, weight in water and density per metre, one row for equal lines; [] without a sea.
 
@@ -148,8 +152,7 @@ def line_weights(scene: Scene) -> list[dict[str, Any]]:
         row = rows.setdefault(key, row)
         row["lines"].append(line.name)
         words = f"{line.name} {types.get(line.name, '')}".lower()
-        # diameter [m] above which a line is not a rope: fibre ropes of aquaculture, some of which float, are thinner
-        thick = float(np.max(diameter[line.links])) >= 0.1
+        thick = float(np.max(diameter[line.links])) >= THICK
         grown = own.spec.growth is not None or bare.season is not None
         row["meant_heavy"] |= thick or grown or any(word in words for word in HEAVY)
     return list(rows.values())

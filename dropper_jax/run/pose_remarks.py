@@ -108,6 +108,10 @@ def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
         yield f"{lines_in_words(names)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
 
 
+#: A buoy whose base is within this distance [m] of the seabed is on it.
+NEAR_BED = 0.05
+
+
 def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     if scene.sea is None:
         return
@@ -116,6 +120,5 @@ def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
         base = float(positions[nodes[buoy.point], 2]) - buoy.attachment
         if base + buoy.height < 0.0:
             yield f"{buoy.name}: at rest its top is {-base - buoy.height:.3g} m under water"
-        # a buoy whose base is within this distance [m] of the seabed is on it
-        if base < -scene.sea.depth + 0.05:
+        if base < -scene.sea.depth + NEAR_BED:
             yield f"{buoy.name}: at rest its base is on the seabed"

@@ -70,10 +70,18 @@ def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndar
     return tension
 
 
+#: Energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest.
+RESTING_ERROR = 1e-6
+
+
 def _negligible(solution: Samples) -> float:
     lines = solution.scene.lines
-    # energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest
-    return 1e-6 * GRAVITY * sum(float(np.sum(x.mass)) for x in lines) * sum(float(np.sum(x.length)) for x in lines)
+    return (
+        RESTING_ERROR
+        * GRAVITY
+        * sum(float(np.sum(x.mass)) for x in lines)
+        * sum(float(np.sum(x.length)) for x in lines)
+    )
 
 
 def _dissipates(solution: Samples) -> bool:
@@ -101,6 +109,10 @@ def limit_warnings(found: Iterator[tuple[str, float, str]]) -> list[str]:
     return [*(rows[i][2] for i in sorted(kept)), *more]
 
 
+#: Fraction of a link's tension over time in pulses of one step, above which a warning is given.
+PULSED = 0.05
+
+
 def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
     """Faults in the tensions (k, n) of each line from step to step: fault, its size, text."""
     dt = solution.settings["dt"]
@@ -112,13 +124,16 @@ def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
             text = f"{line.name}: the peak tension, {when}, lasts only one or two steps of {dt:g} s and is not resolved"
             yield "peak tensions of one or two steps are not resolved", float(tension[sharp]), text
         pulsed = _pulse_share(tension)
-        # fraction of a link's tension over time in pulses of one step, above which a warning is given
-        if pulsed > 0.05:
+        if pulsed > PULSED:
             text = f"{line.name}: {pulsed:.0%} of the tension is in pulses of one step of {dt:g} s and is not resolved"
             yield "tensions in pulses of one step are not resolved", float(pulsed), text
         elif _alternates(tension):
             text = f"{line.name}: tensions oscillate from step to step: mean values are reliable, peak values are not"
             yield "tensions oscillate from step to step", float(np.max(tension)), text
+
+
+#: Ratio to the static tension below which a link is slack, or in compression.
+SLACK = 1e-3
 
 
 def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
@@ -129,8 +144,7 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     least, largest = solution.tension_range
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         rest = float(np.max(solution.tension[0, where.links]))
-        # ratio to the static tension below which a link is slack, or in compression
-        slack = np.any(least[1:, where.links] < 1e-3 * rest, axis=0)
+        slack = np.any(least[1:, where.links] < SLACK * rest, axis=0)
         worst = float(np.max(np.where(slack, np.max(largest[1:, where.links], axis=0, initial=0.0), 0.0)))
         # ratio to the static tension above which a previously slack line has a snatch load
         if rest > 0.0 and worst > 10.0 * rest:

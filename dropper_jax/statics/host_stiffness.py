@@ -38,6 +38,10 @@ def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
     return splu((matrix + SMALLEST * float(soft_scale(model, np)) * eye_array(matrix.shape[0])).tocsc())
 
 
+#: Number of inverse iterations for the softest motion; of several soft ones any may result.
+INVERSE_ITERATIONS = 12
+
+
 def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:
     """Minimum stiffness [N/m] of an equilibrium and its motion (free, 3), maximum 1. On the host.
 
@@ -46,12 +50,15 @@ def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.
     matrix = stiffness(model, s, loads)
     factor = factor_softened(model, matrix)
     x = np.random.default_rng(0).normal(size=matrix.shape[0])
-    # number of inverse iterations for the softest motion; of several soft ones any may result
-    for _ in range(12):
+    for _ in range(INVERSE_ITERATIONS):
         x = factor.solve(x / np.linalg.norm(x))
     x /= np.linalg.norm(x)
     way = x.reshape(-1, 3)
     return float(np.linalg.norm(matrix @ x)), way / np.max(np.abs(way))
+
+
+#: Stiffness, over the weight of a link per its length, below which a motion counts as free.
+FREE_STIFFNESS = 1e-7
 
 
 def free_motion(model: Model, s: State, loads: jax.Array) -> str:
@@ -60,8 +67,7 @@ def free_motion(model: Model, s: State, loads: jax.Array) -> str:
     if model.constraints or not model.line.axial.elastic:
         return ""
     least, way = softest_motion(model, s, loads)
-    # stiffness, over the weight of a link per its length, below which a motion counts as free
-    if least > 1e-7 * float(soft_scale(model, np)):
+    if least > FREE_STIFFNESS * float(soft_scale(model, np)):
         return ""
     node = int(np.argmax(np.max(np.abs(way), axis=1)))
     along = ", ".join(f"{x:.2f}" for x in way[node])

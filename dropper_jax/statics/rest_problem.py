@@ -79,6 +79,10 @@ class RestProblem(StepProblem):
         return Unknowns(weight, self.model.line.length)
 
 
+#: Fraction of the weight of the heaviest body that scales residual forces.
+BODY_SHARE = 1e-2
+
+
 def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     """Scale of residual forces, a scalar [N]: the mean weight of a link, or 1 % of that of a body.
 
@@ -86,14 +90,17 @@ def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     """
     mass = xp.mean(xp.asarray(model.line.mass))
     if model.constraints:
-        # fraction of the weight of the heaviest body that scales residual forces
-        mass = xp.maximum(mass, 1e-2 * xp.max(xp.asarray(model.constraints[0].mass)))
+        mass = xp.maximum(mass, BODY_SHARE * xp.max(xp.asarray(model.constraints[0].mass)))
     return GRAVITY_SCALE * mass
 
 
 def soft_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     """Scale of stiffness, a scalar [N/m]: the mean weight of a link per its length. NumPy on the host."""
     return force_scale(model, xp) / xp.mean(xp.asarray(model.line.length))
+
+
+#: Rounding error in units of the last place.
+ROUNDING_UNITS = 1e4
 
 
 def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
@@ -114,8 +121,7 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
         contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
         stiffness = xp.maximum(stiffness, contact)
     extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
-    # rounding error in units of the last place
-    units = xp.maximum(1e4, 10.0 * stiffness * extent / force_scale(model, xp))
+    units = xp.maximum(ROUNDING_UNITS, 10.0 * stiffness * extent / force_scale(model, xp))
     return xp.maximum(10.0 * tolerance if model.constraints else tolerance, jnp.finfo(model.dtype).eps * units)
 
 
@@ -144,14 +150,17 @@ def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tup
     return problem.residual(Unknowns(x, tension)).x, tension
 
 
+#: Maximum number of unknowns for LU of the full Jacobian.
+MOST_DENSE = 200
+
+
 def rest_solver(model: Model) -> Solver:
     """The cheapest solver of the exact Jacobian for the model; the network solver is for systems."""
     if not model.geometry.is_path:
         if model.node_reach > 0:
             return SOLVERS["dense"]
         return SOLVERS["network"]
-    # maximum number of unknowns for LU of the full Jacobian
-    if SOLVERS["dense"].size(model) <= 200:
+    if SOLVERS["dense"].size(model) <= MOST_DENSE:
         return SOLVERS["dense"]
     return SOLVERS["banded"]
 

@@ -144,11 +144,14 @@ def _find_rigid(model: Model, near: State, loads: jax.Array, tolerance: float) -
     return escape(model, fallen, left, tolerance, fall)
 
 
+#: Corrections of the descent from an unstable equilibrium.
+FALL_ITERATIONS = 80
+
+
 def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:
     """The equilibrium reached by descent from `s`, next to one with a (negative) stiffness [N/m]."""
     drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
-    # corrections of the descent from an unstable equilibrium
-    fallen, _ = polish(model, s, loads, drag, iterations=80, damped=False)
+    fallen, _ = polish(model, s, loads, drag, iterations=FALL_ITERATIONS, damped=False)
     return solve_statics(model, fallen, loads)
 
 
@@ -200,6 +203,10 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
     return ends, model.force(model.instant(r, jnp.zeros_like(r), t, ends))
 
 
+#: Minimum load increment (fraction of the loads) of the continuation.
+LEAST_INCREMENT = 1.0 / 1024
+
+
 def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
     """Load continuation from the catenary; returns the fraction of the loads that was reached."""
     s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads))
@@ -207,8 +214,7 @@ def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, f
         return s, residual, 1.0
     share = 0.0
     increment = 0.125
-    # minimum load increment (fraction of the loads) of the continuation
-    while residual <= system_tolerance(model) and share < 1.0 and increment >= (1.0 / 1024):
+    while residual <= system_tolerance(model) and share < 1.0 and increment >= (LEAST_INCREMENT):
         step = min(increment, 1.0 - share)
         trial, trial_residual = solve_statics(model, s, (share + step) * loads)
         # an increment that moves a node by more than half a line length may have jumped to another branch

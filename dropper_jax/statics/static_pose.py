@@ -123,6 +123,10 @@ def settle(model: Model, near: State, loads: jax.Array | None = None, there: boo
     return _settle(model, near, jnp.zeros_like(near.r) if loads is None else loads, there)[0]
 
 
+#: Number of corrections of rigid lines.
+RIGID_CORRECTIONS = 12
+
+
 def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
     """The equilibrium, and the model that is at rest there."""
     model = rest(full.with_lengths(near.t, still=True))
@@ -143,8 +147,9 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
     def find(rows: Linear, x: jax.Array) -> jax.Array:
         if there:
             return x
-        # number of corrections of rigid lines
-        return jax.lax.fori_loop(0, 12, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x)
+        return jax.lax.fori_loop(
+            0, RIGID_CORRECTIONS, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x
+        )
 
     def tangent(linear: Linear, b: jax.Array) -> jax.Array:
         return jnp.linalg.solve(jax.jacfwd(linear)(jnp.zeros_like(b)), b)

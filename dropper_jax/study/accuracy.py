@@ -159,6 +159,10 @@ def accuracy(
     return found
 
 
+#: Maximum duration of a comparison [s].
+LONGEST_COMPARISON = 20.0
+
+
 @dataclass(frozen=True)
 class _Study:
     """The parts of the report; each is written to `found` as soon as it is known."""
@@ -176,8 +180,7 @@ class _Study:
         self.say(0.3, "how long errors mean something")
         grid = max(self.dts)
         run = self.scene.run
-        # maximum duration of a comparison [s]
-        longest = max(min(run.duration, 20.0), 2 * grid)
+        longest = max(min(run.duration, LONGEST_COMPARISON), 2 * grid)
         trusted, exponent = trusted_span(self.model, self.s, longest, min(run.step, grid), grid)
         saves = max(2, round(trusted / grid) if span is None else round(span / grid))
         self.say(0.35, f"reference over {saves * grid:.3g} s")
@@ -269,6 +272,10 @@ def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
     }
 
 
+#: Maximum duration of the comparison of loads [s].
+LONGEST_LOADS = 60.0
+
+
 def load_convergence(
     scene: Scene,
     steps: Sequence[Mapping[str, float]],
@@ -288,8 +295,7 @@ def load_convergence(
         within, accuracy, dt, text}: the coarsest row for which it and all finer ones are within the limit, or None. If
         the motion is chaotic, errors do not decrease below the random difference of two runs.
     """
-    # maximum duration of the comparison of loads [s]
-    scene = scene.with_values({"run.duration": min(scene.run.duration, 60.0)})
+    scene = scene.with_values({"run.duration": min(scene.run.duration, LONGEST_LOADS)})
     (key,) = steps[0]
     values = sorted((step[key] for step in steps), reverse=True)
     # errors of the second order: a quarter of the accuracy takes half of the step
@@ -403,6 +409,10 @@ def single_pendulum() -> Scene:
     )
 
 
+#: A change smaller than this fraction of the mean of the other two is neither gain nor loss.
+SMALL_CHANGE = 0.1
+
+
 def euler_claims(
     dts: tuple[float, ...] = (0.01, 0.005, 0.0025), duration: float = EULER_DURATION
 ) -> list[dict[str, Any]]:
@@ -416,8 +426,7 @@ def euler_claims(
     for scene in (single_pendulum(), load_scene("double-pendulum-periodic")):
         for dt in dts:
             gained = [_gain(scene, scheme, dt, duration) for scheme, _, _ in CLAIMS]
-            # a change smaller than this fraction of the mean of the other two is neither gain nor loss
-            typical = 0.1 * 0.5 * (abs(gained[0][1]) + abs(gained[1][1]))
+            typical = SMALL_CHANGE * 0.5 * (abs(gained[0][1]) + abs(gained[1][1]))
             for (scheme, claim, sign), (status, gain) in zip(CLAIMS, gained, strict=True):
                 holds = status == "ok" and (abs(gain) < typical if sign == 0 else sign * gain > 0)
                 row = {"scene": scene.name, "label": scheme.label, "claim": claim, "dt": dt, "status": status}

@@ -54,6 +54,10 @@ class Design:
         return next(iter(self.values.values()))
 
 
+#: Relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow.
+MISSED = 1e-6
+
+
 def solve_design(
     scene: SceneLike,
     path: str | Sequence[str],
@@ -110,8 +114,7 @@ def solve_design(
     worst = int(np.argmax(miss))
     status = "ok"
     message = ""
-    # relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow
-    if len(paths) > 1 and miss[worst] > 1e-6:
+    if len(paths) > 1 and miss[worst] > MISSED:
         bound = [p for p, v, a, b in zip(paths, x, lows, highs, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
         where = f"; at a bound: {', '.join(bound)}" if bound else ""
         status = "not_reached"
@@ -125,6 +128,14 @@ def solve_design(
         changed,
         *_ends_of(changed, names[0]),
     )
+
+
+#: A search takes about ten poses, but no fixed number.
+PER_POSE = 0.9
+#: Relative change of the value at which the search stops.
+VALUE_TOLERANCE = 1e-9
+#: Ratio of singular values below which derivatives with errors of 1e-10 determine no combination.
+UNDETERMINED = 1e-8
 
 
 class _DesignSearch:
@@ -152,8 +163,7 @@ class _DesignSearch:
             reached = np.array([float(q.of_pose(model, pose.state)) for q in self.quantities])
             self.poses[key] = model, pose.state, reached
             solved = len(self.poses)
-            # a search takes about ten poses, but no fixed number
-            self.progress(1.0 - 0.9**solved, f"{solved} static poses")
+            self.progress(1.0 - PER_POSE**solved, f"{solved} static poses")
         return self.poses[key]
 
     def evaluate(self, x: np.ndarray | list[float]) -> np.ndarray:
@@ -185,8 +195,7 @@ class _DesignSearch:
                 f"{self.paths[0]}: {low:g} to {high:g} gives {self.names[0]} from {ends[0]:.6g} to "
                 f"{ends[1]:.6g}, which does not include {goal:g}. Use a range whose ends are on either side"
             )
-        # relative change of the value at which the search stops
-        tolerance = {"xtol": 1e-9 * max(abs(low), abs(high)), "rtol": 4 * np.finfo(float).eps}
+        tolerance = {"xtol": VALUE_TOLERANCE * max(abs(low), abs(high)), "rtol": 4 * np.finfo(float).eps}
         return np.array([brentq(lambda x: self.evaluate([x])[0] - goal, low, high, **tolerance)])
 
     def solve_together(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -208,8 +217,7 @@ class _DesignSearch:
             gtol=1e-15,
         )
         rows, sizes, columns = np.linalg.svd(found.jac * (high - low))
-        # ratio of singular values below which derivatives with errors of 1e-10 determine no combination
-        if sizes[-1] <= 1e-8 * sizes[0]:
+        if sizes[-1] <= UNDETERMINED * sizes[0]:
             targets = [name for name, part in zip(self.names, rows[:, -1], strict=True) if abs(part) > 0.1]
             values = [path for path, part in zip(self.paths, columns[-1], strict=True) if abs(part) > 0.1]
             raise SceneError(

@@ -46,6 +46,12 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
     return plots.snapshot(solution, path)
 
 
+#: Ratio of height to length below which the modes are drawn below one another.
+LOW_AND_LONG = 0.25
+#: Maximum displacement as a fraction of the configuration's size.
+SHAPE_SIZE = 0.12
+
+
 @style.plot_style()
 def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, path: str | Path) -> Path:
     """The slowest modes: the equilibrium and both extremes of the motion, in the view with the largest motion."""
@@ -54,8 +60,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     ends_of_lines = model.ends(found.state.t)
     rest = np.asarray(found.positions)
     size = view.size(rest)
-    # ratio of height to length below which the modes are drawn below one another
-    low = np.ptp(rest[:, 2]) < 0.25 * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
+    low = np.ptp(rest[:, 2]) < LOW_AND_LONG * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
     columns = 1 if low else min(count, 3)
     figure = style.new_figure(3.6 * columns + (4.4 if low else 0.6), (1.5 if low else 2.9) * -(-count // columns) + 0.8)
     grid = np.atleast_1d(figure.subplots(-(-count // columns), columns, squeeze=False)).ravel()
@@ -63,8 +68,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
         axes.axis("off")
     for i, axes in enumerate(grid[:count]):
         shape = np.asarray(modes.shape[i])
-        # maximum displacement as a fraction of the configuration's size
-        shape = shape * 0.12 * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
+        shape = shape * SHAPE_SIZE * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
         ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
         across, up = _plane(rest, ends[0] - rest)
         for line in line_slices(scene):

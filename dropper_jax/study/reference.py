@@ -94,6 +94,10 @@ MOST_STEPS = 150_000
 MOST_WORK = 1e11
 
 
+#: One run of the first scheme, and those of the second with the step, its half and its quarter.
+RUNS_OF_SECOND = 7
+
+
 # target error of the reference: 1e-4 of the minimum target error of the advice (1e-5 rad)
 def reference(model: Model, s: State, grid: float, saves: int, exponent: float, target: float = 1e-9) -> Reference:
     """Refine two schemes together until they agree to `target` [rad], or neither can be refined further.
@@ -107,8 +111,7 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
     best = None
     every = max(4, int(np.ceil(grid * 256)))
     evaluation = evaluation_work(model, s)
-    # one run of the first scheme, and those of the second with the step, its half and its quarter
-    per_step = step_work(model, first, evaluation) + 7 * step_work(model, second, evaluation)
+    per_step = step_work(model, first, evaluation) + RUNS_OF_SECOND * step_work(model, second, evaluation)
     while best is None or (every * saves <= MOST_STEPS and best[0] > target and every * saves * per_step <= MOST_WORK):
         fine = grid_run(first, model, s, grid, every, saves)
         check = _extrapolate(second, model, s, grid, every, saves)

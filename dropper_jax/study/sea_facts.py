@@ -197,6 +197,10 @@ def _speed(sea: Any, t: float) -> float:
 TAKEN = 1.0 / 3.0
 
 
+#: Increase of the wave height for the additional curve.
+HIGHER_WAVES = 1.1
+
+
 def responses(
     scene: Scene, periods: Sequence[float], more: bool = True, progress: Progress = silent
 ) -> list[dict[str, Any]]:
@@ -229,8 +233,7 @@ def responses(
         values = {"sea.waves.period": float(period)}
         row = _response(simulate(scene.with_values(values)), float(period))
         if more:
-            # increase of the wave height for the additional curve
-            higher = {**values, f"sea.waves.{key}": 1.1 * float(np.max(getattr(waves, key)))}
+            higher = {**values, f"sea.waves.{key}": HIGHER_WAVES * float(np.max(getattr(waves, key)))}
             other = _response(simulate(scene.with_values(higher)), float(period))
             row["amplitude_10_percent_more"] = other["amplitude_rad"] / row["amplitude_rad"] - 1.0
         found.append({"period_s": float(period), **row})

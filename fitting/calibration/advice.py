@@ -197,6 +197,10 @@ class ScoreChange(NamedTuple):
     p: float
 
 
+#: Fraction of a candidate's information that must remain once the free parameters are accounted for.
+LEAST_INFORMATION = 1e-7
+
+
 def score_change(
     S: np.ndarray, g: np.ndarray, data: np.ndarray, free: np.ndarray, mine: np.ndarray
 ) -> ScoreChange | None:
@@ -212,8 +216,7 @@ def score_change(
         A = A - S[np.ix_(mine, free)] @ inner[:, :-1]
         u = u - S[np.ix_(mine, free)] @ inner[:, -1]
     scale = 1 / np.sqrt(np.diag(S)[mine])
-    # fraction of a candidate's information that must remain once the free parameters are accounted for
-    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < 1e-7:
+    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_INFORMATION:
         return None
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)

@@ -16,6 +16,10 @@ WORTH = 6.0
 OR = " or "
 
 
+#: Probability, over all candidates, below which a candidate is reported.
+UNLIKELY = 0.01
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A possible cause of systematic error; has no changes if the traces cannot distinguish it from free parameters.
@@ -48,8 +52,7 @@ class Candidate:
     @property
     def worth_naming(self) -> bool:
         """Whether the candidate is worth reporting."""
-        # probability, over all candidates, below which a candidate is reported
-        return self.gain > WORTH and self.p < 0.01
+        return self.gain > WORTH and self.p < UNLIKELY
 
     @property
     def identifiable(self) -> bool:

@@ -323,13 +323,16 @@ def remaining_decrease(solution: Solution) -> float:
     return 0.0
 
 
+#: Maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all.
+LARGEST_CORRELATION = 0.999
+
+
 def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:
     """The laws with their BIC, all by the effective number of samples of the law with the smallest chi-square."""
     chi2 = np.array([np.sum(r**2) for r in residuals])
     samples = windows.samples
     rho = lag_one(residuals[int(np.argmin(chi2))], windows.weight > 0)[0]
-    # maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all
-    rho = np.clip(rho, 0.0, 0.999)
+    rho = np.clip(rho, 0.0, LARGEST_CORRELATION)
     effective = samples * (1 - rho) / (1 + rho)
     scores = effective * np.log(chi2 / samples) + np.array([row.free for row in rows]) * np.log(effective)
     return [replace(row, bic=float(score)) for row, score in zip(rows, scores, strict=True)]

@@ -70,6 +70,10 @@ SHARE = 0.1
 LIMIT = float(ndtri(0.95))
 
 
+#: Half width of the smoother of the measured motion, as a fraction of the shortest link's period.
+SMOOTHER = 0.06
+
+
 def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
     """Energy dissipated in the measured motions by a unit of every coefficient (k,) [J per unit]; otherwise 0."""
     found = np.zeros(len(owner))
@@ -86,8 +90,7 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
         if not mine.any():
             continue
         span = float(prepared.windows.begin[mine].min()), float(prepared.windows.ends[mine].max())
-        # half width of the smoother of the measured motion, as a fraction of the shortest link's period
-        motion = smooth_stretch(trace, span, 0.06 * prepared.period)
+        motion = smooth_stretch(trace, span, SMOOTHER * prepared.period)
         if motion is None:
             continue
         t, theta, omega = motion

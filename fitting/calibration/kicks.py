@@ -184,6 +184,10 @@ def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Soluti
     return replace(solution, problem=problem, starts=starts, evaluation=evaluation)
 
 
+#: Halvings of the window that locate the time of the kick: to 1 % of the window.
+HALVINGS = 6
+
+
 def _fit_following(
     solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float
 ) -> tuple[np.ndarray, Starts, np.ndarray]:
@@ -193,8 +197,7 @@ def _fit_following(
     elapsed = mine.times() - mine.begin[:, None]
     low = np.zeros(len(which))
     high = mine.lengths
-    # halvings of the window that locate the time of the kick: to 1 % of the window
-    for _ in range(6):
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         early = replace(mine, weight=mine.weight * (elapsed <= middle[:, None])[..., None])
         found = _only_starts(solution, early, starts)

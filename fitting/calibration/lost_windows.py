@@ -48,6 +48,11 @@ ROUNDS = 4
 ITERATIONS = 12
 
 
+#: Maximum contribution of a sample, as a multiple of the mean square of most windows: one outlier cannot make a window
+#: lost. 10 % of the samples must deviate by more than five standard deviations, as on a wrong branch.
+LARGEST_SQUARE = 30.0
+
+
 def lost_windows(solution: Solution) -> np.ndarray:
     """Windows (K,) bool that miss their samples by far more than the noise and than the other windows."""
     windows = solution.windows
@@ -56,9 +61,7 @@ def lost_windows(solution: Solution) -> np.ndarray:
     square = solution.evaluation.residual.reshape(windows.count, -1) ** 2
     usual = lambda size: max(1.0, float(np.median(size[known > 0]))) if known.any() else 1.0  # noqa: E731
     unit = usual(square.sum(axis=1) / freedom)
-    # maximum contribution of a sample, as a multiple of the mean square of most windows: one outlier cannot make a
-    # window lost. 10 % of the samples must deviate by more than five standard deviations, as on a wrong branch
-    size = np.minimum(square, 30.0 * unit).sum(axis=1) / freedom
+    size = np.minimum(square, LARGEST_SQUARE * unit).sum(axis=1) / freedom
     size = np.where(np.isfinite(size), size, np.inf)
     typical = usual(size)
     limit = typical * np.maximum(FAR, chdtri(freedom, CHANCE) / freedom)

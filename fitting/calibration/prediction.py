@@ -56,6 +56,10 @@ class Prediction:
         )
 
 
+#: Maximum number of steps of a run.
+MOST_STEPS = 200_000
+
+
 def predict(result: FitResult, run: int = 0) -> Prediction | None:
     """The run for trace `run`; None if no window of it has a start of its own, or if it would take too long."""
     windows = result.windows
@@ -75,8 +79,7 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
         steps = int(np.ceil((t[-1] - begin) / windows.dt + 1e-9))
     else:
         steps = 0
-    # maximum number of steps of a run
-    if not 0 < steps * windows.substeps <= 200_000:
+    if not 0 < steps * windows.substeps <= MOST_STEPS:
         return None
     values = np.asarray(result.values, float)
     n = windows.theta.shape[2]

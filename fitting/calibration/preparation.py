@@ -546,12 +546,15 @@ def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) 
     return WindowPlan(dt, length, max(1, frames // parts) * frame)
 
 
+#: Maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them.
+LONGEST_HELD_OUT = 2.5
+
+
 def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
     """Steps and sample slots of the windows' programs."""
     ends = [float(trace.t[-1]) for trace in samples.traces]
     longest = max((min(high, end) - low for low, high in samples.held_out for end in ends), default=0.0)
-    # maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them
-    if plan.length < longest < 2.5 * plan.length:
+    if plan.length < longest < LONGEST_HELD_OUT * plan.length:
         length = longest
     else:
         length = plan.length

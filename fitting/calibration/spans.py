@@ -97,6 +97,10 @@ def without_held_starts(
     return [span for span in found if span.low < span.high], notes
 
 
+#: Relative change of a step that rounded times of samples may cause.
+ROUNDED_TIMES = 1e-3
+
+
 def time_step(traces: Sequence[Trace], requested: float) -> float:
     """The step [s] nearest below `requested` that divides the sampling interval, for uniform sampling.
 
@@ -105,5 +109,4 @@ def time_step(traces: Sequence[Trace], requested: float) -> float:
     intervals = [round(trace.interval, 12) for trace in traces]
     if np.ptp(intervals) > 1e-9:
         return requested
-    # relative change of a step that rounded times of samples may cause
-    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - 1e-3)))
+    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - ROUNDED_TIMES)))

@@ -27,6 +27,10 @@ NAMED = {
 }
 
 
+#: Absolute correlation of two estimates above which they are reported as hard to distinguish.
+HARD_TO_DISTINGUISH = 0.98
+
+
 def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
     """One line each: active bounds, parameters that are not identifiable, correlated residuals, failed steps."""
     values = solution.by_name
@@ -34,8 +38,7 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
     found = common_warnings(solution, u)
     for direction in u.undetermined:
         found.append(f"not identifiable from the data: direction ({direction_text(direction)}) in relative changes")
-    # absolute correlation of two estimates above which they are reported as hard to distinguish
-    close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > 0.98)
+    close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > HARD_TO_DISTINGUISH)
     for i, j in close:
         found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
     for name, error, on in zip(names, u.std_error, u.at_bound, strict=True):

@@ -45,6 +45,10 @@ class GaussNewton(NamedTuple):
     information: jax.Array
 
 
+#: Damping of the first step of a start.
+FIRST_DAMPING = 1e-3
+
+
 class TraceLoss:
     """Half of chi-square of a trace's windows, `1/2 sum (simulated - measured)^2/sigma^2`, and the priors.
 
@@ -204,8 +208,7 @@ class TraceLoss:
 
         z = jnp.zeros(2 * m, params.dtype)
         nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(blocks, z))._replace(cost=jnp.asarray(jnp.inf))
-        # damping of the first step of a start
-        return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * 1e-3)), None, length=INNER)[0][0]
+        return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * FIRST_DAMPING)), None, length=INNER)[0][0]
 
     @staticmethod
     def _regular(A: jax.Array) -> jax.Array:

@@ -60,6 +60,10 @@ def is_model_wrong(prepared: Prepared, solution: Solution, limit: float = WRONG)
     return chi2 > limit and lag_one(residual, expected > 0)[0] > SMOOTH
 
 
+#: Maximum evaluations of a trial, which starts near its end.
+TRIAL_ITERATIONS = 12
+
+
 class Trials:
     """Fits of some windows of a preparation, scored on the stretches of the others.
 
@@ -96,8 +100,7 @@ class Trials:
         """A short fit of the windows that are not scored."""
         at = self.prepared.with_parameters(parameters, values)
         problem = at.problem(self.loss).with_noise(at.noise, self.windows, values)
-        # maximum evaluations of a trial, which starts near its end
-        return fit_windows(problem, values, starts, iterations=12)
+        return fit_windows(problem, values, starts, iterations=TRIAL_ITERATIONS)
 
     def score(self, solution: Solution) -> float:
         """Mean logarithm of the RMS errors [rad] of the windows of all scored stretches."""

@@ -156,6 +156,10 @@ def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator
         yield shift(j, turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
 
 
+#: Half width of the smoother of the energy, as a fraction of the shortest link's period.
+SMOOTHER = 0.06
+
+
 def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float, float]], period: float) -> None:
     """Reject a trace whose energy rises: two runs in one file, or rows reversed in time.
 
@@ -171,8 +175,7 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
         return  # water and springs have energies of their own
     low = spans[0][0]
     high = spans[-1][1]
-    # half width of the smoother of the energy, as a fraction of the shortest link's period
-    motion = smooth_stretch(trace.between(low, high), (low, high), 0.06 * period)
+    motion = smooth_stretch(trace.between(low, high), (low, high), SMOOTHER * period)
     if motion is None:
         return
     t, theta, omega = motion

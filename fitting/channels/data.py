@@ -131,9 +131,12 @@ class Data:
         return max(found, 1e-6 * level, 1e-12)
 
 
+#: A reading of 0 is not exact: at least 5 % of the channel's RMS.
+LEAST_READING = 0.05
+
+
 def _scale(sensor: Sensor, values: np.ndarray) -> np.ndarray:
     """Scale of a sensor's noise at these values (k, m): 1, or the value if the noise is a fraction of it."""
     if not sensor.relative:
         return np.ones_like(values)
-    # a reading of 0 is not exact: at least 5 % of the channel's RMS
-    return np.maximum(np.abs(values), 0.05 * np.sqrt(np.nanmean(values**2)))
+    return np.maximum(np.abs(values), LEAST_READING * np.sqrt(np.nanmean(values**2)))

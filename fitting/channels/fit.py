@@ -231,6 +231,10 @@ def warnings_of(result: ChannelFit) -> list[str]:
     return found
 
 
+#: A step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion.
+LARGEST_GROWTH = 1e3
+
+
 def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
     """The start of the fit.
 
@@ -242,8 +246,7 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
     if e.failed and not e.unstable:
         problem = replace(problem, retries=True)
         e = problem.evaluate(values)
-    # a step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion
-    while (e.unstable or not e.failed) and growth(e) > 1e3 and problem.halved < MOST_HALVED:
+    while (e.unstable or not e.failed) and growth(e) > LARGEST_GROWTH and problem.halved < MOST_HALVED:
         problem = problem.finer()
         e = problem.evaluate(values)
     if e.failed:
@@ -255,6 +258,10 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
             f"start: the run at the start values fails, {e.failed}. Try a smaller --dt{hint}, or other values"
         )
     return first_solution(replace(problem, loss=loss), values, e)
+
+
+#: Errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other.
+SAME_NOISE = 0.01
 
 
 def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
@@ -272,8 +279,7 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
     found = descend(point)
     found.iterations += point.iterations
     floor = (point.problem.floor / point.problem.claimed_noise)[:, None]
-    # errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other
-    found = fit_with_noise(found, descend, claimed_series, floor, same=0.01)
+    found = fit_with_noise(found, descend, claimed_series, floor, same=SAME_NOISE)
     if found.status != "ok":
         return found
     ended = descend(found)  # no steps if the last noise moves no parameter

@@ -126,14 +126,17 @@ def _sensitivity(point: Solution) -> np.ndarray:
     return found
 
 
+#: The data add next to nothing to a prior that is as wide as the error.
+PRIOR_ALONE = 0.95
+
+
 def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tuple[str, str]:
     p = point.problem.parameters[i]
     value = float(point.values[i])
     if not p.low < p.high:
         return "yes", ""
     if p.prior is not None:
-        # the data add next to nothing to a prior that is as wide as the error
-        if se >= 0.95 * p.prior[1]:
+        if se >= PRIOR_ALONE * p.prior[1]:
             return ("prior", "determined by its prior only")
         return ("yes", "")
     if p.low < 0:

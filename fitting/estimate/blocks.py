@@ -53,6 +53,10 @@ def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
     return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], step.eliminated)
 
 
+#: Target number of pieces of time; a small number of windows is cut into them.
+PIECES = 60
+
+
 def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
     timing = solution.problem.timing()
@@ -60,8 +64,7 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     score = scores(solution.evaluation, solution)[..., free]
     weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
     square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
-    # target number of pieces of time; a small number of windows is cut into them
-    duration = timing.duration / max(60, timing.blocks) * (1 + 1e-9)
+    duration = timing.duration / max(PIECES, timing.blocks) * (1 + 1e-9)
 
     def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
         """Run and piece of these times of runs, combined in one number."""

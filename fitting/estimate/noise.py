@@ -92,6 +92,10 @@ def lag_correlation(decay: np.ndarray) -> np.ndarray:
     return np.exp(-decay / 60.0)
 
 
+#: Half width [s] of the smoother that estimates rates from a trace.
+RATE_REACH = 0.05
+
+
 def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
     """Rates [rad/s] and accelerations of the links at the windows' samples (2, K, S, n), from smoothed traces."""
     found = np.zeros((2, *windows.theta.shape))
@@ -100,8 +104,7 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
         trace = traces[run]
         mine = windows.run == run
         even = np.arange(trace.t[0], trace.t[-1], trace.interval)
-        # half width [s] of the smoother that estimates rates from a trace
-        reach = 2 * max(2, round(0.05 / trace.interval)) + 1
+        reach = 2 * max(2, round(RATE_REACH / trace.interval)) + 1
         rate = smooth(trace.at(even), min(reach, 2 * ((len(even) - 1) // 2) + 1), trace.interval)[1]
         for derivative, columns in zip(found, (rate, np.gradient(rate, trace.interval, axis=0)), strict=True):
             for j in range(derivative.shape[2]):  # of every recording

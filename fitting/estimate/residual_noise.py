@@ -45,6 +45,10 @@ from fitting.traces.trace import Trace
 MAX_CORRELATION = 0.995
 
 
+#: Significance of the links' common motion along their rates, in standard deviations, for a delay model.
+DELAY_SIGNIFICANCE = 5.0
+
+
 class ResidualNoiseModel:
     """The residuals of a solution, in units of the claimed noise, and the noise models that they support.
 
@@ -154,8 +158,7 @@ class ResidualNoiseModel:
             mine = point.windows.run == r
             more = np.sum(along[mine] ** 2 - square[mine])
             size = np.sum(square[mine] ** 2)
-            # significance of the links' common motion along their rates, in standard deviations, for a delay model
-            if more > 5.0 * np.sqrt(2 * size):
+            if more > DELAY_SIGNIFICANCE * np.sqrt(2 * size):
                 delay[r] = np.sqrt(more / size)
         late = along / np.maximum(np.sqrt(square), 1e-300)
         if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:

@@ -40,6 +40,10 @@ class Profile:
     converged: bool = True
 
 
+#: Maximum evaluations at each value.
+PROFILE_ITERATIONS = 15
+
+
 def profile(
     result: SceneFit,
     name: str,
@@ -78,8 +82,7 @@ def profile(
             starts = point.problem.move_starts(point.starts, point.values, along)
             evaluation = level_there.problem.evaluate(values, starts)
             begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
-            # maximum evaluations at each value
-            point = descend(level_there, begin, 15)
+            point = descend(level_there, begin, PROFILE_ITERATIONS)
             converged &= point.status == "ok"
             found[value] = (point.cost - cost) / unit
     at = np.array(sorted(found))

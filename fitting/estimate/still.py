@@ -57,6 +57,11 @@ def still_frames(t: np.ndarray, theta: np.ndarray, sigma: np.ndarray) -> int:
     return least
 
 
+#: Angle [rad] between a still pose and equilibrium above which something else must hold the line: errors of 1 % in
+#: lengths and ends move the pose of a line between fixed ends by less.
+HELD_ANGLE = 0.1
+
+
 def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[], np.ndarray]) -> float | None:
     """Time [s] from which the line moves, if something other than its own ends holds it still before.
 
@@ -71,9 +76,7 @@ def held_start(trace: Trace, sigma: np.ndarray, slowest: float, pose: Callable[[
     off = planar.wrap(np.nanmedian(still.theta, axis=0) - pose())
 
     later = known[trace.t[known] > spans[0][1]][WIDTH:]
-    # angle [rad] between a still pose and equilibrium above which something else must hold the line: errors of 1 % in
-    # lengths and ends move the pose of a line between fixed ends by less
-    if len(later) and np.abs(off).max() > 0.1:
+    if len(later) and np.abs(off).max() > HELD_ANGLE:
         return float(trace.t[later[0]])
     return None
 

@@ -285,16 +285,20 @@ def with_rows(rows: ByWindow, which: np.ndarray, new: ByWindow) -> ByWindow:
     return found
 
 
+#: Maximum reach of a start's polynomial, as a fraction of the shortest link's period.
+LONGEST_REACH = 0.3
+#: Multiple of the starts closed in one call, so that one program serves most traces.
+STARTS_AT_ONCE = 128
+
+
 def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma: Sequence[np.ndarray]) -> Starts:
     """Starts from the traces: value and slope of local polynomials, with the width that the noise `sigma` allows."""
     traces = [without_spikes(trace) for trace in traces]
-    # maximum reach of a start's polynomial, as a fraction of the shortest link's period
-    longest = 0.3 * planar.pendulum_period(model.line.length)
+    longest = LONGEST_REACH * planar.pendulum_period(model.line.length)
     sigma = [size[: len(trace.theta.T)] for size, trace in zip(sigma, traces, strict=True)]
     at = zip(windows.run, windows.begin, strict=True)
     value = np.array([local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest) for i, t0 in at])
-    # multiple of the starts closed in one call, so that one program serves most traces
-    padded = np.pad(value, [(0, -len(value) % 128), (0, 0), (0, 0)], mode="edge")
+    padded = np.pad(value, [(0, -len(value) % STARTS_AT_ONCE), (0, 0), (0, 0)], mode="edge")
     found = _close(model, padded[..., 0], padded[..., 1])
     return Starts(*(np.asarray(a)[: len(value)] for a in found))
 

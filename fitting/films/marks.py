@@ -110,14 +110,17 @@ def _swapped_names(
     return (other > 0) & (other >= asked[:, None]) & detected & alone
 
 
+#: The largest jumps are removed and the others checked again.
+MOST_JUMPS = 6
+
+
 def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
     """Samples (k, n) off the cubics through the two detected before and the two after them."""
     # number of samples before and after, which give the usual deviation of a position from its neighbours in time
     neighbours = 8
     result = np.zeros(detected.shape, bool)
     for k in range(detected.shape[1]):
-        # the largest jumps are removed and the others checked again
-        for _ in range(6):
+        for _ in range(MOST_JUMPS):
             frames = np.flatnonzero(detected[:, k] & ~result[:, k])
             if len(frames) < 2 * neighbours:
                 break

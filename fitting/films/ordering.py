@@ -123,6 +123,10 @@ def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
     return None
 
 
+#: Sum of squared changes [tolerances] by which the second best path must be worse.
+CLEARLY_BEST = 9.0
+
+
 def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: float) -> Chain | None:
     """The chain of the stretch of the film that determines it most clearly, with its frame in `at`."""
     best = None
@@ -145,8 +149,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
             if chain is not None and margin > clear and np.isfinite(chain.positions).all():
                 best = replace(chain, at=int(start) + middle)
                 clear = margin
-        # sum of squared changes [tolerances] by which the second best path must be worse
-        if clear >= 9.0 or size == len(frames):
+        if clear >= CLEARLY_BEST or size == len(frames):
             break
     return best
 
@@ -205,6 +208,10 @@ def paths(
     return [(spent, np.array(path)) for spent, path in found]
 
 
+#: Markers lie on a line to within 0.03 of its extent.
+ON_A_LINE = 0.03
+
+
 def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
     """The order (m,) of spots along a line on which they lie in every frame, or None.
 
@@ -215,8 +222,7 @@ def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
         return None
     middle = whole - whole.mean(axis=1, keepdims=True)
     _, size, axes = np.linalg.svd(middle, full_matrices=False)
-    # markers lie on a line to within 0.03 of its extent
-    if (size[:, 1] > 0.03 * size[:, 0]).any():
+    if (size[:, 1] > ON_A_LINE * size[:, 0]).any():
         return None
     orders = np.argsort(np.einsum("kmi,ki->km", middle, axes[:, 0]), axis=1)
     same = (orders == orders[0]).all(axis=1) | (orders == orders[0][::-1]).all(axis=1)

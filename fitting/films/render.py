@@ -107,6 +107,10 @@ class View:
         return central_differences(self.to_pixels, positions, 1e-4)
 
 
+#: Pictures averaged over an exposure, at most 1 pixel apart: a moving disc becomes a streak, not a row of discs.
+FEWEST_PICTURES = 5
+
+
 def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.ndarray]:
     """Grey frames (height, width) of a run, one per 1/fps of its time; the same seed gives the same noise."""
     rng = np.random.default_rng(seed)
@@ -115,8 +119,7 @@ def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.n
         hidden = [node for node, first, last in view.hidden if first <= i <= last]
         now = motion.t[0] + i / fps
         way = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
-        # pictures averaged over an exposure, at most 1 pixel apart: a moving disc becomes a streak, not a row of discs
-        count = max(5, int(np.ceil(way / 1.0)))
+        count = max(FEWEST_PICTURES, int(np.ceil(way / 1.0)))
         parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
         shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
         yield _develop(np.mean(shots, axis=0), view, rng)

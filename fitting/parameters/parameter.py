@@ -290,11 +290,14 @@ def _joints(model: Model) -> int:
     return model.line.links + (1 if model.end_held else 0)
 
 
+#: A bound that must not be reached (of a mass, a length).
+OFF_BOUND = 1e-3
+
+
 def _parameter(name: str, where: Target, value: float, meta: Mapping[str, Any]) -> Parameter:
     low = -np.inf if meta["low"] is None else float(meta["low"])
     if meta["open_low"]:
-        # a bound that must not be reached (of a mass, a length)
-        low += 1e-3 * abs(value)
+        low += OFF_BOUND * abs(value)
     return Parameter(name, where, value, low, np.inf if meta["high"] is None else float(meta["high"]), meta["unit"])
 
 

@@ -36,10 +36,13 @@ def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, n
     return t[order], np.where(known, measured, np.nan)[order], simulated[order], known[order]
 
 
+#: Five missing samples interrupt a line.
+GAP = 5
+
+
 def stretches(t: np.ndarray) -> list[slice]:
     """Parts of the times (m,) without a gap, so that no line is drawn through unfitted stretches."""
-    # five missing samples interrupt a line
-    ends = np.flatnonzero(np.diff(t) > 5 * np.median(np.diff(t))) + 1
+    ends = np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
     return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(t)])]
 
 

@@ -244,6 +244,10 @@ def at_samples(scene: Scene, trace: Trace) -> Scene:
     return scene.with_values({"run.dt": interval / every, "run.save_every": every, "run.duration": duration})
 
 
+#: Farther from a known sample than 0.75 intervals: missing.
+FARTHEST = 0.75
+
+
 def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
     """Angles (k, n) [rad] at times (k,); NaN if no known sample is near."""
     found = trace.at(t)
@@ -251,8 +255,7 @@ def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
         times = trace.t[known]
         after = np.clip(np.searchsorted(times, t), 1, len(times) - 1)
         near = np.minimum(np.abs(t - times[after - 1]), np.abs(t - times[after]))
-        # farther from a known sample than 0.75 intervals: missing
-        column[near > 0.75 * trace.interval] = np.nan
+        column[near > FARTHEST * trace.interval] = np.nan
     return found
 
 

@@ -295,6 +295,10 @@ def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.n
     return savgol_filter(theta, width, DEGREE, axis=0), rates
 
 
+#: Minimum number of samples of a run.
+FEWEST_SAMPLES = 120
+
+
 def smooth_stretch(
     trace: Trace, span: tuple[float, float], reach: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
@@ -304,12 +308,15 @@ def smooth_stretch(
         reach: half width of the smoother [s].
     """
     part = trace.between(*span)
-    # minimum number of samples of a run
-    if len(part.t) < 120:
+    if len(part.t) < FEWEST_SAMPLES:
         return None
     t = np.arange(part.t[0], part.t[-1] + 0.5 * part.interval, part.interval)
     width = 2 * max(2, round(reach / part.interval)) + 1
     return t, *smooth(part.at(t), width, part.interval)
+
+
+#: The neighbours of a spike deviate half as much.
+ABOVE_NEIGHBOURS = 1.5
 
 
 def without_spikes(trace: Trace) -> Trace:
@@ -321,8 +328,7 @@ def without_spikes(trace: Trace) -> Trace:
         near = np.nan_to_num(np.r_[0.0, off, 0.0])
         # distance of a spike from the mean of its neighbours, in typical distances of all samples
         far = 10.0 * np.median(known) / 0.6745 if len(known) else np.inf
-        # the neighbours of a spike deviate half as much
-        column[1:-1][(off > far) & (off > 1.5 * np.maximum(near[:-2], near[2:]))] = np.nan
+        column[1:-1][(off > far) & (off > ABOVE_NEIGHBOURS * np.maximum(near[:-2], near[2:]))] = np.nan
     return replace(trace, theta=theta)
 
 
@@ -358,6 +364,12 @@ def noise_by_differences(values: np.ndarray, t: np.ndarray | None = None) -> np.
     return _calm_difference(values, t) / float(np.nanmean(_calm_difference(white, t)))
 
 
+#: Frames of a block of differences.
+BLOCK_FRAMES = 24
+#: The calmest blocks determine the noise: links that whip are fast for only part of the time.
+CALMEST = 0.35
+
+
 def _calm_difference(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Size (n,) of the differences in the calmest blocks, the minimum over `ORDERS`; NaN with too few samples."""
     best = np.full(theta.shape[1], np.nan)
@@ -366,11 +378,9 @@ def _calm_difference(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
         y = np.lib.stride_tricks.sliding_window_view(theta, order + 1, axis=0)
         weight = 1 / np.prod(x[:, :, None] - x[:, None] + np.eye(order + 1), axis=2)
         size = np.abs(np.einsum("kni,ki->kn", y, weight / np.linalg.norm(weight, axis=1, keepdims=True)))
-        # frames of a block of differences
-        median = np.array([_median(block) for block in np.array_split(size, max(1, round(len(size) / 24)))])
+        median = np.array([_median(block) for block in np.array_split(size, max(1, round(len(size) / BLOCK_FRAMES)))])
         calm = np.sort(median, axis=0)  # NaN is sorted to the end
-        # the calmest blocks determine the noise: links that whip are fast for only part of the time
-        count = np.maximum(1, np.round(0.35 * np.isfinite(median).sum(axis=0))).astype(int)
+        count = np.maximum(1, np.round(CALMEST * np.isfinite(median).sum(axis=0))).astype(int)
         best = np.fmin(best, [np.mean(column[:k]) for column, k in zip(calm.T, count, strict=True)])
     return best
 

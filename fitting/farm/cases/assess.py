@@ -279,11 +279,14 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
     return row
 
 
+#: Below 1 % of its mean a load has no defined direction.
+NO_DIRECTION = 0.01
+
+
 def _uplift(load: np.ndarray) -> float:
     """Maximum angle [deg] above the horizontal of loads (k, 2), among those that have a direction."""
     size = np.hypot(*load.T)
-    # below 1 % of its mean a load has no defined direction
-    loaded = size >= max(0.01 * size.mean(), 1e-12)
+    loaded = size >= max(NO_DIRECTION * size.mean(), 1e-12)
     if loaded.any():
         return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max()))
     return 0.0

@@ -209,9 +209,8 @@ def user_folder() -> Path | None:
     return folder / "programs"
 
 
-# The folder that contains the packages of this project.
 def sources_digest(root: Path = Path(__file__).parents[2]) -> str:
-    """Digest of all sources of the installed packages of this project."""
+    """Digest of all sources of the packages of this project, which are in the folder `root`."""
     digest = hashlib.sha256()
     for package in PACKAGES:
         for file in sorted((root / package).rglob("*.py")):

@@ -86,12 +86,12 @@ def _row_printer(quiet: bool) -> Callable[[Table], None]:
 
 def draw(found: Table, path: Path) -> None:
     """Write the work-precision picture to `path` and the others next to it."""
-    from dropper_jax.study import pictures
+    from dropper_jax.study import accuracy_pictures
 
-    pictures.work_precision(found, path)
+    accuracy_pictures.work_precision(found, path)
     for part, key, function in (
-        ("convergence", "convergence", pictures.convergence),
-        ("damping", "numerical_damping", pictures.damping),
+        ("convergence", "convergence", accuracy_pictures.convergence),
+        ("damping", "numerical_damping", accuracy_pictures.damping),
     ):
         if found.get(key):
             function(found, path.with_stem(f"{path.stem}-{part}"))

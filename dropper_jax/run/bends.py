@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.analysis.angles import writhe
+from dropper_jax.analysis.writhe import writhe
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.bending import common_ends
 from dropper_jax.load.scene import Scene

@@ -130,7 +130,8 @@ class Problem(Residuals):
             value = values[i]
             if is_axial_stiffness(p) and value > 0:
                 ends = max(p.low, value / FACTOR), min(p.high, value * FACTOR)
-                low[i], high[i] = (value * (1 - value / end) for end in ends)
+                low[i] = value * (1 - value / ends[0])
+                high[i] = value * (1 - value / ends[1])
             elif p.low >= 0 and value > 0:
                 low[i] = max(low[i], (1 / FACTOR - 1) * value) if p.low > 0 else low[i]
                 high[i] = min(high[i], (FACTOR - 1) * max(value, 0.1 * p.scale))

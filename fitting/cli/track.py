@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> int:
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
     """Draw the orders that are compatible with the film; no trace is written."""
-    from fitting.films.overlay import SHOWN, write_alternatives
+    from fitting.films.alternatives import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
     shown = "they"

@@ -25,7 +25,7 @@ from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
 from dropper_jax.run.storage import extra
 from dropper_jax.stepping.integrate import Trajectory
-from dropper_jax.study.reference import lyapunov
+from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
 from fitting.sensitivity.differences import central_differences
 from fitting.sensitivity.problem import (

@@ -29,7 +29,7 @@ from dropper_jax.run.row_store import BLOCK_STATES, InMemory, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal
 from dropper_jax.scene import RunSpec
-from dropper_jax.stepping.adaptive import Within
+from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Observed, Trajectory, observe
@@ -76,8 +76,7 @@ def build_solution(kind: type[Kind], prepared: PreparedRun, outcome: RunOutcome)
     solution = _observe_run(kind, prepared, run)
     tolerance = prepared.stepper.limit(prepared.model)
     solution = _with_step_extremes(solution, run.extremes, tolerance, prepared.rows)
-    if isinstance(outcome.beside, Within):
-        solution = _with_adaptive_steps(solution, prepared, outcome)
+    solution = _with_adaptive_steps(solution, prepared, outcome)
     if solution.first_bad is None:
         solution = replace(solution, last=name_leaves(Last(last_row(run), outcome.carry)))
     if outcome.interrupted:
@@ -259,13 +258,15 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, tolerance: fl
 
 
 def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutcome) -> Kind:
-    """The solution of a run with an accuracy: mean squares between saved times, accepted and rejected steps."""
-    stepper = prepared.stepper
-    model = prepared.model
+    """The solution with mean squares between saved times and counts of steps, if the run follows an accuracy."""
     start = prepared.first.carry
-    run = outcome.trajectory
     within = outcome.beside
     carry = outcome.carry
+    if not (isinstance(within, Within) and isinstance(carry, Adaptive) and isinstance(start, Adaptive)):
+        return solution
+    stepper = prepared.stepper
+    model = prepared.model
+    run = outcome.trajectory
     good = len(solution.t) - 1
     first = solution.tension[:1]
     steps = within.steps[:good]

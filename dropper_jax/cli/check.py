@@ -77,6 +77,9 @@ def examine(scene: Scene) -> Table:
     steps = None
     if scene.run.accuracy is None:
         steps = scene.run.steps
+    warnings = [*scene_warnings(scene)]
+    if model.sea is not None:
+        warnings += sea_warnings(scene, model.sea)
     return {
         "lines": lines,
         "points": {"free": len(points), "mass_kg": mass, "lift_n": lift},
@@ -96,7 +99,7 @@ def examine(scene: Scene) -> Table:
             "effects": list(scene.effects),
             "steps": steps,
         },
-        "warnings": [*scene_warnings(scene), *(() if model.sea is None else sea_warnings(scene, model.sea))],
+        "warnings": warnings,
     }
 
 

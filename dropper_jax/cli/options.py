@@ -27,7 +27,7 @@ SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01
 def add_scene(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     """SCENE, --set and --json."""
     what = "name of a packaged scene, a TOML file, a MoorDyn input, or a mooring of MoorPy or RAFT (.yaml)"
-    parser.add_argument("scene", metavar="SCENE", help=what, **({"nargs": "?"} if optional else {}))
+    parser.add_argument("scene", metavar="SCENE", help=what, nargs="?" if optional else None)
     parser.add_argument("--depth", type=number, help="water depth [m] for a MoorDyn input that has none")
     add_allow_outside(parser)
     add_effects(parser)

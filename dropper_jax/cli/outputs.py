@@ -168,11 +168,11 @@ def draw(solution: Solution, target: Path) -> list[Path]:
     target.mkdir(parents=True, exist_ok=True)
     scene = solution.scene
     run = readable(solution)
-    pictures = {
-        **PICTURES,
-        **(WATER_PICTURES if scene.sea else {}),
-        **({"bodies": "body_motion"} if scene.bodies else {}),
-    }
+    pictures = dict(PICTURES)
+    if scene.sea:
+        pictures |= WATER_PICTURES
+    if scene.bodies:
+        pictures["bodies"] = "body_motion"
     left_out = OF_ONE_LINE if scene.branched else ()
     if len(whole_lines(scene)) > 1:  # angles of links of many lines in one picture show nothing
         left_out = (*left_out, "angles")

@@ -156,4 +156,7 @@ def _coefficients(found: Table) -> list[str]:
 
     low = [row["line"] for row in found["coefficients"] if not row["post_critical"]]
     note = f"Re below 1e5, where rough cylinders may not yet be post-critical: {', '.join(low)}"
-    return ["", table(flow_cells(found["coefficients"])), *([note] if low else [])]
+    lines = ["", table(flow_cells(found["coefficients"]))]
+    if low:
+        lines.append(note)
+    return lines

@@ -210,15 +210,17 @@ def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], peaks: dict[st
     factor = None
     if largest > 0.0:
         factor = 1.0 / largest
-    return {
+    found = {
         "kind": anchor.kind,
         "behind": anchor.behind,
         "utilisation": spread(used[anchor.point]),
         "factor": factor,
         "required_factor": anchor.safety_factor,
         "holds": bool(factored[anchor.behind or anchor.point].max() <= 1.0),
-        **({"capacity_n": anchor.screw_capacity} if anchor.kind == "screw" else {}),
     }
+    if anchor.kind == "screw":
+        found["capacity_n"] = anchor.screw_capacity
+    return found
 
 
 def point_load(record: Record, name: str) -> np.ndarray:

@@ -100,10 +100,11 @@ class Solution(Samples):
             ("scheme", f"{used['integrator']}, solver {used['solver']}"),
             ("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} saved times"),
             ("tension", "{min:.4g} to {max:.4g} N".format(**self.tension_summary()["all"])),
-            *((("saved", f"{self.saved_rows}; extremes are those of all steps"),) if self.saved_rows else ()),
-            ("energy balance error", f"{self.energy_drift:.2g} J (reference {self.energy_scale:.3g} J)"),
-            *(("warning", text) for text in self.warnings),
         ]
+        if self.saved_rows:
+            rows.append(("saved", f"{self.saved_rows}; extremes are those of all steps"))
+        rows.append(("energy balance error", f"{self.energy_drift:.2g} J (reference {self.energy_scale:.3g} J)"))
+        rows += [("warning", text) for text in self.warnings]
         return html_table(f"Run of {self.scene.name}", rows)
 
     def to_xarray(self) -> xarray.Dataset:
@@ -169,8 +170,9 @@ class Solution(Samples):
 
     def _stepping(self) -> dict[str, Any]:
         """The settings of the stepping that `simulate` takes."""
-        implicit = self.settings["solver"] != "none"
-        keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "halvings", "track_work")
+        keys = ["residual_tolerance", "halvings", "track_work"]
+        if self.settings["solver"] != "none":
+            keys.append("iterations")
         return {key: self.settings[key] for key in keys if key in self.settings}
 
 

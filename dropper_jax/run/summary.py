@@ -36,19 +36,24 @@ def summary(run: Samples) -> dict[str, Any]:
         "residual_tolerance",
         "save_every",
     )
-    bending = {}
+    of_some = {}
+    if run.continues:
+        of_some["continued_from_s"] = run.t[0]
+    if run.scene.branched:
+        of_some["tension_of_lines_n"] = run.line_tensions()
+        of_some["lines"] = line_offsets(run.scene)
+    if run.body_position is not None:
+        of_some["bodies"] = run.body_summary()
     if bends(run.scene):
-        bending = {"bending": bending_summary(run.scene, run.t, run.curvature, run.bending_moment)}
+        of_some["bending"] = bending_summary(run.scene, run.t, run.curvature, run.bending_moment)
+    for key in ("accuracy", "error_tolerance", "refused_steps", "shortest_steps", "load_errors"):
+        if key in run.settings:
+            of_some[key] = run.settings[key]
     found = {
         "schema": SCHEMA,
         "status": run.status,
         "scene": run.scene.name,
         **{key: run.settings.get(key) for key in keys},
-        **{
-            key: run.settings[key]
-            for key in ("accuracy", "error_tolerance", "refused_steps", "shortest_steps", "load_errors")
-            if key in run.settings
-        },
         "failed_steps": run.failed_steps,
         "retried_steps": run.retried_steps,
         "first_bad": run.first_bad,
@@ -63,14 +68,11 @@ def summary(run: Samples) -> dict[str, Any]:
         "run_s": run.run_s,
         "us_per_step": run.us_per_step,
         "realtime_factor": run.realtime_factor,
-        **({"continued_from_s": run.t[0]} if run.continues else {}),
         "final_time_s": run.t[-1],
         "final_positions_m": run.positions[-1],
         "saved_rows": run.saved_rows or "every step is saved",
         "tension_n": run.tension_summary(),
-        **({"tension_of_lines_n": run.line_tensions(), "lines": line_offsets(run.scene)} if run.scene.branched else {}),
-        **({"bodies": run.body_summary()} if run.body_position is not None else {}),
-        **bending,
+        **of_some,
         "step_facts": step_facts(run),
         "end_forces_n": run.end_forces(),
         "end_angles_deg": run.end_angles(),

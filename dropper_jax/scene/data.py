@@ -33,6 +33,10 @@ def point_nodes(scene: SceneData) -> dict[str, int]:
     return found
 
 
+#: Keys of a scene that its plain values always have; others only where something is given.
+ALWAYS = ("name", "description", "run", "point", "line", "effects", "start")
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class SceneData:
     """A scene, validated by `load`.
@@ -113,27 +117,28 @@ class SceneData:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values (text, numbers, lists, tables) from which `from_dict` recreates the scene."""
-        return {
+        effects = {}
+        for name, values in self.effects.items():
+            effects[name] = {key: plain(value) for key, value in values.items() if value is not None}
+        table = {
             "name": self.name,
             "description": self.description,
             "run": self.run.table(),
             "point": [as_table(point) for point in self.points if point.on is None],
             "line": [line.table() for line in self.lines],
-            **({"buoy": [as_table(buoy) for buoy in self.buoys]} if self.buoys else {}),
-            **({"body": [body.table() for body in self.bodies]} if self.bodies else {}),
-            **({"vessel": [vessel.table() for vessel in self.vessels]} if self.vessels else {}),
-            "effects": {
-                name: {key: plain(value) for key, value in values.items() if value is not None}
-                for name, values in self.effects.items()
-            },
+            "buoy": [as_table(buoy) for buoy in self.buoys],
+            "body": [body.table() for body in self.bodies],
+            "vessel": [vessel.table() for vessel in self.vessels],
+            "effects": effects,
             "start": as_table(self.start),
-            **({} if self.sea is None else {"sea": self.sea.table()}),
-            **({"failure": [as_table(failure) for failure in self.failures]} if self.failures else {}),
-            **({"notes": list(self.notes)} if self.notes else {}),
-            **({"anchor": [as_table(anchor) for anchor in self.anchors]} if self.anchors else {}),
-            **({} if self.season is None else {"growth": self.season.table()}),
-            **({} if self.fit is None else {"fit": self.fit.table()}),
+            "sea": self.sea and self.sea.table(),
+            "failure": [as_table(failure) for failure in self.failures],
+            "notes": list(self.notes),
+            "anchor": [as_table(anchor) for anchor in self.anchors],
+            "growth": self.season and self.season.table(),
+            "fit": self.fit and self.fit.table(),
         }
+        return {key: value for key, value in table.items() if key in ALWAYS or (value is not None and value != [])}
 
     def point(self, name: str) -> PointSpec:
         """The point with that name."""

@@ -71,10 +71,13 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
 
 def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None) -> str:
     """The Markdown text; `full_runs` are uninterrupted runs by the number of their trace."""
+    tests = []
+    if result.laws.tests:
+        tests = ["## Tests of the law", markdown_table(law_rows(result.laws))]
     parts = [
         *_first_parts(result, f"Method `{result.method}`; status"),
         *_quality(summary(result)),
-        *([] if not result.laws.tests else ["## Tests of the law", markdown_table(law_rows(result.laws))]),
+        *tests,
         "## Errors along the trace",
         "RMS of measured minus fitted angles [rad], window by window, each with its own start.",
         markdown_table(part_rows(result)),
@@ -108,13 +111,17 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None)
 
 def _first_parts(result: SceneFit, status: str) -> list[str]:
     """Title, status and parameters of any fit."""
-    return [
+    message = f": {result.message}" if result.message else ""
+    parts = [
         f"# Fit of {literal(result.scene.name)}",
-        f"{status} **{result.status}**{': ' + result.message if result.message else ''}.",
+        f"{status} **{result.status}**{message}.",
         "## Parameters",
         markdown_table(parameter_rows(result)),
-        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown_table(rows)]),
     ]
+    rows = interval_rows(result)
+    if len(rows) > 1:
+        parts += ["## Other intervals", markdown_table(rows)]
+    return parts
 
 
 def _quality(facts: Sequence[tuple[str, str]]) -> list[str]:
@@ -132,9 +139,12 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
     runs = result.solution.problem.data.runs
     files = [channel_picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
     files += write_scenes(result, folder)
+    between = []
+    if result.between:
+        between = ["## Over the runs", markdown_table(between_rows(result))]
     parts = [
         *_first_parts(result, "Status"),
-        *(["## Over the runs", markdown_table(between_rows(result))] if result.between else []),
+        *between,
         "## Channels",
         markdown_table(channel_rows(result)),
         "## Sensitivity",

@@ -118,7 +118,9 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
     for rod in connectors:
         position = rod.values(3, 6, "Xa, Ya, Za")
         attached |= _rod_ends(rod, {"from": position, "to": position}, found, used)
-    found.bodies.append({**body, **({"attachments": attached} if attached else {})})
+    if attached:
+        body = {**body, "attachments": attached}
+    found.bodies.append(body)
 
 
 def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, bool]:

@@ -82,13 +82,15 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
         "line_type": [types[name] for name in types if name in used],
         "point": [point for point in ends.points if point["name"] in at_ends],
         "line": lines,
-        **({"buoy": ends.buoys} if ends.buoys else {}),
-        **({"body": ends.bodies} if ends.bodies else {}),
+        "buoy": ends.buoys,
+        "body": ends.bodies,
         "effects": _effects(options, path.parent, bending),
-        **({"failure": broken} if broken else {}),
-        **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),
+        "failure": broken,
         **_sea(deck, options, notes),
     }
+    scene = {key: value for key, value in scene.items() if value or key not in ("buoy", "body", "failure")}
+    if options.values["tmaxic"] == 0.0:
+        scene["start"] = {"kind": "points"}
     density = options.values["rho"]
     floats = [p["name"] for p in scene["point"] if density * p.get("volume", 0.0) > p.get("mass", 0.0)]
     if floats:
@@ -101,11 +103,14 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     if "duration" not in scene["run"]:
         scene["run"]["duration"] = max(DEFAULT_DURATION, scene["run"]["dt"])
         notes.append(f"the file has no duration: {scene['run']['duration']:g} s are used")
+    all_notes = [f"{path.name}: {note}" for note in notes]
     earlier = scene.get("notes")  # of the source file of the scene
-    all_notes = [*(earlier if isinstance(earlier, list) else []), *(f"{path.name}: {note}" for note in notes)]
-    return LocatedValues(
-        {**scene, **({"notes": all_notes} if all_notes else {})}, str(path), _lines_of(deck, scene, ends, options)
-    )
+    if isinstance(earlier, list):
+        all_notes = earlier + all_notes
+    numbers = _lines_of(deck, scene, ends, options)
+    if all_notes:
+        scene["notes"] = all_notes
+    return LocatedValues(scene, str(path), numbers)
 
 
 def _lines_of(deck: Deck, scene: Table, ends: Ends, options: Options) -> dict[str, int]:
@@ -242,7 +247,9 @@ def _run(options: Options, notes: list[str]) -> Table:
         )
         dt = DEFAULT_STEP
     every = max(1, round(options.values["dtout"] / dt))
-    return {"dt": dt, **({"save_every": every} if every > 1 else {})}
+    if every > 1:
+        return {"dt": dt, "save_every": every}
+    return {"dt": dt}
 
 
 def _bending(lines: list[Table], types: Table, ends: Ends, notes: list[str]) -> Table | None:

@@ -17,7 +17,6 @@ the difference between the estimates from the first and the second half of the t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import takewhile
 from typing import NamedTuple
 
 import numpy as np
@@ -99,9 +98,18 @@ def memory(series: np.ndarray, run: np.ndarray) -> float:
     series = series - series.mean()
     size = max(float(series @ series), 1e-300)
     count = len(series)
-    rho = lambda lag: float(series[lag:] @ (series[: count - lag] * (run[lag:] == run[: count - lag]))) / size  # noqa: E731
-    pairs = (rho(lag) + rho(lag + 1) for lag in range(0, max(2, count // 2) - 1, 2))
-    return max(1.0, 2 * sum(takewhile(lambda pair: pair > 0, pairs)) - 1)
+
+    def rho(lag: int) -> float:
+        earlier = series[: count - lag] * (run[lag:] == run[: count - lag])
+        return float(series[lag:] @ earlier) / size
+
+    total = 0.0
+    for lag in range(0, max(2, count // 2) - 1, 2):
+        pair = rho(lag) + rho(lag + 1)
+        if pair <= 0:
+            break
+        total += pair
+    return max(1.0, 2 * total - 1)
 
 
 def block_of(parts: Pieces, information: np.ndarray) -> int:
@@ -181,10 +189,12 @@ def resample(
 def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
     """Difference between the estimates (k,) of the first and the second half of the time, to first order."""
     middle = len(parts.run) // 2
-    halves = (slice(middle), slice(middle, None))
-    rests = [_positive(parts.information[half].sum(0), information) for half in halves]
-    first, second = (solve_spd(rest, parts.gradient[half].sum(0)) for rest, half in zip(rests, halves, strict=True))
-    return first - second
+
+    def estimate(half: slice) -> np.ndarray:
+        rest = _positive(parts.information[half].sum(0), information)
+        return solve_spd(rest, parts.gradient[half].sum(0))
+
+    return estimate(slice(middle)) - estimate(slice(middle, None))
 
 
 def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:

@@ -189,11 +189,14 @@ def intervals(
         p = solution.problem.parameters[i]
         if values[i] <= p.low and se[i] > 0:
             below = chance_below((p.low - centre[i]) / se[i], blocks)
-            low[i], high[i] = p.low, centre[i] + se[i] * quantile(below + LEVEL * (1 - below), blocks)
+            low[i] = p.low
+            high[i] = centre[i] + se[i] * quantile(below + LEVEL * (1 - below), blocks)
         elif values[i] >= p.high and se[i] > 0:
             below = chance_below((p.high - centre[i]) / se[i], blocks)
-            low[i], high[i] = centre[i] + se[i] * quantile(below * (1 - LEVEL), blocks), p.high
-        low[i], high[i] = max(low[i], p.low), min(high[i], p.high)
+            low[i] = centre[i] + se[i] * quantile(below * (1 - LEVEL), blocks)
+            high[i] = p.high
+        low[i] = max(low[i], p.low)
+        high[i] = min(high[i], p.high)
     return low, np.where(np.isfinite(high), high, values + reach)
 
 

@@ -136,12 +136,8 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     if rows.start and not start:
         notes.append("the clock starts at the first row")
     # zero and sign of a scene's own links follow from its pose
-    hangs = count == 1 or bool(columns.points)
-    if hangs:
-        convention = Convention("down", 1, "rad")
-    else:
-        convention = Convention(unit="rad")
-    if links is None:
+    convention = Convention(unit="rad")
+    if count == 1 or columns.points or links is None:
         convention = Convention("down", 1, "rad")
     trace = Trace(path.stem, times, motion.theta, convention=convention)
     trace = cut_span(trace, given)
@@ -154,21 +150,23 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     notes += note
     fastest = period
     if count > 1:
-        if lengths is None:
-            fastest = 0.5 * period
-        else:
-            fastest = pendulum_period(lengths)
-    before = len(trace.t)
-    thinned_t, theta, many = thin(trace.t, trace.theta, fastest)
-    if len(thinned_t) < before:
-        if many > 1:
-            what = f"each the mean of about {many}"
-        else:
-            what = "one for each stretch of time"
-        notes.append(f"{before} rows thinned to {len(thinned_t)}, {what}")
-    trace = replace(trace, t=thinned_t, theta=theta)
+        fastest = 0.5 * period if lengths is None else pendulum_period(lengths)
+    trace, note = thinned(trace, fastest)
+    notes += note
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
     return Measured(trace, zero, period, swing, lengths, scaled, open_end, tuple(notes))
+
+
+def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
+    """The trace with as many rows as a motion of this shortest period [s] needs, and a note if rows were left out."""
+    t, theta, many = thin(trace.t, trace.theta, fastest)
+    found = replace(trace, t=t, theta=theta)
+    if len(t) == len(trace.t):
+        return found, []
+    what = "one for each stretch of time"
+    if many > 1:
+        what = f"each the mean of about {many}"
+    return found, [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
 
 
 def motion_of(cells: Cells, columns: Columns, t: np.ndarray, values: np.ndarray, given: Given) -> Motion:

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
-    names, about = _asked(scene, args)
+    names, about = _requested_points(scene, args)
 
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.statics.static_pose import nodal_loads
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     return deliver(args, plain, _text(found))
 
 
-def _asked(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarray | None]:
+def _requested_points(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarray | None]:
     """Names and the reference point, checked."""
     if args.of is None:
         if args.at is not None or args.lines_only:

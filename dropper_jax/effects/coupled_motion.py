@@ -24,7 +24,7 @@ class CoupledMotion(Effect):
     begin: jax.Array = parameter("first instant", unit="s")
     width: jax.Array = parameter("time to the second one", unit="s")
     home: jax.Array = parameter("positions of the points in the scene (c, 3)", unit="m", shape="vectors")
-    places: jax.Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
+    positions: jax.Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
     velocities: jax.Array = parameter("at both instants (2, c, 3)", unit="m/s", shape="vectors")
     accelerations: jax.Array | None = parameter(
         "at both instants (2, c, 3)", unit="m/s^2", shape="vectors", optional=True
@@ -40,14 +40,14 @@ class CoupledMotion(Effect):
             bends = None
         else:
             bends = self.accelerations[:, i : i + 1]
-        cut = {key: getattr(self, key)[:, i : i + 1] for key in ("places", "velocities")}
+        cut = {key: getattr(self, key)[:, i : i + 1] for key in ("positions", "velocities")}
         return replace(self, points=(name,), home=self.home[i : i + 1], accelerations=bends, **cut)
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
         s = (t - self.begin) / self.width
         h = self.width
-        x0, x1 = self.places[:, 0]
+        x0, x1 = self.positions[:, 0]
         v0, v1 = self.velocities[:, 0]
         far = x1 - x0
         if self.accelerations is None:

@@ -36,8 +36,8 @@ from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.places import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 from fitting.parameters.rig_priors import rig_priors
+from fitting.parameters.targets import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
 #: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for

@@ -32,7 +32,7 @@ from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import pick
 from fitting.parameters.parameter import resolve
-from fitting.parameters.places import LOST
+from fitting.parameters.targets import LOST
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED = 6

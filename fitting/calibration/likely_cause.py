@@ -27,7 +27,7 @@ from fitting.estimate.release import TIME
 from fitting.estimate.windows import Span, first_starts
 from fitting.parameters.names import DAMPING_PATHS, free_option
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.places import NODE
+from fitting.parameters.targets import NODE
 from fitting.traces.trace import Trace, without_spikes
 
 #: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.

@@ -32,9 +32,9 @@ from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
 from fitting.parameters.of_scene import free_of_traces
 from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_effects
-from fitting.parameters.places import RECORDING, LostPlace
 from fitting.parameters.recordings import distance_from, share_motion
 from fitting.parameters.rig_priors import JointPrior, rig_priors
+from fitting.parameters.targets import RECORDING, LostPlace
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
 from fitting.traces.planar import check_planar, pendulum_period
 from fitting.traces.trace import Convention, Trace, as_trace, convention, noise
@@ -118,7 +118,7 @@ class Samples:
     notes: list[str]
 
     @property
-    def seen(self) -> list[Trace]:
+    def observed(self) -> list[Trace]:
         """The traces without held-out samples, which affect nothing, not even the first guess of a start."""
         return fitted_parts(self.traces, self.spans)
 
@@ -509,7 +509,7 @@ def choose_samples(
             refuse_rising_energy(trace, model, mine, period)
     found = Samples(traces, spans, sigma, held, rests(traces, sigma, rest), slowest, period, notes)
     if not rest and not released:
-        for trace, size in zip(found.seen, sigma, strict=True):
+        for trace, size in zip(found.observed, sigma, strict=True):
             notes += advice_on_rest(trace, size[: model.line.links], slowest)
     return found
 
@@ -567,7 +567,7 @@ def windows_along_motion(
     """Windows as long as the motion allows: short ones are run first and joined (`follow_motion`)."""
     model = simulator.model
     sigma = samples.sigma
-    seen = samples.seen
+    seen = samples.observed
     windows = cut(samples.traces, plan.short * plan.dt, plan.dt, sigma, samples.spans)
     if release is not None:
         windows = release.mark(windows, samples.traces)

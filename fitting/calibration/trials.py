@@ -33,7 +33,7 @@ from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Span, Starts, pick, with_rows
 from fitting.parameters.parameter import Parameter, resolve
-from fitting.parameters.places import all_joints
+from fitting.parameters.targets import all_joints
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
 #: the misfit is ten times the noise, and smooth. A misfit at 6 Hz, sampled 60 times a second, correlates by 0.81.

@@ -26,7 +26,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from fitting.estimate.windows import Starts, Windows, pick
 from fitting.parameters.parameter import Parameter, apply
-from fitting.parameters.places import ReleasePlace
+from fitting.parameters.targets import ReleasePlace
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 

@@ -11,7 +11,7 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.places import ModelPlace
+from fitting.parameters.targets import ModelPlace
 
 
 def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], values: np.ndarray) -> Scene:

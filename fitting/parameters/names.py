@@ -10,7 +10,7 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
 from fitting.parameters.parameter import Bounds, Priors, StartValues, given_effect, paths
-from fitting.parameters.places import CAMERA, SCALE
+from fitting.parameters.targets import CAMERA, SCALE
 
 #: Damping fields by effect.
 DAMPING = {

@@ -25,7 +25,7 @@ import numpy as np
 
 from dropper_jax.model import Model
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.places import DOWN, CameraPlace, ClockPlace, LostPlace, NodeMarkerPlace, RecordingPlace
+from fitting.parameters.targets import DOWN, CameraPlace, ClockPlace, LostPlace, NodeMarkerPlace, RecordingPlace
 from fitting.traces.planar import directions, wrap
 
 

@@ -21,7 +21,7 @@ from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.model_slopes import model_slopes
 from fitting.parameters.parameter import Parameter, Released, check_once, resolve
-from fitting.parameters.places import Direction
+from fitting.parameters.targets import Direction
 
 #: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.
 LINEAR_REACH = 0.2

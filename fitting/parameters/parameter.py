@@ -29,7 +29,7 @@ from dropper_jax.base.read import ScenePath, declared_fields, limits
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from fitting.parameters.places import (
+from fitting.parameters.targets import (
     CAMERA,
     CLOCK,
     LOST,

@@ -18,7 +18,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from fitting.parameters.parameter import Parameter, StartValues
-from fitting.parameters.places import RECORDING, RecordingPlace
+from fitting.parameters.targets import RECORDING, RecordingPlace
 from fitting.traces.planar import wrap
 from fitting.traces.trace import FEWEST, Trace, convention
 

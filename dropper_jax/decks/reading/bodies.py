@@ -62,7 +62,7 @@ def _cylinder(deck: Deck, row: Row) -> tuple[Table, tuple[float, np.ndarray, np.
     across = mass * (diameter**2 / 16.0 + length**2 / 12.0)
     inertia = across * np.eye(3) + (own - across) * np.outer(along, along)
     shape = {"from": a.tolist(), "to": b.tolist(), "diameter": diameter, "cdn": cdn, "can": can, "cdt": cdt, "cat": cat}
-    shape["slices"] = max(row.whole(9, "NumSegs", 0), 1)
+    shape["slices"] = max(row.integer(9, "NumSegs", 0), 1)
     return shape, (mass, 0.5 * (a + b), inertia)
 
 

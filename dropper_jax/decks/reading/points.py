@@ -135,7 +135,7 @@ def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> dict[str,
 def _is_connector(row: Row) -> bool:
     """Whether a rod has a direction but neither length nor mass: `NumSegs 0`."""
     row.need(10, "rod")
-    return not row.whole(9, "NumSegs", 0)
+    return not row.integer(9, "NumSegs", 0)
 
 
 def _rod_ends(rod: Row, shape: Table, found: Ends, used: set[str]) -> dict[str, list[float]]:

@@ -165,7 +165,7 @@ def _lines(deck: Deck, types: Table, names: dict[str, str], notes: list[str]) ->
             "to": by_upper[end.upper()],
             "type": row.words[1],
             "length": row.value(order[2], "UnstrLen", 0.0, open_low=True),
-            "links": row.whole(order[3], "NumSegs"),
+            "links": row.integer(order[3], "NumSegs"),
         }
     return list(found.values())
 

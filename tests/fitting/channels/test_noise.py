@@ -14,7 +14,7 @@ from fitting.estimate.loss import LEAST_SQUARES
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.parameters.parameter import Parameter
-from fitting.parameters.places import Direction
+from fitting.parameters.targets import Direction
 
 N = 4000
 T = np.arange(N) * 0.1

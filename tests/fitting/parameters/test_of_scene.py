@@ -13,7 +13,7 @@ from fitting import Camera, fit, fitted_scene, observe, simulate_truth
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters, free_of_traces, scene_parameter
 from fitting.parameters.parameter import apply, resolve
-from fitting.parameters.places import Direction
+from fitting.parameters.targets import Direction
 from fitting.sensitivity import Study, ranges
 
 SCENE = "paper-case-4"

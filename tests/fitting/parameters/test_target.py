@@ -7,7 +7,7 @@ import pytest
 
 from dropper_jax import build_model, load_scene
 from fitting.parameters.parameter import Parameter, apply, resolve
-from fitting.parameters.places import Direction
+from fitting.parameters.targets import Direction
 
 
 @pytest.fixture(scope="module")

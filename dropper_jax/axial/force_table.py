@@ -128,4 +128,4 @@ def stack_tables(tables: Sequence[ForceTable]) -> tuple[np.ndarray, np.ndarray, 
                 np.concatenate([slope, np.full(len(more), slope[-1])]),
             )
         )
-    return tuple(np.stack(column) for column in zip(*found, strict=True))
+    return tuple(map(np.stack, zip(*found, strict=True)))

@@ -117,7 +117,7 @@ def _schemes(found: Table) -> str:
         f"{reference['lyapunov_per_s']:.3g} 1/s and reach 100 times after {reference['trusted_span_s']:.4g} s",
         f"reference: {reference['made_by']}; its error {reference['error_estimate_rad']:.2g} rad, against "
         f"{reference['checked_by']}",
-        table([HEAD, *(_cells(row) for row in found["rows"])]),
+        table([HEAD, *map(_cells, found["rows"])]),
         "measured orders: " + ", ".join(f"{label} {order:.2f}" for label, order in found["orders"].items()),
         "\n".join(item["text"] for item in found["advice"]),
     ]
@@ -128,7 +128,7 @@ def _loads(found: Table) -> str:
     """Errors of the loads, and the accuracy or the step below which they are small."""
     if not found["rows"]:
         return f"loads: {found['skipped']}"
-    rows = [LOADS_HEAD, *(_load_cells(row) for row in found["rows"])]
+    rows = [LOADS_HEAD, *map(_load_cells, found["rows"])]
     finest = found["reference_dt"]
     if finest is None:
         against = "half of each step"

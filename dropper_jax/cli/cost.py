@@ -71,7 +71,7 @@ def text(found: Table) -> str:
         "us: microseconds; corrections: Newton iterations per step; ratios: to the whole scene",
         "flops, bytes, operations: of the compiled step, which counts a loop once; compare rows only",
         "",
-        table([HEAD, *(_cells(row) for row in found["rows"])]),
+        table([HEAD, *map(_cells, found["rows"])]),
     ]
     proof = found["proof"]
     if proof is None:  # interrupted

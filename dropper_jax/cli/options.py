@@ -148,7 +148,7 @@ def recover_leftovers(file: Path) -> None:
 
 def assignments(texts: list[str]) -> Table:
     """Values by path of several `KEY=VALUE`."""
-    return dict(_assignment(text) for text in texts)
+    return dict(map(_assignment, texts))
 
 
 def _assignment(text: str) -> tuple[str, Any]:

@@ -94,7 +94,7 @@ def _project_basis(still: Model, linear: LinearMotion, motions: jax.Array, omega
     none = jnp.zeros_like(motions)
     tensions = [tension_changes(still, linear, *both) for both in ((motions, none), (none, motions))]
     matrices = (static_matrix(linear, omega), linear.stiffness, linear.damping, linear.mass)
-    return _Basis(motions, *(project(matrix) for matrix in matrices), *tensions)
+    return _Basis(motions, *map(project, matrices), *tensions)
 
 
 @cached_jit()
@@ -177,7 +177,7 @@ def solve_states(
         return jax.tree.map(lambda x: np.asarray(x)[: len(states)], solved)
 
     chunks = np.split(np.arange(len(every)), range(size, len(every), size))
-    solved = jax.tree.map(lambda *x: np.concatenate(x), *(solve(chunk) for chunk in chunks))
+    solved = jax.tree.map(lambda *x: np.concatenate(x), *map(solve, chunks))
     errors = []
     for state, own in zip(chosen, loads, strict=True):
         drag = jnp.asarray(solved.drag[state])

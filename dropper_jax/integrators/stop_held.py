@@ -69,7 +69,7 @@ def _solve(
     """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and the direction of their
     impulses."""
     after = model.kinematics(r, v, t)
-    zero = Unknowns(jnp.zeros_like(v), jnp.zeros_like(model.line.length), tuple(jnp.zeros_like(q) for q in z))
+    zero = Unknowns(jnp.zeros_like(v), jnp.zeros_like(model.line.length), tuple(map(jnp.zeros_like, z)))
     flat, unravel = ravel_pytree(zero)
 
     def correct(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
@@ -83,7 +83,7 @@ def _solve(
         aim = tuple(jnp.where(b, 2.0 * (p / h + q), a) for b, a, (*_, p, q) in zip(beyond, aim, found, strict=True))
         return (x, factor, tuple(o | b for o, b in zip(over, beyond, strict=True)), aim), None
 
-    nothing = tuple(jnp.zeros_like(one) for one in held)
+    nothing = tuple(map(jnp.zeros_like, held))
     start = flat, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), nothing, zero.z
     # Newton corrections: the first is exact if no impulse reaches its bound. A joint that reaches its bound in the last
     # one keeps more than its part of one step. That affects the accuracy of this event, never the energy

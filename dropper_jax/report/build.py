@@ -87,7 +87,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
 def _largest_damping(solution: Solution) -> float:
     """Maximum internal damping BA of a link [N s], 0 without any."""
     given = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
-    return float(max((np.max(damping) for damping in given), default=0.0))
+    return float(max(map(np.max, given), default=0.0))
 
 
 def report_runs(solutions: dict[str, Solution], settings: Settings | None = None) -> Table:

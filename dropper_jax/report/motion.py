@@ -142,7 +142,7 @@ def _touching(line: WholeLine, other: WholeLine) -> float | None:
     both = (line.spec.diameter, other.spec.diameter)
     if any(d is None for d in both):
         return None
-    return float(0.5 * sum(np.max(d) for d in both))
+    return float(0.5 * sum(map(np.max, both)))
 
 
 #: Pairs of links and instants that are compared at once: 1e6 need some tens of MB.

@@ -136,7 +136,7 @@ def _spread(section: Table) -> str:
         [
             "internal damping, maximum [N s]",
             *("", "", ""),
-            *(newton(x) for x in section["internal_damping_n_s"][: len(own)]),
+            *map(newton, section["internal_damping_n_s"][: len(own)]),
         ],
     ]
     for name, v in section["values"].items():

@@ -128,7 +128,7 @@ class CoupledLines:
     def indices(self) -> tuple[int, ...]:
         """The coupled points among those of the model."""
         names = [p.name for p in self.model.points]
-        return tuple(names.index(name) for name in self._motion.points)
+        return tuple(map(names.index, self._motion.points))
 
     @property
     def _motion(self) -> CoupledMotion:

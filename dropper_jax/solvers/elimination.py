@@ -139,7 +139,7 @@ def _rounds(
         for others in waiting.values():
             others.difference_update(found)
         left = [i for i in left if i not in found]
-        rounds.append((found, max(len(others) for others in found.values())))
+        rounds.append((found, max(map(len, found.values()))))
     return rounds
 
 

@@ -46,7 +46,7 @@ def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray
     from scipy.linalg import null_space  # noqa: PLC0415
 
     if model.line.axial.elastic:
-        return tuple(np.asarray(part) for part in stiffness_and_motions(model, s))
+        return tuple(map(np.asarray, stiffness_and_motions(model, s)))
     matrix = np.asarray(_rows_by_unknowns(model, s))
     size = s.r.size
     soft = np.diag(matrix)[size:] != 0.0

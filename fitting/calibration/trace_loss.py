@@ -76,7 +76,7 @@ class TraceLoss:
         self.low = jnp.array([p.low for p in prepared.parameters])
         self.high = jnp.array([p.high for p in prepared.parameters])
         self.scale = jnp.array([p.scale for p in prepared.parameters])
-        self.starts = Starts(*(jnp.asarray(part) for part in prepared.starts))
+        self.starts = Starts(*map(jnp.asarray, prepared.starts))
         self.samples = windows.samples
         own = prepared.simulator
         simulator = Simulator(own.model, prepared.parameters, own.stepper)

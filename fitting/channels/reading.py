@@ -220,7 +220,7 @@ def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index
     """The file that contains all of these columns: the only one, or number `index` of as many as `count`."""
     found = []
     for file in files:
-        if all(file.name_of(column) for column in columns):
+        if all(map(file.name_of, columns)):
             found.append(file)
     if len(found) == 1 or (found and len(found) == count):
         return found[index % len(found)]

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     say = progress(args.quiet)
     box = None
     if args.method:
-        box = sensitivity.ranges(problem, dict(_range(text) for text in args.range))
+        box = sensitivity.ranges(problem, dict(map(_range, args.range)))
         found = sensitivity.global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
         text = global_text(found, args.of)
     else:

@@ -91,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    vary = dict(_values(text) for text in args.vary)
+    vary = dict(map(_values, args.vary))
     if args.seeds < 0:
         raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
     if not Path(args.out).parent.is_dir():

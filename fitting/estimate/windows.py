@@ -243,7 +243,7 @@ def _all_samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.nd
         wide = np.zeros((2, len(theta), count * trace.links))
         wide[:, :, mine] = theta, weight
         found.append((*wide, index, fraction))
-    return tuple(np.concatenate(column) for column in zip(*found, strict=True))
+    return tuple(map(np.concatenate, zip(*found, strict=True)))
 
 
 def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -18,7 +18,7 @@ RAYS = 48
 #: Distance of samples along a ray [pixel].
 RAY_STEP = 0.5
 #: Radii [pixel] that are tried by default.
-RADII = tuple(float(r) for r in np.geomspace(2.5, 40.0, 14))
+RADII = tuple(map(float, np.geomspace(2.5, 40.0, 14)))
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
     """
     names = [name.strip() for name in names]
     known = None
-    if not all(_is_full(name) for name in names):
+    if not all(map(_is_full, names)):
         known = [*paths(build_model(scene)), *scene.parameter_paths]
     return [name if _is_full(name) else _full(name, known, option) for name in names]
 

@@ -248,7 +248,7 @@ class Program:
 
 
 def _shape_of(model: Model) -> Shape:
-    return jax.tree.structure(model), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(model))
+    return jax.tree.structure(model), tuple(map(jnp.shape, jax.tree.leaves(model)))
 
 
 def stack(trees: list[Tree]) -> Tree:

@@ -107,7 +107,7 @@ def read_csv(
     except csv.Error as error:
         raise SceneError(f"{path.name}: not a CSV file: {error}; allowed: columns {columns}") from None
     names = [name.strip() for name in rows[0]]
-    if all(_is_number(name) for name in names):
+    if all(map(_is_number, names)):
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
     found = CsvTable(path.name, comments, names, rows[1:]).with_names(renamed or {})
     if "t" not in found.names:

@@ -125,8 +125,8 @@ def read_seafloor(path: Path) -> dict[str, list[float]]:
     """`bed_x`, `bed_y`, `bed_depth` of `[effects.seabed]` from a file of MoorDyn-C: sizes, x, y, then x y depth."""
     lines = [line.split() for line in read_lines(path) if line.strip()]
     try:
-        x = sorted(float(w) for w in lines[1])
-        y = sorted(float(w) for w in lines[2])
+        x = sorted(map(float, lines[1]))
+        y = sorted(map(float, lines[2]))
         positions = {}
         for a, b, z in (line[:3] for line in lines[3:]):
             positions[(float(a), float(b))] = abs(float(z))

@@ -201,7 +201,7 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
 
 
 def _point(number: int, kind: str, position: Sequence[float], body: list[float | None], name: str) -> str:
-    return " ".join([str(number), kind, *(_value(x) for x in position), *(_value(x or 0.0) for x in body)]) + (
+    return " ".join([str(number), kind, *map(_value, position), *(_value(x or 0.0) for x in body)]) + (
         f"  ! name: {name}"
     )
 

@@ -28,7 +28,7 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
         "case": storm.number,
         "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run),
         "upward_n": characteristic(np.array([load[:, 1].max() for load in loads]), run),
-        "uplift_deg": max(_uplift(load) for load in loads),
+        "uplift_deg": max(map(_uplift, loads)),
         "utilisation": None,
         "utilisation_error": None,
     }

@@ -18,12 +18,7 @@ from typing import NoReturn, Protocol
 
 from dropper_jax import backend
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.faults import (
-    close_stdout,
-    report_error,
-    terminated_as_interrupted,
-    with_streams,
-)
+from dropper_jax.cli.faults import close_stdout, report_error, terminated_as_interrupted, with_streams
 from dropper_jax.cli.printing import OK
 
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.

@@ -14,10 +14,7 @@ from collections.abc import Iterator
 
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import (
-    Plain,
-    read_fields,
-)
+from dropper_jax.base.read import Plain, read_fields
 from dropper_jax.scene.line import LineSpec
 
 

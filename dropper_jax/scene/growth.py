@@ -11,11 +11,7 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.fields import parameter
-from dropper_jax.base.read import (
-    DeclaredSection,
-    plain,
-    short_text,
-)
+from dropper_jax.base.read import DeclaredSection, plain, short_text
 
 
 class Grown(NamedTuple):

@@ -10,14 +10,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import (
-    Plain,
-    check_kind_keys,
-    plain,
-    read_fields,
-    read_table,
-    short_text,
-)
+from dropper_jax.base.read import Plain, check_kind_keys, plain, read_fields, read_table, short_text
 from dropper_jax.scene.line import LineSpec
 
 #: How the start may be given.

@@ -12,16 +12,7 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Kinematics, Law, Model, State, state
-from dropper_jax.residual import (
-    GRAVITY_SCALE,
-    Newton,
-    Solver,
-    StepProblem,
-    Unknowns,
-    largest_row,
-    newton,
-    subtract,
-)
+from dropper_jax.residual import GRAVITY_SCALE, Newton, Solver, StepProblem, Unknowns, largest_row, newton, subtract
 from dropper_jax.solvers import SOLVERS
 
 #: Minimum kappa over the weight per length: prevents drift of unconstrained parts (a float in calm water).

@@ -23,9 +23,7 @@ from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, Model, State
-from dropper_jax.residual import (
-    GRAVITY_SCALE,
-)
+from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.rest_problem import force_scale
 
 

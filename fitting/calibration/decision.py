@@ -47,7 +47,7 @@ from fitting.estimate.simulator import Simulator
 from fitting.parameters.names import DAMPING
 from fitting.parameters.parameter import apply
 from fitting.traces import planar
-from fitting.traces.trace import smooth_stretch
+from fitting.traces.noise import smooth_stretch
 
 
 def dissipation(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:

@@ -28,7 +28,8 @@ from fitting.estimate.windows import Span, first_starts
 from fitting.parameters.names import DAMPING_PATHS, free_option
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.targets import NODE
-from fitting.traces.trace import Trace, without_spikes
+from fitting.traces.noise import without_spikes
+from fitting.traces.trace import Trace
 
 #: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.
 LEAVES = 0.1

@@ -36,8 +36,9 @@ from fitting.parameters.recordings import distance_from, share_motion
 from fitting.parameters.rig_priors import JointPrior, rig_priors
 from fitting.parameters.targets import RECORDING, LostPlace
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
+from fitting.traces.noise import noise
 from fitting.traces.planar import check_planar, pendulum_period
-from fitting.traces.trace import Convention, Trace, as_trace, convention, noise
+from fitting.traces.trace import Convention, Trace, as_trace, convention
 
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
 #: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.

@@ -29,8 +29,9 @@ from fitting.traces.conventions import (
     shift,
     units,
 )
+from fitting.traces.noise import smooth_stretch
 from fitting.traces.planar import energies, wrap
-from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, smooth_stretch
+from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
 #: that no change closes are rejected. Noise is 0.01, lengths wrong by 2 % give 0.02, a marker off by 1 degree less;

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from fitting.channels.channel import Channel
-from fitting.traces.trace import noise_by_differences
+from fitting.traces.noise import noise_by_differences
 
 
 @dataclass(frozen=True)

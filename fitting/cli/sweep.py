@@ -17,8 +17,8 @@ from dropper_jax.base.read import ScenePath, Table
 from dropper_jax.cli.given import output_folder, read_numbers, read_spaced
 from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, read_scene
 from dropper_jax.cli.printing import listing, print_line, print_result, print_warnings, progress, table
-from fitting.cli.fit import add_convention
 from fitting.cli.fit_file import column_names
+from fitting.cli.fit_options import add_convention
 
 if TYPE_CHECKING:
     import numpy as np

@@ -27,7 +27,8 @@ import numpy as np
 
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.windows import Windows
-from fitting.traces.trace import Trace, smooth
+from fitting.traces.noise import smooth
+from fitting.traces.trace import Trace
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.traces import planar
-from fitting.traces.trace import DEGREE, Trace, without_spikes
+from fitting.traces.noise import DEGREE, without_spikes
+from fitting.traces.trace import Trace
 
 #: Deviation from whole steps [steps] below which samples count as lying on the time grid.
 ON_GRID = 1e-6

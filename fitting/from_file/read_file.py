@@ -17,8 +17,9 @@ from fitting.from_file.columns import Columns, find_columns
 from fitting.from_file.points import read_points
 from fitting.from_file.swing import Swing, find_swing, gravity_of_last_link, main_period
 from fitting.from_file.thinning import thin
+from fitting.traces.noise import noise, without_spikes
 from fitting.traces.planar import pendulum_period
-from fitting.traces.trace import Convention, Trace, noise, without_spikes
+from fitting.traces.trace import Convention, Trace
 
 #: Metres per unit of length.
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}

@@ -28,15 +28,7 @@ from dropper_jax.stepping.integrate import Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
 from fitting.sensitivity.differences import central_differences
-from fitting.sensitivity.problem import (
-    Plan,
-    Study,
-    Varied,
-    floats_of,
-    linear_range,
-    vary_start,
-    vary_study,
-)
+from fitting.sensitivity.problem import Plan, Study, Varied, floats_of, linear_range, vary_start, vary_study
 from fitting.sensitivity.result import TANGENT, Local, empty_result
 
 

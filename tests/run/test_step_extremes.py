@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.cli.run import text, with_gaps
+from dropper_jax.cli.run_text import text, with_gaps
 from dropper_jax.report.build import report_run
 from dropper_jax.report.sections import largest_table
 from dropper_jax.run.step_extremes import STEP_EXTREMES

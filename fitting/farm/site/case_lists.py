@@ -8,16 +8,7 @@ from typing import Any, Self
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import (
-    Plain,
-    Table,
-    plain,
-    read_list,
-    read_number,
-    read_table,
-    read_text,
-    refuse,
-)
+from dropper_jax.base.read import Plain, Table, plain, read_list, read_number, read_table, read_text, refuse
 from fitting.farm.site.sections import Section, read_years, standards
 
 

@@ -11,7 +11,8 @@ from fitting.parameters.names import full_names
 from fitting.parameters.parameter import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import settle_convention
-from fitting.traces.trace import convention, noise
+from fitting.traces.noise import noise
+from fitting.traces.trace import convention
 
 ANY = Convention()
 

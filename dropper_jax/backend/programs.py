@@ -136,8 +136,12 @@ def store_programs(folder: str | Path | None = None) -> Path | None:
     """
     global _stored
     path = user_folder() if folder is None else Path(folder)
-    opened = None if path is None or is_plain() else open_folder(path)
-    _stored = None if opened is None else StoredPrograms(Folder(opened))
+    opened = None
+    if not (path is None or is_plain()):
+        opened = open_folder(path)
+    _stored = None
+    if opened is not None:
+        _stored = StoredPrograms(Folder(opened))
     return opened
 
 

@@ -33,5 +33,7 @@ def cells(values: Iterable[float | None], form: str) -> list[str]:
 
 def first_names(names: Sequence[str], most: int) -> str:
     """The first names of a list, and how many more there are."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
+    more = ""
+    if len(names) > most:
+        more = f" and {len(names) - most} more"
     return ", ".join(names[:most]) + more

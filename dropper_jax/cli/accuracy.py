@@ -64,7 +64,9 @@ def run(args: argparse.Namespace) -> int:
     found = accuracy(scene, schemes, dts, args.span, not args.quick, say, _row_printer(args.quiet))
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")
-    failure = STOPPED if found.get("status") == STOPPED[0] else None
+    failure = None
+    if found.get("status") == STOPPED[0]:
+        failure = STOPPED
     if args.plot and failure is None:
         draw(found, picture(args.plot, "accuracy"))
     return deliver(args, done_object(**found), text(found), failure)

@@ -48,7 +48,9 @@ def run(args: argparse.Namespace) -> int:
     if args.amplitude is not None and not 0.0 < args.amplitude < np.inf:
         raise SceneError(f"--amplitude: {args.amplitude:g} is out of range; allowed: above 0 m")
     scene = read_scene(args)
-    body = None if args.of is None else _number_of(args.of, scene)
+    body = None
+    if args.of is not None:
+        body = _number_of(args.of, scene)
 
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.statics.modes import damping_at, natural_modes

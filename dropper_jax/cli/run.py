@@ -107,7 +107,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    before = None if args.start is None else read_run(args.start, args)
+    before = None
+    if args.start is not None:
+        before = read_run(args.start, args)
     if args.dt == AUTO:
         print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy or 0.01:g} (--accuracy)")
         args.dt = None

@@ -28,7 +28,9 @@ def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", (".html", ".htm"))
 
     solution = read_run(args.run_file, args)
-    other = None if args.other is None else read_run(args.other, args)
+    other = None
+    if args.other is not None:
+        other = read_run(args.other, args)
 
     from dropper_jax.report.page import write_view
 

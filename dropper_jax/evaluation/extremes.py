@@ -188,7 +188,9 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
             mean = max(float(tension.mean()), 0.0)
             # slack below this part of the link's mean tension, a snap above this multiple of it
             usual = 0.0 if where.spec.rigid else 0.1 * mean
-            slack = usual if settings.slack is None else settings.slack
+            slack = usual
+            if settings.slack is not None:
+                slack = settings.slack
             snap = max(2.0 * mean if settings.snap is None else settings.snap, slack)
             largest = record.extremes["tension"][1][:, where.links.start + j]
             largest_at = record.extremes["tension"][3][:, where.links.start + j]

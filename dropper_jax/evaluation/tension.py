@@ -97,7 +97,9 @@ def _smooth_maxima(record: Record, tension: np.ndarray) -> dict[str, float]:
     """Maxima of a line's tensions (k, n) [N] that do not depend on a single step: `sustained_n` of the means over
     0.2 s, `most_probable_n` in three hours of a Gaussian process, and the excess kurtosis, 0 for such a process."""
     t = record.t_tension
-    interval = float(np.mean(np.diff(t))) if len(t) > 1 else 1.0
+    interval = 1.0
+    if len(t) > 1:
+        interval = float(np.mean(np.diff(t)))
     return {
         "sustained_n": float(statistic("sustained", jnp.asarray(tension), interval)),
         "most_probable_n": float(statistic("mpm", jnp.asarray(tension), interval)),

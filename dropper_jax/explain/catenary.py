@@ -165,6 +165,8 @@ def _shape(line: Hanging, x: np.ndarray, slope: np.ndarray) -> Shape:
     lower = horizontal
     if not rests:
         lower = float(np.hypot(horizontal, vertical - total))
-    bed = line.length - vertical / line.weight if rests else 0.0
+    bed = 0.0
+    if rests:
+        bed = line.length - vertical / line.weight
     by_force = slope / np.array([horizontal, total])
     return Shape(horizontal, vertical, float(np.hypot(horizontal, vertical)), lower, bed, np.linalg.inv(by_force))

@@ -276,7 +276,8 @@ def tension_deviation(model: Model, pose: State, loads: jax.Array | None = None)
 
     def drag_of(drag: jax.Array, number: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
         x = respond(still, linear, drag, of_waves, waves.omega)
-        x = x if number is None else jnp.where(number > 0, x, 0.0)
+        if number is not None:
+            x = jnp.where(number > 0, x, 0.0)
         return linear_drag(dragging, pose, rate * x, of_waves.flow)
 
     # derivatives follow from the fixed point itself, so it is solved to rounding

@@ -264,7 +264,9 @@ def _waves(
         )
 
     if sea_states is None:
-        own = None if spec.waves is None else waves_of(spec.waves)
+        own = None
+        if spec.waves is not None:
+            own = waves_of(spec.waves)
         if own is None or own.size < 2:
             raise SceneError("sea.waves: is not an irregular linear sea. Use sea states, or kind 'spectrum'")
         peak = own.omega[jnp.argmax(own.amplitude)]

@@ -49,7 +49,9 @@ def _broadcast(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Arra
 
 
 def _slice(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
-    strides = None if p["strides"] is None else (*p["strides"], 1)
+    strides = None
+    if p["strides"] is not None:
+        strides = (*p["strides"], 1)
     return lax.slice(inputs[0].array, (*p["start_indices"], 0), (*p["limit_indices"], members), strides)
 
 

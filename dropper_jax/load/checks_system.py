@@ -208,7 +208,9 @@ def _first_speed(motion: dict[str, object]) -> float:
         time = np.asarray(motion["time"], float)
         rows = np.asarray(motion["displacement"], float)
         return float(np.linalg.norm(rows[1] - rows[0]) / (time[1] - time[0]))
-    phase = 0.0 if motion["phase"] is None else float(motion["phase"])
+    phase = 0.0
+    if motion["phase"] is not None:
+        phase = float(motion["phase"])
     return float(np.linalg.norm(motion["amplitude"]) * 2 * np.pi / float(motion["period"]) * abs(np.cos(phase)))
 
 

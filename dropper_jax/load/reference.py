@@ -107,7 +107,9 @@ def sections() -> list[Section]:
 
 
 def _section(path: str, head: str, cls: type | None) -> Section:
-    keys = [] if cls is None else list(_declared_keys(path, cls))
+    keys = []
+    if cls is not None:
+        keys = list(_declared_keys(path, cls))
     by_hand = _keys_by_hand(path)
     if path == "run":
         keys += [_option(name, about) for name, about in OPTIONS.items()]

@@ -45,7 +45,9 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     """
     t = run.t
     positions = run.positions
-    now = run.peak if time is None else int(np.argmin(np.abs(t - time)))
+    now = run.peak
+    if time is not None:
+        now = int(np.argmin(np.abs(t - time)))
     flat = view.planar(positions)
     crowded = len(run.lines) > CROWDED
     past = [] if crowded else _past(positions, now)

@@ -150,7 +150,8 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
         eta = elevations(scene, positions, run.t[index : index + 1])[0]
         bed = bed_height(scene, positions)
         low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
-        low = max(low, -float(scene.sea.depth)) if bed is None else low
+        if bed is None:
+            low = max(low, -float(scene.sea.depth))
         axes.fill_between(along, eta, low, color=WATER)
         if bed is not None and bed.max() > low:
             axes.fill_between(along, np.maximum(bed, low), low, color=system.BED, label="seabed")

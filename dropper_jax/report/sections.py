@@ -243,7 +243,9 @@ def _table_and_others(
     some = [line for line in lines if line[key] > limit]
     others = [line["line"] for line in lines if line not in some]
     text = largest_table(some, size, row) if some else ""
-    which = first_names(others, SECTION_ROWS) if some else every
+    which = every
+    if some:
+        which = first_names(others, SECTION_ROWS)
     return "\n\n".join(part for part in (text, f"{word}: {which}." if others else "") if part)
 
 

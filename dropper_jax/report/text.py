@@ -160,7 +160,9 @@ def _extremes(section: Table) -> str:
             keys = ("most_probable", "mean", "percentile_90")
         rows.append([name, *([_with_interval(one, key) for key in keys] or (one["skipped"], "-", "-"))])
     level = next((one["confidence"] for one in section.values() if "confidence" in one), None)
-    what = "" if level is None else f" [N], {100 * level:g} % interval"
+    what = ""
+    if level is not None:
+        what = f" [N], {100 * level:g} % interval"
     return table(["maximum in the storm", f"most probable{what}", f"mean{what}", f"90th percentile{what}"], rows)
 
 

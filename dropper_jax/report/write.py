@@ -112,7 +112,9 @@ def _tension_range(part: Record, found: Table, folder: Path) -> Path:
     for axes, line in zip(panels, lines, strict=True):
         s = np.asarray(line["arc_length_m"])
         percentiles = line["percentiles_n"]
-        mark = {"marker": "o", "ms": 3} if len(s) <= 60 else {}
+        mark: dict[str, Any] = {}
+        if len(s) <= 60:
+            mark = {"marker": "o", "ms": 3}
         axes.fill_between(s, line["min_n"] / scale, line["max_n"] / scale, color=BAND, label="minimum to maximum")
         for low, high, shade in ((5, 95, 0.35), (25, 75, 0.6)):
             band = (percentiles[str(low)] / scale, percentiles[str(high)] / scale)

@@ -226,7 +226,9 @@ def correct_until_enough(
     # systems of lines compile up to twice as long.
     far = jnp.full((), jnp.inf, guess.x.dtype)
     none = jnp.zeros((), jnp.int32)
-    filtered = None if filtering is None else jnp.zeros_like(guess.x)
+    filtered = None
+    if filtering is not None:
+        filtered = jnp.zeros_like(guess.x)
     start = Corrections(guess, jax.tree.map(jnp.zeros_like, guess), far, far, none - 1, none, filtered)
     return jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
 

@@ -62,7 +62,9 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
     """
     given = scene.effects["torsion"]
     twisting = np.broadcast_to(given["GJ"], sum(line.links for line in scene.lines))
-    stiffness = bending_stiffness(scene) if bends(scene) else None
+    stiffness = None
+    if bends(scene):
+        stiffness = bending_stiffness(scene)
     for line, where in _twisting_lines(scene):
         turning = np.abs(torque[:, where.links])
         pulled = np.maximum(tension[:, where.links], 0.0)

@@ -117,7 +117,9 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     for piece, own_beside in companion.go(len(rows.r)):
         parts.append((len(piece.r), _tensions(piece, own_beside)))
         number = done + np.arange(len(piece.r))
-        both = piece.r[number % 2 == 1] if companion.finer else piece.r
+        both = piece.r
+        if companion.finer:
+            both = piece.r[number % 2 == 1]
         first = done // 2 if companion.finer else done
         apart = np.asarray(both - run[first : first + len(both)])
         distance.append(_longest(apart))
@@ -135,7 +137,9 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     separation = None
     if travel is not None:
         separation = np.concatenate(distance) / travel
-    chaos = None if separation is None else _chaos(separation, run)
+    chaos = None
+    if separation is not None:
+        chaos = _chaos(separation, run)
     both_tensions = _tensions(rows, beside), _weighted(parts)
     interval = solution.settings["dt"] * solution.settings["save_every"] * every
     positions = None

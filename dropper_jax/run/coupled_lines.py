@@ -110,7 +110,8 @@ class CoupledLines:
     def moving(self, since: PointMotion, to: PointMotion, t: Array | float, dt: Array | float) -> CoupledLines:
         """The lines with points that move from one motion to the other between t and t + dt [s]."""
         positions, rates, bends = (jnp.stack(both) for both in zip(since, to, strict=True))
-        bends = None if self._motion.accelerations is None else bends
+        if self._motion.accelerations is None:
+            bends = None
         values = {"begin": jnp.asarray(t, rates.dtype), "width": jnp.asarray(dt, rates.dtype), "places": positions}
         motion = replace(self._motion, velocities=rates, accelerations=bends, **values)
         return replace(self, model=replace(self.model, effects=(*self.model.effects[:-1], motion)))

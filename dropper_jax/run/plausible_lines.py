@@ -29,7 +29,9 @@ LARGEST_STRAIN = 0.1
 
 def check_lengths(scene: Scene) -> Iterator[str]:
     """Lines that are many times longer than the distance of their ends."""
-    least = 0.0 if scene.sea is None else LOOP_DEPTHS * scene.sea.depth
+    least = 0.0
+    if scene.sea is not None:
+        least = LOOP_DEPTHS * scene.sea.depth
     for line in whole_lines(scene):
         distance = _distance(scene, line.spec)
         total = line.spec.total

@@ -60,7 +60,9 @@ def _connected(scene: Scene) -> list[Connected]:
         system = found.setdefault(key, Connected([], [], [], []))
         system.lines.append(i)
         for point in ends:
-            own = system.free if point.is_free else system.held
+            own = system.held
+            if point.is_free:
+                own = system.free
             if point not in own:
                 own.append(point)
             body = bodies.get(point.on)

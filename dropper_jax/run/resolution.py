@@ -33,7 +33,9 @@ def with_quality_checks(solution: Kind) -> Kind:
     failing = 0.1
     used = solution.settings
     every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
-    found = limit_warnings(_tensions(solution)) if every_step else []
+    found = []
+    if every_step:
+        found = limit_warnings(_tensions(solution))
     found += limit_warnings(_snatches(solution))
     found += winch_warnings(solution)
     drift = solution.energy_drift

@@ -156,7 +156,9 @@ class Solution(Samples):
         Raises:
             SceneError: this run failed, or has no final state.
         """
-        further = self.further if duration is None else duration
+        further = duration
+        if duration is None:
+            further = self.further
         return simulate(self.scene, start=self, **{**self._stepping(), "duration": further, **kwargs})
 
     @property

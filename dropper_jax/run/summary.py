@@ -107,7 +107,9 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", 
         columns["omega"] = np.concatenate([angle_rates(*both, zero)[0] for both in moving], axis=1)
     error = (solution.settings.get("stated_errors") or {}).get("angles_rad") or 0.0
     # no angle from 1 rad on: such a step follows no motion
-    stated = f", model_error={error:.2g}" if 0.0 < error < 1.0 else ""
+    stated = ""
+    if 0.0 < error < 1.0:
+        stated = f", model_error={error:.2g}"
     return _write(solution, path, f"zero={zero}, sign=1, unit=rad{stated}", solution.t, columns)
 
 

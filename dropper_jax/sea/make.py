@@ -44,7 +44,9 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
     if spec.current is not None:
         current = make_current(spec.current)
     waves = None
-    wave = None if spec.waves is None else finite_wave(spec, current)
+    wave = None
+    if spec.waves is not None:
+        wave = finite_wave(spec, current)
     if wave is not None:
         along = _along(spec, current, wave.wave_number)
         waves = bound_waves(wave, float(spec.waves.phase), float(spec.waves.direction), along, spec.ramp)

@@ -269,7 +269,9 @@ class SeaSpec(DeclaredSection):
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
-        lowest = 0.0 if self.level is None else self.level.lowest
+        lowest = 0.0
+        if self.level is not None:
+            lowest = self.level.lowest
         yield (
             self.depth + lowest <= 0.0,
             f"{path}.level: falls to {lowest:.4g} m, below the seabed; allowed: above {-self.depth:g} m",
@@ -282,7 +284,9 @@ class SeaSpec(DeclaredSection):
             self.waves is not None and not self.gravity > 0.0,
             f"{path}.gravity: {self.gravity} makes no waves; allowed: > 0 m/s^2 with [sea.waves]",
         )
-        theory = "linear" if self.waves is None else self.waves.theory
+        theory = "linear"
+        if self.waves is not None:
+            theory = self.waves.theory
         for key, what, allowed in (("wave_current", "action", "none, doppler"), ("interpolation", "grid", "none")):
             yield (
                 theory != "linear" and getattr(self, key) == what,

@@ -168,7 +168,9 @@ def bins(gamma: float, count: int, kind: str, rng: np.random.Generator) -> tuple
         return np.interp((np.arange(count) + 0.5) / count, below, x), np.full(count, 1.0 / count)
     edges = np.linspace(0.5, 4.0, count + 1)
     share = np.diff(np.interp(edges, x, below))
-    inside = 0.5 if kind == "even" else rng.uniform(size=count)
+    inside = 0.5
+    if kind != "even":
+        inside = rng.uniform(size=count)
     return edges[:-1] + inside * np.diff(edges), share / np.sum(share)
 
 

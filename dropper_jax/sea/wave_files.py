@@ -26,7 +26,9 @@ def read_components(file: str | Path, path: str = "file") -> dict[str, Any]:
     if set(names) - known or "amplitude_m" not in names or not {"period_s", "frequency_hz"} & set(names):
         raise SceneError(f"{path}: {str(file)!r} has the columns {', '.join(names)}; allowed: {COLUMNS}")
     column = dict(zip(names, rows.T, strict=True))
-    key = "period_s" if "period_s" in column else "frequency_hz"
+    key = "frequency_hz"
+    if "period_s" in column:
+        key = "period_s"
     if np.any(column[key] <= 0):
         worst = int(np.argmin(column[key]))
         raise SceneError(f"{path}: {key} of component {worst + 1} is {column[key][worst]:g}; allowed: > 0")

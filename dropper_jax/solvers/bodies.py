@@ -174,7 +174,9 @@ class BodyFactor:
         rows = jnp.concatenate([right.reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
         found = lu_solve(self.bodies, rows.ravel(), trans=1 if self.turned else 0).reshape(bodies, -1)
         corner = found[:, :BODY_COORDINATES].reshape(-1, 3)
-        moved = off + self.shares @ corner if nodes.edge.size else off
+        moved = off
+        if nodes.edge.size:
+            moved = off + self.shares @ corner
         x, y, pulled = lines.answer(moved, force, stretch)
         x = x + scatter_add(nodes.seats, moved[:seats], nodes.graph.free)
         x = x + scatter_add(nodes.corners.ravel(), corner, nodes.graph.free)
@@ -202,7 +204,9 @@ def factor_bodies(
     (constraint,) = problem.model.constraints
     nodes = BodyNodeMap.of(problem, constraint, between)
     within, others = nodes.split(between)
-    kind = Stretching if problem.model.line.axial.elastic else Saddle
+    kind = Saddle
+    if problem.model.line.axial.elastic:
+        kind = Stretching
     kept = kind.of(nodes.rest, node[nodes.retained_nodes], links, within)
     lines = Lines(nodes, links, kept, nodes.pad_seats(node[nodes.seats]), others)
     if nodes.seats.size:

@@ -96,7 +96,9 @@ class Network(Solver):
         links = optimization_barrier(LinkParts.of(problem, u))
         if model.constraints:
             return NetworkFactor(factor_bodies(problem, u, node, links, between), law)
-        kind = Stretching if model.line.axial.elastic else Saddle
+        kind = Saddle
+        if model.line.axial.elastic:
+            kind = Stretching
         return NetworkFactor(kind.of(model.geometry, node, links, between), law)
 
 

@@ -98,7 +98,8 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
 
 def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: State | None = None) -> Equilibrium:
     rigid = model.line
-    model = model if model.line.axial.elastic else springy(model)
+    if not model.line.axial.elastic:
+        model = springy(model)
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t) if near is None else near, loads, tolerance)
     if not residual <= tolerance:
@@ -181,8 +182,12 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
             "start.kind: 'static' needs a load that gives the line its shape; add [effects.weight] or start from "
             "'angles' or 'positions'"
         )
-    flexibility = 1.0 / line.axial.EA if line.axial.elastic else 0.0
-    end = None if ends.end is None else np.asarray(ends.end, float)
+    flexibility = 0.0
+    if line.axial.elastic:
+        flexibility = 1.0 / line.axial.EA
+    end = None
+    if ends.end is not None:
+        end = np.asarray(ends.end, float)
     nodes, tension = hang(
         np.asarray(ends.start, float),
         end,
@@ -237,7 +242,9 @@ def _catenary(model: Model, t: float) -> State:
         total = GRAVITY_SCALE * float(jnp.sum(line.mass))
     else:
         total = float(jnp.sum(weight.per_link(line)))
-    end = None if ends.end is None else np.asarray(ends.end, float)
+    end = None
+    if ends.end is not None:
+        end = np.asarray(ends.end, float)
     nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(line.length, float), total)
     return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
 

@@ -87,7 +87,9 @@ def holds(model: Model, s: State) -> bool:
     """
     if stable(model, s):
         return True
-    normal = plane_normal(model, s) if model.constant_force else None
+    normal = None
+    if model.constant_force:
+        normal = plane_normal(model, s)
     return normal is not None and softest(model, s, normal)[0] > -_rounding(model)
 
 

@@ -260,7 +260,8 @@ def step_lengths(
         most: capacity for steps; default: half more than the intervals, and 64. What exceeds it counts as failed.
     """
     model, s, dt = jax.lax.stop_gradient((model, s, jnp.asarray(dt, model.dtype)))
-    most = intervals + max(64, intervals // 2) if most is None else most
+    if most is None:
+        most = intervals + max(64, intervals // 2)
 
     def one(carry: tuple[Any, ...], size: jax.Array) -> tuple[tuple[Any, ...], tuple[jax.Array, ...]]:
         s, number, lengths, alive = carry

@@ -116,7 +116,9 @@ def solve_design(
     message = ""
     if len(paths) > 1 and miss[worst] > MISSED:
         bound = [p for p, v, a, b in zip(paths, x, lows, highs, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
-        where = f"; at a bound: {', '.join(bound)}" if bound else ""
+        where = ""
+        if bound:
+            where = f"; at a bound: {', '.join(bound)}"
         status = "not_reached"
         message = f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}{where}"
     return Design(

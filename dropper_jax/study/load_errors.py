@@ -150,7 +150,9 @@ def load_errors(
             continue
         made[name] = line_loads(record(solution, skip), made["1"])
     chaotic = horizon is not None
-    factor = 1.0 if chaotic else error_factor(base, finer=True)
+    factor = 1.0
+    if not chaotic:
+        factor = error_factor(base, finer=True)
     rows = [_row(i, made, factor) for i in range(len(made["1"]))]
     horizon_s = horizon
     if horizon is None:

@@ -226,7 +226,9 @@ def responses(
         raise SceneError(
             f"run.duration: {scene.run.duration:g} s is too short for these periods; allowed: >= {least:g} s"
         )
-    key = "amplitude" if waves.amplitude is not None else "height"
+    key = "height"
+    if waves.amplitude is not None:
+        key = "amplitude"
     found = []
     for i, period in enumerate(periods):
         progress(i / len(periods), f"period {period:g} s")

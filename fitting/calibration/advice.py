@@ -53,7 +53,9 @@ SLACK = 2
 
 def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
     """Names of the candidates, the paths that free them, and the numbers at these paths, which the scene has."""
-    several = range(model.line.links) if model.line.links > 1 else ()
+    several = ()
+    if model.line.links > 1:
+        several = range(model.line.links)
     named = [
         ("lengths of links", ["line.0.length"]),
         ("position of the second end", _second_end(model)),

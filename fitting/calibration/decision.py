@@ -56,7 +56,9 @@ def dissipation(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
     taken = jnp.zeros(())
     for effect in model.without_slot(Potential).effects:
-        force = effect.force(k) if effect.name in DAMPING else None
+        force = None
+        if effect.name in DAMPING:
+            force = effect.force(k)
         if force is not None:
             taken = taken - jnp.sum(force * k.v)
         if isinstance(effect, JointFriction) and effect.dry is not None:

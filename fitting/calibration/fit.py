@@ -137,7 +137,9 @@ def fit_and_free(
         whole, kicks = without_kicks(whole, again, loss)
         if kicks:
             sound = with_sound_windows(whole, loss, chosen.iterations, progress, keep_jumps=True)
-    joined = "shooting" if chosen.name == "gradient" else chosen.name
+    joined = "shooting"
+    if chosen.name != "gradient":
+        joined = chosen.name
     at = free_by_advice(sound, again, joined, loss, progress=progress)
     freed: list[Candidate | LawTest] = [*kicks, *at.names]
     doubt = omitted_parameter_bias([*kicks, *at.names], at.prepared.parameters)

@@ -67,7 +67,9 @@ def lost_windows(solution: Solution) -> np.ndarray:
     limit = typical * np.maximum(FAR, chdtri(freedom, CHANCE) / freedom)
     rms = np.sqrt(np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1))
     noise = solution.problem.noise
-    assumed = 1.0 if noise is None else float(np.mean(noise.factor**2))
+    assumed = 1.0
+    if noise is not None:
+        assumed = float(np.mean(noise.factor**2))
     explained = typical * assumed < FAR / 2
     return (known > 0) & (size > limit) & ~(rms < (SMALLEST if explained else BRANCH))
 

@@ -111,7 +111,7 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[jax.Arra
     @jax.jit
     def run(values: jax.Array, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
         model = apply(base, parameters, values)
-        rate = clock_rate(parameters, values)
+        rate: jax.Array | float | None = clock_rate(parameters, values)
         if rate is None:
             rate = 1.0
         theta, omega = planar.close_chain(model, theta, omega)

@@ -329,7 +329,9 @@ def prepare(
     parameters.
     """
     started = time.perf_counter()
-    compiled_before = 0.0 if simulator is None else simulator.compile_s
+    compiled_before = 0.0
+    if simulator is not None:
+        compiled_before = simulator.compile_s
     say = progress or silent
     say(0.0, "reading")
     scene = load_scene(scene)

@@ -272,7 +272,9 @@ class FitResult(SceneFit):
         }
         if self.advice or self.freed:
             found |= {key: [row.to_json() for row in getattr(self, key)] for key in ("advice", "freed")}
-        best = self.best_combination if self.has_errors else None
+        best = None
+        if self.has_errors:
+            best = self.best_combination
         requested = {
             "descent": self.descent,
             "comparison": [row.to_json() for row in self.comparison],

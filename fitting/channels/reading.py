@@ -121,7 +121,9 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
     if relative:
         factor_of_noise = 0.01
     else:
-        key = "noise_unit" if "noise_unit" in table else "unit"
+        key = "unit"
+        if "noise_unit" in table:
+            key = "noise_unit"
         factor_of_noise = in_si(1.0, unit_of(table, path, key, cls.measures))[0]
     return Sensor(
         channel,

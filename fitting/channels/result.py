@@ -119,7 +119,9 @@ def _sensitivity(point: Solution) -> np.ndarray:
     for c, sensor in enumerate(data.sensors):
         shown = np.concatenate([run[c] for run in e.shown])
         slope = np.concatenate([run[c] for run in e.slopes])
-        about = 0.0 if sensor.channel.of_tension else shown.mean(axis=0)
+        about = 0.0
+        if not sensor.channel.of_tension:
+            about = shown.mean(axis=0)
         size = np.sqrt(np.mean((shown - about) ** 2))
         size = max(float(size), float(point.problem.noise_size[c]) if not sensor.relative else 0.0, 1e-300)
         found[:, c] = np.sqrt(np.mean(slope**2, axis=(0, 1))) * np.abs(point.values) / size

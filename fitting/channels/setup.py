@@ -136,7 +136,9 @@ def _numbers(scene: Scene, data: Data) -> list[Parameter]:
         path = f"channel.{sensor.channel.name}"
         unit = sensor.channel.measures
         for j in range(len(sensor.channel.columns)):
-            column = f".{j}" if len(sensor.channel.columns) > 1 else ""
+            column = ""
+            if len(sensor.channel.columns) > 1:
+                column = f".{j}"
             where = SetupPlace("readings", i, "offset", (j,))
             found.append(Parameter(f"{path}.offset{column}", where, sensor.offset, unit=unit))
         found.append(Parameter(f"{path}.gain", SetupPlace("readings", i, "gain"), sensor.gain, 0.0))

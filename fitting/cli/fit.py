@@ -165,7 +165,9 @@ def add_intervals(result: SceneFit, args: argparse.Namespace, say: Progress) -> 
     from fitting.estimate.scene_fit import bootstrap, profiles
 
     if args.profile is not None:
-        names = args.profile.split(",") if args.profile else ()
+        names = ()
+        if args.profile:
+            names = args.profile.split(",")
         result.profiles = profiles(result, names, say)
     if args.bootstrap is not None:
         drawn = bootstrap(result, args.bootstrap)

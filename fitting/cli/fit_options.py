@@ -246,5 +246,7 @@ def _check_numbers(args: argparse.Namespace) -> None:
     for key in ("until", "window", "dt", "huber", "iterations", "bootstrap"):
         value = getattr(args, key)
         if value is not None and not value > 0:
-            unit = " s" if key in ("until", "window", "dt") else ""
+            unit = ""
+            if key in ("until", "window", "dt"):
+                unit = " s"
             raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0{unit}")

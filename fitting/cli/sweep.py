@@ -266,7 +266,9 @@ def text(found: Table, results: str = "") -> str:
         ("wall time", f"{found['compile_s']:.2f} s compilation, {found['run_s']:.2f} s run and saving"),
         ("speed", f"{found['steps_per_s']:.0f} steps per second"),
     ]
-    scores = _score_table(found["trace"]) if "trace" in found else ""
+    scores = ""
+    if "trace" in found:
+        scores = _score_table(found["trace"])
     return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
 
 

@@ -318,7 +318,8 @@ def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progr
             known = newton or known
         following = mover.move(point, newton, near)
         if following is None:
-            status = "ok" if near and not mover.why else status
+            if near and not mover.why:
+                status = "ok"
             far = f"no step lowers the cost; the minimum of its model is {np.sqrt(moved):.2g} standard errors away"
             message = mover.why or far
             break

@@ -194,7 +194,9 @@ class Release:
         found = list(parameters)
         free = _free_times(parameters)
         for run, t0 in begin.items():
-            value = found[free[run]].value if run in free else 0.0
+            value = 0.0
+            if run in free:
+                value = found[free[run]].value
             if abs(value - t0) > reach:
                 raise SceneError(
                     f"static start: released at {value:g} s, but run {run} starts at {t0:g} s; "

@@ -253,7 +253,9 @@ def fit_shooting(
             text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
             progress(done, text)
             fell = max((p.evidence for p in found), default=-np.inf) - point.evidence
-            again = finer(point) if fell > SAME_EVIDENCE else None
+            again = None
+            if fell > SAME_EVIDENCE:
+                again = finer(point)
             if (
                 again is not None
                 and begin.problem.memory > 1

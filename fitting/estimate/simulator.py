@@ -217,7 +217,9 @@ class Simulator:
 
     def _seeds(self) -> list[np.ndarray]:
         """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
-        more = [] if self.starts_only else self.freedoms + self._where()
+        more = []
+        if not self.starts_only:
+            more = self.freedoms + self._where()
         columns = np.concatenate([np.arange(self.freedoms), more]).astype(int)
         blocks = -(-len(columns) // self.tangents)
         seeds = np.zeros((blocks * self.tangents, self.freedoms + len(self.compiled)))
@@ -257,7 +259,9 @@ class Simulator:
             key = requested._replace(
                 steps=max(requested.steps, self.capacity[0]), slots=max(requested.slots, self.capacity[1])
             )
-        stepper = self.stepper.plain if key.plain else self.stepper
+        stepper = self.stepper
+        if key.plain:
+            stepper = self.stepper.plain
         one = partial(self.window, stepper=stepper, dt=key.dt, capacity=key.steps, on_grid=key.on_grid)
         batched = jax.vmap(one, in_axes=(None, None, None, None, *(0 for _ in inputs)))
         if key.size == 1:  # a batch of one would also execute both sides of every branch

@@ -142,7 +142,9 @@ def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> 
     spread = np.where(known, spread, 3.0)
     # from the frame that shows all nodes with the best-fitting lengths
     off = np.where(np.isfinite(length), np.abs(length - new) / np.hypot(0.3, spread), np.inf).max(axis=1)
-    at = int(np.argmin(off)) if np.isfinite(off.min()) else chain.at
+    at = chain.at
+    if np.isfinite(off.min()):
+        at = int(np.argmin(off))
     if not detected[at].all():
         return chain, False
     changed = changed or bool((np.abs(new - chain.length) > length_errors(chain)).any()) or at != chain.at

@@ -86,7 +86,9 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]
     # frames to the nearest one in which the node itself is detected
     away = distance_transform_edt(~found.detected, sampling=(1.0, 1e6))
     steps = np.linalg.norm(np.diff(found.flat, axis=0), axis=-1)[found.detected[1:] & found.detected[:-1]]
-    fast = 0.2 * float(np.percentile(steps, 98)) if len(steps) else 0.0
+    fast = 0.0
+    if len(steps):
+        fast = 0.2 * float(np.percentile(steps, 98))
     for i in np.flatnonzero((~found.detected).any(axis=1)):
         flat, circles = there(i)
         for k in np.flatnonzero(~found.detected[i]):

@@ -262,7 +262,9 @@ class _Setup:
         square: float | None,
     ) -> _Setup:
         """The setup of a film; refuses pictures of another size."""
-        lens = calibrate(calibration, board) if calibration else None
+        lens = None
+        if calibration:
+            lens = calibrate(calibration, board)
         if lens is not None and lens.size != film.size:
             raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
         return cls(lens, plane, board, square)
@@ -331,7 +333,9 @@ def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, st
     why = ""
     if len(lost):
         worst = int(lost[np.argmin(until[lost])])
-        last = int(until[worst]) if detected[:, worst].any() else first
+        last = first
+        if detected[:, worst].any():
+            last = int(until[worst])
         why = f"marker {worst} is lost after {last / fps:.3g} s;"
     part = slice(first, max(first, last))
     arrays = {name: getattr(chain, name)[part] for name in ("flat", "pixels", "error", "detected")}

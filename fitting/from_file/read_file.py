@@ -116,7 +116,9 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     used = columns.angles or tuple(i for pair in columns.points for i in pair)
     rows = ordered_rows(cells.file, t, cells.values[:, used])
     motion = motion_of(cells, columns, rows.t, rows.values, given)
-    name = None if columns.time is None else cells.names[columns.time]
+    name = None
+    if columns.time is not None:
+        name = cells.names[columns.time]
     period = main_period(motion.t, motion.theta)
     rate = given.rate or columns.rate
     if given.rate and columns.time_unit is None:

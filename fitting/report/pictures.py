@@ -65,7 +65,9 @@ def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2
     drawn = min(links, MOST_LINKS_DRAWN)
     figure = style.new_figure(9.0, margin + height * drawn)
     axes = figure.subplots(drawn, 1, sharex=True, squeeze=False)[:, 0]
-    more = f" (links 1 to {drawn} of {links})" if links > drawn else ""
+    more = ""
+    if links > drawn:
+        more = f" (links 1 to {drawn} of {links})"
     figure.suptitle(f"{title}{more}", fontsize=12, fontweight="bold", x=0.01, ha="left")
     for j, ax in enumerate(axes):
         ax.set_ylabel(f"link {j + 1}")

@@ -38,7 +38,9 @@ def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
     rows = [("parameter", "by", "90 % low", "high")]
     for by, name, found in ((by, *row) for by, table in tables.items() for row in table.items()):
         digits = significant(estimates[name]["value"], estimates[name]["std_error"])
-        note = "" if found.get("converged", True) else ", not converged"
+        note = ", not converged"
+        if found.get("converged", True):
+            note = ""
         rows.append((name, by + note, *(f"{found[key]:.{digits}g}" for key in ("low", "high"))))
     return rows
 

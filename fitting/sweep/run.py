@@ -136,7 +136,9 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         compile_s = time.perf_counter() - started
         ran = store.fill(source, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
         run_s = time.perf_counter() - started - compile_s
-    rate = ran * plan.scene.run.steps / run_s if run_s > 0 else 0.0
+    rate = 0.0
+    if run_s > 0:
+        rate = ran * plan.scene.run.steps / run_s
     verdict = store.verdict
     if verdict is None:
         verdict = check_steps(plan.extreme_cases(), say, **dict(plan.settings))

@@ -159,7 +159,9 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         number = {"dtype": self.plan.scene.run.dtype, "fill_value": np.nan}
         found: dict[str, tuple[Any, ...]] = {}
         for name in self.plan.quantities:
-            dimensions = ("link",) if name == "angle_max" else ()
+            dimensions = ()
+            if name == "angle_max":
+                dimensions = ("link",)
             about = describe_quantity(self.plan, name)
             found[name] = (self.plan.inner_shape(name), dimensions, *about, number)
         if self.plan.traces:

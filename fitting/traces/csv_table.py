@@ -119,7 +119,9 @@ def listed(names: Sequence[str]) -> str:
     """The first names, and the number of the others."""
     # number of names in an error message
     most = 8
-    more = f" and {len(names) - most} more" if len(names) > most else ""
+    more = ""
+    if len(names) > most:
+        more = f" and {len(names) - most} more"
     return ", ".join(names[:most]) + more
 
 

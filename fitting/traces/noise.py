@@ -53,7 +53,9 @@ def without_spikes(trace: Trace) -> Trace:
         known = off[np.isfinite(off)]
         near = np.nan_to_num(np.r_[0.0, off, 0.0])
         # distance of a spike from the mean of its neighbours, in typical distances of all samples
-        far = 10.0 * np.median(known) / 0.6745 if len(known) else np.inf
+        far = np.inf
+        if len(known):
+            far = 10.0 * np.median(known) / 0.6745
         column[1:-1][(off > far) & (off > ABOVE_NEIGHBOURS * np.maximum(near[:-2], near[2:]))] = np.nan
     return replace(trace, theta=theta)
 

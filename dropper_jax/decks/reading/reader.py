@@ -75,7 +75,7 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     inside = {name for name in ends.joints if name not in at_ends}
     left = [point["name"] for point in ends.points if point["name"] not in {*at_ends, *inside}]
     notes += [f"point {name!r} is not represented: no line ends there" for name in left]
-    scene = {
+    scene: Table = {
         "name": path.stem,
         "description": "",
         "run": _run(options, notes),

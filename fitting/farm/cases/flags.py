@@ -27,7 +27,9 @@ def characteristic(maxima: np.ndarray, run: RunValues) -> Table:
     maxima = np.asarray(maxima, float)
     n = len(maxima)
     counted = run.duration - run.skip
-    error = float(maxima.std(ddof=1) / np.sqrt(n)) if n > 1 else None
+    error = None
+    if n > 1:
+        error = float(maxima.std(ddof=1) / np.sqrt(n))
     found = {"value": float(maxima.mean()), "error": error, "interval": None, "seeds": n, "kind": "mean"}
     whole = storm_extreme(maxima, counted, counted, run.confidence)
     if "skipped" in whole:

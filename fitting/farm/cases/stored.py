@@ -28,7 +28,9 @@ class Runs:
         bad = []
         for seed in self.site.seeds if seeds is None else seeds:
             found = self.store.read(Case(storm, seed)) or {}
-            code = STATUS[int(found["status"])] if found else "missing"
+            code = "missing"
+            if found:
+                code = STATUS[int(found["status"])]
             if code == "ok":
                 good.append(found)
                 continue

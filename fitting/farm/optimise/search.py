@@ -170,7 +170,9 @@ class _Round:
         """The step of a model's linear programme within the reach, run; None if it predicts no gain."""
         search = self.search
         settings = self.design.settings
-        fixed = False if search.fixed is None else search.fixed
+        fixed = False
+        if search.fixed is not None:
+            fixed = search.fixed
         step_range = np.where(fixed, 0.0, search.reach * self.span)
         bounds = np.maximum(self.low - search.x, -step_range), np.minimum(self.high - search.x, step_range)
         step = programme(model, *bounds, search.scale, self.limit)

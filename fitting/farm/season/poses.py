@@ -31,7 +31,9 @@ class Water(NamedTuple):
 def waters(site: Site) -> tuple[Water, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     own = site.season
-    levels = site.lists.levels if own.levels is None else own.levels
+    levels = site.lists.levels
+    if own.levels is not None:
+        levels = own.levels
     speeds = own.currents
     if speeds is None:
         speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]

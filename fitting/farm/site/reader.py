@@ -55,7 +55,9 @@ def read_site(source: str | Path | Mapping[str, Any]) -> Site:
     Raises:
         SceneError: one line with the section, the value and the allowed range.
     """
-    file = None if isinstance(source, Mapping) else Path(source)
+    file = None
+    if not isinstance(source, Mapping):
+        file = Path(source)
     table = read_table(source if file is None else parse_toml(site_text(file), str(file)), "site")
     if "line" in table:
         raise SceneError(

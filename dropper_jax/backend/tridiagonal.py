@@ -25,11 +25,14 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
     return jax.vmap(cyclic_reduction, in_axes=(None, None, None, 1), out_axes=1)(lower, diagonal, upper, rhs)
 
 
+#: Maximum number of rows of a system that is reduced to a single row.
+MOST_ROWS = 128
+
+
 @jax.custom_jvp
 def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
     """The solution (n,) of one right side (n,)."""
-    # maximum number of rows of a system that is reduced to a single row
-    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= 128 else diagonal.shape[0] // 4 + 1)
+    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= MOST_ROWS else diagonal.shape[0] // 4 + 1)
 
 
 @cyclic_reduction.defjvp

@@ -123,11 +123,14 @@ def _coefficients(found: list[Table]) -> list[str]:
     return ["## Coefficients from the flow", markdown_table(flow_cells(found))]
 
 
+#: Maximum number of runs with values side by side.
+FEW_RUNS = 6
+
+
 def _spread(section: Table) -> str:
     """Minimum, mean and maximum over the runs; for a few runs also the value of each run, as needed by a sweep over
     steps."""
-    # maximum number of runs with values side by side
-    few = len(section["dt_s"]) <= 6
+    few = len(section["dt_s"]) <= FEW_RUNS
     own = []
     if few:
         own = [f"run {i + 1}" for i in range(len(section["dt_s"]))]

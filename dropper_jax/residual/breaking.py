@@ -50,14 +50,17 @@ def _link_energy(model: Model, s: State) -> jax.Array:
     return sum((e.potential(k) for e in model.effects if e.parts), own)
 
 
+#: Relative rounding of a time that is a whole number of steps.
+SAME_TIME = 1e-9
+
+
 def _part(model: Model, parted: Parted, s1: State) -> Parted:
     failures = model.line.failures
     tension, t = jax.lax.stop_gradient((s1.tension, s1.t))
     share = tension / failures.load
     named = jnp.asarray(failures.named, jnp.int32)
     link = jnp.where(named >= 0, named, jnp.argmax(share, axis=1))
-    # relative rounding of a time that is a whole number of steps
-    due = (jnp.max(share, axis=1) >= 1.0) | (t >= failures.time * (1.0 - 1e-9))
+    due = (jnp.max(share, axis=1) >= 1.0) | (t >= failures.time * (1.0 - SAME_TIME))
     now = due & (parted.link < 0)
     return Parted(
         jnp.where(now, link, parted.link).astype(jnp.int32),

@@ -372,19 +372,23 @@ def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array)
 _rates = cached_jit()(damping_rates)
 
 
+#: Number of saved times whose damping rates are checked.
+CHECKED_TIMES = 64
+#: Fraction of the stability limit above which it counts as limiting the steps: the step error keeps them below it.
+LIMITING = 0.6
+
+
 def stiffness_remarks(
     scheme: Embedded, model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, h: np.ndarray
 ) -> tuple[str, ...]:
     """A warning if damping limits most steps h (k,) [s] of a run with states (k, ...) at its saved times."""
     if not len(t):
         return ()
-    # number of saved times that are checked
-    rows = np.unique(np.linspace(0, len(t) - 1, 64).round().astype(int))
+    rows = np.unique(np.linspace(0, len(t) - 1, CHECKED_TIMES).round().astype(int))
     rates = _rates(model, *(jnp.asarray(a[rows], model.dtype) for a in (r, v, t)))
     sizes = {name: float(np.median(h[rows] * np.asarray(rate))) for name, rate in rates.items()}
     name = max(sizes, key=sizes.get, default=None)
-    # fraction of the stability limit above which it counts as limiting the steps: the step error keeps them below it
-    if name is None or sizes[name] < 0.6 * scheme.stable:
+    if name is None or sizes[name] < LIMITING * scheme.stable:
         return ()
     return (
         f"effects.{name}: h b/m is {sizes[name]:.2g} on average, and {scheme.name} is stable up to about "

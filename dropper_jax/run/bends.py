@@ -51,6 +51,12 @@ def _twisting_lines(scene: Scene) -> list[tuple[LineSpec, LineSlice]]:
     return [(line, where) for line, where in pairs if not names or line.name in names]
 
 
+#: Writhe [turns] above which a run warns that it is omitted.
+WRITHE = 1e-3
+#: Fraction of the torque above which writhe is not negligible.
+WRITHE_SHARE = 0.1
+
+
 def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
     """Warnings about lines that would form loops under their torque, and lines whose coils would change their twist.
 
@@ -80,8 +86,7 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
             nodes = positions[:, where.nodes]
             turns = float(np.ptp(writhe(nodes, nodes[0, -1] - nodes[0, 0])))
             gives = 2.0 * np.pi * turns * float(np.min(twisting[where.links])) / float(np.sum(line.length))
-            # writhe [turns] and its fraction of the torque above which a run warns that it is omitted
-            if turns > 1e-3 and gives > 0.1 * float(np.max(turning)):
+            if turns > WRITHE and gives > WRITHE_SHARE * float(np.max(turning)):
                 yield (
                     f"{line.name}: it coils by {turns:.2g} turns in the run; its twist would change by as many, which "
                     "the torsion model omits"

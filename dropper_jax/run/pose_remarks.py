@@ -13,6 +13,10 @@ from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.scene import WholeLine, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
 
+#: Static strain of a line above which it is warned of, and above which a scene is an error: a rope breaks before.
+STRETCHED = 0.1
+TORN = 0.5
+
 
 def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
     """Warnings of lines above their breaking load, stretched by 10 % or of too few links, and of sunken buoys.
@@ -34,16 +38,14 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
     Raises:
         SceneError: a strain of 50 % or more.
     """
-    # static strain of a line above which a scene is an error: a rope breaks before
-    torn = 0.5
     for line, strain in _strains(scene, positions):
-        if strain >= torn:
+        if strain >= TORN:
             speed = fastest_current(scene)
             flow = ""
             if speed:
                 flow = f", and the current of {speed:.4g} m/s"
             error = SceneError(
-                f"line {line!r}: is stretched by {strain:.0%} at rest, more than {torn:.0%}. Check its length "
+                f"line {line!r}: is stretched by {strain:.0%} at rest, more than {TORN:.0%}. Check its length "
                 f"and EA and the positions of its ends{flow}"
             )
             raise with_cause(error, scene)
@@ -59,7 +61,7 @@ def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]
 
 def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     """One warning of all lines that are stretched by more than 10 %, with the largest strain."""
-    strains = {line: strain for line, strain in _strains(scene, positions) if strain > 0.1}
+    strains = {line: strain for line, strain in _strains(scene, positions) if strain > STRETCHED}
     if strains:
         names = sorted(strains, key=lambda name: -strains[name])
         yield f"{lines_in_words(names)}: is stretched by {strains[names[0]]:.0%} at rest; check its length and EA"
@@ -67,20 +69,29 @@ def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
 
 def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:
     """One warning of all elastic lines whose links are too few for the forces at their ends."""
-    # A sag of N links has a tension that is off by 1/(2 N^2). Loads on a sharp bend add to it, less so with more
-    # links: the limit follows 340 single lines of 3 to 12 links against 32 and 48.
-    bends = {
-        line.name: bend
-        for line in whole_lines(scene)
-        if not line.spec.rigid
-        and (bend := _largest_bend(line, positions[line.nodes], tension[line.links]))
-        >= (5.0 if line.spec.links <= 3 else 12.0 * (line.spec.links + 2))
-    }
+    bends = {}
+    for line in whole_lines(scene):
+        if line.spec.rigid:
+            continue
+        bend = _largest_bend(line, positions[line.nodes], tension[line.links])
+        if bend >= _allowed_bend(line.spec.links):
+            bends[line.name] = bend
     if bends:
         yield (
             f"{lines_in_words(list(bends))}: too few links: neighbouring links turn by up to {max(bends.values()):.0f} "
             "degrees at rest, and end forces can be off by more than 5%. Take four times the links; see --errors"
         )
+
+
+def _allowed_bend(links: int) -> float:
+    """Angle [degrees] between neighbouring links with which the end forces of a line are off by about 5 %.
+
+    A sag of N links has a tension that is off by 1/(2 N^2). Loads on a sharp bend add to it, less so with more links:
+    the limit follows 340 single lines of 3 to 12 links against 32 and 48.
+    """
+    if links <= 3:
+        return 5.0
+    return 12.0 * (links + 2)
 
 
 def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -> float:

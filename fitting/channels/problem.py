@@ -50,6 +50,10 @@ class Evaluation(NamedTuple):
     jacobian: np.ndarray | None = None
 
 
+#: Relative extension of the duration: the last sample belongs to the previous piece.
+PAST_LAST = 1e-6
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem(Residuals):
     """Whole runs and their channels: blocks of residuals (`Series`) without unknowns of their own.
@@ -157,8 +161,7 @@ class Problem(Residuals):
         """Times of the samples of all channels."""
         ends = np.array([(min(t[0] for t in run.t), max(t[-1] for t in run.t)) for run in self.data.runs])
         run = np.broadcast_to(self.windows.run[:, None], self.windows.t.shape)
-        # the last sample belongs to the previous piece
-        duration = float(np.diff(ends).sum()) * (1 + 1e-6)
+        duration = float(np.diff(ends).sum()) * (1 + PAST_LAST)
         return Timing(self.windows.t, run, self.sample_mask[..., 0], ends[:, 0], duration, len(ends))
 
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:

@@ -131,6 +131,14 @@ def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, 
     return (np.stack([column, row], axis=1)[order] + 0.5) * factor - 0.5, strength[order]
 
 
+#: Minimum fraction of rays that show an edge.
+SHOWN_RAYS = 0.55
+#: Maximum radius of a circle as a multiple of the usual one.
+LARGEST_RADIUS = 1.35
+#: Minimum contrast as a fraction of the usual one.
+WEAKEST = 0.85
+
+
 def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> Circles:
     """A circle around each seed (m, 2); those without enough of an edge are omitted."""
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
@@ -138,8 +146,7 @@ def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> 
     along = np.arange(0.0, 1.8 * appearance.radius + RAY_STEP, RAY_STEP)
     edge, contrast = _edges(_brightness(image, seeds, ray, along), along, appearance)
     centre, radius, error, used = _circle(edge, ray, appearance.radius)
-    # fraction of rays that show an edge; radius and contrast as fractions of the usual ones
-    good = (used >= 0.55) & (radius > 0.85 * appearance.radius) & (radius < 1.35 * appearance.radius)
+    good = (used >= SHOWN_RAYS) & (radius > WEAKEST * appearance.radius) & (radius < LARGEST_RADIUS * appearance.radius)
     good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > 0.6 * appearance.contrast)
     return Circles(seeds + centre, error, radius, used, contrast).pick(good)
 

@@ -196,6 +196,10 @@ def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np
     return float(np.sqrt((len(turns) - 1) * np.var(turns)))
 
 
+#: Duration of a block [s].
+BLOCK = 0.25
+
+
 def _covariance(
     off: Callable[[np.ndarray], np.ndarray],
     found: np.ndarray,
@@ -209,8 +213,7 @@ def _covariance(
     left = np.clip(off(found) / noise, -5.0, 5.0)
     prior = np.diag(1 / spread**2)
     bread = np.linalg.inv(np.einsum("kja,kjb->ab", slopes, slopes) + prior)
-    # blocks of 0.25 s
-    block = (keep / (0.25 * fps)).astype(int)
+    block = (keep / (BLOCK * fps)).astype(int)
     score = np.zeros((block.max() + 1, len(found)))
     np.add.at(score, block, np.einsum("kja,kj->ka", slopes, left))
     return bread @ (score.T @ score + prior) @ bread

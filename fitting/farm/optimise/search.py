@@ -100,6 +100,10 @@ def violation(values: Values, limit: float) -> float:
     return float(np.sum(np.maximum(values.value - limit, 0.0)))
 
 
+#: Minimum reach at the start of a round, as a fraction of the first one.
+LEAST_REACH = 0.25
+
+
 def run_round(
     search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Say
 ) -> Values:
@@ -110,8 +114,7 @@ def run_round(
     renew = 1
     if (search.residual or 0.0) <= RESIDUAL:
         renew = settings.renew
-    # every round starts with at least a quarter of the first reach
-    search.reach = max(search.reach, 0.25 * settings.reach)
+    search.reach = max(search.reach, LEAST_REACH * settings.reach)
     while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
         first = last = one.attempt(one.here)
         if first is None:

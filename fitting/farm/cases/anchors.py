@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
 import numpy as np
 
@@ -26,8 +27,8 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
     anchor = anchor_of(site, name)
     row: Table = {
         "case": storm.number,
-        "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run),
-        "upward_n": characteristic(np.array([load[:, 1].max() for load in loads]), run),
+        "total_n": asdict(characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run)),
+        "upward_n": asdict(characteristic(np.array([load[:, 1].max() for load in loads]), run)),
         "uplift_deg": max(map(_uplift, loads)),
         "utilisation": None,
         "utilisation_error": None,
@@ -36,9 +37,9 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
         factor = anchor.factor[storm.kind]
         used = characteristic(np.array([anchor.utilisation(*load.T).max() for load in loads]), run)
         error = None
-        if used["error"] is not None:
-            error = factor * used["error"]
-        row |= {"factor": factor, "utilisation": factor * used["value"], "utilisation_error": error}
+        if used.error is not None:
+            error = factor * used.error
+        row |= {"factor": factor, "utilisation": factor * used.value, "utilisation_error": error}
     return row
 
 

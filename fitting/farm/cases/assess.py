@@ -95,12 +95,12 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
         if not name.endswith(".max"):
             own = replace(own, characteristic="mean")
         values = [run[f"quantity:{name}"] for run in good]
-        found.setdefault("quantities", {})[name] = characteristic(np.array(values), own)
+        found.setdefault("quantities", {})[name] = asdict(characteristic(np.array(values), own))
     index = {name: i for i, name in enumerate(runs.links)}
     if site.exclusion is not None:
         rows = [index[name] for name in site.matching(site.exclusion.lines)]
         way = [run["excursion"][rows].max() for run in good]
-        found["excursion_m"] = characteristic(np.array(way), site.run_of(storm))
+        found["excursion_m"] = asdict(characteristic(np.array(way), site.run_of(storm)))
     if site.backbone is not None:
         rows = [index[name] for name in site.matching(site.backbone.lines)]
         depth = good[0]["depth"][rows]
@@ -113,7 +113,7 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[F
     factor = part.factor[storm.kind]
     run = site.run_of(storm)
     found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
-    share = np.array([load["value"] for load in found]) * factor / part.capacity
+    share = np.array([load.value for load in found]) * factor / part.capacity
     worst = int(np.argmax(share))
     load = found[worst]
     scale = factor / float(part.capacity[worst])
@@ -121,18 +121,18 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[F
     first = good[0]
     at = links.start + int(np.argmax(first["largest"][links]))
     utilisation_error = None
-    if load["error"] is not None:
-        utilisation_error = load["error"] * scale
+    if load.error is not None:
+        utilisation_error = load.error * scale
     after_break_s = None
     if storm.broken is not None:
         after_break_s = float(first["when"][at]) - site.break_time
     return {
         "case": storm.number,
         "line": part.lines[worst],
-        "load_n": load["value"],
-        "load_error_n": load["error"],
-        "interval_n": load["interval"],
-        "kind": load["kind"],
+        "load_n": load.value,
+        "load_error_n": load.error,
+        "interval_n": load.interval,
+        "kind": load.kind,
         "at_rest_n": float(first["rest"][links].max()),
         "mean_n": float(np.mean([run["mean"][links].max() for run in good])),
         "capacity_n": float(part.capacity[worst]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -93,12 +94,19 @@ def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[n
     return np.array([-loads[name][2] for name in names]), by_line
 
 
-def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> Table:
-    """The equilibrium on its floats: depths [m] of the backbone below the level, status.
+@dataclass(frozen=True)
+class Floating:
+    """An equilibrium on floats: its status, and depths of the lines of `[backbone]`, otherwise of the points."""
 
-    Returns:
-        {level_m, speed_m_per_s, status, shallowest_m, deepest_m}: of the lines of `[backbone]`, otherwise the points.
-    """
+    level_m: float
+    speed_m_per_s: float | None
+    status: str
+    shallowest_m: float
+    deepest_m: float
+
+
+def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> Floating:
+    """The equilibrium on its floats; depths are below the level."""
     points = bare_points(site, list(floats))
     for name, count in floats.items():
         points[name] |= _body(site, count)
@@ -112,13 +120,7 @@ def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> Ta
     else:
         height = np.array([z[line.nodes[stop]] for line in lines for stop, at in line.stops.items() if at in floats])
     below = water.level - height
-    return {
-        "level_m": water.level,
-        "speed_m_per_s": water.speed,
-        "status": pose.status,
-        "shallowest_m": float(below.min()),
-        "deepest_m": float(below.max()),
-    }
+    return Floating(water.level, water.speed, pose.status, float(below.min()), float(below.max()))
 
 
 def _body(site: Site, count: int) -> Table:

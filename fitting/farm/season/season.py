@@ -4,19 +4,51 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.read import Table
 from dropper_jax.load.library import FAMILIES, PREFIX
-from fitting.farm.season.poses import Water, floating, needs, waters
+from fitting.farm.season.poses import Floating, Water, floating, needs, waters
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, short
 
 #: Visits, moved floats, and the floats of each month so far.
 Plan = tuple[int, int, list[int]]
+
+
+#: Times that the bounds on the number of floats are tightened.
+TIGHTENED = 4
+
+
+@dataclass(frozen=True)
+class Month:
+    """What a month needs: weights in water [N], forces on the points (points,) [N], bounds on the number of floats."""
+
+    month: str
+    wet_weight_n: float
+    mussels_wet_n: float
+    need_n: float
+    least_need_n: float
+    need_by_point_n: np.ndarray
+    least: int
+    most: int
+
+
+@dataclass(frozen=True)
+class Lying:
+    """The farm on a number of floats: the equilibria in every water, and the distance [m] from its limits."""
+
+    floats: int
+    by_point: dict[str, int]
+    poses: list[Floating]
+    deepest_m: float
+    shallowest_m: float
+    sinking_m: float | None
+    lifting_m: float | None
+    holds: bool
 
 
 def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
@@ -94,23 +126,26 @@ def season(site: Site, progress: Progress | None = None) -> Table:
             force, weights = needs(site, month, water, names)
             pulls.append(force)
         rows.append(_month(site, month, weights, np.array(pulls), lift))
-    low = [row["least"] for row in rows]
-    high = [row["most"] for row in rows]
-    known: dict[tuple[str, int], list[Table]] = {}
-    # bounds are tightened at most four times
-    for _ in range(4):
+    low = [row.least for row in rows]
+    high = [row.most for row in rows]
+    known: dict[tuple[str, int], list[Floating]] = {}
+    for _ in range(TIGHTENED):
         plan = schedule(low, high, site.season.start)
+        lying = []
         again = False
         for i, (row, count) in enumerate(zip(rows, plan, strict=True)):
-            say(0.5 + 0.5 * i / len(rows), f"{row['month']}: equilibria, floats: {count}")
-            row |= _lying(site, row, names, count, all_waters, known)
-            if row["sinking_m"] is not None and row["sinking_m"] < 0.0 and low[i] <= high[i]:
-                low[i], again = max(low[i], count + 1), True
-            elif row["lifting_m"] is not None and row["lifting_m"] < 0.0 and low[i] < high[i]:
-                high[i], again = min(high[i], count - 1), True
+            say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {count}")
+            found = _lying(site, row, names, count, all_waters, known)
+            lying.append(found)
+            if found.sinking_m is not None and found.sinking_m < 0.0 and low[i] <= high[i]:
+                low[i] = max(low[i], count + 1)
+                again = True
+            elif found.lifting_m is not None and found.lifting_m < 0.0 and low[i] < high[i]:
+                high[i] = min(high[i], count - 1)
+                again = True
         if not again:
             break
-    return _season_table(site, names, lift, rows)
+    return _season_table(site, names, lift, rows, lying)
 
 
 def _lift(site: Site) -> float:
@@ -124,7 +159,7 @@ def _lift(site: Site) -> float:
     return lift
 
 
-def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> Table:
+def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> Month:
     """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
     own = site.season
@@ -132,57 +167,62 @@ def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray,
         most = math.floor(max(total.min(), 0.0) / (own.least_share * lift) + 1e-9)
     else:
         most = 10**6
-    return {
-        "month": month,
-        "wet_weight_n": sum(weights.values()),
-        "mussels_wet_n": sum(weights[name] for name in site.growth[month]),
-        "need_n": float(total.max()),
-        "least_need_n": float(total.min()),
-        "need_by_point_n": pulls.max(axis=0),
-        "least": math.ceil(own.reserve * max(total.max(), 0.0) / lift - 1e-9),
-        "most": most,
-    }
+    return Month(
+        month=month,
+        wet_weight_n=sum(weights.values()),
+        mussels_wet_n=sum(weights[name] for name in site.growth[month]),
+        need_n=float(total.max()),
+        least_need_n=float(total.min()),
+        need_by_point_n=pulls.max(axis=0),
+        least=math.ceil(own.reserve * max(total.max(), 0.0) / lift - 1e-9),
+        most=most,
+    )
 
 
 def _lying(
-    site: Site, row: Table, names: list[str], count: int, all_waters: tuple[Water, ...], cache: dict[Any, Any]
-) -> Table:
+    site: Site,
+    row: Month,
+    names: list[str],
+    count: int,
+    all_waters: tuple[Water, ...],
+    cache: dict[tuple[str, int], list[Floating]],
+) -> Lying:
     """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
-    floats = dict(zip(names, spread(count, row["need_by_point_n"]), strict=True))
-    key = (row["month"], count)
+    floats = dict(zip(names, spread(count, row.need_by_point_n), strict=True))
+    key = (row.month, count)
     if key not in cache:
-        cache[key] = [floating(site, row["month"], water, floats) for water in all_waters]
+        cache[key] = [floating(site, row.month, water, floats) for water in all_waters]
     poses = cache[key]
-    deepest = max(p["deepest_m"] for p in poses)
-    shallowest = min(p["shallowest_m"] for p in poses)
+    deepest = max(p.deepest_m for p in poses)
+    shallowest = min(p.shallowest_m for p in poses)
     own = site.backbone
-    if own is None or own.deepest is None:
-        sinking = None
-    else:
+    sinking = None
+    lifting = None
+    if own is not None and own.deepest is not None:
         sinking = own.deepest - deepest
-    if own is None or own.shallowest is None:
-        lifting = None
-    else:
+    if own is not None and own.shallowest is not None:
         lifting = shallowest - own.shallowest
     inside = all(margin is None or margin >= 0.0 for margin in (sinking, lifting))
-    return {
-        "floats": count,
-        "by_point": floats,
-        "poses": poses,
-        "deepest_m": deepest,
-        "shallowest_m": shallowest,
-        "sinking_m": sinking,
-        "lifting_m": lifting,
-        "holds": inside and all(p["status"] == "ok" for p in poses) and row["least"] <= count <= row["most"],
-    }
+    return Lying(
+        floats=count,
+        by_point=floats,
+        poses=poses,
+        deepest_m=deepest,
+        shallowest_m=shallowest,
+        sinking_m=sinking,
+        lifting_m=lifting,
+        holds=inside and all(p.status == "ok" for p in poses) and row.least <= count <= row.most,
+    )
 
 
-def _season_table(site: Site, names: list[str], lift: float, rows: list[Table]) -> Table:
+def _season_table(site: Site, names: list[str], lift: float, months: list[Month], lying: list[Lying]) -> Table:
     before = site.season.start
-    for row in rows:
-        row["change"] = 0 if before is None else row["floats"] - before
-        row["reserve"] = row["floats"] * lift / row["need_n"] if row["need_n"] > 0.0 else None
-        before = row["floats"]
+    rows = []
+    for month, found in zip(months, lying, strict=True):
+        change = 0 if before is None else found.floats - before
+        reserve = found.floats * lift / month.need_n if month.need_n > 0.0 else None
+        before = found.floats
+        rows.append({**asdict(month), **asdict(found), "change": change, "reserve": reserve})
     return {
         "schema": 1,
         "status": "ok",

@@ -282,12 +282,12 @@ def test_the_mean_of_many_maxima_lies_in_its_interval_and_a_longer_storm_is_high
     draw = np.random.default_rng(1).gumbel(100.0, 10.0, 20)
     run = RunValues(duration=630.0, skip=30.0)
     mean = characteristic(draw, run)
-    np.testing.assert_allclose(mean["value"], draw.mean())
-    assert mean["interval"][0] < 100.0 + 0.5772 * 10.0 < mean["interval"][1]
+    np.testing.assert_allclose(mean.value, draw.mean())
+    assert mean.interval[0] < 100.0 + 0.5772 * 10.0 < mean.interval[1]
     storm = characteristic(draw, RunValues(duration=630.0, skip=30.0, characteristic="most_probable"))
     # mode + scale ln(18) of the distribution that was drawn from
-    assert storm["interval"][0] < 100.0 + 10.0 * math.log(18.0) < storm["interval"][1]
-    assert storm["value"] > mean["value"]
+    assert storm.interval[0] < 100.0 + 10.0 * math.log(18.0) < storm.interval[1]
+    assert storm.value > mean.value
 
 
 def test_the_page_and_the_table_name_parts_by_group(found, tmp_path):

@@ -9,9 +9,10 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, Table
 from dropper_jax.evaluation.extremes import line_snaps, storm_extreme
+from dropper_jax.evaluation.fatigue import line_fatigue
 from dropper_jax.evaluation.record import Record, record, spread
 from dropper_jax.evaluation.settings import Settings
-from dropper_jax.evaluation.tension import anchors, line_fatigue, line_tensions
+from dropper_jax.evaluation.tension import anchors, line_tensions
 from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.report.motion import accelerations, line_distances, node_arc, watch_circles
 from dropper_jax.report.parts import body_motions, crops, parts

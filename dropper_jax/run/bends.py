@@ -175,6 +175,10 @@ def _clamps(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
+#: Curvature below which a radius is that of a straight line [1/m].
+STRAIGHT = 1e-12
+
+
 def bending_summary(
     scene: Scene, t: np.ndarray, kappa: np.ndarray, moment: np.ndarray
 ) -> dict[str, dict[str, float | None]]:
@@ -187,9 +191,8 @@ def bending_summary(
         own = moment[:, where.nodes]
         bent = float(np.max(kappa[:, where.nodes]))
         when, node = np.unravel_index(np.argmax(own), own.shape)
-        # curvature below which a radius is that of a straight line [1/m]
         least_radius_m = None
-        if bent > 1e-12:
+        if bent > STRAIGHT:
             least_radius_m = 1.0 / bent
         found[line.name] = {
             "largest_moment_n_m": float(own[when, node]),

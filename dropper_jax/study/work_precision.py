@@ -214,13 +214,16 @@ def _walls(run: Callable[[], Any], repeats: int, before: float = 0.0) -> list[fl
     return times
 
 
+#: Minimum ratio of a measured error to that of the reference.
+RESOLVED = 100.0
+
+
 def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: Reference) -> dict[str, Any]:
     """Errors of a run on the reference's grid, its energy drift and the damping equivalent to this drift."""
     links = link_vectors(model, run.r, target.t)
     angle = rms_angle(links, target.links)
     loss = energy_loss(model, s, run, target.t)
     path = float(run.path[-1])
-    # minimum ratio of a measured error to that of the reference
     equivalent_linear_damping = 0.0
     if path > 0:
         equivalent_linear_damping = float(loss[-1]) / path
@@ -230,15 +233,14 @@ def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: R
         "rms_tension_error_n": rms(_tension_errors(run, stepper, target.tension)),
         "energy_drift_j": float(np.max(np.abs(loss))),
         "equivalent_linear_damping": equivalent_linear_damping,
-        "resolved": bool(100.0 * target.error <= angle < math.inf),
+        "resolved": bool(RESOLVED * target.error <= angle < math.inf),
     }
 
 
 def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarray:
     """Energy balance error since the start (k,) [J]: energies of the raw velocities minus all counted work."""
-
-    wide = lambda x: np.asarray(x, model.dtype)  # noqa: E731
-    energies = np.asarray(_energies(model, wide(run.r), wide(run.v), wide(t)))
+    dtype = model.dtype
+    energies = np.asarray(_energies(model, np.asarray(run.r, dtype), np.asarray(run.v, dtype), np.asarray(t, dtype)))
     start = float(_energies(model, s.r[None], s.v[None], s.t[None])[0])
     with np.errstate(invalid="ignore", over="ignore"):
         return start - (energies - np.sum(np.asarray(run.work, float), axis=1))

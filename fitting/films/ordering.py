@@ -45,7 +45,8 @@ class AmbiguousOrderError(Exception):
 
     def __init__(self, message: str, orders: list[np.ndarray], frame: int) -> None:
         super().__init__(message)
-        self.orders, self.frame = orders, frame
+        self.orders = orders
+        self.frame = frame
 
 
 #: Maximum step of a spot beyond its last one [pixel]: it may have any rate at first, if no other is nearer.

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.read import Table
-from dropper_jax.evaluation.tension import YEAR, damage
+from dropper_jax.evaluation.fatigue import YEAR, damage
 from fitting.farm.cases.anchors import anchor_found, anchor_row
 from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.farm.cases.one import Found

@@ -36,12 +36,18 @@ class CoupledMotion(Effect):
 
     def of(self, name: str) -> Effect:
         i = self.points.index(name)
-        if self.accelerations is None:
-            bends = None
-        else:
-            bends = self.accelerations[:, i : i + 1]
-        cut = {key: getattr(self, key)[:, i : i + 1] for key in ("positions", "velocities")}
-        return replace(self, points=(name,), home=self.home[i : i + 1], accelerations=bends, **cut)
+        one = slice(i, i + 1)
+        accelerations = None
+        if self.accelerations is not None:
+            accelerations = self.accelerations[:, one]
+        return replace(
+            self,
+            points=(name,),
+            home=self.home[one],
+            positions=self.positions[:, one],
+            velocities=self.velocities[:, one],
+            accelerations=accelerations,
+        )
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""

@@ -1,4 +1,4 @@
-"""What a mooring at rest does and why: a row of numbers per line, each beside a closed form or a second equilibrium."""
+"""What a mooring at rest does and why: numbers per line, each next to a closed form or a second equilibrium."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def check_lift(scene: Scene) -> Iterator[str]:
     for system in _connected(scene):
         lifts = _lifts(scene, scene.sea, system)
         floats = [z for z, lift in lifts if lift > 0.0]
-        # those near the seabed may be meant to stand on it, and those below a fixed point hang on it
+        # those near the seabed may be meant to rest on it, and those below a fixed point hang on it
         if not floats or max(floats) < -0.5 * depth or any(p.position[2] > -0.5 * depth for p in system.held):
             continue
         own = sum(lift for _, lift in lifts)

@@ -225,7 +225,7 @@ def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], s
 def advice(
     rows: list[dict[str, Any]], targets: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 ) -> list[dict[str, Any]]:
-    """The run of the least counted work for each RMS angle error [rad], with its margin (target over error).
+    """The run with the minimum counted work for each RMS angle error [rad], with its margin (target over error).
 
     Counted work, unlike a measured time, gives the same advice on a busy machine and after a first compilation.
     """

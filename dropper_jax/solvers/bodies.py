@@ -21,9 +21,10 @@ from jax.scipy.linalg import lu_factor, lu_solve
 from dropper_jax.base.indexed_sums import scatter_add, scatter_add_many
 from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
+from dropper_jax.solvers.coupling import Coupling
 from dropper_jax.solvers.elimination import apply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
-from dropper_jax.solvers.saddle import Coupling, Saddle, Stretching
+from dropper_jax.solvers.saddle import Saddle, Stretching
 
 #: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
 BODY_COORDINATES = 12

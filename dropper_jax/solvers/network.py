@@ -19,9 +19,10 @@ import jax.numpy as jnp
 from dropper_jax.model import ElementForce, Model
 from dropper_jax.residual import Integrator, Solver, StepProblem, Unknowns, local_jacobian
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
+from dropper_jax.solvers.coupling import coupling
 from dropper_jax.solvers.elimination import apply, inverse, multiply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
-from dropper_jax.solvers.saddle import Saddle, Stretching, coupling
+from dropper_jax.solvers.saddle import Saddle, Stretching
 
 #: Compliance of the friction of a sticking node relative to its inertia.
 SOFT = 1e-8

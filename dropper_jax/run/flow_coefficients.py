@@ -127,16 +127,12 @@ def flow_table(scene: Scene) -> list[dict[str, Any]]:
     each |= {FOLLOWING[name]: values for name, values in flow.coefficients.items()}
     found = []
     for line in line_slices(scene):
-        found.append(
-            {
-                "line": line.name,
-                **{
-                    key: {"min": float(np.min(values[line.links])), "max": float(np.max(values[line.links]))}
-                    for key, values in each.items()
-                },
-                "post_critical": bool(np.all(flow.re[line.links] >= POST_CRITICAL)),
-            }
-        )
+        row: dict[str, Any] = {"line": line.name}
+        for key, values in each.items():
+            own = values[line.links]
+            row[key] = {"min": float(np.min(own)), "max": float(np.max(own))}
+        row["post_critical"] = bool(np.all(flow.re[line.links] >= POST_CRITICAL))
+        found.append(row)
     return found
 
 

@@ -21,7 +21,8 @@ from study import command, say, store, stored
 from dropper_jax import load_scene
 from fitting import FitSettings, fit, prepare, read_trace
 from fitting.calibration.comparison import compare_laws
-from fitting.calibration.fit import estimate, summarise
+from fitting.calibration.fit import estimate
+from fitting.calibration.summarise import summarise
 
 DOWN = FitSettings(zero="down", sign=1, unit="rad")
 #: Windows of the law comparison [s]: many enough for a standard error of the score.

@@ -29,7 +29,13 @@ def compare(names: list[str]) -> Iterator[Found]:
         if case.measure in OF_PATHS and case.name not in NOT_IN_DECKS and (not names or case.name in names):
             here = evaluate(case, compare=False)
             theirs = {label: measured(case, scheme) for label, scheme in SCHEMES.items()}
-            yield {**{key: here[key] for key in ("name", "measured", "unit", "limit")}, "moordyn": theirs}
+            yield {
+                "name": here.name,
+                "measured": here.measured,
+                "unit": here.unit,
+                "limit": here.limit,
+                "moordyn": theirs,
+            }
 
 
 def measured(case: Case, scheme: str | None) -> Found:

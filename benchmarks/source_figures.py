@@ -35,7 +35,7 @@ from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import point_load
 from dropper_jax.run.build import build, build_model
 from dropper_jax.run.simulate import Solution, simulate
-from dropper_jax.study import pictures
+from dropper_jax.study import accuracy_pictures
 from dropper_jax.study.march import convergence
 from fitting.traces.trace import read_trace
 
@@ -282,7 +282,7 @@ def _steps(figure: SourceFigure, path: Path) -> Path:
         row | {kind: None if row[kind] is None else row[kind][:, links] for kind in kinds}
         for row in _compared_steps(figure.scenes[0], figure.duration)
     ]
-    return pictures.convergence({"convergence": found, "scene": figure.name, "links": figure.links}, path)
+    return accuracy_pictures.convergence({"convergence": found, "scene": figure.name, "links": figure.links}, path)
 
 
 @cache

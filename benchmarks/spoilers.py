@@ -21,8 +21,9 @@ from study import RESULTS, Found, command, say, store, timed
 from fitting import Convention, FitSettings, Trace, prepare
 from fitting.calibration.advice import wide
 from fitting.calibration.candidate import omitted_parameter_bias
-from fitting.calibration.estimating import estimate, with_sound_windows
+from fitting.calibration.estimating import estimate
 from fitting.calibration.freeing import free_by_advice, with_freed
+from fitting.calibration.lost_windows import with_sound_windows
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel

@@ -74,7 +74,7 @@ PUBLIC = {
     "report_run": "report.build",
     "report_runs": "report.build",
     "safe_norm": "base.numerics",
-    "scatter_add": "base.numerics",
+    "scatter_add": "base.indexed_sums",
     "scene_names": "load.packaged",
     "settle": "statics.static_pose",
     "simulate": "run.simulate",

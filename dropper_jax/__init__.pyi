@@ -8,8 +8,8 @@ from dropper_jax.base.errors import nearest as nearest
 from dropper_jax.base.fields import component as component
 from dropper_jax.base.fields import option as option
 from dropper_jax.base.fields import parameter as parameter
+from dropper_jax.base.indexed_sums import scatter_add as scatter_add
 from dropper_jax.base.numerics import safe_norm as safe_norm
-from dropper_jax.base.numerics import scatter_add as scatter_add
 from dropper_jax.base.toml_text import as_toml as as_toml
 from dropper_jax.decks.reading.reader import read_moordyn as read_moordyn
 from dropper_jax.decks.writing.writer import write_moordyn as write_moordyn

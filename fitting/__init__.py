@@ -34,7 +34,7 @@ PUBLIC = {
     "fit": "calibration.fit",
     "fit_and_free": "calibration.fit",
     "fit_channels": "channels.fit",
-    "fitted_scene": "parameters.of_scene",
+    "fitted_scene": "parameters.fitted_scene",
     "loss_of_trace": "calibration.trace_loss",
     "observe": "traces.synthetic",
     "predict": "calibration.prediction",

@@ -25,11 +25,12 @@ import numpy as np
 from IPython.display import Image, display
 
 import dropper_jax as dj
-from dropper_jax.cli.options import table
+from dropper_jax.cli.printing import table
 from dropper_jax.plots import style
 from fitting.cli.optimise import text
 from fitting.farm.cases import assess, run_cases
-from fitting.farm.optimise.run import design_picture, optimise
+from fitting.farm.optimise.picture import design_picture
+from fitting.farm.optimise.run import optimise
 from fitting.farm.optimise.variables import read_variables
 from fitting.farm.season import season, write_season
 from fitting.farm.site import read_site

@@ -29,7 +29,7 @@ from IPython.display import Image
 
 import dropper_jax as dj
 from dropper_jax.plots import style
-from dropper_jax.study import pictures
+from dropper_jax.study import accuracy_pictures
 from dropper_jax.study.accuracy import accuracy
 from dropper_jax.study.march import parse
 
@@ -46,7 +46,7 @@ for label, order in found["orders"].items():
     print(f"  {label:28s} {order:.2f}" if order is not None else f"  {label:28s} -")
 
 # %%
-Image(pictures.work_precision(found, "work-precision.png").read_bytes(), width=860)
+Image(accuracy_pictures.work_precision(found, "work-precision.png").read_bytes(), width=860)
 
 # %% [markdown]
 # Use the left picture to choose: lower is better, further left is faster. (Times jump where the machine had other work;

@@ -123,6 +123,10 @@ def angles_to_links(
     return unit * np.asarray(length, float)[..., None]
 
 
+#: Horizontal part of a link vector, relative to its largest component, below which its azimuth is rounding noise.
+VERTICAL = 1e-12
+
+
 def _follow(links: np.ndarray) -> _Branch:
     """The branch of link vectors (k, n, 3)."""
     missing = ~np.isfinite(links).all(axis=-1)
@@ -131,8 +135,7 @@ def _follow(links: np.ndarray) -> _Branch:
     bad = largest == 0.0
     links = links / np.where(bad, 1.0, largest)[..., None]
     radius = np.hypot(links[..., 0], links[..., 1])
-    # horizontal part of a link vector, relative to its largest component, below which its azimuth is rounding noise
-    pole = radius <= 1e-12
+    pole = radius <= VERTICAL
     polar = _hold(np.arctan2(-links[..., 2], radius), bad)
     azimuth = _hold(np.arctan2(links[..., 1], links[..., 0]), pole)
     azimuth = np.where(pole.all(axis=0), 0.0, azimuth)
@@ -192,25 +195,3 @@ def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """Reject a value that is not one of the choices."""
     if value not in choices:
         raise ValueError(f"{name} = {value!r}: must be one of {', '.join(choices)}")
-
-
-def writhe(nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Turns (k,) by which a line with non-rotating ends would untwist as it coils [-].
-
-    The area that its tangent t sweeps on the unit sphere, seen from `direction`, divided by 2 pi (Fuller 1978):
-    `1/(2 pi) int (d x t) . t'/(1 + d . t) ds`, here the exact sum over the triangles of the links' directions. A helix
-    of n turns at the angle a to its axis gives `n (1 - cos a)`; a plane line with its ends along d gives none.
-
-    Args:
-        nodes: positions along the line (k, nodes, 3) [m].
-        direction: d (3,), the direction of the straight line.
-    """
-    links = np.diff(nodes, axis=1)
-    size = np.linalg.norm(links, axis=-1, keepdims=True)
-    t = links / np.where(size > 0.0, size, 1.0)
-    d = np.asarray(direction, float) / np.linalg.norm(direction)
-    a = t[:, :-1]
-    b = t[:, 1:]
-    volume = np.cross(a, b) @ d
-    around = 1.0 + a @ d + b @ d + np.sum(a * b, axis=-1)
-    return np.sum(2.0 * np.arctan2(volume, around), axis=1) / (2.0 * np.pi)

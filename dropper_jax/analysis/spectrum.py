@@ -49,6 +49,10 @@ def amplitude_spectrum(t: np.ndarray, x: np.ndarray, window: str = "hann") -> tu
     return np.fft.rfftfreq(count, step), amplitude
 
 
+#: Maximum deviation from uniform sampling, relative to the step.
+UNEVEN = 1e-6
+
+
 def _uniform_step(t: np.ndarray) -> float:
     """The step [s] of uniform times (k,)."""
     if t.ndim != 1 or len(t) < 2:
@@ -58,8 +62,7 @@ def _uniform_step(t: np.ndarray) -> float:
     steps = np.diff(t.astype(float))
     mean = steps.mean()
     rounding = 4 * np.finfo(t.dtype if t.dtype.kind == "f" else float).eps * np.abs(t).max()
-    # maximum deviation from uniform sampling, relative to the step
-    if mean <= 0 or np.abs(steps - mean).max() > 1e-6 * mean + rounding:
+    if mean <= 0 or np.abs(steps - mean).max() > UNEVEN * mean + rounding:
         raise ValueError(f"t: steps from {steps.min():g} to {steps.max():g} s, must be uniform and positive")
     return float(mean)
 
@@ -141,13 +144,16 @@ def energy_table(solution: Energies) -> dict[str, Any]:
     with np.errstate(invalid="ignore"):
         scale = float(max(kinetic.max(), np.ptp(potential)))
     largest = float(np.abs(drift).max())
+    relative_drift = 0.0
+    if scale != 0:
+        relative_drift = largest / scale
     return {
         "initial": _instant(kinetic[0], potential[0]),
         "final": _instant(kinetic[-1], potential[-1]),
         "work": {name: float(done) for name, done in zip(solution.work_names, work[-1] - work[0], strict=True)},
         "scale": scale,
         "drift": {"final": float(drift[-1]), "largest": largest},
-        "relative_drift": 0.0 if scale == 0 else largest / scale,
+        "relative_drift": relative_drift,
     }
 
 

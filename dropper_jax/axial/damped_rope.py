@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jax
 
-from dropper_jax.axial.elastic import Elastic, _Step
+from dropper_jax.axial.elastic import Elastic, StretchStep
 from dropper_jax.axial.law import LinkStart
 from dropper_jax.axial.rope import Rope, taut_or_slack
 from dropper_jax.base.fields import component
@@ -21,7 +21,7 @@ class DampedRope(Rope):
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        step = _Step.of(self, start, length, h)
+        step = StretchStep.of(self, start, length, h)
         size = safe_norm(self.unstretch_broken(d1, length))
         spring = lambda x: length / self.EA * self._unclipped_spring(step, x)  # noqa: E731
         damper = self._damper_over(step, size, spring(size))
@@ -39,5 +39,5 @@ class DampedRope(Rope):
             return spring
         return spring + self.damping / length * stretching
 
-    def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
+    def _damper_over(self, step: StretchStep, size: jax.Array, spring: jax.Array) -> jax.Array:
         return Elastic._damper_over(self, step, size, spring)

@@ -73,7 +73,7 @@ class Elastic(AxialLaw):
 
         `S (|d1| - |d0|)` is the change of the stored energy. The rigid limit is EA -> infinity.
         """
-        step = _Step.of(self, start, length, h)
+        step = StretchStep.of(self, start, length, h)
         size = safe_norm(self.unstretch_broken(d1, length))
         spring = self._spring_over(step, size)
         return length / self.EA * (spring + self._damper_over(step, size, spring) - tension)
@@ -81,19 +81,19 @@ class Elastic(AxialLaw):
     def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         return safe_norm(self.unstretch_broken(d, length)) - length - length * tension / self.EA
 
-    def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _mean(self, step: StretchStep, size: jax.Array) -> jax.Array:
         """Tension (n,) [N] whose work over a step is exactly the change of the stored energy."""
         return self.spring(0.5 * (step.size + size), step.length)
 
-    def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _spring_over(self, step: StretchStep, size: jax.Array) -> jax.Array:
         """Spring tension (n,) [N] over a step that ends with links of length `size` (n,) [m]."""
         return self._mean(step, size) + self._ringing(step, size)
 
-    def _stiffness(self, step: _Step) -> jax.Array:
+    def _stiffness(self, step: StretchStep) -> jax.Array:
         """Stiffness (n,) [N/m] at the start of a step."""
         return self.EA / step.length
 
-    def _ringing(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _ringing(self, step: StretchStep, size: jax.Array) -> jax.Array:
         """Ringing force `R = w EA/L h^2 (a1/16 + a0/24)` (n,) [N], a1 and a0 the accelerations of the length in this
         step and in the last one.
 
@@ -103,7 +103,7 @@ class Elastic(AxialLaw):
         inertia = 2.0 * RINGING_INERTIA * (size - step.expected)
         return self._stiffness(step) * step.weight * (inertia + RINGING_MEMORY * step.memory)
 
-    def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
+    def _damper_over(self, step: StretchStep, size: jax.Array, spring: jax.Array) -> jax.Array:
         """Damper tension (n,) [N] over a step, in addition to the spring tension."""
         if self.damping is None:
             return jnp.zeros_like(spring)
@@ -144,7 +144,7 @@ class Elastic(AxialLaw):
     def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
         """Work over a step by name, scalars [J]: of the damper, never positive, and of the ringing force, which also
         stores and returns energy."""
-        step = _Step.of(self, start, length, h)
+        step = StretchStep.of(self, start, length, h)
         size = safe_norm(self.unstretch_broken(d1, length))
         spring = self._spring_over(step, size)
         longer = size - step.size
@@ -164,7 +164,7 @@ class Elastic(AxialLaw):
         return self.zero_broken(self.damping / length * stretching)
 
 
-class _Step(NamedTuple):
+class StretchStep(NamedTuple):
     """Links at the start of a step: length [m], length expected at its end, unstretched length; step [s].
 
     `weight` is that of the ringing force, and `memory` `h^2` times the acceleration of the length in the last step [m].
@@ -178,7 +178,7 @@ class _Step(NamedTuple):
     memory: jax.Array | float
 
     @classmethod
-    def of(cls, law: Elastic, start: LinkStart, length: jax.Array, h: jax.Array) -> _Step:
+    def of(cls, law: Elastic, start: LinkStart, length: jax.Array, h: jax.Array) -> StretchStep:
         d, stretching = law._stretching(start.d, start.rate, length)
         size = safe_norm(d)
         expected = size + h * stretching

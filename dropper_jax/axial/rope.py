@@ -7,7 +7,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.axial.elastic import Elastic, _Step
+from dropper_jax.axial.elastic import Elastic, StretchStep
 from dropper_jax.axial.law import LinkStart
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import dot, positive_part, safe_norm
@@ -16,6 +16,10 @@ from dropper_jax.base.springs import mean_positive_part, never_more
 #: Bound of the tension over a step that goes slack, over the tension of the spring at its end. Larger ones take effect
 #: closer to the slack length, but have a steeper slope there.
 STEEPEST = 10.0
+
+
+#: Weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1].
+STRETCH_WEIGHT = 1e-3
 
 
 def taut_or_slack(
@@ -30,8 +34,7 @@ def taut_or_slack(
     at = jnp.maximum(stretch(slack), 0.0)
     beyond = size - slack
     above = stretch(jnp.maximum(size, slack)) + jnp.minimum(beyond, 0.0)
-    # weight of a guessed stretch relative to a guessed tension in deciding whether a link is taut, any number in (0, 1]
-    taut = held - at + 1e-3 * (above - at) > 0.0
+    taut = held - at + STRETCH_WEIGHT * (above - at) > 0.0
     return jnp.where(taut, above, jnp.maximum(stretch(jnp.minimum(size, slack)), 0.0)) - held
 
 
@@ -60,7 +63,7 @@ class Rope(Elastic):
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
-        step = _Step.of(self, start, length, h)
+        step = StretchStep.of(self, start, length, h)
 
         def elastic_elongation(size: jax.Array) -> jax.Array:
             spring = self._unclipped_spring(step, size)
@@ -108,10 +111,10 @@ class Rope(Elastic):
     def _stored_energy(self, size: jax.Array, length: jax.Array) -> jax.Array:
         return 0.5 * self.EA / length * jnp.maximum(size - length, 0.0) ** 2
 
-    def _mean(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _mean(self, step: StretchStep, size: jax.Array) -> jax.Array:
         return self.EA / step.length * mean_positive_part(step.size - step.length, size - step.length)
 
-    def _unclipped_spring(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _unclipped_spring(self, step: StretchStep, size: jax.Array) -> jax.Array:
         """Spring tension over a step, zero if it ends slack; the ringing force may make it negative.
 
         A mean over the step alone would leave a force in a link that was taut and ends slack, so that its tension did
@@ -124,15 +127,15 @@ class Rope(Elastic):
         spring = mean + jnp.minimum(ringing, mean)
         return jnp.minimum(spring, STEEPEST * self.spring(size, step.length))
 
-    def _spring_over(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _spring_over(self, step: StretchStep, size: jax.Array) -> jax.Array:
         return jnp.maximum(self._unclipped_spring(step, size), 0.0)
 
-    def _damper_of(self, step: _Step, size: jax.Array) -> jax.Array:
+    def _damper_of(self, step: StretchStep, size: jax.Array) -> jax.Array:
         """Tension (n,) [N] of a dashpot alone; it acts on taut links."""
         if self.damping is None:
             return jnp.zeros_like(size)
         longer = self._elongation(size, step.length) - self._elongation(step.size, step.length)
         return self.damping / step.length * longer / step.h
 
-    def _damper_over(self, step: _Step, size: jax.Array, spring: jax.Array) -> jax.Array:
+    def _damper_over(self, step: StretchStep, size: jax.Array, spring: jax.Array) -> jax.Array:
         return never_more(self._damper_of(step, size), spring)

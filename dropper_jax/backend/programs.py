@@ -70,6 +70,10 @@ def return_memory() -> None:
         getattr(ctypes.CDLL(None), "malloc_trim", lambda _: 0)(0)
 
 
+#: With more memory maps than this, fewer programs are kept (some are large), but never fewer than eight.
+MOST_MAPS = 16_000
+
+
 class Store:
     """Compiled programs by the key that they were compiled for."""
 
@@ -105,8 +109,7 @@ class Store:
 
     def _full(self) -> bool:
         count = len(self._programs)
-        # with more memory maps than this, fewer programs are kept (some are large), but never fewer than eight
-        return count > self.most or (count > 8 and memory_maps() > 16_000)
+        return count > self.most or (count > 8 and memory_maps() > MOST_MAPS)
 
     def clear(self) -> None:
         """Remove all programs."""
@@ -133,8 +136,12 @@ def store_programs(folder: str | Path | None = None) -> Path | None:
     """
     global _stored
     path = user_folder() if folder is None else Path(folder)
-    opened = None if path is None or is_plain() else open_folder(path)
-    _stored = None if opened is None else StoredPrograms(Folder(opened))
+    opened = None
+    if not (path is None or is_plain()):
+        opened = open_folder(path)
+    _stored = None
+    if opened is not None:
+        _stored = StoredPrograms(Folder(opened))
     return opened
 
 

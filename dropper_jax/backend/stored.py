@@ -86,7 +86,7 @@ class Folder:
         return content
 
     def write(self, key: str, content: bytes) -> None:
-        """Store content, replacing an existing file at once; a full or read-only disk is no error."""
+        """Store content, replacing an existing file at once; a full or read-only disk is ignored."""
         with suppress(OSError):
             with tempfile.NamedTemporaryFile(dir=self.path, suffix=UNFINISHED, delete=False) as file:
                 file.write(MARK + hashlib.sha256(content).digest() + content)
@@ -175,8 +175,8 @@ class StoredPrograms:
     def save(self, key: str, program: jax.stages.Compiled) -> None:
         """Store a program, unless JAX cannot write it or the sources have changed since this process started.
 
-        A program that JAX has loaded from its own cache loses its functions when it is written again: whoever uses
-        that cache has no need of this one.
+        A program that JAX has loaded from its own cache loses its functions when it is written again: a process
+        that uses that cache does not need this one.
         """
         if self._sources != sources_digest() or jax.config.jax_compilation_cache_dir:
             return
@@ -209,9 +209,8 @@ def user_folder() -> Path | None:
     return folder / "programs"
 
 
-# The folder that contains the packages of this project.
 def sources_digest(root: Path = Path(__file__).parents[2]) -> str:
-    """Digest of all sources of the installed packages of this project."""
+    """Digest of all sources of the packages of this project, which are in the folder `root`."""
     digest = hashlib.sha256()
     for package in PACKAGES:
         for file in sorted((root / package).rglob("*.py")):

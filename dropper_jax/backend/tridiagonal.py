@@ -25,11 +25,14 @@ def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, r
     return jax.vmap(cyclic_reduction, in_axes=(None, None, None, 1), out_axes=1)(lower, diagonal, upper, rhs)
 
 
+#: Maximum number of rows of a system that is reduced to a single row.
+MOST_ROWS = 128
+
+
 @jax.custom_jvp
 def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
     """The solution (n,) of one right side (n,)."""
-    # maximum number of rows of a system that is reduced to a single row
-    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= 128 else diagonal.shape[0] // 4 + 1)
+    return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= MOST_ROWS else diagonal.shape[0] // 4 + 1)
 
 
 @cyclic_reduction.defjvp
@@ -58,8 +61,12 @@ def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
     low = lower[1::2] * pivot
     up = upper[1::2] * pivot
     b = rhs[1::2] * pivot
-    low0, up0, b0 = (_shift_rows(a, 1, even) for a in (low, up, b))
-    low1, up1, b1 = (_shift_rows(a, 0, even) for a in (low, up, b))
+    low0 = _shift_rows(low, 1, even)
+    up0 = _shift_rows(up, 1, even)
+    b0 = _shift_rows(b, 1, even)
+    low1 = _shift_rows(low, 0, even)
+    up1 = _shift_rows(up, 0, even)
+    b1 = _shift_rows(b, 0, even)
     left = lower[0::2]
     right = upper[0::2]
     own = diagonal[0::2] - right * low1 - left * up0

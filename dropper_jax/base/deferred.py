@@ -11,6 +11,10 @@ from typing import BinaryIO
 RELEASE_BYTES = 16_000_000
 
 
+#: Larger writes are data, which are not read back after a disk error; smaller ones are stored in memory.
+SMALL_WRITE = 65_536
+
+
 class DeferredErrorFile(io.RawIOBase):
     """An open file that accepts all writes; after a disk error small writes are stored in memory.
 
@@ -40,8 +44,7 @@ class DeferredErrorFile(io.RawIOBase):
                 at = at + wrote
         except OSError as error:
             self.refused = error
-        # larger writes are data, which are not read back after a disk error; smaller ones are stored in memory
-        if left and len(left) <= 65_536:
+        if left and len(left) <= SMALL_WRITE:
             self._pending.append((at, bytes(left)))
         self._at += size
         self._size = max(self._size, self._at)

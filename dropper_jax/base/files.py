@@ -138,14 +138,18 @@ def leftovers(path: Path) -> list[Path]:
     return removed
 
 
+#: Larger than any process number: not written by this package.
+NO_PROCESS = 2**31
+#: Age [s] after which a temporary file of another machine's process counts as left over.
+LEFT_OVER_AGE = 24 * 3600.0
+
+
 def _is_left(item: Path, machine: str, process: int) -> bool:
     if machine == _machine():
         import psutil  # noqa: PLC0415 - 20 ms that starting does not need
 
-        # larger than any process number: not written by this package
-        return process != os.getpid() and not (process < 2**31 and psutil.pid_exists(process))
-    # age [s] after which a temporary file of another machine's process counts as left over
-    return item.stat().st_mtime < time.time() - 24 * 3600.0
+        return process != os.getpid() and not (process < NO_PROCESS and psutil.pid_exists(process))
+    return item.stat().st_mtime < time.time() - LEFT_OVER_AGE
 
 
 @contextmanager

@@ -13,7 +13,9 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows as a Markdown table; the first one is the heading."""
-    cells = [[literal(cell) for cell in row] for row in rows]
+    cells = []
+    for row in rows:
+        cells.append([literal(cell) for cell in row])
     return "\n".join("| " + " | ".join(row) + " |" for row in (cells[0], ["---"] * len(cells[0]), *cells[1:]))
 
 
@@ -31,5 +33,7 @@ def cells(values: Iterable[float | None], form: str) -> list[str]:
 
 def first_names(names: Sequence[str], most: int) -> str:
     """The first names of a list, and how many more there are."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
+    more = ""
+    if len(names) > most:
+        more = f" and {len(names) - most} more"
     return ", ".join(names[:most]) + more

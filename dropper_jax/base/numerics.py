@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 Components = tuple[jax.Array, jax.Array, jax.Array]
 #: A pytree of arrays.
@@ -38,7 +36,10 @@ def inverse_rows(node: jax.Array) -> tuple[Components, Components, Components]:
     columns = [components(node[..., :, i]) for i in range(3)]
     crosses = [_cross(columns[1], columns[2]), _cross(columns[2], columns[0]), _cross(columns[0], columns[1])]
     scale = 1.0 / dot_components(columns[0], crosses[0])
-    return tuple(tuple(c * scale for c in row) for row in crosses)
+    found = []
+    for row in crosses:
+        found.append(tuple(c * scale for c in row))
+    return tuple(found)
 
 
 def store_once(x: Tree) -> Tree:
@@ -98,54 +99,3 @@ def positive_part(x: jax.Array) -> jax.Array:
     """`max(x, 0)`; its slope at 0 is 1. A link at exactly its natural length has the derivatives of a taut one, not the
     mean of two."""
     return jnp.where(x < 0.0, 0.0, x)
-
-
-# Sums at indices known when a program is traced, as gathers: a scatter prevents a run from becoming one kernel
-
-
-def index_table(lists: Sequence[Sequence[int]], none: int) -> np.ndarray:
-    """Lists of unequal length as columns (most, lists), filled with `none`."""
-    table = np.full((max(map(len, lists), default=0), len(lists)), none)
-    for column, numbers in zip(table.T, lists, strict=True):
-        column[: len(numbers)] = numbers
-    return table
-
-
-def with_zero_row(a: jax.Array) -> jax.Array:
-    """Rows (n + 1, ...), the last one zero."""
-    return jnp.concatenate([a, jnp.zeros_like(a, shape=(1, *a.shape[1:]))])
-
-
-def gather_sums(a: jax.Array, table: np.ndarray) -> jax.Array:
-    """Sums (m, ...) of the rows of a (n, ...) that a static table (most, m) lists; the index n is a zero row."""
-    if not len(table):
-        return jnp.zeros((table.shape[1], *a.shape[1:]), a.dtype)
-    a = with_zero_row(a)
-    return sum((a[row] for row in table[1:]), a[table[0]])
-
-
-def scatter_add(where: np.ndarray, values: jax.Array | np.ndarray, size: int) -> jax.Array:
-    """`zeros(size, ...)` with `values` (k, ...) added at the rows `where` (k,)."""
-    where = np.asarray(where)
-    counts = np.bincount(where, minlength=size)
-    if isinstance(values, np.ndarray):
-        found = np.zeros((size, *values.shape[1:]), values.dtype)
-        np.add.at(found, where, values)
-        return jnp.asarray(found, values.dtype)
-    if not len(where):
-        return jnp.zeros((size, *values.shape[1:]), values.dtype)
-    if len(where) == size and counts.max() == 1:
-        if (where == np.arange(size)).all():
-            return values
-        return values[np.argsort(where)]
-    order = np.argsort(where, kind="stable")
-    return gather_sums(values, index_table(np.split(order, np.cumsum(counts)[:-1]), len(where)))
-
-
-def scatter_add_many(where: np.ndarray, values: jax.Array, size: int) -> jax.Array:
-    """`scatter_add`, using a scatter if many values meet at one row, as in contact between all pairs of links."""
-    where = np.asarray(where)
-    # maximum number of values per row for which gathers are used: each is a separate operation
-    if not len(where) or np.bincount(where, minlength=size).max() <= 8:
-        return scatter_add(where, values, size)
-    return jnp.zeros((size, *values.shape[1:]), values.dtype).at[where].add(values)

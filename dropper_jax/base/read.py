@@ -262,7 +262,10 @@ def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | i
         if kind is list:
             return tuple(read_text(item, f"{path}.{i}") for i, item in items)
         pairs = [(i, read_list(item, f"{path}.{i}", 2, "two names")) for i, item in items]
-        return tuple(tuple(read_text(name, f"{path}.{i}.{j}") for j, name in enumerate(two)) for i, two in pairs)
+        found = []
+        for i, two in pairs:
+            found.append(tuple(read_text(name, f"{path}.{i}.{j}") for j, name in enumerate(two)))
+        return tuple(found)
     if kind is int:
         return read_integer(value, path, declared.get("low"), declared.get("high"))
     if kind is bool:

@@ -118,11 +118,11 @@ def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
     """Paths at which two requests, as plain values, differ, with both values."""
     one = dict(_flat(json.loads(json.dumps(here))))
     other = dict(_flat(there))
-    return [
-        f"{path} = {_short(other.get(path))} there, {_short(one.get(path))} here"
-        for path in sorted({*one, *other})
-        if one.get(path) != other.get(path)
-    ]
+    found = []
+    for path in sorted({*one, *other}):
+        if one.get(path) != other.get(path):
+            found.append(f"{path} = {_short(other.get(path))} there, {_short(one.get(path))} here")
+    return found
 
 
 def _flat(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:

@@ -122,10 +122,11 @@ def _keep_blanks(text: str) -> str:
 
 def html_table(title: str, rows: Iterable[tuple[str, ...]]) -> str:
     """A table with a title and rows of cells, the first of each a heading."""
-    lines = [
-        f"<tr><th style='text-align:left'>{escape(head)}</th>"
-        + "".join(f"<td style='text-align:left'>{escape(cell)}</td>" for cell in cells)
-        + "</tr>"
-        for head, *cells in rows
-    ]
+    lines = []
+    for head, *cells in rows:
+        lines.append(
+            f"<tr><th style='text-align:left'>{escape(head)}</th>"
+            + "".join(f"<td style='text-align:left'>{escape(cell)}</td>" for cell in cells)
+            + "</tr>"
+        )
     return f"<table><caption>{escape(title)}</caption>{''.join(lines)}</table>"

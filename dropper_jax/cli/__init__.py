@@ -18,13 +18,8 @@ from typing import NoReturn, Protocol
 
 from dropper_jax import backend
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.faults import (
-    close_stdout,
-    report_error,
-    terminated_as_interrupted,
-    with_streams,
-)
-from dropper_jax.cli.options import OK
+from dropper_jax.cli.faults import close_stdout, report_error, terminated_as_interrupted, with_streams
+from dropper_jax.cli.printing import OK
 
 #: XLA's own messages, such as "Very slow compile? ... file a bug", are for its developers: only fatal ones are shown.
 XLA_LOG = "TF_CPP_MIN_LOG_LEVEL"
@@ -129,7 +124,9 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 def command_groups() -> dict[str, list[EntryPoint]]:
     """All commands by group."""
     left = {entry.name: entry for entry in find_commands()}
-    found = {group: [left.pop(name) for name in names if name in left] for group, names in GROUPS.items()}
+    found = {}
+    for group, names in GROUPS.items():
+        found[group] = [left.pop(name) for name in names if name in left]
     return {group: entries for group, entries in {**found, OTHERS: list(left.values())}.items() if entries}
 
 

@@ -9,20 +9,10 @@ from pathlib import Path
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cell, cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    STOPPED,
-    add_examples,
-    add_quiet,
-    add_scene,
-    done_object,
-    number,
-    print_line,
-    progress,
-    read_scene,
-    row_printer,
-    table,
-)
+from dropper_jax.cli.given import number
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, row_printer, table
 
 help = "measure errors and times of all integrators over a range of steps, row by row, and advise"
 
@@ -74,7 +64,9 @@ def run(args: argparse.Namespace) -> int:
     found = accuracy(scene, schemes, dts, args.span, not args.quick, say, _row_printer(args.quiet))
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")
-    failure = STOPPED if found.get("status") == STOPPED[0] else None
+    failure = None
+    if found.get("status") == STOPPED[0]:
+        failure = STOPPED
     if args.plot and failure is None:
         draw(found, picture(args.plot, "accuracy"))
     return deliver(args, done_object(**found), text(found), failure)
@@ -96,12 +88,12 @@ def _row_printer(quiet: bool) -> Callable[[Table], None]:
 
 def draw(found: Table, path: Path) -> None:
     """Write the work-precision picture to `path` and the others next to it."""
-    from dropper_jax.study import pictures
+    from dropper_jax.study import accuracy_pictures
 
-    pictures.work_precision(found, path)
+    accuracy_pictures.work_precision(found, path)
     for part, key, function in (
-        ("convergence", "convergence", pictures.convergence),
-        ("damping", "numerical_damping", pictures.damping),
+        ("convergence", "convergence", accuracy_pictures.convergence),
+        ("damping", "numerical_damping", accuracy_pictures.damping),
     ):
         if found.get(key):
             function(found, path.with_stem(f"{path.stem}-{part}"))
@@ -127,7 +119,7 @@ def _schemes(found: Table) -> str:
         f"{reference['lyapunov_per_s']:.3g} 1/s and reach 100 times after {reference['trusted_span_s']:.4g} s",
         f"reference: {reference['made_by']}; its error {reference['error_estimate_rad']:.2g} rad, against "
         f"{reference['checked_by']}",
-        table([HEAD, *(_cells(row) for row in found["rows"])]),
+        table([HEAD, *map(_cells, found["rows"])]),
         "measured orders: " + ", ".join(f"{label} {order:.2f}" for label, order in found["orders"].items()),
         "\n".join(item["text"] for item in found["advice"]),
     ]
@@ -138,7 +130,7 @@ def _loads(found: Table) -> str:
     """Errors of the loads, and the accuracy or the step below which they are small."""
     if not found["rows"]:
         return f"loads: {found['skipped']}"
-    rows = [LOADS_HEAD, *(_load_cells(row) for row in found["rows"])]
+    rows = [LOADS_HEAD, *map(_load_cells, found["rows"])]
     finest = found["reference_dt"]
     if finest is None:
         against = "half of each step"

@@ -7,17 +7,9 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    add_examples,
-    add_run_values,
-    add_scene,
-    done_object,
-    listing,
-    print_warnings,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.options import add_examples, add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver, weights_table
+from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 from dropper_jax.cli.run import OVERRIDES
 
 if TYPE_CHECKING:
@@ -54,7 +46,8 @@ def examine(scene: Scene) -> Table:
     from dropper_jax.load.periods import periods, suggest_step
     from dropper_jax.run.arrays import bare_model
     from dropper_jax.run.build import stepper_of
-    from dropper_jax.run.growth import line_weights, overgrown, wet_weights
+    from dropper_jax.run.growth import overgrown
+    from dropper_jax.run.line_weights import line_weights, wet_weights
     from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.scene import whole_lines
 
@@ -63,22 +56,30 @@ def examine(scene: Scene) -> Table:
     model = bare_model(grown)
     wet = wet_weights(scene)
     stepper = stepper_of(model, scene.run)
-    lines = [
-        {
-            "line": line.name,
-            "links": line.spec.links,
-            "length_m": float(line.spec.total),
-            "mass_kg": float(line.spec.mass.sum()),
-            "wet_weight_n": float(wet[line.links].sum()),
-        }
-        for line in whole_lines(grown)
-    ]
+    lines = []
+    for line in whole_lines(grown):
+        lines.append(
+            {
+                "line": line.name,
+                "links": line.spec.links,
+                "length_m": float(line.spec.total),
+                "mass_kg": float(line.spec.mass.sum()),
+                "wet_weight_n": float(wet[line.links].sum()),
+            }
+        )
     points = [point for point in scene.points if point.is_free]
-    mass, volume = (sum(float(getattr(p, key) or 0.0) for p in points) for key in ("mass", "volume"))
+    mass = sum(float(p.mass or 0.0) for p in points)
+    volume = sum(float(p.volume or 0.0) for p in points)
     if scene.sea is None:
         lift = 0.0
     else:
         lift = scene.sea.gravity * (scene.sea.density * volume - mass)
+    steps = None
+    if scene.run.accuracy is None:
+        steps = scene.run.steps
+    warnings = [*scene_warnings(scene)]
+    if model.sea is not None:
+        warnings += sea_warnings(scene, model.sea)
     return {
         "lines": lines,
         "points": {"free": len(points), "mass_kg": mass, "lift_n": lift},
@@ -96,9 +97,9 @@ def examine(scene: Scene) -> Table:
             "free_nodes": model.free_nodes,
             "bodies": len(scene.bodies),
             "effects": list(scene.effects),
-            "steps": scene.run.steps if scene.run.accuracy is None else None,
+            "steps": steps,
         },
-        "warnings": [*scene_warnings(scene), *(() if model.sea is None else sea_warnings(scene, model.sea))],
+        "warnings": warnings,
     }
 
 

@@ -6,17 +6,9 @@ import argparse
 
 from dropper_jax.base.markdown import cell
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    STOPPED,
-    add_examples,
-    add_quiet,
-    add_scene,
-    done_object,
-    read_scene,
-    row_printer,
-    table,
-)
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import STOPPED, done_object, row_printer, table
 
 help = "operations, bytes and microseconds per step, with and without each effect"
 
@@ -79,7 +71,7 @@ def text(found: Table) -> str:
         "us: microseconds; corrections: Newton iterations per step; ratios: to the whole scene",
         "flops, bytes, operations: of the compiled step, which counts a loop once; compare rows only",
         "",
-        table([HEAD, *(_cells(row) for row in found["rows"])]),
+        table([HEAD, *map(_cells, found["rows"])]),
     ]
     proof = found["proof"]
     if proof is None:  # interrupted

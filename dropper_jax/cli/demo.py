@@ -14,9 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.toml_text import literal
-from dropper_jax.cli.options import FAILED, OK, add_examples, add_json, output_folder, print_line, progress
+from dropper_jax.cli.given import output_folder
+from dropper_jax.cli.options import add_examples, add_json
 from dropper_jax.cli.outputs import PICTURES, draw
-from dropper_jax.cli.run import report, text
+from dropper_jax.cli.printing import FAILED, OK, print_line, progress
+from dropper_jax.cli.run import report
+from dropper_jax.cli.run_text import text
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution

@@ -5,19 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.cli.options import (
-    add_examples,
-    add_quiet,
-    add_scene,
-    done_object,
-    failure_of,
-    listing,
-    number,
-    progress,
-    read_named_range,
-    read_scene,
-)
+from dropper_jax.cli.given import number, read_named_range
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver
+from dropper_jax.cli.printing import done_object, failure_of, listing, progress
 
 help = "solve for values of the scene that give static tensions, angles, depths or periods their required values"
 

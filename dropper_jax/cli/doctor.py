@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.memory import in_words
-from dropper_jax.base.read import Table
-from dropper_jax.cli.options import add_examples, add_json, done_object, listing, positive_integer, print_result
+from dropper_jax.cli.given import positive_integer
+from dropper_jax.cli.options import add_examples, add_json
+from dropper_jax.cli.printing import done_object, listing, print_result
+
+if TYPE_CHECKING:
+    from dropper_jax.study.doctor import Cache, Installation
 
 help = "versions, devices, cache, and checks against known results"
 
@@ -31,36 +37,34 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.study.doctor import examine
 
     found = examine(args.repeats)
-    failed = [check["name"] for check in found["checks"] if not check["ok"]]
+    failed = [check.name for check in found.checks if not check.ok]
     failure = None
     if failed:
         failure = ("unhealthy", f"failed checks: {', '.join(failed)}")
-    return print_result(args, done_object(**found), text(found), failure)
+    return print_result(args, done_object(**asdict(found)), text(found), failure)
 
 
-def text(found: Table) -> str:
+def text(found: Installation) -> str:
     """The report as text."""
     pairs = []
-    for extra, packages in found["versions"].items():
+    for extra, packages in found.versions.items():
         named = ", ".join(f"{name} {version or 'is not installed'}" for name, version in packages.items())
         pairs.append(("versions" if extra == "needed" else f"extra {extra}", named))
-    system = found["system"]
-    cache = found["cache"]
-    kept = f"{cache['folder']}: {cache['programs']} programs, {in_words(cache['bytes'])}"
-    pairs += [
-        ("system", f"{system['platform']}, {system['cores']} cores, free memory {in_words(system['memory_bytes'])}"),
-        ("devices", ", ".join(found["devices"])),
-        ("precision", "float64" if found["float64"] else "float32 (JAX_ENABLE_X64 is off)"),
-        *(_on_processor(found) if found["devices"][0].startswith("cpu") else ()),
-        ("cache", kept if cache["folder"] else "off"),
-        *((check["name"], f"{'ok' if check['ok'] else 'WRONG'}: {check['found']}") for check in found["checks"]),
-    ]
+    system = found.system
+    pairs.append(("system", f"{system.platform}, {system.cores} cores, free memory {in_words(system.memory_bytes)}"))
+    pairs.append(("devices", ", ".join(found.devices)))
+    pairs.append(("precision", "float64" if found.float64 else "float32 (JAX_ENABLE_X64 is off)"))
+    if found.devices[0].startswith("cpu"):
+        pairs.append(("one kernel", "each run is one CPU kernel" if found.one_kernel else "off"))
+        known = (f"{name} {'known' if ok else 'UNKNOWN'}" for name, ok in found.compiler_options.items())
+        pairs.append(("compiler", ", ".join(known)))
+    pairs.append(("cache", _cache_in_words(found.cache)))
+    for check in found.checks:
+        pairs.append((check.name, f"{'ok' if check.ok else 'WRONG'}: {check.found}"))
     return listing(pairs)
 
 
-def _on_processor(found: Table) -> tuple[tuple[str, str], ...]:
-    options = found["compiler_options"]
-    return (
-        ("one kernel", "each run is one CPU kernel" if found["one_kernel"] else "off"),
-        ("compiler", ", ".join(f"{name} {'known' if known else 'UNKNOWN'}" for name, known in options.items())),
-    )
+def _cache_in_words(cache: Cache) -> str:
+    if not cache.folder:
+        return "off"
+    return f"{cache.folder}: {cache.programs} programs, {in_words(cache.bytes)}"

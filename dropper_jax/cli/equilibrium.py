@@ -10,17 +10,10 @@ import numpy as np
 
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    add_examples,
-    add_scene,
-    done_object,
-    failure_of,
-    positive_integer,
-    print_warnings,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import positive_integer
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture, weights_table
+from dropper_jax.cli.printing import done_object, failure_of, print_warnings, table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -54,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.run.bends import curvature
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
-    from dropper_jax.run.resolution import check_stretch, pose_remarks
+    from dropper_jax.run.pose_remarks import check_stretch, pose_remarks
     from dropper_jax.scene.data import line_slices
 
     found = equilibrium(scene)
@@ -77,7 +70,9 @@ def run(args: argparse.Namespace) -> int:
     values = _object(scene, found, angles, bent)
     text = _text(lines, found, angles, bent)
     if not failed:
-        loads = [_loads(values["held_load_n"])] if scene.branched else []
+        loads = []
+        if scene.branched:
+            loads = [_loads(values["held_load_n"])]
         last = f"ok: scaled residual {found.residual:.1e}"
         text = "\n".join([text, *loads, _end_forces(values), *weights_table(scene), last])
     return deliver(args, {**values, "warnings": remarks}, text, failure_of(found))
@@ -119,7 +114,7 @@ def _tide_row(row: Table) -> dict[str, float]:
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
-    from dropper_jax.run.growth import end_angles, end_forces, fixed_point_loads, line_weights
+    from dropper_jax.run.line_weights import end_angles, end_forces, fixed_point_loads, line_weights
     from dropper_jax.scene.data import line_offsets, whole_lines
 
     result = done_object(
@@ -171,7 +166,9 @@ def _loads(found: dict[str, np.ndarray]) -> str:
         across = np.hypot(load[0], load[1])
         up = load[2]
         size = np.linalg.norm(load)
-        angle = "-" if size == 0 else f"{np.degrees(np.arctan2(up, across)):.2f}"
+        angle = "-"
+        if size != 0:
+            angle = f"{np.degrees(np.arctan2(up, across)):.2f}"
         rows.append((name, f"{across:.5g}", f"{up:.5g}", f"{size:.5g}", angle))
     return table(rows)
 

@@ -7,17 +7,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import cell, cells
-from dropper_jax.cli.options import (
-    add_examples,
-    add_scene,
-    done_object,
-    failure_of,
-    print_result,
-    print_warnings,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver
+from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, table
 
 if TYPE_CHECKING:
     from dropper_jax.explain.answers import Explained, LineFacts
@@ -37,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     from dropper_jax.explain.answers import explain, refuse_rigid
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
-    from dropper_jax.run.resolution import pose_remarks
+    from dropper_jax.run.pose_remarks import pose_remarks
 
     refuse_rigid(scene)
     pose = equilibrium(scene)

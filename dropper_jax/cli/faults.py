@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import FAILED, INTERRUPTED, INVALID_INPUT, STOPPED, failure_object, print_json, print_line
+from dropper_jax.cli.printing import FAILED, INTERRUPTED, INVALID_INPUT, STOPPED, failure_object, print_json, print_line
 
 #: Messages of JAX on an unavailable platform, and on memory.
 NO_BACKEND = "Unable to initialize backend"

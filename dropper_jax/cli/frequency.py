@@ -12,22 +12,10 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    FAILED,
-    OK,
-    add_examples,
-    add_scene,
-    done_object,
-    failure_object,
-    number,
-    positive_integer,
-    print_line,
-    print_warnings,
-    read_numbers,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import number, positive_integer, read_numbers
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import FAILED, OK, done_object, failure_object, print_line, print_warnings, table
 
 if TYPE_CHECKING:
     from dropper_jax.frequency.response import FrequencyResponse
@@ -73,9 +61,13 @@ def run(args: argparse.Namespace) -> int:
 
     from dropper_jax.frequency.response import frequency_response
 
-    direction = None if args.direction is None else np.radians(args.direction)
+    direction = None
+    if args.direction is not None:
+        direction = np.radians(args.direction)
     found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
-    runs = _runs(scene, found, args.runs, direction, args.frequencies) if args.runs else []
+    runs = []
+    if args.runs:
+        runs = _runs(scene, found, args.runs, direction, args.frequencies)
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))
     print_warnings(found.warnings)
@@ -147,7 +139,8 @@ def _text_of_runs(runs: list[Table]) -> str:
     """The ranges of the differences of all ends."""
     lines = [("hs [m]", "tp [s]", "status", "deviations against the run")]
     for run in runs:
-        low, high = (100.0 * pick(run["deviation_difference"]) for pick in (np.min, np.max))
+        low = 100.0 * np.min(run["deviation_difference"])
+        high = 100.0 * np.max(run["deviation_difference"])
         lines.append((f"{run['hs_m']:g}", f"{run['tp_s']:g}", run["status"], f"{low:+.1f} to {high:+.1f} %"))
     return table(lines)
 
@@ -160,21 +153,21 @@ def _rows(found: FrequencyResponse) -> list[Table]:
         "tension_period_s": found.tension_period,
         "maximum_tension_n": found.maximum_tension,
     }
-    ends = [
-        {"line": line, "point": point, "static_tension_n": found.static_tension[j]}
-        for j, (line, point) in enumerate(found.ends)
-    ]
-    rows = [
-        {
-            "hs_m": hs,
-            "tp_s": tp,
-            "status": found.status[i],
-            "ends": [end | _at(columns, (i, j)) for j, end in enumerate(ends)],
-            "significant_motion_m": dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True)),
-            "slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low],
-        }
-        for i, (hs, tp) in enumerate(found.sea_states)
-    ]
+    ends = []
+    for j, (line, point) in enumerate(found.ends):
+        ends.append({"line": line, "point": point, "static_tension_n": found.static_tension[j]})
+    rows = []
+    for i, (hs, tp) in enumerate(found.sea_states):
+        rows.append(
+            {
+                "hs_m": hs,
+                "tp_s": tp,
+                "status": found.status[i],
+                "ends": [end | _at(columns, (i, j)) for j, end in enumerate(ends)],
+                "significant_motion_m": dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True)),
+                "slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low],
+            }
+        )
     if len(rows) == 1:
         omega, tension, motion = found.spectra()
         rows[0] |= {"omega_rad_per_s": omega, "tension_spectrum": tension, "motion_spectrum": motion}

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.markdown import cells, first_names
-from dropper_jax.cli.options import add_examples, add_scene, done_object, number, read_scene, table
+from dropper_jax.cli.given import number
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import done_object, table
 
 help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 
@@ -33,15 +35,16 @@ def run(args: argparse.Namespace) -> int:
     rows = season_table(scene, args.months)
     head = ["line", "month", "depth [m]", "layer [m]", "diameter [m]", "mass [kg/m]", "wet weight [N/m]"]
     keys = ("thickness_m", "diameter_m", "mass_kg_per_m", "wet_weight_n_per_m")
-    texts = [
-        [
-            first_names(row["lines"], 1),
-            f"{row['month']:g}",
-            f"{row['depth_m']:g}",
-            *cells((row[key] for key in keys), ".4g"),
-        ]
-        for row in rows
-    ]
+    texts = []
+    for row in rows:
+        texts.append(
+            [
+                first_names(row["lines"], 1),
+                f"{row['month']:g}",
+                f"{row['depth_m']:g}",
+                *cells((row[key] for key in keys), ".4g"),
+            ]
+        )
     if args.plot:
         from dropper_jax.study.pictures import mussels
 

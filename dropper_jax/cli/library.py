@@ -7,7 +7,8 @@ import argparse
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
-from dropper_jax.cli.options import OK, add_examples, add_json, done_object, listing, print_json, print_result, table
+from dropper_jax.cli.options import add_examples, add_json
+from dropper_jax.cli.printing import OK, done_object, listing, print_json, print_result, table
 
 help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 
@@ -47,7 +48,9 @@ def run(args: argparse.Namespace) -> int:
         print_json(done_object(section=section, part=values, source=source))
         return OK
     pasted = {**values, "name": name}
-    position = {"position": [0.0, 0.0, -5.0]} if section == "point" else {}
+    position = {}
+    if section == "point":
+        position = {"position": [0.0, 0.0, -5.0]}
     print(f"# {source}\n{as_toml({section: [{**pasted, **position}]})}", end="")
     return OK
 
@@ -68,12 +71,11 @@ def _published_table(crops: list[Table]) -> str:
         ("published", "mass [kg/m]", "outer diameter [m]", "cdn", "can", "EI [N m^2]", "like")
     ]
     keys = ("mass", "outer_diameter", "cdn", "can", "EI")
-    rows += [
-        (f"{i}. {crop['crop']}", *cells((crop[key] for key in keys), ".4g"), crop["like"])
-        for i, crop in enumerate(crops, 1)
-    ]
-    sources = [
-        (f"{i}.", "; ".join(filter(None, (crop["source"], f"read: {crop['read']}", crop["conditions"]))))
-        for i, crop in enumerate(crops, 1)
-    ]
+    for i, crop in enumerate(crops, 1):
+        rows.append((f"{i}. {crop['crop']}", *cells((crop[key] for key in keys), ".4g"), crop["like"]))
+    sources = []
+    for i, crop in enumerate(crops, 1):
+        sources.append(
+            (f"{i}.", "; ".join(filter(None, (crop["source"], f"read: {crop['read']}", crop["conditions"]))))
+        )
     return f"{table(rows)}\n\n{listing(sources)}"

@@ -9,18 +9,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.options import (
-    add_examples,
-    add_scene,
-    done_object,
-    failure_of,
-    number,
-    positive_integer,
-    print_result,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import number, positive_integer
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import done_object, failure_of, print_result, table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -56,7 +48,9 @@ def run(args: argparse.Namespace) -> int:
     if args.amplitude is not None and not 0.0 < args.amplitude < np.inf:
         raise SceneError(f"--amplitude: {args.amplitude:g} is out of range; allowed: above 0 m")
     scene = read_scene(args)
-    body = None if args.of is None else _number_of(args.of, scene)
+    body = None
+    if args.of is not None:
+        body = _number_of(args.of, scene)
 
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.statics.modes import damping_at, natural_modes

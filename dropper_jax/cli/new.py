@@ -7,7 +7,9 @@ from importlib import resources
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
-from dropper_jax.cli.options import add_examples, add_json, done_object, output_file, print_result
+from dropper_jax.cli.given import output_file
+from dropper_jax.cli.options import add_examples, add_json
+from dropper_jax.cli.printing import done_object, print_result
 
 help = "write a commented scene to edit: a lab dropper, a longline in a storm, a farm with parameters, growing mussels"
 

@@ -8,17 +8,10 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import (
-    add_examples,
-    add_quiet,
-    add_scene,
-    done_object,
-    progress,
-    read_numbers,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import read_numbers
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import done_object, progress, table
 
 help = "restoring force and tension over the horizontal offset of fixed points, all else in equilibrium"
 

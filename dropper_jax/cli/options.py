@@ -1,26 +1,19 @@
-"""What several commands share: their arguments and their output.
-
-One JSON object or a short table is on standard output, all else on standard error.
-"""
+"""Arguments that several commands share, and the scenes and runs that they name."""
 
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import re
-import sys
-import time
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from dropper_jax.base.errors import SceneError, silent
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, references_of, refuse_pipe
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import SCHEMA, jsonable, parsed_toml
+from dropper_jax.base.toml_text import parsed_toml
+from dropper_jax.cli.given import AUTO, number, step_length
+from dropper_jax.cli.printing import print_line, print_warnings
 from dropper_jax.integrators import SCHEMES
 from dropper_jax.load.packaged import find_scene, folder_of
 
@@ -28,15 +21,13 @@ if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
     from dropper_jax.run.simulate import Solution
 
-#: Value of `--dt` for the suggested step, which `run` shortens as its check advises.
-AUTO = "auto"
 SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
 
 
 def add_scene(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     """SCENE, --set and --json."""
     what = "name of a packaged scene, a TOML file, a MoorDyn input, or a mooring of MoorPy or RAFT (.yaml)"
-    parser.add_argument("scene", metavar="SCENE", help=what, **({"nargs": "?"} if optional else {}))
+    parser.add_argument("scene", metavar="SCENE", help=what, nargs="?" if optional else None)
     parser.add_argument("--depth", type=number, help="water depth [m] for a MoorDyn input that has none")
     add_allow_outside(parser)
     add_effects(parser)
@@ -157,7 +148,7 @@ def recover_leftovers(file: Path) -> None:
 
 def assignments(texts: list[str]) -> Table:
     """Values by path of several `KEY=VALUE`."""
-    return dict(_assignment(text) for text in texts)
+    return dict(map(_assignment, texts))
 
 
 def _assignment(text: str) -> tuple[str, Any]:
@@ -169,89 +160,6 @@ def _assignment(text: str) -> tuple[str, Any]:
         return path.strip(), parsed_toml(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
         return path.strip(), value.strip()
-
-
-def output_file(
-    text: str | Path | None, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()
-) -> Path | None:
-    """A file to write; a wrong suffix or folder is rejected early. `folders` are suffixes of folders."""
-    if text is None:
-        return None
-    path = Path(text)
-    if path.suffix.lower() not in suffixes:
-        raise SceneError(f"{option}: {text!r} has no known suffix; allowed: {', '.join(suffixes)}")
-    if not path.parent.is_dir():
-        raise SceneError(f"{option}: the folder {str(path.parent)!r} does not exist; allowed: an existing one")
-    if path.is_dir() and path.suffix.lower() not in folders:
-        raise SceneError(f"{option}: {text!r} is a folder; allowed: a file")
-    return path
-
-
-def output_folder(text: str | Path | None, option: str) -> Path | None:
-    """A folder to write to, which need not exist; a file is rejected before the work starts."""
-    if text is None:
-        return None
-    path = Path(text)
-    if path.exists() and not path.is_dir():
-        raise SceneError(f"{option}: {text!r} is a file; allowed: a folder")
-    above = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
-    if not (above.is_dir() and os.access(above, os.W_OK)):
-        raise SceneError(f"{option}: {text!r} cannot be made in {str(above)!r}; allowed: a writable folder")
-    return path
-
-
-def number(text: str) -> float:
-    """A number on the command line; its range is checked with the scene."""
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
-
-
-def step_length(text: str) -> float | str:
-    """A time step on the command line: a number, or `auto`."""
-    if text == AUTO:
-        return AUTO
-    return number(text)
-
-
-def read_numbers(
-    text: str, option: str, reason: str, mark: str = ",", count: int | None = None, given: str | None = None
-) -> list[float]:
-    """Numbers separated by `mark`, this many if `count` is given, such as those of `LO:HI:N`.
-
-    Raises:
-        SceneError: `OPTION: TEXT REASON`, where TEXT is `given` if the numbers are a part of it.
-    """
-    try:
-        found = [float(part) for part in text.split(mark)]
-    except ValueError:
-        found = []
-    if not found or count not in (None, len(found)):
-        raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
-    return found
-
-
-def read_spaced(text: str, option: str, reason: str, given: str | None = None) -> tuple[float, float, int]:
-    """Ends and whole number, at least 1, of values of `LO:HI:N`."""
-    low, high, count = read_numbers(text, option, reason, ":", 3, given)
-    if not count.is_integer() or count < 1:
-        raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
-    return low, high, int(count)
-
-
-def read_named_range(text: str, option: str, reason: str) -> tuple[str, float, float]:
-    """Name and ends of `NAME=LO:HI`."""
-    name, _, limits = text.partition("=")
-    low, high = read_numbers(limits, option, reason, ":", 2, given=text)
-    return name.strip(), low, high
-
-
-def positive_integer(text: str) -> int:
-    """A whole number on the command line, at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number >= 1")
-    return int(text)
 
 
 #: Signals and statistics of `dropper_jax.run.quantities`, which imports JAX.
@@ -286,162 +194,3 @@ RUN_VALUES: dict[str, Table] = {
         "help": "fraction of the highest-frequency amplitude that a step of generalized_alpha keeps, 0 to 1",
     },
 }
-
-
-# Output of commands and exit codes
-
-OK = 0
-INVALID_INPUT = 2
-#: A run or a search failed; its partial result is kept.
-FAILED = 3
-INTERRUPTED = 130
-
-#: Status and message of what failed.
-Failure = tuple[str, str]
-#: The failure of a command that the user stopped; its partial result is printed.
-STOPPED: Failure = ("interrupted", "interrupted")
-
-
-def print_json(found: Table) -> None:
-    """The one object on standard output; NaN and infinity as null."""
-    print(json.dumps(jsonable(found), allow_nan=False), flush=True)
-
-
-class Ended(Protocol):
-    """What ends with a status and, unless that is ok, a message."""
-
-    @property
-    def status(self) -> str: ...
-
-    @property
-    def message(self) -> str: ...
-
-
-def failure_of(found: Ended) -> Failure | None:
-    """Status and message of an equilibrium, a design or a fit that failed."""
-    if found.status == "ok":
-        return None
-    return found.status, f"{found.status}: {found.message}"
-
-
-def print_result(args: argparse.Namespace, found: Table, text: str = "", failure: Failure | None = None) -> int:
-    """Print the result of a command, its JSON object or its text, and what failed; returns the exit code."""
-    if args.json:
-        print_json(with_failure(found, failure))
-    elif text:
-        print(text)
-    if failure is None:
-        return OK
-    print_line(f"error: {failure[1]}")
-    if failure == STOPPED:
-        return INTERRUPTED
-    return FAILED
-
-
-def shorten(text: str) -> str:
-    """A message with very long words cut: names of 100 000 letters, binary files taken for text."""
-    # paths have up to 500 characters; longer words are cut to 60
-    return re.sub(r"\S{501,}", lambda found: f"{found[0][:60]}... ({len(found[0])} characters)", text)
-
-
-def print_line(text: str) -> None:
-    """Print a line on standard error, if that can be written."""
-    with suppress(OSError):
-        print(shorten(text), file=sys.stderr, flush=True)
-
-
-def print_warnings(warnings: Iterable[str]) -> None:
-    """Print a line for each on standard error."""
-    for warning in warnings:
-        print_line(f"warning: {warning}")
-
-
-def failure_object(status: str, message: str) -> Table:
-    """The JSON object of a failed command."""
-    return {"schema": SCHEMA, "status": status, "error": shorten(message)}
-
-
-def with_failure(found: Table, failure: Failure | None) -> Table:
-    """A JSON object with the status and the message of what failed."""
-    if failure is None:
-        return found
-    return {**found, **failure_object(*failure)}
-
-
-def done_object(**values: Any) -> Table:
-    """The JSON object of a successful command."""
-    return {"schema": SCHEMA, "status": "ok", **values}
-
-
-def table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows in columns, the first one flush left, the others flush right."""
-    first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
-    cells = ([row[0].ljust(first), *map(str.rjust, row[1:], others)] for row in rows)
-    return "\n".join("  ".join(row).rstrip() for row in cells)
-
-
-def listing(pairs: Sequence[tuple[str, str]]) -> str:
-    """Names and values, one pair per line."""
-    width = max(len(name) for name, _ in pairs)
-    return "\n".join(f"{name.ljust(width)}  {value}" for name, value in pairs)
-
-
-def progress(quiet: bool = False) -> Callable[[float, str], None]:
-    """A function `(fraction, text)` that shows progress: a bar on a terminal, a few lines elsewhere, nothing if
-    quiet."""
-    if quiet:
-        return silent
-    if sys.stderr.isatty():
-        return _bar()
-    return _lines()
-
-
-def row_printer(head: Sequence[str], quiet: bool = False) -> Callable[[Sequence[str]], None]:
-    """A function that prints a row of a table on standard error, below its head; nothing if quiet.
-
-    For rows that take long: the table itself follows on standard output.
-    """
-    # width of the first and minimum width of the other columns
-    widths = [20, *(max(len(text), 10) for text in head[1:])]
-    printed = False
-
-    def show(cells: Sequence[str]) -> None:
-        nonlocal printed
-        rows = [cells] if printed else [head, cells]
-        printed = True
-        for first, *others in [] if quiet else rows:
-            line = [first.ljust(widths[0]), *map(str.rjust, others, widths[1:])]
-            print_line("  ".join(line))
-
-    return show
-
-
-def _bar() -> Callable[[float, str], None]:
-    last = 0.0
-
-    def show(fraction: float, text: str = "") -> None:
-        nonlocal last
-        now = time.monotonic()
-        if fraction < 1.0 and now - last < 0.1:  # ten times a second looks smooth and has no noticeable cost
-            return
-        last = now
-        bar = "#" * int(30 * min(max(fraction, 0.0), 1.0))
-        end = "\n" if fraction >= 1.0 else ""
-        with suppress(OSError):
-            print(f"\r[{bar:.<30}] {100 * fraction:3.0f} % {text:<40}", end=end, file=sys.stderr, flush=True)
-
-    return show
-
-
-def _lines() -> Callable[[float, str], None]:
-    reached = 0
-
-    def show(fraction: float, text: str = "") -> None:
-        nonlocal reached
-        # without a terminal a progress line is printed at these fractions of the run
-        marks = sum(fraction >= mark for mark in (0.25, 0.5, 0.75, 1.0))
-        if marks > reached:
-            print_line(f"{100 * fraction:3.0f} % {text}".rstrip())
-        reached = max(marks, reached)
-
-    return show

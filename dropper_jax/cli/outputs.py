@@ -16,7 +16,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write, remove
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.cli.faults import defer_signals
-from dropper_jax.cli.options import Failure, output_file, output_folder, print_line, print_result, table, with_failure
+from dropper_jax.cli.given import output_file, output_folder
+from dropper_jax.cli.printing import Failure, print_line, print_result, table, with_failure
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -122,7 +123,7 @@ def deliver(args: argparse.Namespace, found: dict[str, Any], text: str, failure:
 
 def weights_table(scene: Scene) -> list[str]:
     """Mass, weight in water and density of the lines, a row for equal lines; empty without water."""
-    from dropper_jax.run.growth import line_weights, weight_cells
+    from dropper_jax.run.line_weights import line_weights, weight_cells
 
     rows = line_weights(scene)
     if rows:
@@ -167,11 +168,11 @@ def draw(solution: Solution, target: Path) -> list[Path]:
     target.mkdir(parents=True, exist_ok=True)
     scene = solution.scene
     run = readable(solution)
-    pictures = {
-        **PICTURES,
-        **(WATER_PICTURES if scene.sea else {}),
-        **({"bodies": "body_motion"} if scene.bodies else {}),
-    }
+    pictures = dict(PICTURES)
+    if scene.sea:
+        pictures |= WATER_PICTURES
+    if scene.bodies:
+        pictures["bodies"] = "body_motion"
     left_out = OF_ONE_LINE if scene.branched else ()
     if len(whole_lines(scene)) > 1:  # angles of links of many lines in one picture show nothing
         left_out = (*left_out, "angles")

@@ -31,15 +31,20 @@ def as_text(sections: Sequence[Section]) -> str:
 
 
 def _lines(key: Key) -> str:
-    about = [key.kind, "" if key.unit == "-" else f"[{key.unit}]", key.allowed and f"allowed: {key.allowed}"]
-    return f"  {key.path}: {key.meaning}\n      {', '.join(x for x in about if x)}; default: {key.default}"
+    about = key.kind
+    if key.unit != "-":
+        about += f", [{key.unit}]"
+    if key.allowed:
+        about += f", allowed: {key.allowed}"
+    return f"  {key.path}: {key.meaning}\n      {about}; default: {key.default}"
 
 
 def as_values(sections: Sequence[Section]) -> list[dict[str, Any]]:
     """Sections as plain values."""
     found = [dataclasses.asdict(section) for section in sections]
     for section in found:
-        section["keys"] = [{k: v for k, v in key.items() if k != "schema"} for key in section["keys"]]
+        for key in section["keys"]:
+            del key["schema"]
     return found
 
 

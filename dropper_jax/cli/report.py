@@ -7,19 +7,10 @@ import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import (
-    FAILED,
-    OK,
-    add_effects,
-    add_examples,
-    add_json,
-    number,
-    output_folder,
-    print_line,
-    print_result,
-    read_run,
-)
+from dropper_jax.cli.given import number, output_folder
+from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
 from dropper_jax.cli.outputs import Output
+from dropper_jax.cli.printing import FAILED, OK, print_line, print_result
 from dropper_jax.evaluation.settings import Settings
 
 if TYPE_CHECKING:
@@ -43,8 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(option, action=Output, const=output_folder, metavar="DIR", help=about)
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth saved time for --vtk (default: 1)")
     for field in dataclasses.fields(Settings):
-        meaning, unit, option = (field.metadata[key] for key in ("meaning", "unit", "option"))
-        given = "" if field.default is None else f" (default: {field.default:g})"
+        meaning = field.metadata["meaning"]
+        unit = field.metadata["unit"]
+        option = field.metadata["option"]
+        given = ""
+        if field.default is not None:
+            given = f" (default: {field.default:g})"
         parser.add_argument(
             option, dest=f"setting_{field.name}", type=number, metavar="X", help=f"{meaning} [{unit}]{given}"
         )

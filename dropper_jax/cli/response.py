@@ -9,17 +9,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.options import (
-    add_examples,
-    add_quiet,
-    add_scene,
-    done_object,
-    progress,
-    read_scene,
-    read_spaced,
-    table,
-)
+from dropper_jax.cli.given import read_spaced
+from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import done_object, progress, table
 
 help = "mean, amplitude and phase of the first link's angle in regular waves of several periods"
 

@@ -3,45 +3,28 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.files import unfinished_folder
 from dropper_jax.base.read import Table
+from dropper_jax.cli.given import AUTO, output_file, output_folder
 from dropper_jax.cli.options import (
-    AUTO,
-    FAILED,
-    INTERRUPTED,
-    OK,
     add_examples,
     add_quiet,
     add_run_values,
     add_scene,
     given_values,
-    listing,
-    output_file,
-    output_folder,
-    print_json,
-    print_line,
-    print_warnings,
-    progress,
     read_run,
     read_scene,
     recover_leftovers,
-    table,
     with_step,
 )
-from dropper_jax.cli.outputs import (
-    Output,
-    draw,
-    plot_target,
-    save_or_report,
-    weights_table,
-    write_channels,
-    write_run_report,
-)
+from dropper_jax.cli.outputs import Output, draw, plot_target, save_or_report, write_channels, write_run_report
+from dropper_jax.cli.printing import FAILED, INTERRUPTED, OK, print_json, print_line, print_warnings, progress
+from dropper_jax.cli.run_text import text
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -65,10 +48,6 @@ OVERRIDES = (
     "gamma",
     "rho_infinity",
 )
-#: Cells of a row of a table.
-Row = tuple[str, ...]
-#: Maximum number of lines of a system whose tensions are printed.
-MOST_LINES = 12
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -128,7 +107,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    before = None if args.start is None else read_run(args.start, args)
+    before = None
+    if args.start is not None:
+        before = read_run(args.start, args)
     if args.dt == AUTO:
         print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy or 0.01:g} (--accuracy)")
         args.dt = None
@@ -205,20 +186,6 @@ def _further(args: argparse.Namespace, before: Solution) -> Scene:
     return read_scene(args, OVERRIDES, notes=False).with_values({"run.duration": values["run.duration"]})
 
 
-def _steps(solution: Solution) -> str:
-    used = solution.settings
-    end = f"{solution.t[-1]:g} s"
-    if "refused_steps" not in used:
-        return f"{used['steps']} steps of {used['dt']:g} s to {end}"
-    refused = f"{used['refused_steps']} more rejected"
-    if used["shortest_steps"]:
-        limited = f", {used['shortest_steps']} of the shortest length with a larger error"
-    else:
-        limited = ""
-    held = f"{used['steps']} steps with an accuracy of {used['accuracy']:g} to {end}"
-    return f"{held}, {refused}{limited}; saved every {used['dt']:g} s"
-
-
 def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = None) -> int:
     """Print the result, with `more` keys in the JSON object; returns the exit code."""
     if as_json:
@@ -237,186 +204,3 @@ def _flow(solution: Solution) -> Table:
     if solution.scene.sea is None or solution.scene.lines[0].diameter is None:
         return {}
     return {"flow": regime(solution)}
-
-
-def text(solution: Solution) -> str:
-    """The result as text."""
-    from dropper_jax.run.arrays import words as failure_words
-    from dropper_jax.scene import link_mass_words
-
-    used = solution.settings
-    pairs = [
-        ("scene", solution.scene.name),
-        ("integrator", f"{used['integrator']}, solver {used['solver']}, {used['dtype']}"),
-        ("time", _steps(solution)),
-        ("mass of links", link_mass_words(solution.scene.link_mass_nodes)),
-        ("steps", f"{solution.failed_steps} failed, {solution.retried_steps} retried"),
-        *_step_facts(solution),
-        ("residual", f"{solution.max_residual:.1e} maximum, scaled; closure {solution.max_closure_error:.1e} m"),
-        ("energy", f"balance error {solution.energy_drift:.1e} J (reference {solution.energy_scale:.3g} J)"),
-        ("speed", f"{solution.max_speed:.3g} m/s maximum"),
-        *(("broken", failure_words(row)) for row in solution.broken),
-        ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
-    ]
-    return "\n".join([listing(pairs), "", *_tensions(solution), *_errors(solution), "", result_line(solution)])
-
-
-def _step_facts(solution: Solution) -> list[tuple[str, str]]:
-    """Resolution of the steps, if it is known."""
-    from math import degrees
-
-    from dropper_jax.run.companion import words
-    from dropper_jax.run.resolution import step_facts
-
-    facts = step_facts(solution)
-    found = []
-    if "stated_errors" in solution.settings:
-        found.append(("errors", words(solution.settings["stated_errors"])))
-    # the stated errors are the verdict; steps that follow snaps have no constant number per period
-    elif facts["steps_per_axial_period"] is not None and "refused_steps" not in solution.settings:
-        text = "{steps_per_axial_period:.2g} steps per period of the stiffest link, {axial_period_s:.2g} s; a step of "
-        found.append(("axial motion", (text + "{axial_step_s:.2g} s resolves it").format(**facts)))
-    turn = degrees(facts["largest_turn_rad"] or 0.0)
-    if turn > 1.0:
-        found.append(("turns", f"links rotate by up to {turn:.2g} degrees in a step"))
-    if facts["slack_to_taut_steps"]:
-        found.append(("snaps", f"links change from slack to taut in {facts['slack_to_taut_steps']} steps"))
-    if facts["compression_to_tension_steps"]:
-        text = f"rigid links change from compression to tension in {facts['compression_to_tension_steps']} steps"
-        found.append(("compression", text))
-    return found
-
-
-def _errors(solution: Solution) -> list[str]:
-    """Loads with their errors, the most loaded of many lines."""
-    found = solution.settings.get("load_errors")
-    if found is None:
-        return []
-    loads = {row["line"]: row for row in found["loads"]}
-    names = {"mean": "mean", "deviation": "deviation", "window_maximum": "maxima in waves", "maximum": "maximum"}
-    rows: dict[str, list[Row]] = {
-        line: [
-            (
-                line,
-                f"{row['at_m']:.4g}",
-                *(f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names),
-                f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}",
-            )
-        ]
-        for line, row in loads.items()
-    }
-    heads = ("line, loads [N]", "at [m]", *names.values(), "snaps")
-    shown = most_loaded(loads, lambda row: row["maximum"]["value"])
-    return ["", table([heads, *with_gaps(rows, shown)]), *_about_errors(found)]
-
-
-def _about_errors(found: Table) -> list[str]:
-    """Sources of the errors of the largest load, and other influences on it."""
-    worst = max((row["maximum"] for row in found["loads"]), key=lambda load: load["value"])
-    if worst["links"] is None:
-        of_links = "links not known"
-    else:
-        of_links = f"{worst['links']:.2g} N by the links"
-    lines = [
-        f"+-: limit of the errors of step and links together; of the maximum load {worst['step']:.2g} N by the step, "
-        f"{of_links}"
-    ]
-    if worst["chance"] is not None:
-        lines.append(f"scatter: another storm of this length changes the maximum load by about {worst['chance']:.2g} N")
-    lines += [
-        f"twice the {what}: the maximum load changes by {worst[key]:.2g} N"
-        for key, what in (("twice_damping", "internal damping"), ("twice_bed", "stiffness of the seabed"))
-        if key in worst
-    ]
-    if found["chaotic"]:
-        lines.append(f"the motion is chaotic from {found['horizon_s']:.3g} s on: other steps give other storms")
-    return [*lines, *(f"left out: {name}: {why}" for name, why in found["left_out"].items())]
-
-
-def _tensions(solution: Solution) -> list[str]:
-    """Tensions of the first, the last and all links; of a system of lines by line, the most loaded of many."""
-    whole = solution.tension_summary()
-    parts = {"first link": whole["first"], "last link": whole["last"]}
-    shown = None
-    if solution.scene.branched:
-        parts = solution.line_tensions()
-        shown = most_loaded(parts, lambda values: values["max"])
-    heads = ("min", "at [s]", "mean", "max", "at [s]", "final")
-    rows: list[Row] = [("tension of links [N]", *heads)]
-    rows += with_gaps({name: [(name, *_extent_cells(values))] for name, values in parts.items()}, shown)
-    # a mean over lines that differ is the load of none
-    rows.append(("all links", *_extent_cells(whole["all"], mean=not solution.scene.branched)))
-    ends: list[Row] = [("force on end points [N]", *heads, "angle up [deg]", "min", "max")]
-    ends += with_gaps(_end_rows(solution), shown)
-    note = f"{solution.saved_rows}; min and max of tensions and forces are those of all steps, angles of saved ones"
-    notes = [note] if solution.saved_rows else []
-    if shown is not None and len(shown) < len(parts):
-        notes.append("not shown: lines with lower maxima; use --json to see all")
-    return [table(rows), "", table(ends), *notes, *weights_table(solution.scene)]
-
-
-def _end_rows(solution: Solution) -> dict[str, list[Row]]:
-    """Rows of the forces and angles at both ends of each line."""
-    angles = solution.end_angles()
-    found: dict[str, list[Row]] = {}
-    for name, both in solution.end_forces().items():
-        found[name] = []
-        for end, values in both.items():
-            steep = (f"{angles[name][end][key] + 0.0:.2f}" for key in ("mean", "min", "max"))
-            found[name].append((f"{name}, {end}", *_extent_cells(values), *steep))
-    return found
-
-
-def _extent_cells(values: Mapping[str, float], mean: bool = True) -> list[str]:
-    """Minimum and its time, mean, maximum and its time, and the final value."""
-
-    def newtons(key: str) -> str:
-        return f"{round(values[key], 4) + 0.0:.4f}"
-
-    def seconds(key: str) -> str:
-        return f"{values[key]:.6g}"
-
-    if mean:
-        middle = newtons("mean")
-        final = newtons("final")
-    else:
-        middle = "-"
-        final = "-"
-    return [newtons("min"), seconds("min_s"), middle, newtons("max"), seconds("max_s"), final]
-
-
-def most_loaded(parts: Mapping[str, Any], size: Callable[[Any], float]) -> set[str]:
-    """Names of the `MOST_LINES` largest parts."""
-    return set(sorted(parts, key=lambda name: -size(parts[name]))[:MOST_LINES])
-
-
-def with_gaps(rows: Mapping[str, list[Row]], shown: set[str] | None) -> list[Row]:
-    """Rows of the shown lines (None: of all) in the order of the scene, with a count where lines are left out."""
-    found: list[Row] = []
-    hidden = 0
-    width = max((len(row) for own in rows.values() for row in own), default=0)
-
-    def close_gap() -> None:
-        if hidden:
-            what = f"({hidden} line{'s' if hidden > 1 else ''} not shown)"
-            found.append((what, *[""] * (width - 1)))
-
-    for name, own in rows.items():
-        if shown is not None and name not in shown:
-            hidden += 1
-            continue
-        close_gap()
-        hidden = 0
-        found += own
-    close_gap()
-    return found
-
-
-def result_line(solution: Solution) -> str:
-    """The outcome of the run in one line."""
-    if solution.failure:
-        return f"failed: {solution.failure}"
-    return (
-        f"ok: {solution.t[-1] - solution.t[0]:g} s simulated in {solution.run_s:.3g} s, "
-        f"{solution.us_per_step:.3g} us per step, {solution.realtime_factor:.3g} times real time"
-    )

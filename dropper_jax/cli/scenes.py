@@ -10,23 +10,17 @@ from typing import TYPE_CHECKING, Any
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import references_of
 from dropper_jax.base.toml_text import as_toml
+from dropper_jax.cli.given import number, output_file
 from dropper_jax.cli.options import (
-    OK,
     add_allow_outside,
     add_effects,
     add_examples,
     add_json,
     add_set,
     assignments,
-    done_object,
-    listing,
-    number,
-    output_file,
-    print_json,
-    print_result,
-    print_warnings,
     register_effects,
 )
+from dropper_jax.cli.printing import OK, done_object, listing, print_json, print_result, print_warnings
 from dropper_jax.load.packaged import (
     find_scene,
     folder_of,

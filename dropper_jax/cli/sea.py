@@ -10,17 +10,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import (
-    add_examples,
-    add_scene,
-    done_object,
-    listing,
-    output_file,
-    print_warnings,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import output_file
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import Output, add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 
 help = "waves and current of a scene: theory, length, breaking, regime"
 
@@ -163,4 +156,7 @@ def _coefficients(found: Table) -> list[str]:
 
     low = [row["line"] for row in found["coefficients"] if not row["post_critical"]]
     note = f"Re below 1e5, where rough cylinders may not yet be post-critical: {', '.join(low)}"
-    return ["", table(flow_cells(found["coefficients"])), *([note] if low else [])]
+    lines = ["", table(flow_cells(found["coefficients"]))]
+    if low:
+        lines.append(note)
+    return lines

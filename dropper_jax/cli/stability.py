@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import add_examples, add_json, add_quiet, done_object, progress, table
+from dropper_jax.cli.options import add_examples, add_json, add_quiet
 from dropper_jax.cli.outputs import add_out, deliver
+from dropper_jax.cli.printing import done_object, progress, table
+
+if TYPE_CHECKING:
+    from dropper_jax.stability import CaseResult
 
 help = "run a catalogue of hard cases, each against its limit, with the thesis' schemes for comparison"
 
@@ -39,29 +46,23 @@ def run(args: argparse.Namespace) -> int:
         say(i / len(cases), case.name)
         rows.append(evaluate(case, args.short, not args.short))
     say(1.0, "done")
-    missed = [row["name"] for row in rows if not row["ok"]]
+    missed = [row.name for row in rows if not row.ok]
     failure = None
     if missed:
         failure = ("not_converged", f"limits exceeded: {', '.join(missed)}")
-    return deliver(args, done_object(cases=rows), text(rows), failure)
+    return deliver(args, done_object(cases=[asdict(row) for row in rows]), text(rows), failure)
 
 
-def text(rows: list[Table]) -> str:
+def text(rows: Sequence[CaseResult]) -> str:
     """The result as a table."""
-    cells = [
-        (
-            row["name"],
-            f"{row['measured']:.1e}",
-            f"{row['limit']:.0e}",
-            row["unit"],
-            "yes" if row["ok"] else "NO",
-            row["status"],
-            *(_short((row["baseline_thesis"] or {}).get(label)) for label in BASELINES),
-        )
-        for row in rows
-    ]
-    heads = ("case", "measured", "limit", "unit", "holds", "status", *BASELINES)
-    return "\n".join([table([heads, *cells]), "", *(f"{row['name']}: {row['claim']}" for row in rows)])
+    cells = [("case", "measured", "limit", "unit", "holds", "status", *BASELINES)]
+    for row in rows:
+        thesis = row.baseline_thesis or {}
+        holds = "yes" if row.ok else "NO"
+        numbers = (f"{row.measured:.1e}", f"{row.limit:.0e}")
+        cells.append((row.name, *numbers, row.unit, holds, row.status, *(_short(thesis.get(x)) for x in BASELINES)))
+    claims = [f"{row.name}: {row.claim}" for row in rows]
+    return "\n".join([table(cells), "", *claims])
 
 
 BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")

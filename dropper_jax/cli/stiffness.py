@@ -13,19 +13,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.options import (
-    add_examples,
-    add_scene,
-    done_object,
-    failure_of,
-    output_file,
-    print_result,
-    print_warnings,
-    read_numbers,
-    read_scene,
-    table,
-)
+from dropper_jax.cli.given import output_file, read_numbers
+from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import Output, deliver
+from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, table
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -67,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     scene = read_scene(args)
-    names, about = _asked(scene, args)
+    names, about = _requested_points(scene, args)
 
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.statics.static_pose import nodal_loads
@@ -91,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
     return deliver(args, plain, _text(found))
 
 
-def _asked(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarray | None]:
+def _requested_points(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarray | None]:
     """Names and the reference point, checked."""
     if args.of is None:
         if args.at is not None or args.lines_only:
@@ -116,7 +107,8 @@ def _of_one(
     scene: Scene, model: Model, pose: State, names: list[str], about: np.ndarray | None, lines_only: bool
 ) -> Stiffness:
     """The 6x6 matrix of a body, or of fixed points that move together, about a reference (3,) [m]."""
-    from dropper_jax.run.build import build_model, equilibrium, without_body
+    from dropper_jax.run.build import build_model, equilibrium
+    from dropper_jax.run.fixed_points import without_body
     from dropper_jax.statics.rigid_group import moved_to, stiffness_of_group
     from dropper_jax.statics.static_pose import nodal_loads
     from dropper_jax.statics.stiffness import mooring_stiffness
@@ -150,9 +142,12 @@ def _names(scene: Scene, given: str | None) -> list[str]:
     return names
 
 
+#: Maximum number of degrees of freedom of a printed matrix.
+PRINTED_FREEDOMS = 12
+
+
 def _text(found: Stiffness) -> str:
-    # maximum number of degrees of freedom of a printed matrix
-    if len(found.freedoms) <= 12:
+    if len(found.freedoms) <= PRINTED_FREEDOMS:
         rows = [("", *found.freedoms)]
         rows += [(name, *cells(line, ".5g")) for name, line in zip(found.freedoms, found.matrix, strict=True)]
         return f"{table(rows)}\nN/m; N, N m/rad for rotations: minus the force on a row per displacement of a column"
@@ -160,7 +155,9 @@ def _text(found: Stiffness) -> str:
     pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
     rows = [("point", *(f"{pair} [N/m]" for pair in pairs))]
     for name in found.names:
-        freedoms = [[first[name] + "xyz".index(letter) for letter in pair] for pair in pairs]
+        freedoms = []
+        for pair in pairs:
+            freedoms.append([first[name] + "xyz".index(letter) for letter in pair])
         rows.append((name, *(f"{found.matrix[i, j]:.5g}" for i, j in freedoms)))
     return f"{table(rows)}\nof each point, the other {len(found.names) - 1} fixed; the full matrix: --json or --out"
 

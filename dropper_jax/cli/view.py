@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.options import (
-    add_effects,
-    add_examples,
-    add_json,
-    done_object,
-    output_file,
-    print_result,
-    read_run,
-)
+from dropper_jax.cli.given import output_file
+from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
+from dropper_jax.cli.printing import done_object, print_result
 
 help = "make an interactive 3D page of a saved run"
 
@@ -34,7 +28,9 @@ def run(args: argparse.Namespace) -> int:
     out = output_file(args.out, "--out", (".html", ".htm"))
 
     solution = read_run(args.run_file, args)
-    other = None if args.other is None else read_run(args.other, args)
+    other = None
+    if args.other is not None:
+        other = read_run(args.other, args)
 
     from dropper_jax.report.page import write_view
 

@@ -50,7 +50,9 @@ class Bending(Effect):
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         if all(line.links < 2 for line in scene.lines) and not values["clamped"] and not values["joined"]:
             raise SceneError("effects.bending: needs a line of at least 2 links. Use more links, or remove the effect")
-        given = () if values["directions"] is None else values["directions"]
+        given = ()
+        if values["directions"] is not None:
+            given = values["directions"]
         if len(given) != len(values["clamped"]):
             raise SceneError(
                 f"effects.bending.directions: has {len(given)} entries; allowed: one for each of the "

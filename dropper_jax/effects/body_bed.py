@@ -72,6 +72,10 @@ class BodyBed(Effect):
         return -back(normal)[0]
 
 
+#: Speed below which friction decreases [m/s]: a body under a steady force below its friction limit creeps more slowly.
+CREEP_SPEED = 1e-3
+
+
 @component
 class BodyBedFriction(BodyBed):
     """The same with dry friction `-mu N s/sqrt(|s|^2 + s0^2)`, s the velocity along the seabed at the contact point.
@@ -109,14 +113,13 @@ class BodyBedFriction(BodyBed):
     ) -> jax.Array:
         """`w x arm` (items, 3) of the bodies `of`, from three of their edges E: `E'(E^-1 arm)`."""
         corners = self.pieces.body_nodes(model, of)
-        edges, rates = (a[corners[:, 1:]] - a[corners[:, :1]] for a in (r, v))
+        edges = r[corners[:, 1:]] - r[corners[:, :1]]
+        rates = v[corners[:, 1:]] - v[corners[:, :1]]
         own = jnp.linalg.solve(jnp.swapaxes(edges, -1, -2), arm[..., None])[..., 0]
         return jnp.sum(rates * own[..., None], axis=1)
 
     def force(self, k: Kinematics) -> jax.Array:
         normal = self.normal(k)
         slip, back = jax.vjp(lambda v: self.slips(k.model, k.r, v), k.v)
-        # speed below which friction decreases [m/s]: a body under a steady force below its friction limit creeps more
-        # slowly
-        rub = (self.friction * normal / jnp.sqrt(dot(slip, slip) + 1e-3**2))[:, None] * slip
+        rub = (self.friction * normal / jnp.sqrt(dot(slip, slip) + CREEP_SPEED**2))[:, None] * slip
         return self._contact_force(k, normal) - back(rub)[0]

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option
-from dropper_jax.base.numerics import scatter_add, upright
+from dropper_jax.base.indexed_sums import scatter_add
+from dropper_jax.base.numerics import upright
 from dropper_jax.effects.hydrostatics import Cylinders, sphere_energy, sphere_volume
 from dropper_jax.model import Effect, Kinematics, ModelView
 

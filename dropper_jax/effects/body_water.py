@@ -24,6 +24,10 @@ class Around(NamedTuple):
     end_acceleration: jax.Array
 
 
+#: Part of its radius over which a level end enters the water.
+END_SLANT = 0.1
+
+
 @component
 class BodyWater(Effect):
     """Morison's forces on each slice of a body, at the centre of its axis; u is relative, V the submerged volume.
@@ -74,8 +78,7 @@ class BodyWater(Effect):
 
     def _under(self, k: Kinematics, out: jax.Array, level: jax.Array) -> jax.Array:
         """Submerged fraction of the ends (e,)."""
-        # part of its radius over which a level end enters the water
-        across = jnp.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2 + 0.1**2)
+        across = jnp.sqrt(out[:, 0] ** 2 + out[:, 1] ** 2 + END_SLANT**2)
         s = 0.5 + 0.5 * (level - self._ends(k.model, k.r)[:, 2]) / (self.end_radius * across)
         s = jnp.clip(s, 0.0, 1.0)
         return s * s * (3.0 - 2.0 * s)

@@ -73,6 +73,10 @@ def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     return volume
 
 
+#: Relative difference between two given volumes that is still attributed to rounding of printed values.
+SAME_VOLUME = 1e-3
+
+
 def check_volume(scene: SceneData, wet_weight: Plain) -> None:
     """The volume: from the diameter, from dry and wet weight, or from both if they agree."""
     line = scene.line
@@ -85,8 +89,7 @@ def check_volume(scene: SceneData, wet_weight: Plain) -> None:
         return
     geometric = 0.25 * np.pi * line.diameter**2 * line.length
     error = np.abs(geometric / volume - 1.0)
-    # relative difference between two given volumes that is still attributed to rounding of printed values
-    if np.max(error) > 1e-3:
+    if np.max(error) > SAME_VOLUME:
         worst = int(np.argmax(error))
         fitting = np.sqrt(4.0 * volume[worst] / (np.pi * line.length[worst]))
         raise SceneError(

@@ -31,6 +31,11 @@ class Touching(Protocol):
         """Whether a bar belongs to a rigid body."""
 
 
+#: Rounding of the nearest point for parallel axes, relative to the square of their lengths: they meet at their middles,
+#: and the contact point moves smoothly (over 0.3 degrees) as they turn away from parallel.
+PARALLEL = 0.5e-5
+
+
 class Bars:
     """The axes of all pieces, from the positions of their nodes.
 
@@ -44,18 +49,18 @@ class Bars:
         radius = jnp.broadcast_to(effect.radius, model.line.length.shape)
         first, second = _links(model.geometry, effect.beside)
         link, bar = _links_and_bars(model.geometry, effect.along)
+        axis = jnp.zeros((0, 2, 3), length.dtype)
+        other = jnp.zeros(0, length.dtype)
         if len(bar):
             axis = effect.bars[bar]
-        else:
-            axis = jnp.zeros((0, 2, 3), length.dtype)
+            other = effect.bar_radius[bar]
         across = axis[:, 1] - axis[:, 0]
-        other = effect.bar_radius[bar] if len(bar) else jnp.zeros(0, length.dtype)
         self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + other])
         square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[link] ** 2 + dot(across, across)])
-        # rounding of the nearest point for parallel axes, relative to the square of their lengths: they meet at their
-        # middles, and the contact point moves smoothly (over 0.3 degrees) as they turn away from parallel
-        self.spread = 0.5e-5 * jax.lax.stop_gradient(square)
-        self.pairs, self.offset, self.shares = len(first), None, None
+        self.spread = PARALLEL * jax.lax.stop_gradient(square)
+        self.pairs = len(first)
+        self.offset = None
+        self.shares = None
         if not len(bar):
             return
         owner = np.array([number for _, number in effect.along])[bar]
@@ -90,19 +95,28 @@ class Bars:
 def _links(graph: Graph, beside: tuple[tuple[Group, Group], ...]) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of links that may touch: all links of one group with all of the other, except those that share a point."""
     found = [np.zeros((2, 0), int)]
-    for groups in beside:
-        own = [[graph.members[i] for i in group] for group in groups]
-        points = [{end for member in members for end in (member.start, member.end)} for members in own]
-        shared = points[0] & points[1]
-        kept = [_links_except(graph, group, shared) for group in groups]
-        found.append(np.stack([part.ravel() for part in np.meshgrid(*kept, indexing="ij")]))
+    for first, second in beside:
+        shared = _points_of(graph, first) & _points_of(graph, second)
+        some = np.meshgrid(_links_except(graph, first, shared), _links_except(graph, second, shared), indexing="ij")
+        found.append(np.stack([part.ravel() for part in some]))
     return tuple(np.concatenate(found, axis=1))
+
+
+def _points_of(graph: Graph, group: Group) -> set[int]:
+    """Points at the ends of a group of lines."""
+    members = [graph.members[i] for i in group]
+    return {member.start for member in members} | {member.end for member in members}
 
 
 def _links_except(graph: Graph, group: Group, away: set[int]) -> np.ndarray:
     """Links of a group of lines, except those that end at given points."""
-    lines = [(graph.members[i], graph.spans[i]) for i in group]
-    return np.concatenate([np.arange(s.start + (m.start in away), s.stop - (m.end in away)) for m, s in lines])
+    found = []
+    for i in group:
+        member = graph.members[i]
+        first = graph.spans[i].start + (member.start in away)
+        stop = graph.spans[i].stop - (member.end in away)
+        found.append(np.arange(first, stop))
+    return np.concatenate(found)
 
 
 @lru_cache(maxsize=64)
@@ -133,10 +147,7 @@ def nodes_of_bars(
         numbers = corner + 4 * np.maximum(owners, 0)[:, None] + np.arange(4)
         own = np.where((owners >= 0)[:, None], graph.point_node[numbers], own)
     pairs = [graph.first[first], graph.last[first], graph.first[second], graph.last[second]]
-    pairs += [graph.first[first]] * 2 if rigid else []
-    return np.concatenate(
-        [
-            np.stack(pairs, axis=1),
-            np.concatenate([np.stack([graph.first[link], graph.last[link]], axis=1), own], axis=1),
-        ]
-    )
+    if rigid:
+        pairs += [graph.first[first]] * 2
+    links = np.stack([graph.first[link], graph.last[link]], axis=1)
+    return np.concatenate([np.stack(pairs, axis=1), np.concatenate([links, own], axis=1)])

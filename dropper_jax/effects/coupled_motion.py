@@ -24,7 +24,7 @@ class CoupledMotion(Effect):
     begin: jax.Array = parameter("first instant", unit="s")
     width: jax.Array = parameter("time to the second one", unit="s")
     home: jax.Array = parameter("positions of the points in the scene (c, 3)", unit="m", shape="vectors")
-    places: jax.Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
+    positions: jax.Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
     velocities: jax.Array = parameter("at both instants (2, c, 3)", unit="m/s", shape="vectors")
     accelerations: jax.Array | None = parameter(
         "at both instants (2, c, 3)", unit="m/s^2", shape="vectors", optional=True
@@ -36,18 +36,24 @@ class CoupledMotion(Effect):
 
     def of(self, name: str) -> Effect:
         i = self.points.index(name)
-        if self.accelerations is None:
-            bends = None
-        else:
-            bends = self.accelerations[:, i : i + 1]
-        cut = {key: getattr(self, key)[:, i : i + 1] for key in ("places", "velocities")}
-        return replace(self, points=(name,), home=self.home[i : i + 1], accelerations=bends, **cut)
+        one = slice(i, i + 1)
+        accelerations = None
+        if self.accelerations is not None:
+            accelerations = self.accelerations[:, one]
+        return replace(
+            self,
+            points=(name,),
+            home=self.home[one],
+            positions=self.positions[:, one],
+            velocities=self.velocities[:, one],
+            accelerations=accelerations,
+        )
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
         s = (t - self.begin) / self.width
         h = self.width
-        x0, x1 = self.places[:, 0]
+        x0, x1 = self.positions[:, 0]
         v0, v1 = self.velocities[:, 0]
         far = x1 - x0
         if self.accelerations is None:

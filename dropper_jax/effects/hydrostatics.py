@@ -115,6 +115,12 @@ def _along_tilt_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tu
     return _along_tilt(t, b), _tilt(t, b) * dot[0] + turned * dot[1]
 
 
+#: Minimum half height of a section divided by its radius: an upright cylinder has level sections.
+LEAST_SECTION = 1e-6
+#: Sections whose depths differ by less than this part of their half height along a piece are integrated numerically.
+LEVEL_PIECE = 0.25
+
+
 class Cylinders(NamedTuple):
     """Cylinders (n,) relative to the surface.
 
@@ -140,13 +146,10 @@ class Cylinders(NamedTuple):
     def of(cls, ends: jax.Array, level: jax.Array, radius: jax.Array, length: jax.Array) -> Cylinders:
         """From both ends of their axes (n, 2, 3), the level of the surface over each, radius and length (n,) [m]."""
         across = (ends[:, 1, :2] - ends[:, 0, :2]) / length[:, None]
-        # minimum half height of a section divided by its radius: an upright cylinder has level sections
-        half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + 1e-6**2)
+        half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + LEAST_SECTION**2)
         first = level - ends[:, 0, 2]
         last = level - ends[:, 1, 2]
-        # sections whose depths differ by less than this part of their half height along a piece are integrated
-        # numerically
-        flat = jnp.abs(last - first) < 0.25 * half
+        flat = jnp.abs(last - first) < LEVEL_PIECE * half
         change = jnp.where(flat, 1.0, last - first)
         return cls(first, last, half, across, radius, radius**2 * length, change, flat)
 

@@ -191,14 +191,18 @@ def changing_lengths(scene: SceneData) -> list[Effect]:
     return [LengthInTime(tuple(entries))]
 
 
+#: Samples between two rows of a table, whose quintics have few turning points there.
+SAMPLES_PER_ROW = 20
+
+
 def _check_between_rows(name: str, table: LengthTable) -> None:
     """Reject a smooth table whose quintics pass zero between its rows."""
     if not table.smooth:
         return
     rows = np.arange(len(table.time))
-    # the quintics of a table have few turning points between two rows
-    t = np.interp(np.linspace(0.0, rows[-1], 20 * rows[-1] + 1), rows, table.time)
-    time, length = (jnp.asarray(column) for column in (table.time, table.length))
+    t = np.interp(np.linspace(0.0, rows[-1], SAMPLES_PER_ROW * rows[-1] + 1), rows, table.time)
+    time = jnp.asarray(table.time)
+    length = jnp.asarray(table.length)
     found = np.asarray(jax.vmap(lambda at: interpolate_quintic(at, time, length[:, None])[0])(jnp.asarray(t)))
     lowest = int(np.argmin(found))
     if found[lowest] <= 0.0:

@@ -68,7 +68,9 @@ class LineContact(Effect):
                 path = f"effects.line_contact.{key}.{i}"
                 for j, (name, known) in enumerate(zip(pair, (list(lines), second), strict=True)):
                     if name not in known:
-                        what = "line" if known is not others else "body or buoy"
+                        what = "body or buoy"
+                        if known is not others:
+                            what = "line"
                         raise SceneError(
                             f"{path}.{j}: {name!r} is not a {what}; {nearest(name, known) if known else 'none exist'}"
                         )
@@ -92,7 +94,8 @@ class LineContact(Effect):
         if values["radius"] is None:
             each = [np.zeros(n.links) if n.diameter is None else 0.5 * n.diameter for n in scene.lines]
             values["radius"] = np.concatenate(each)
-        index, number = ({x.name: i for i, x in enumerate(many)} for many in (scene.points, scene.bodies))
+        index = {x.name: i for i, x in enumerate(scene.points)}
+        number = {x.name: i for i, x in enumerate(scene.bodies)}
         buoys = {b.name: b for b in scene.buoys}
         bars: list[tuple[Group, int, np.ndarray, np.ndarray, float]] = []
         for line, name in values["bodies"]:
@@ -118,6 +121,12 @@ class LineContact(Effect):
             beside=tuple((lines[a], lines[b]) for a, b in values["pairs"]),
             along=tuple((group, owner) for group, owner, *_ in bars),
         )
+
+
+#: Motion over a step, relative to the reach, below which the third-order error of the energy balance is not corrected.
+SMALL_MOTION = 1e-5
+#: Fraction of the reach by which links may move relative to each other in a step.
+LARGEST_MOTION = 0.25
 
 
 @component
@@ -169,9 +178,7 @@ class LinksInContact(LineContact):
         gained = self._energy(bars, p + 0.5 * displacement) - self._energy(bars, p - 0.5 * displacement)
         lacking = gained + jnp.sum(force * displacement, axis=(-2, -1))
         own = displacement - jnp.mean(displacement, axis=-2, keepdims=True)  # the force has no net motion as a whole
-        # motion over a step, relative to the reach, below which the third-order error of the energy balance is not
-        # corrected
-        size = jnp.sum(own**2, axis=(-2, -1)) + (1e-5 * bars.reach) ** 2
+        size = jnp.sum(own**2, axis=(-2, -1)) + (SMALL_MOTION * bars.reach) ** 2
         return -(lacking / size)[..., None, None] * own
 
     def _dissipative_force(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
@@ -187,11 +194,11 @@ class LinksInContact(LineContact):
     def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
         bars = Bars(self, before.model)
         nodes = self.piece_nodes(before.model)
-        start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
+        start = bars.axes(at_pieces(before, nodes)[0])
+        end = bars.axes(at_pieces(after, nodes)[0])
         way = relative_motion(start, end)
         distance = nearest_points(start, bars.reach, bars.spread).distance
-        # fraction of the reach by which links may move relative to each other in a step
-        return jnp.any((way > 0.25 * bars.reach) & (distance - way < bars.reach))
+        return jnp.any((way > LARGEST_MOTION * bars.reach) & (distance - way < bars.reach))
 
 
 @component

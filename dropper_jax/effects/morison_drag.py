@@ -101,7 +101,9 @@ class MorisonDrag(Effect):
     def force(self, k: Kinematics) -> jax.Array:
         water = k.water
         line = k.line
-        tangents = water.tangents if self.tangents == "frozen" else k.tangents
+        tangents = k.tangents
+        if self.tangents == "frozen":
+            tangents = water.tangents
         skin = 0.5 * k.model.sea.density * line.drag_diameter * line.length
         relative = water.motion.velocity - drag_velocity(k, self._decay(k, skin))
         total = jnp.zeros_like(k.v)

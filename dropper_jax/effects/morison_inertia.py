@@ -156,7 +156,9 @@ class MorisonInertia(_InertiaForce):
         can, cat = self._coefficients(k)
         for part in k.line.parts():
             mass = self._wet_mass(k, part)
-            change, v0, v1 = (part.at(nodal) for nodal in (a, before, after))
+            change = part.at(a)
+            v0 = part.at(before)
+            v1 = part.at(after)
             momentum = end * dot(end, v1) - start * dot(start, v0)
             total = total + part.collect(mass * (can * change + (cat - can) * momentum / h))
             force = 0.5 * mass * (cat - can) * (v0 * dot(middle, v1) + v1 * dot(middle, v0))

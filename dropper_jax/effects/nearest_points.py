@@ -28,6 +28,10 @@ class Nearest(NamedTuple):
     shares: jax.Array
 
 
+#: Distance relative to the reach below which axes count as this far apart, so that the force direction stays defined.
+NEAREST = 1e-2
+
+
 def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest:
     """The minimum of `|p0 + s u - q0 - t w|^2 + spread ((s - 1/2)^2 + (t - 1/2)^2)` over s and t from 0 to 1.
 
@@ -51,8 +55,7 @@ def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest
     s = jnp.clip((b * t + e) / a, 0.0, 1.0)
     apart = off + s[..., None] * u - t[..., None] * w
     least = dot(apart, apart) + spread * ((s - 0.5) ** 2 + (t - 0.5) ** 2)
-    # distance relative to the reach below which axes count as this far apart, so that the force direction stays defined
-    distance = jnp.sqrt(least + (1e-2 * reach) ** 2)
+    distance = jnp.sqrt(least + (NEAREST * reach) ** 2)
     return Nearest(distance, apart / distance[..., None], jnp.stack([1.0 - s, s, t - 1.0, -t], axis=-1))
 
 

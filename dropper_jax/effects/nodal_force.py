@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.numerics import scatter_add
+from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 

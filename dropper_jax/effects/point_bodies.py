@@ -11,7 +11,8 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.numerics import safe_norm, scatter_add
+from dropper_jax.base.indexed_sums import scatter_add
+from dropper_jax.base.numerics import safe_norm
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.scene import SceneData
 

@@ -42,7 +42,9 @@ class SeaFollowingEnd(HeldMotion):
         cls.check_points(values, scene)
         if scene.sea.waves is None or scene.sea.ramp is None:
             raise SceneError(f"{path}: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`")
-        count = 1 if values["omega"] is None else len(values["omega"])
+        count = 1
+        if values["omega"] is not None:
+            count = len(values["omega"])
         for key in ("heave", "surge"):
             if np.size(values[key]) not in (1, count):
                 raise SceneError(f"{path}.{key}: has {np.size(values[key])} values; allowed: 1, or {count} as `omega`")
@@ -65,5 +67,6 @@ class SeaFollowingEnd(HeldMotion):
         if sea.waves is None:
             return jnp.zeros_like(self.place)
         waves = sea.waves
-        heave, surge = (self._factor(value, waves.omega) for value in (self.heave, self.surge))
+        heave = self._factor(self.heave, waves.omega)
+        surge = self._factor(self.surge, waves.omega)
         return waves.excursion(self.place, t, sea.depth, heave, surge)

@@ -16,6 +16,9 @@ from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Law, Line
 from dropper_jax.scene import SceneData
 
+#: Speed below which a node at the start of a step counts as at rest [m/s]: rounding, not creep.
+AT_REST = 1e-10
+
 
 @component
 class SeabedFriction(Law):
@@ -103,8 +106,7 @@ class SeabedFriction(Law):
         speed = _size(_along_bed(k, k.v))
         if self.law == "moordyn":
             return self.kinetic * self.damping * speed > self.static * _find_seabed(k).normal(k)[:, None]
-        # speed below which a node at the start of a step counts as at rest [m/s]: rounding, not creep
-        return speed > 1e-10
+        return speed > AT_REST
 
     def _limit(self, k: Kinematics) -> jax.Array:
         """Maximum friction (nodes, 1) [N]."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.numerics import dot, safe_norm, scatter_add
+from dropper_jax.base.indexed_sums import scatter_add
+from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.sea import Sea
 

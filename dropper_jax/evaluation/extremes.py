@@ -188,26 +188,29 @@ def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
             mean = max(float(tension.mean()), 0.0)
             # slack below this part of the link's mean tension, a snap above this multiple of it
             usual = 0.0 if where.spec.rigid else 0.1 * mean
-            slack = usual if settings.slack is None else settings.slack
+            slack = usual
+            if settings.slack is not None:
+                slack = settings.slack
             snap = max(2.0 * mean if settings.snap is None else settings.snap, slack)
-            largest, largest_at = (record.extremes["tension"][i][:, where.links.start + j] for i in (1, 3))
+            largest = record.extremes["tension"][1][:, where.links.start + j]
+            largest_at = record.extremes["tension"][3][:, where.links.start + j]
             peaks = largest, largest_at
             own = snap_events(record.t_tension, tension, slack, settings.slack_time, snap, peaks)
             counts.append(len(own))
             share.append(float(np.mean(tension < slack)))
-            events += [
-                {
-                    "at_m": float(s[j]),
-                    "slack_from_s": event.slack_from,
-                    "slack_to_s": event.slack_to,
-                    "threshold_passed_s": event.passed,
-                    "peak_n": event.peak,
-                    "peak_s": event.peak_at,
-                    "slack_n": slack,
-                    "snap_n": snap,
-                }
-                for event in own
-            ]
+            for event in own:
+                events.append(
+                    {
+                        "at_m": float(s[j]),
+                        "slack_from_s": event.slack_from,
+                        "slack_to_s": event.slack_to,
+                        "threshold_passed_s": event.passed,
+                        "peak_n": event.peak,
+                        "peak_s": event.peak_at,
+                        "slack_n": slack,
+                        "snap_n": snap,
+                    }
+                )
         events.sort(key=lambda event: -event["peak_n"])
         found.append(
             {

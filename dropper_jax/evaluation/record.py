@@ -119,9 +119,9 @@ def record(solution: Samples, skip: float = 0.0) -> Record:
         square = tension**2
     else:
         square = np.asarray(solution.tension_square[rows], float)
-    extremes = {
-        signal: Extremes(*(np.asarray(a[rows], float) for a in solution.step_extremes(signal))) for signal in SIGNALS
-    }
+    extremes = {}
+    for signal in SIGNALS:
+        extremes[signal] = Extremes(*(np.asarray(a[rows], float) for a in solution.step_extremes(signal)))
     return Record(
         solution,
         t=np.asarray(solution.t[kept], float),

@@ -55,7 +55,11 @@ class Settings:
 
     def table(self) -> dict[str, Any]:
         """Values with meaning and unit, by name."""
-        return {
-            f.name: {"value": getattr(self, f.name), "unit": f.metadata["unit"], "meaning": f.metadata["meaning"]}
-            for f in dataclasses.fields(self)
-        }
+        found = {}
+        for f in dataclasses.fields(self):
+            found[f.name] = {
+                "value": getattr(self, f.name),
+                "unit": f.metadata["unit"],
+                "meaning": f.metadata["meaning"],
+            }
+        return found

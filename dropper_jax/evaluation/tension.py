@@ -11,9 +11,8 @@ from dropper_jax.evaluation.record import Record, arc, spread
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.run.bends import held_points, positions_at
 from dropper_jax.run.bends import point_load as line_load
-from dropper_jax.run.growth import end_angles, end_forces
-from dropper_jax.run.quantities import excess_kurtosis, statistic
-from dropper_jax.run.storage import extra
+from dropper_jax.run.line_weights import end_angles, end_forces
+from dropper_jax.run.statistics import excess_kurtosis, statistic
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
 from dropper_jax.stepping.extremes import Extremes
 
@@ -37,11 +36,11 @@ def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
 
 def _ends(key: str, values: np.ndarray) -> dict[str, float]:
     """Mean and maximum of values (k, 2) at both ends."""
-    return {
-        f"{what}_{end}_{key}": float(function(values[:, i]))
-        for i, end in enumerate(("first", "last"))
-        for what, function in (("mean", np.mean), ("max", np.max))
-    }
+    found = {}
+    for i, end in enumerate(("first", "last")):
+        for what, function in (("mean", np.mean), ("max", np.max)):
+            found[f"{what}_{end}_{key}"] = float(function(values[:, i]))
+    return found
 
 
 def _force_peaks(extremes: Extremes) -> dict[str, float]:
@@ -61,7 +60,8 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
     s = arc(spec.length)
     square = record.square[:, where.links]
     least, largest, least_at, largest_at = (a[:, where.links] for a in record.extremes["tension"])
-    high, low = (np.unravel_index(i, tension.shape) for i in (np.argmax(largest), np.argmin(least)))
+    high = np.unravel_index(np.argmax(largest), tension.shape)
+    low = np.unravel_index(np.argmin(least), tension.shape)
     found: dict[str, Any] = {
         "line": where.name,
         "arc_length_m": s,
@@ -96,7 +96,9 @@ def _smooth_maxima(record: Record, tension: np.ndarray) -> dict[str, float]:
     """Maxima of a line's tensions (k, n) [N] that do not depend on a single step: `sustained_n` of the means over
     0.2 s, `most_probable_n` in three hours of a Gaussian process, and the excess kurtosis, 0 for such a process."""
     t = record.t_tension
-    interval = float(np.mean(np.diff(t))) if len(t) > 1 else 1.0
+    interval = 1.0
+    if len(t) > 1:
+        interval = float(np.mean(np.diff(t)))
     return {
         "sustained_n": float(statistic("sustained", jnp.asarray(tension), interval)),
         "most_probable_n": float(statistic("mpm", jnp.asarray(tension), interval)),
@@ -111,6 +113,10 @@ def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
     if settings.breaking_load is None:
         return None
     return np.full(spec.links, settings.breaking_load)
+
+
+#: Below this fraction of its mean a load has no defined direction.
+NO_DIRECTION = 0.01
 
 
 def anchors(record: Record) -> list[dict[str, Any]]:
@@ -130,17 +136,25 @@ def anchors(record: Record) -> list[dict[str, Any]]:
         size = np.linalg.norm(load, axis=1)
         top = int(np.argmax(extremes.largest[:, 2]))
         most = {"max_s": float(extremes.largest_at[top, 2])}
-        loaded = size >= max(0.01 * size.mean(), 1e-12)
+        loaded = size >= max(NO_DIRECTION * size.mean(), 1e-12)
+        uplift_rad = None
+        uplift_at_largest_load_rad = None
+        if loaded.any():
+            uplift_rad = spread(np.arctan2(up[loaded], across[loaded]))
+            uplift_at_largest_load_rad = _uplift(extremes, top)
+        holding = None
+        if name in held:
+            holding = _holding(held[name], record.scene.anchors, peaks)
         found.append(
             {
                 "point": name,
                 "horizontal_n": spread(across) | _extremes_of(extremes, 0),
                 "vertical_n": spread(up) | _extremes_of(extremes, 1),
                 "total_n": spread(size) | _extremes_of(extremes, 2) | most,
-                "uplift_rad": spread(np.arctan2(up[loaded], across[loaded])) if loaded.any() else None,
+                "uplift_rad": uplift_rad,
                 "share_without_angle": float(1.0 - loaded.mean()),
-                "uplift_at_largest_load_rad": _uplift(extremes, top) if loaded.any() else None,
-                "holding": None if name not in held else _holding(held[name], record.scene.anchors, peaks),
+                "uplift_at_largest_load_rad": uplift_at_largest_load_rad,
+                "holding": holding,
             }
         )
     return found
@@ -153,11 +167,13 @@ def load_extremes(record: Record) -> dict[str, Extremes]:
     zero = np.zeros((len(record.t_tension), 3))
     times = np.tile(record.t_tension[:, None], 3)
     none = Extremes(zero, zero, times, times)
-    return {
-        point.name: Extremes(*(a[:, loaded.index(point.name)] for a in found)) if point.name in loaded else none
-        for point in record.scene.points
-        if not point.is_free
-    }
+    rows = {}
+    for point in record.scene.points:
+        if not point.is_free:
+            rows[point.name] = (
+                Extremes(*(a[:, loaded.index(point.name)] for a in found)) if point.name in loaded else none
+            )
+    return rows
 
 
 def _extremes_of(extremes: Extremes, part: int) -> dict[str, float]:
@@ -196,114 +212,22 @@ def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], peaks: dict[st
     used = utilisations(anchors, loads)
     factored = utilisations(anchors, {name: anchor.safety_factor * load for name, load in loads.items()})
     largest = float(used[anchor.point].max())
-    return {
+    factor = None
+    if largest > 0.0:
+        factor = 1.0 / largest
+    found = {
         "kind": anchor.kind,
         "behind": anchor.behind,
         "utilisation": spread(used[anchor.point]),
-        "factor": 1.0 / largest if largest > 0.0 else None,
+        "factor": factor,
         "required_factor": anchor.safety_factor,
         "holds": bool(factored[anchor.behind or anchor.point].max() <= 1.0),
-        **({"capacity_n": anchor.screw_capacity} if anchor.kind == "screw" else {}),
     }
+    if anchor.kind == "screw":
+        found["capacity_n"] = anchor.screw_capacity
+    return found
 
 
 def point_load(record: Record, name: str) -> np.ndarray:
     """Force (q, 3) [N] of all lines on a point."""
     return line_load(record.scene, name, record.t, record.positions, record.t_tension, record.tension)
-
-
-#: A year of 365.25 days [s].
-YEAR = 365.25 * 86400.0
-#: Ranges below this fraction of the maximum tension of the record are rounding and are not counted.
-RANGE_ROUNDING = 1e-9
-
-
-#: Curves of parts, K and m over the breaking load: a curve for chain does not apply to rope.
-CURVES = (
-    "316 and 3 for studless chain, 1000 and 3 for stud chain (API RP 2SK), 25000 and 5.2 for polyester (API RP 2SM)"
-)
-NO_LOAD = "no breaking load: give `breaking_load` in the scene, or --breaking-load"
-NO_CURVE = f"no curve of the part: give --curve-k and --curve-m, as {CURVES}"
-
-
-def turning_points(x: np.ndarray) -> np.ndarray:
-    """First and last value of x (k,) and every peak and valley between; one of equal neighbours."""
-    x = x[np.concatenate([[True], np.diff(x) != 0])]
-    if len(x) < 3:
-        return x
-    up = np.diff(x) > 0
-    return x[np.concatenate([[True], up[1:] != up[:-1], [True]])]
-
-
-def cycles(tension: np.ndarray) -> np.ndarray:
-    """Rainflow cycles (c, 3) of a tension (k,): range [N], mean [N], count 0.5 or 1 (ASTM E1049-85, 5.4.4).
-
-    Raises:
-        SceneError: the package `rainflow` is not installed.
-    """
-    rainflow = extra("rainflow", "fatigue")
-    found = [(size, mean, count) for size, mean, count, *_ in rainflow.extract_cycles(turning_points(tension).tolist())]
-    return np.array(found, float).reshape(-1, 3)
-
-
-def damage(counted: np.ndarray, load: float, k: float, m: float) -> float:
-    """Palmgren-Miner damage of cycles (c, 3) `sum count/N`, `N = k (range/load)^-m`, load the breaking load [N]."""
-    return float(np.sum(counted[:, 2] * (counted[:, 0] / load) ** m) / k)
-
-
-def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
-    """Per line: equivalent range, counted cycles and, with a breaking load, the damage of the record and of a year.
-
-    The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load.
-    """
-    # maximum number of counted links of a line for runs of very many links: the counting is plain Python
-    found = []
-    every = record.tension.shape[1] <= 200
-    least = RANGE_ROUNDING * float(np.abs(record.tension).max())
-    for where in record.written_lines:
-        spec = where.spec
-        s = arc(spec.length)
-        load = breaking_load(spec, settings)
-        deviation = record.tension[:, where.links].std(axis=0)
-        if every:
-            picked = range(spec.links)
-        else:
-            picked = sorted({0, int(np.argmax(deviation)), spec.links - 1})
-        counted = [cycles(record.tension[:, where.links.start + j]) for j in picked]
-        counted = [c[c[:, 0] > least] for c in counted]
-        if load is None or settings.curve_k is None:
-            damages = None
-        else:
-            pairs = zip(counted, picked, strict=True)
-            damages = [damage(c, load[j], settings.curve_k, settings.curve_m) for c, j in pairs]
-        found.append(
-            {
-                "line": where.name,
-                "arc_length_m": s[list(picked)],
-                "cycles": [float(c[:, 2].sum()) for c in counted],
-                "equivalent_range_n": [_equivalent(c, settings.curve_m) for c in counted],
-                "largest_range_n": [float(c[:, 0].max(initial=0.0)) for c in counted],
-                **_damages(record, damages, NO_LOAD if load is None else NO_CURVE),
-            }
-        )
-    return found
-
-
-def _equivalent(counted: np.ndarray, m: float) -> float:
-    total = counted[:, 2].sum()
-    if total > 0:
-        return float((np.sum(counted[:, 2] * counted[:, 0] ** m) / total) ** (1 / m))
-    return 0.0
-
-
-def _damages(record: Record, values: list[float] | None, why_not: str) -> dict[str, Any]:
-    if values is None:
-        return {"damage": None, "why_no_damage": why_not}
-    worst = max(values)
-    yearly = worst * YEAR / record.duration
-    return {
-        "damage": values,
-        "largest_damage": worst,
-        "damage_per_year": yearly,
-        "life_years": 1.0 / yearly if yearly > 0 else None,
-    }

@@ -1,1 +1,1 @@
-"""Questions that users ask most about a mooring, answered by numbers beside a closed form or a second equilibrium."""
+"""Questions that users ask most about a mooring, answered by numbers next to a closed form or a second equilibrium."""

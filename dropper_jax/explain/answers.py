@@ -1,4 +1,4 @@
-"""What a mooring at rest does and why: a row of numbers per line, each beside a closed form or a second equilibrium."""
+"""What a mooring at rest does and why: numbers per line, each next to a closed form or a second equilibrium."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.explain.catenary import Hanging, Shape, hanging_length, offset_until_uplift, solve
 from dropper_jax.load.checks_water import bed_height
-from dropper_jax.run.build import build_model, equilibrium, shift_model
-from dropper_jax.run.growth import end_angles, end_forces, wet_weights
+from dropper_jax.run.build import build_model, equilibrium
+from dropper_jax.run.line_weights import end_angles, end_forces, wet_weights
+from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.rigid_group import stiffness_of_group
 from dropper_jax.statics.static_pose import nodal_loads, settle
@@ -304,9 +305,13 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
     found = []
     for line in whole_lines(scene):
         most = float(tension[line.links].max())
-        exact = float(np.asarray(again.tension)[line.links].max()) if again.status == "ok" else None
+        exact = None
+        if again.status == "ok":
+            exact = float(np.asarray(again.tension)[line.links].max())
         load = line.spec.breaking_load
-        use = None if load is None else float(np.max(tension[line.links] / load))
+        use = None
+        if load is not None:
+            use = float(np.max(tension[line.links] / load))
         worn_use = None
         if load is not None and again.status == "ok":
             worn_use = float(np.max(np.asarray(again.tension)[line.links] / load)) / WORN**2
@@ -331,9 +336,10 @@ def _along(scene: Scene, worn: Scene, state: State) -> np.ndarray:
     model = build_model(scene)
     loads = nodal_loads(model, scene.start.release_nodes or (), scene.start.release_force)
     pairs = zip(jax.tree.leaves(model), jax.tree.leaves(build_model(worn)), strict=True)
-    change = {
-        i: np.asarray(b) - np.asarray(a) for i, (a, b) in enumerate(pairs) if np.any(np.asarray(a) != np.asarray(b))
-    }
+    change = {}
+    for i, (a, b) in enumerate(pairs):
+        if np.any(np.asarray(a) != np.asarray(b)):
+            change[i] = np.asarray(b) - np.asarray(a)
     rows = [row[None] for row in change.values()]
 
     def tension(shift: jax.Array) -> jax.Array:

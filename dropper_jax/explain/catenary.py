@@ -162,7 +162,11 @@ def _shape(line: Hanging, x: np.ndarray, slope: np.ndarray) -> Shape:
     horizontal = total * float(np.exp(x[0]))
     vertical = total * float(x[1])
     rests = line.on_bed and vertical < total
-    lower = horizontal if rests else float(np.hypot(horizontal, vertical - total))
-    bed = line.length - vertical / line.weight if rests else 0.0
+    lower = horizontal
+    if not rests:
+        lower = float(np.hypot(horizontal, vertical - total))
+    bed = 0.0
+    if rests:
+        bed = line.length - vertical / line.weight
     by_force = slope / np.array([horizontal, total])
     return Shape(horizontal, vertical, float(np.hypot(horizontal, vertical)), lower, bed, np.linalg.inv(by_force))

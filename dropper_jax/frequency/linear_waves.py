@@ -36,8 +36,9 @@ from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Model, State
 from dropper_jax.model.slots import Prepared
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
+from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.search import outward
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.tangent import Linear, Tangent, solve_matrix
 
 
@@ -140,7 +141,8 @@ def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
 
 def dragging_effects(still: Model) -> tuple[Model, Model]:
     """The model with the effects of the water, without contact, and with those that do not know the waves."""
-    bed, prepared = ({e.name for e in still.having(kind)} for kind in (Seabed, Prepared))
+    bed = {e.name for e in still.having(Seabed)}
+    prepared = {e.name for e in still.having(Prepared)}
     effects = [e for e in still.effects if e.name not in bed]
     wet = tuple(e for e in effects if e.needs_water or e.name in prepared)
     other = tuple(e for e in effects if not (e.needs_water or e.name in prepared))
@@ -200,9 +202,12 @@ def static_shift(model: Model, linear: LinearMotion, omega: jax.Array, force: ja
     return solve_matrix(Tangent.of(model), static_matrix(linear, omega), force)
 
 
+#: Static shifts with a stiffness of 1e-4 of the inertia: a slack line on the bed has none across itself.
+BED_STIFFNESS = 1e-4
+
+
 def static_matrix(linear: LinearMotion, omega: jax.Array) -> jax.Array:
-    # static shifts with a stiffness of 1e-4 of the inertia: a slack line on the bed has none across itself
-    return linear.stiffness + 1e-4 * jnp.min(omega) ** 2 * linear.mass
+    return linear.stiffness + BED_STIFFNESS * jnp.min(omega) ** 2 * linear.mass
 
 
 def iterate_drag(
@@ -271,7 +276,8 @@ def tension_deviation(model: Model, pose: State, loads: jax.Array | None = None)
 
     def drag_of(drag: jax.Array, number: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
         x = respond(still, linear, drag, of_waves, waves.omega)
-        x = x if number is None else jnp.where(number > 0, x, 0.0)
+        if number is not None:
+            x = jnp.where(number > 0, x, 0.0)
         return linear_drag(dragging, pose, rate * x, of_waves.flow)
 
     # derivatives follow from the fixed point itself, so it is solved to rounding

@@ -23,10 +23,14 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, wave_components, waves_on
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.rest_problem import rest, with_static_seabed_friction
+from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.search import Equilibrium, outward
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.static_pose import equilibrium, nodal_loads
 from dropper_jax.statics.system import with_axial
+
+#: Largest error of the basis that stays below that of the linearisation.
+BASIS_ERROR = 0.02
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,7 @@ class FrequencyResponse:
         found = []
         if loose:
             found.append(f"lines that go slack: {first_names(loose, 5)}: not linear here, run in time")
-        # largest error of the basis that stays below that of the linearisation
-        if self.basis_error > 0.02:
+        if self.basis_error > BASIS_ERROR:
             found.append(
                 f"the shared basis has an error of {100 * self.basis_error:.2g} %: use fewer sea states at once"
             )
@@ -226,11 +229,14 @@ def _end_links(scene: Scene) -> np.ndarray:
     return np.array([link for line in whole_lines(scene) for link in (line.links.start, line.links.stop - 1)])
 
 
+#: Stretch of these springs under the largest static tension: 0.01 %.
+SPRING_STRETCH = 1e-4
+
+
 def _tangent_model(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[Model, Model, Equilibrium]:
     """The model with springs for rigid links, the one without waves whose tangent is used, and the equilibrium."""
     if not model.line.axial.elastic and pose.status == "ok":
-        # stretch of these springs under the largest static tension: 0.01 %
-        stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / 1e-4)
+        stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / SPRING_STRETCH)
         model = with_axial(model, model.line.axial.springs(stiffness))
         pose = equilibrium(model, loads, near=pose.state)
     still = rest(model)
@@ -258,7 +264,9 @@ def _waves(
         )
 
     if sea_states is None:
-        own = None if spec.waves is None else waves_of(spec.waves)
+        own = None
+        if spec.waves is not None:
+            own = waves_of(spec.waves)
         if own is None or own.size < 2:
             raise SceneError("sea.waves: is not an irregular linear sea. Use sea states, or kind 'spectrum'")
         peak = own.omega[jnp.argmax(own.amplitude)]

@@ -94,7 +94,7 @@ def _project_basis(still: Model, linear: LinearMotion, motions: jax.Array, omega
     none = jnp.zeros_like(motions)
     tensions = [tension_changes(still, linear, *both) for both in ((motions, none), (none, motions))]
     matrices = (static_matrix(linear, omega), linear.stiffness, linear.damping, linear.mass)
-    return _Basis(motions, *(project(matrix) for matrix in matrices), *tensions)
+    return _Basis(motions, *map(project, matrices), *tensions)
 
 
 @cached_jit()
@@ -177,7 +177,7 @@ def solve_states(
         return jax.tree.map(lambda x: np.asarray(x)[: len(states)], solved)
 
     chunks = np.split(np.arange(len(every)), range(size, len(every), size))
-    solved = jax.tree.map(lambda *x: np.concatenate(x), *(solve(chunk) for chunk in chunks))
+    solved = jax.tree.map(lambda *x: np.concatenate(x), *map(solve, chunks))
     errors = []
     for state, own in zip(chosen, loads, strict=True):
         drag = jnp.asarray(solved.drag[state])
@@ -187,6 +187,10 @@ def solve_states(
     return solved, float(max(errors))
 
 
+#: Singular values of the responses that span the basis, relative to the largest one.
+BASIS_SHARE = 1e-4
+
+
 def _basis_motions(still: Model, linear: LinearMotion, shapes: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """Motions (m, free, 3) that span displacements (k, free, 3): orthonormal in the sum of kinetic energies and squared
     changes of tension over their stiffness."""
@@ -194,8 +198,7 @@ def _basis_motions(still: Model, linear: LinearMotion, shapes: np.ndarray, omega
     size = np.concatenate([np.mean(omega) * np.asarray(moved), np.asarray(tension)], axis=1).T
     scale = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
     _, values, right = np.linalg.svd(size / scale, full_matrices=False)
-    # singular values of the responses that span the basis, relative to the largest one
-    taken = values > 1e-4 * values[0]
+    taken = values > BASIS_SHARE * values[0]
     return np.tensordot(right[taken] / values[taken, None], shapes / scale[:, None, None], 1)
 
 

@@ -24,9 +24,8 @@ from dropper_jax.integrators.consistent import (
     feeds_sawtooth,
     jumps,
     sawtooth_grows,
-    stop_held_joints,
-    stop_held_nodes,
 )
+from dropper_jax.integrators.stop_held import stop_held_joints, stop_held_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, book_works, turning
 from dropper_jax.residual import Implicit, LocalError, StepProblem, Unknowns
 
@@ -61,11 +60,17 @@ class EnergyMomentum(Implicit):
     def change_step(self, model: Model, s: State, h: jax.Array) -> State:
         ends = model.ends(s.t)
         k = model.instant(s.r, s.v, s.t, ends)
-        end_acceleration = model.end_acceleration(s.t) if model.moving else None
+        end_acceleration = None
+        if model.moving:
+            end_acceleration = model.end_acceleration(s.t)
         return replace(s, v=after_change_of_step(k, s.acceleration, end_acceleration, h))
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
         return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
+
+
+#: Square of the sawtooth's speed divided by that of the fastest link, above which a step ends with the projection.
+RINGING_SPEED = 1e-3
 
 
 class MidpointProblem(StepProblem):
@@ -159,10 +164,13 @@ class MidpointProblem(StepProblem):
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
         v1, impulse, struck = self._after_jumps(r1, v1)
+        tension = u.y
+        if impulse is not None:
+            tension = u.y + impulse / h
         return self.end_state(
             r=r1,
             v=v1,
-            tension=u.y if impulse is None else u.y + impulse / h,
+            tension=tension,
             acceleration=u.x / (self.gamma * h**2),
             law=jax.lax.stop_gradient(u.z),
             work=lambda: self._work(u, stopped, struck),
@@ -191,9 +199,7 @@ class MidpointProblem(StepProblem):
         model = self.model
         jumped = jumps(model, self.s.t, self.h)
         if self.alone and sawtooth_grows(model) and self.gamma == 0.5:  # a shifted midpoint damps it
-            # square of the sawtooth's speed divided by that of the fastest link, above which a step ends with the
-            # projection
-            rings = feeds_sawtooth(model) & (self._sawtooth(r1, v1) > (1e-3**2))
+            rings = feeds_sawtooth(model) & (self._sawtooth(r1, v1) > (RINGING_SPEED**2))
             jumped = rings if jumped is None else jumped | rings
         if jumped is None:
             return v1, None, {}

@@ -21,8 +21,8 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.integrators.consistent import stop_held_nodes
 from dropper_jax.integrators.runge_kutta import accelerations, powers
+from dropper_jax.integrators.stop_held import stop_held_nodes
 from dropper_jax.model import Ends, Kinematics, LengthOverTime, Model, State
 from dropper_jax.residual import Implicit, LocalError, StepProblem, Unknowns, couples_inertia
 

@@ -189,7 +189,8 @@ def _after_jump(model: Model, s: State, track: bool) -> State:
     v, impulse = apply_jump(model, s.r, s.v, time_just_after(s.t))
     if not track:
         return replace(s, v=v)
-    before, after = (model.ends(time_just_after(s.t, side)) for side in (-1.0, 1.0))
+    before = model.ends(time_just_after(s.t, -1.0))
+    after = model.ends(time_just_after(s.t, 1.0))
     mean = before._replace(velocities=0.5 * (before.velocities + after.velocities))
     work = s.work + book_works(model, {MOVING_ENDS: model.end_powers(impulse, mean)[MOVING_ENDS]})
     return replace(s, v=v, work=work)

@@ -56,6 +56,10 @@ class ThesisAngles(Implicit):
         return replace(s, angles=angles_of_links(model.links(s.r, model.ends(s.t)), model.rates(s.v, None)))
 
 
+#: A vertical link has no azimuth: its rate is left at zero, which is an inherent defect of the scheme.
+VERTICAL = 1e-9
+
+
 def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
     """theta, phi, theta', phi' (n,) of link vectors d and their rates (n, 3), planar links with phi = 0."""
     planar = jnp.all(jnp.abs(d[:, 1]) <= 1e-12 * jnp.max(jnp.abs(d)))
@@ -67,8 +71,7 @@ def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
     polar = jnp.stack([-jnp.sin(theta) * jnp.cos(phi), -jnp.sin(theta) * jnp.sin(phi), -jnp.cos(theta)], -1)
     round_ = jnp.stack([-jnp.sin(phi), jnp.cos(phi), jnp.zeros_like(phi)], -1)
     flat = jnp.cos(theta)
-    # a vertical link has no azimuth: its rate is left at zero, which is an inherent defect of the scheme
-    safe = jnp.where(jnp.abs(flat) > 1e-9, flat, 1.0)
+    safe = jnp.where(jnp.abs(flat) > VERTICAL, flat, 1.0)
     azimuth_rate = jnp.where(jnp.abs(flat) > 1e-9, jnp.sum(rate * round_, -1) / (length * safe), 0.0)
     return theta, phi, jnp.sum(rate * polar, -1) / length, azimuth_rate
 
@@ -119,7 +122,9 @@ class AnglesProblem(StepProblem):
 
         unit, unit_rate = jax.jvp(_unit, angles, rate)
         bend = jax.jvp(velocity, angles, rate)[1]
-        along, v, b = (jnp.cumsum(length * per_link, axis=0) for per_link in (unit, unit_rate, bend))
+        along = jnp.cumsum(length * unit, axis=0)
+        v = jnp.cumsum(length * unit_rate, axis=0)
+        b = jnp.cumsum(length * bend, axis=0)
         r = ends.start + along
         free = self.model.free_nodes
         k = self.model.instant(r[:free], v[:free], t, ends)
@@ -159,12 +164,15 @@ class AnglesProblem(StepProblem):
 
     def finish(self, u: Unknowns) -> State:
         after = self._motion(u.x, self.s.t + self.h, self.ends1, u.y).k
+        angles = None
+        if self.carried:
+            angles = tuple(u.x.T)
         return self.end_state(
             r=after.r,
             v=after.v,
             tension=u.y,
             work=lambda: self._work(self.old.k, after),
-            angles=tuple(u.x.T) if self.carried else None,
+            angles=angles,
         )
 
     def _work(self, before: Kinematics, after: Kinematics) -> jax.Array:

@@ -41,7 +41,10 @@ def lanes(f: Callable[..., Tree], in_axes: Axis | tuple[Axis, ...] = 0) -> Calla
     """
 
     def run_batch(*args: Any) -> Tree:
-        axes = in_axes if isinstance(in_axes, tuple) else (in_axes,) * len(args)
+        if isinstance(in_axes, tuple):
+            axes = in_axes
+        else:
+            axes = (in_axes,) * len(args)
         values, tree = jax.tree.flatten(args)
         many = [axis == 0 for arg, axis in zip(args, axes, strict=True) for _ in jax.tree.leaves(arg)]
         members = next(jnp.shape(x)[0] for x, m in zip(values, many, strict=True) if m)
@@ -153,7 +156,10 @@ def which_looped(p: dict[str, Any], many: list[bool]) -> tuple[list[bool], bool]
 
 def which_branched(p: dict[str, Any], many: list[bool]) -> list[bool]:
     """For the results: those for which any branch has members."""
-    return [any(found) for found in zip(*(_which(b, many) for b in p["branches"]), strict=True)]
+    rows = []
+    for found in zip(*(_which(b, many) for b in p["branches"]), strict=True):
+        rows.append(any(found))
+    return rows
 
 
 class Unreadable(Exception):
@@ -200,7 +206,10 @@ class Interpreter:
         if name in CALLS:
             return self.run(p[CALLS[name]], inputs)
         if not any(v.many for v in inputs):
-            return [Value(x, False) for x in alone(eqn, [v.array for v in inputs])]
+            result = []
+            for x in alone(eqn, [v.array for v in inputs]):
+                result.append(Value(x, False))
+            return result
         if name in self.control:
             return self.control[name](p, inputs)
         if name == "optimization_barrier":  # the compiler ignores it on the CPU
@@ -259,7 +268,9 @@ class Interpreter:
         index = inputs[0]
         given = inputs[1:]
         if index.many:  # members take different branches: all branches are run
-            found = [[spread(v, self.members) for v in self.run(b, given)] for b in p["branches"]]
+            found = []
+            for b in p["branches"]:
+                found.append([spread(v, self.members) for v in self.run(b, given)])
             which = jnp.asarray(index.array, jnp.int32)
             chosen = (lax.select_n(jnp.broadcast_to(which, xs[0].shape), *xs) for xs in zip(*found, strict=True))
             return [Value(x, True) for x in chosen]

@@ -49,7 +49,9 @@ def _broadcast(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Arra
 
 
 def _slice(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
-    strides = None if p["strides"] is None else (*p["strides"], 1)
+    strides = None
+    if p["strides"] is not None:
+        strides = (*p["strides"], 1)
     return lax.slice(inputs[0].array, (*p["start_indices"], 0), (*p["limit_indices"], members), strides)
 
 
@@ -78,6 +80,10 @@ def _transpose(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Arra
     return lax.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"])))
 
 
+#: Maximum length of a reduction done as a tree of elementwise operations.
+LONGEST_TREE = 128
+
+
 def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
     """Reduction over some axes as a tree of elementwise operations, which still run over the members."""
 
@@ -87,13 +93,15 @@ def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
         kept = [i for i in range(x.ndim) if i not in axes]
         x = lax.transpose(x, (*axes, *kept))
         x = x.reshape(-1, *x.shape[len(axes) :])
-        # maximum length of a reduction done as a tree of elementwise operations
-        if not 0 < x.shape[0] <= 128:
+        if not 0 < x.shape[0] <= LONGEST_TREE:
             return None
         while x.shape[0] > 1:
             half = x.shape[0] // 2
             paired = two(x[:half], x[half : 2 * half])
-            x = jnp.concatenate([paired, x[2 * half :]]) if x.shape[0] % 2 else paired
+            if x.shape[0] % 2:
+                x = jnp.concatenate([paired, x[2 * half :]])
+            else:
+                x = paired
         return x[0]
 
     return rule

@@ -153,6 +153,10 @@ def _check_system_effects(scene: SceneData) -> Iterator[Check]:
         )
 
 
+#: Depth below the seabed at which a point may be due to rounding [m].
+BELOW_BED = 1e-9
+
+
 @raises_first
 def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> Iterator[Check]:
     """Check that no point, and no node of a given configuration (its path, and positions (n, 3) [m]), starts below the
@@ -164,8 +168,7 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> Iterator
     bed = bed_height(scene, positions)
     if bed is None:
         return
-    # depth below the seabed at which a point may be due to rounding [m]
-    for i in np.flatnonzero(positions[:, 2] < bed - 1e-9):
+    for i in np.flatnonzero(positions[:, 2] < bed - BELOW_BED):
         yield (
             True,
             f"point.{i}.position: z = {positions[i, 2]:g} m is below the seabed; allowed: >= {bed[i]:g} m at its x "
@@ -182,14 +185,17 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> Iterator
             )
 
 
+#: Starting speed [m/s] that counts as rest.
+RESTING_SPEED = 1e-6
+
+
 def motion_warnings(scene: SceneData) -> tuple[str, ...]:
     """A warning if an end starts with a velocity jump, whose tension seabed friction may retain permanently."""
     motion = scene.effects.get("end_motion")
     if motion is None or motion["ramp"] is not None or "seabed_friction" not in scene.effects:
         return ()
     speed = _first_speed(motion)
-    # starting speed [m/s] that counts as rest
-    if speed <= 1e-6 or not _matters(scene, speed, {motion["point"], *motion["also"]}):
+    if speed <= RESTING_SPEED or not _matters(scene, speed, {motion["point"], *motion["also"]}):
         return ()
     return (
         f"effects.end_motion: {motion['point']} starts abruptly at {speed:.3g} m/s; friction on the seabed may retain "
@@ -199,10 +205,18 @@ def motion_warnings(scene: SceneData) -> tuple[str, ...]:
 
 def _first_speed(motion: dict[str, object]) -> float:
     if motion["time"] is not None:
-        time, rows = (np.asarray(motion[key], float) for key in ("time", "displacement"))
+        time = np.asarray(motion["time"], float)
+        rows = np.asarray(motion["displacement"], float)
         return float(np.linalg.norm(rows[1] - rows[0]) / (time[1] - time[0]))
-    phase = 0.0 if motion["phase"] is None else float(motion["phase"])
+    phase = 0.0
+    if motion["phase"] is not None:
+        phase = float(motion["phase"])
     return float(np.linalg.norm(motion["amplitude"]) * 2 * np.pi / float(motion["period"]) * abs(np.cos(phase)))
+
+
+#: Tension of a shock relative to the friction of the full line below which the tension retained by friction is
+#: negligible; that of a rigid line is unbounded.
+NEGLIGIBLE_SHOCK = 0.01
 
 
 def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
@@ -214,9 +228,7 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
     else:
         mu = friction["static"]
     moving = [line for line in scene.lines if {line.start, line.end} & moved]
-    # tension of a shock relative to the friction of the full line below which the tension retained by friction is
-    # negligible; that of a rigid line is unbounded
-    negligible = 0.01 * float(np.max(mu)) * scene.gravity
+    negligible = NEGLIGIBLE_SHOCK * float(np.max(mu)) * scene.gravity
     return any(
         line.EA is None
         or speed * float(np.max(np.sqrt(line.EA * line.mass / line.length))) > negligible * float(np.sum(line.mass))
@@ -264,7 +276,9 @@ def _check_bodies(scene: SceneData) -> Iterator[Check]:
             f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; needed: [sea] with "
             "`depth`, or no shapes",
         )
-        what = "[effects.seabed]" if body.shapes else "cylinders or spheres"
+        what = "cylinders or spheres"
+        if body.shapes:
+            what = "[effects.seabed]"
         yield (
             body.touches_bed and ("seabed" not in scene.effects or not body.shapes),
             f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: false, or a body and scene with both",

@@ -142,6 +142,10 @@ def _middle(scene: SceneData, index: int) -> np.ndarray:
     return 0.5 * (scene.point(line.start).position + scene.point(line.end).position)
 
 
+#: Steepest waves before breaking: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth in shallow water.
+MICHE = 0.142
+
+
 def _breaking(scene: SceneData, sea: Sea) -> Iterator[str]:
     """A warning for waves that are too steep: single ones, or the significant height at the mean energy frequency."""
     if sea.waves.bound:
@@ -157,8 +161,7 @@ def _breaking(scene: SceneData, sea: Sea) -> Iterator[str]:
         what = "significant wave height"
         number = k[int(np.argmin(np.abs(np.asarray(sea.waves.omega) - _mean_frequency(sea))))]
     share = height / scene.sea.depth
-    # steepest waves before breaking: `H = 0.142 L tanh(kd)` (Miche 1944), 0.89 of the depth in shallow water
-    limit = 0.142 * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
+    limit = MICHE * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
     tz = mean_period(sea)
     steepest = steepest_sea(tz, scene.sea.gravity)
     if amplitude.size > 1 and share > SHALLOW_HEIGHT:
@@ -187,14 +190,17 @@ def steepest_sea(tz: float, gravity: float) -> float:
     return float(np.interp(tz, [6.0, 12.0], [1.0 / 10.0, 1.0 / 15.0])) * gravity * tz**2 / (2 * np.pi)
 
 
+#: Fraction of the maximum wave height above which a wave of finite height is reported as close to breaking.
+NEARLY_BREAKING = 0.9
+
+
 def _finite(scene: SceneData, waves: BoundWaves) -> Iterator[str]:
     """A warning for a wave of finite height close to breaking (higher ones are rejected), or outside its theory."""
     height = float(waves.height)
     length = float(waves.shortest)
     depth = scene.sea.depth
     limit = highest(length, depth)
-    # fraction of the maximum wave height above which a wave of finite height is reported as close to breaking
-    if height > 0.9 * limit:
+    if height > NEARLY_BREAKING * limit:
         yield f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m"
     long = length >= STOKES_LENGTH * depth
     if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
@@ -270,12 +276,14 @@ def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
     if scene.buoys:
         buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
         sizes[f"buoy.{buoy.name}"] = buoy.diameter
-    return [
-        f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({ENERGY_SHARE:.0%} of the wave energy is "
-        f"longer); Morison's equation needs at most {slender}"
-        for path, size in sizes.items()
-        if size > slender * shortest
-    ]
+    found = []
+    for path, size in sizes.items():
+        if size > slender * shortest:
+            found.append(
+                f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({ENERGY_SHARE:.0%} of the wave energy is "
+                f"longer); Morison's equation needs at most {slender}"
+            )
+    return found
 
 
 @dataclass(frozen=True)
@@ -297,7 +305,9 @@ class Surface:
     def lowest(self) -> float:
         """A height [m] to which the surface never falls."""
         spec = self.scene.sea
-        level = 0.0 if spec is None or spec.level is None else spec.level.lowest
+        level = 0.0
+        if spec is not None and spec.level is not None:
+            level = spec.level.lowest
         if spec is None or spec.waves is None or not self.waves:
             return level
         waves = spec.waves

@@ -200,28 +200,33 @@ def crop_values() -> list[Table]:
     and outer diameter, drag and added mass coefficients across the outer one, bending stiffness (None: unknown), source
     and spread."""
     crops = {f"{family}-{kind.example:g}": kind for family, kind in FAMILIES.items() if kind.spread}
-    return [
-        {
-            "name": name,
-            "mass_kg_per_m": values["mass"],
-            "mass_in_water_kg_per_m": values["mass"] - SEA_WATER * 0.25 * math.pi * values["diameter"] ** 2,
-            "diameter_m": values["diameter"],
-            "outer_diameter_m": values.get("outer_diameter", values["diameter"]),
-            "cdn": values["cdn"],
-            "can": values["can"],
-            "EI_n_m2": kind.EI,
-            "source": kind.source,
-            "spread": kind.spread,
-        }
-        for name, kind in crops.items()
-        for values in [part(name)[1]]
-    ]
+    found = []
+    for name, kind in crops.items():
+        values = part(name)[1]
+        found.append(
+            {
+                "name": name,
+                "mass_kg_per_m": values["mass"],
+                "mass_in_water_kg_per_m": values["mass"] - SEA_WATER * 0.25 * math.pi * values["diameter"] ** 2,
+                "diameter_m": values["diameter"],
+                "outer_diameter_m": values.get("outer_diameter", values["diameter"]),
+                "cdn": values["cdn"],
+                "can": values["can"],
+                "EI_n_m2": kind.EI,
+                "source": kind.source,
+                "spread": kind.spread,
+            }
+        )
+    return found
 
 
 def published_crops() -> list[Table]:
     """Published values of crops, rows of `data/crops.toml`; None for a number that is not at hand."""
     keys = ("crop", "like", "mass", "outer_diameter", "cdn", "can", "EI", "source", "read", "conditions")
-    return [{key: row.get(key) for key in keys} for row in _rows("crops.toml")["crop"]]
+    found = []
+    for row in _rows("crops.toml")["crop"]:
+        found.append({key: row.get(key) for key in keys})
+    return found
 
 
 def _split_name(name: str) -> tuple[str, float]:

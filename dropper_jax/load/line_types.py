@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.axial import LAWS
-from dropper_jax.axial.tabulated import ForceTable, tables_of
+from dropper_jax.axial.force_table import ForceTable, tables_of
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
@@ -115,7 +115,9 @@ class LineType:
         """Check for `EA`, a table if the law is `tabulated`, or neither if it is `rigid`; at most one kind of
         damping."""
         wanted = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
-        damped = () if self.law == "rigid" else ("damping", "damping_ratio")
+        damped = ()
+        if self.law != "rigid":
+            damped = ("damping", "damping_ratio")
         takes = " and ".join(wanted) or "no stiffness and no damping"
         for key in ("EA", "strain", "tension", "damping", "damping_ratio"):
             given = getattr(self, key) is not None
@@ -266,7 +268,8 @@ def _split(line: Table, path: str, sections: list[Section], points: list[Any]) -
                 f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point per position"
             )
     positions = {str(p.get("name")): p.get("position") for p in points if isinstance(p, Mapping)}
-    start, end = (_read_position(positions.get(str(line.get(key)))) for key in ("from", "to"))
+    start = _read_position(positions.get(str(line.get("from"))))
+    end = _read_position(positions.get(str(line.get("to"))))
     for at, name in stops:
         if name not in positions and start is not None and end is not None:
             position = start + (end - start) * at / total
@@ -321,7 +324,9 @@ def _axial(sections: list[Section], path: str) -> Table:
         tables = [s.type.table or ForceTable.straight(s.type.EA) for s in sections for _ in range(s.links)]
         return {"law": "tabulated", **tables_of(tables), "damping": damping}
     links = [s.type.constants for s in sections for _ in range(s.links)]
-    own = {key: [float(each[key]) for each in links] for key in links[0]}
+    own = {}
+    for key in links[0]:
+        own[key] = [float(each[key]) for each in links]
     return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping, **own}
 
 

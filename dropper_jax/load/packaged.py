@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Mapping
-from functools import partial
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -15,22 +14,12 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import refuse_pipe
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.decks.reading.sections import looks_like_moordyn
+from dropper_jax.load.variants import VARIANTS
 
-#: Effects that an undamped scene lacks.
-DAMPING = ("linear_damping", "quadratic_damping")
-#: Rate at which the force of thesis (E.1)-(E.3) rises [N/s], by release; (E.2) and (E.3) print the node of (E.1).
-RAMPS = {"dropper-release-a": 0.094, "dropper-release-b": 0.065, "dropper-release-c": 0.065}
-#: Start of the force [s], and releases of the node [s] by suffix. The thesis does not give the release: 15 s is that of
-#: its Figure 5.3; at 14.1 s the angles of its model (Tables E.2 to E.4) are met best.
-RAMP_START = 3.0
-RELEASES = {"-ramp": 15.0, "-ramp-14": 14.1}
 #: Farms of other sizes are packaged too, but not listed.
 FARM = "dropper-farm"
 FARM_NAME = re.compile(r"dropper-farm(?:-(\d+))?")
 MOST_DROPPERS = 200
-#: Centre of gravity of a pitching spar above its base [m], which the paper does not give: a homogeneous spar of its
-#: size capsizes.
-CENTRE = 1.0
 
 
 def parse_toml(data: bytes, label: str) -> dict[str, Any]:
@@ -93,62 +82,6 @@ def packaged_scene(name: str) -> dict[str, Any]:
     return make(parse_toml(files[file].read_bytes(), f"{file}.toml"), file)
 
 
-def _variant(table: dict[str, Any], note: str, **sections: Any) -> dict[str, Any]:
-    return {**table, "description": f"{table['description']} {note}", **sections}
-
-
-def _without_damping(table: dict[str, Any], file: str) -> dict[str, Any]:
-    effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
-    return _variant(table, "Without damping.", effects=effects)
-
-
-def _table_6(table: dict[str, Any], file: str) -> dict[str, Any]:
-    note = (
-        "It starts from the configurations of Table 6: the buoy is held at that position until the chain settles, "
-        "then released."
-    )
-    return _variant(table, note, start={"kind": "points"})
-
-
-def _ramp(table: dict[str, Any], file: str, release: float) -> dict[str, Any]:
-    begin = RAMP_START
-    start = table["start"]
-    force = start["release_force"]
-    of = "the packaged release, because the thesis gives none"
-    if file in RAMPS:
-        force = [[0.0, 0.0, RAMPS[file] * (release - begin)]]
-        of = "thesis appendix E"
-    ramp = {"nodes": start["release_nodes"], "force_n": force, "start": begin, "rise": release - begin}
-    return _variant(
-        table,
-        f"As in the thesis: starting from rest, a force rises from {begin:g} s to that of {of}, until {release:g} s.",
-        run={"accuracy": 0.01, "save_interval": 0.02, "source_dt": 0.0065, "duration": 65.0},
-        effects={**table["effects"], "nodal_force": {**ramp, "release": release}},
-        start={"kind": "static"},
-    )
-
-
-def _relative(table: dict[str, Any], file: str) -> dict[str, Any]:
-    force = {**table["effects"]["thesis_wave_force"], "velocity": "relative"}
-    return _variant(
-        table,
-        "With the velocity relative to the nodes, thesis (6.13), which (C.22)-(C.24) omit.",
-        run={**table["run"], "source_dt": 0.0025},
-        effects={**table["effects"], "thesis_wave_force": force},
-    )
-
-
-#: Scenes derived from packaged ones: the suffix of their names, which scenes have it, and how the scene is changed.
-VARIANTS = {
-    "-undamped": (re.compile("dropper-release-.*"), _without_damping),
-    "-ramp": (re.compile("dropper-release-[a-e]"), partial(_ramp, release=RELEASES["-ramp"])),
-    "-ramp-14": (re.compile("dropper-release-[a-c]"), partial(_ramp, release=RELEASES["-ramp-14"])),
-    "-relative": (re.compile("dropper-north-sea-thesis"), _relative),
-    "-table-6": (re.compile("paper-case-.*"), _table_6),
-    "-pitching": (re.compile("paper-case-[1-3]"), lambda table, file: pitching(table)),
-}
-
-
 def is_farm(name: str) -> bool:
     """Whether a scene name is that of a farm, `dropper-farm` or `dropper-farm-K`."""
     return FARM_NAME.fullmatch(name) is not None
@@ -169,52 +102,6 @@ def farm_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
             f"scene: {name!r} has {droppers} droppers; allowed: dropper-farm-1 to dropper-farm-{MOST_DROPPERS}"
         )
     return {**table, "name": name, "parameters": {**table["parameters"], "droppers": droppers}}
-
-
-def pitching(table: dict[str, Any]) -> dict[str, Any]:
-    """The scene with each `[[buoy]]` as a `[[body]]`, with its line at the same position.
-
-    Hull and ballast, `m_h H/2 + m_b z_b = m z_G`, give the moments of inertia:
-    `m_h (H^2/12 + (H/2 - z_G)^2) + m_b (z_G - z_b)^2` across, `m D^2/8` about the axis.
-    """
-    positions = {point["name"]: point["position"] for point in table["point"]}
-    bodies = [_body(buoy, positions[buoy["point"]]) for buoy in table["buoy"]]
-    outcome = {buoy["point"] for buoy in table["buoy"]}
-    note = (
-        f" The spar pitches: a rigid body with its centre of gravity {CENTRE:g} m above the base, which the paper does "
-        "not give (assumed)."
-    )
-    rest = {key: value for key, value in table.items() if key != "buoy"}
-    points = [point for point in table["point"] if point["name"] not in outcome]
-    return {**rest, "description": table["description"] + note, "point": points, "body": bodies}
-
-
-def _body(buoy: dict[str, Any], point: list[float]) -> dict[str, Any]:
-    ballast = 0.25  # height of the ballast above the base [m]; the hull's mass is spread over its height
-    mass = buoy["mass"]
-    height = buoy["height"]
-    diameter = buoy["diameter"]
-    hull = mass * (CENTRE - ballast) / (0.5 * height - ballast)
-    across = hull * (height**2 / 12.0 + (0.5 * height - CENTRE) ** 2) + (mass - hull) * (CENTRE - ballast) ** 2
-    attachment = buoy.get("attachment", 0.0)
-    # number of slices of a spar
-    cylinder = {
-        "from": [0.0, 0.0, 0.0],
-        "to": [0.0, 0.0, height],
-        "diameter": diameter,
-        "slices": 12,
-        "ends": "from",
-        **{key: buoy[key] for key in ("cdn", "cdt", "can", "cat") if key in buoy},
-    }
-    return {
-        "name": buoy["name"],
-        "position": [point[0], point[1], point[2] - attachment],
-        "mass": mass,
-        "centre_of_mass": [0.0, 0.0, CENTRE],
-        "inertia": [across, across, mass * diameter**2 / 8.0],
-        "cylinders": [cylinder],
-        "attachments": {buoy["point"]: [0.0, 0.0, attachment]},
-    }
 
 
 def find_scene(source: str | Path, depth: float | None = None) -> tuple[dict[str, Any], str]:

@@ -297,10 +297,9 @@ class Written:
 
     def table(self, expanded: Mapping[str, Any], keep_points: bool = False) -> Table:
         """Plain values of the scene in its original form, from those with one value per link."""
-        effects = {
-            name: {key: value for key, value in values.items() if (name, key) not in self.taken}
-            for name, values in expanded["effects"].items()
-        }
+        effects = {}
+        for name, values in expanded["effects"].items():
+            effects[name] = {key: value for key, value in values.items() if (name, key) not in self.taken}
         points = [p for p in expanded["point"] if keep_points or p["name"] not in self.made]
         own = {"line_type": copy.deepcopy(self.line_type), "line": copy.deepcopy(self.line)}
         return {**expanded, **own, "point": points, "effects": effects}

@@ -14,7 +14,7 @@ from dropper_jax.scene import SceneData
 
 AnyScene = TypeVar("AnyScene", bound=SceneData)
 
-#: Saved states per period of the waves, or of the shortest link's swing where there are none.
+#: Saved states per period of the waves, or of the shortest link's swing without waves.
 ROWS_PER_PERIOD = 20
 #: Bounds of the number of saved states of a run.
 FEWEST_ROWS = 100

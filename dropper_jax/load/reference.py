@@ -93,7 +93,9 @@ def _by_hand() -> dict[str, Any]:
 def _keys_by_hand(path: str) -> list[Key]:
     """Keys of a section that are read by hand."""
     rows = _by_hand().get(path, {}).get("keys", ())
-    found = [Key(join(path, row["name"]), **{k: v for k, v in row.items() if k != "name"}) for row in rows]
+    found = []
+    for row in rows:
+        found.append(Key(join(path, row["name"]), **{k: v for k, v in row.items() if k != "name"}))
     if path == "line.*.axial":
         return [AXIAL_LAW, *found]
     return found
@@ -105,7 +107,9 @@ def sections() -> list[Section]:
 
 
 def _section(path: str, head: str, cls: type | None) -> Section:
-    keys = [] if cls is None else list(_declared_keys(path, cls))
+    keys = []
+    if cls is not None:
+        keys = list(_declared_keys(path, cls))
     by_hand = _keys_by_hand(path)
     if path == "run":
         keys += [_option(name, about) for name, about in OPTIONS.items()]
@@ -161,7 +165,9 @@ def _schema(about: Mapping[str, Any]) -> dict[str, Any]:
     """JSON Schema of a declared value; a text may be an expression of the scene's parameters."""
     if about["kind"] != "parameter":
         kinds = {int: {"type": ["integer", "string"]}, bool: {"type": "boolean"}, tuple: LIST, list: LIST}
-        choices = {"enum": list(about["choices"])} if about.get("choices") else {}
+        choices = {}
+        if about.get("choices"):
+            choices = {"enum": list(about["choices"])}
         return {**kinds.get(about.get("type"), {} if choices else TEXT), **choices}
     number: dict[str, Any] = {"type": ["number", "string"]}
     if about.get("low") is not None:

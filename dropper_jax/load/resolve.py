@@ -132,7 +132,9 @@ def _points(items: Plain, path: str) -> Plain:
 
 
 def _point(item: Plain, path: str) -> Plain:
-    name = item.get("type") if isinstance(item, Mapping) else None
+    name = None
+    if isinstance(item, Mapping):
+        name = item.get("type")
     if not isinstance(name, str) or not name.startswith(PREFIX):
         return item
     values = _part_for(path, name, "point", "points", "a float, such as library:float-0.2")

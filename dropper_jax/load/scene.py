@@ -60,7 +60,7 @@ from dropper_jax.scene import (
     line_slices,
     point_named,
 )
-from dropper_jax.scene.run import rows_of_pieces
+from dropper_jax.scene.start import rows_of_pieces
 from dropper_jax.sea.spec import SeaSpec
 
 #: Relative mismatch of a given configuration with lengths and fixed ends that is still attributed to rounding.

@@ -54,7 +54,10 @@ def _words(one: jax.ShapeDtypeStruct) -> str:
 def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     free = model.free_nodes
     links = model.geometry.links
-    number, per_node, per_link, vectors = (_array(model, *shape) for shape in ((), (free,), (links,), (free, 3)))
+    number = _array(model)
+    per_node = _array(model, free)
+    per_link = _array(model, links)
+    vectors = _array(model, free, 3)
     own = jax.eval_shape(model.initial_internal_state)
 
     def results(method: str, *more: jax.ShapeDtypeStruct, instants: int = 1) -> Any:

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import gather_sums, index_table
+from dropper_jax.base.indexed_sums import gather_sums, index_table
 from dropper_jax.model.geometry import Member, line_number
 
 #: Number of runs of consecutive indices up to which slices are joined in place of a gather.
@@ -148,10 +148,10 @@ class Graph:
         """Numbers of each line's nodes (links + 1,) among all nodes, both ends included."""
         node = self.point_node
         ends = np.cumsum([m.links - 1 for m in self.members])
-        return tuple(
-            np.array([node[m.start], *range(end - m.links + 1, end), node[m.end]], int)
-            for m, end in zip(self.members, ends, strict=True)
-        )
+        found = []
+        for m, end in zip(self.members, ends, strict=True):
+            found.append(np.array([node[m.start], *range(end - m.links + 1, end), node[m.end]], int))
+        return tuple(found)
 
     @cached_property
     def near_share(self) -> np.ndarray | float:
@@ -245,7 +245,8 @@ class Graph:
 
     def link_length(self, length: jax.Array) -> jax.Array:
         """The mean over the links that meet at each node."""
-        links, count = (self.at_ends(x, x) for x in (length, jnp.ones_like(length)))
+        links = self.at_ends(length, length)
+        count = self.at_ends(jnp.ones_like(length), jnp.ones_like(length))
         return links / jnp.maximum(count, 1.0)
 
     def without_fixed(self, points: Sequence[int]) -> Graph:

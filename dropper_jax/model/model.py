@@ -313,7 +313,8 @@ class Model:
         own = {e.name: e.prepare(k) for e in self.having(Prepared)}
         if self.sea is None or not any(e.needs_water for e in self.effects):
             return own
-        material, current = (any(getattr(e, f"needs_{what}") for e in self.effects) for what in ("material", "current"))
+        material = any(e.needs_material for e in self.effects)
+        current = any(e.needs_current for e in self.effects)
         return {**own, "water": self.sea.water(k.r, k.t, k.tangents, material, current)}
 
     def kinetic_energy(self, k: Kinematics) -> jax.Array:

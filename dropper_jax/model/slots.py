@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from dropper_jax.base.numerics import scatter_add_many
+from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model.graph import Graph
 from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView
 from dropper_jax.model.line import Line

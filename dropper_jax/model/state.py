@@ -57,7 +57,9 @@ def book_works(model: Model, *tables: Works) -> jax.Array:
     strangers = sorted({name for table in tables for name in table} - set(names))
     if strangers:
         raise ValueError(f"{strangers[0]!r} is not in the ledger of work; allowed: {', '.join(names) or 'nothing'}")
-    found = [[table[name] for table in tables if name in table] for name in names]
+    found = []
+    for name in names:
+        found.append([table[name] for table in tables if name in table])
     return jnp.stack([sum(same[1:], same[0]) if same else jnp.zeros((), model.dtype) for same in found])
 
 

@@ -33,10 +33,9 @@ def motion_panels(run: Run) -> list[Panel]:
     least = TRAVEL * max(view.size(run.positions[:1]), 1e-300)
     panels = []
     for axis, letter in enumerate("xyz"):
-        curves = [
-            Curve("" if alone else name, run.t, path[:, axis] - (0.0 if alone else path[0, axis]))
-            for name, path in paths.items()
-        ]
+        curves = []
+        for name, path in paths.items():
+            curves.append(Curve("" if alone else name, run.t, path[:, axis] - (0.0 if alone else path[0, axis])))
         if any(np.ptp(curve.values) > least for curve in curves):
             panels.append(Panel(f"{letter} [m]" if alone else f"{letter} from its start [m]", curves))
     if not panels:  # without motion the picture shows the position
@@ -204,10 +203,9 @@ def _heave_ratio(spectra: list[Panel]) -> list[Panel]:
     power = [np.convolve(curve.values**2, band, "same") for curve in by_label["surface [m]"] + by_label["z [m]"]]
     surface = by_label["surface [m]"][0].values
     waves = surface >= 0.1 * surface.max()
-    curves = [
-        Curve(curve.name, curve.t[waves], np.sqrt(own[waves] / power[0][waves]), colour=curve.colour)
-        for curve, own in zip(by_label["z [m]"], power[1:], strict=True)
-    ]
+    curves = []
+    for curve, own in zip(by_label["z [m]"], power[1:], strict=True):
+        curves.append(Curve(curve.name, curve.t[waves], np.sqrt(own[waves] / power[0][waves]), colour=curve.colour))
     return [Panel("ratio [m/m]", curves, "vertical motion over surface elevation, at the frequencies of the waves")]
 
 
@@ -220,6 +218,10 @@ def _uniform(t: np.ndarray) -> int:
     return len(t) - 1
 
 
+#: The frequency axis shows this fraction of the power.
+SHOWN_POWER = 0.999
+
+
 def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:
     """End of the frequency axis [Hz]: slightly above the band with nearly all the power of every link."""
     if frequency[-1] == 0:
@@ -227,5 +229,4 @@ def _last_frequency(frequency: np.ndarray, amplitudes: np.ndarray) -> float:
     power = np.cumsum((amplitudes**2).sum(axis=(0, 2)))
     if power[-1] == 0:
         return float(frequency[-1])
-    # the frequency axis shows this fraction of the power
-    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, 0.999 * power[-1])] + 2 * frequency[1]))
+    return float(min(frequency[-1], 2 * frequency[np.searchsorted(power, SHOWN_POWER * power[-1])] + 2 * frequency[1]))

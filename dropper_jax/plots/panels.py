@@ -110,6 +110,10 @@ def _map(t: np.ndarray, columns: Columns, run: Run, centred: bool) -> Figure:
     return figure
 
 
+#: Maximum number of lines that are named along an axis, in smaller letters than up to `MOST`.
+MOST_NAMES = 30
+
+
 def _link_axis(axes: Axes, run: Run, letter: str = "y") -> None:
     """Numbers of the links; of several lines their names, each in the middle of its links, and edges between them."""
     axis = {"x": axes.xaxis, "y": axes.yaxis}[letter]
@@ -125,8 +129,7 @@ def _link_axis(axes: Axes, run: Run, letter: str = "y") -> None:
         colour = "#E3E5E8"
     for line in run.written_lines[1:]:
         edge(line.links.start + 0.5, color=colour, lw=1.0)
-    # maximum number of lines that are named along an axis, in smaller letters than up to `MOST`
-    shown = run.written_lines[:: math.ceil(len(run.written_lines) / 30)]
+    shown = run.written_lines[:: math.ceil(len(run.written_lines) / MOST_NAMES)]
     axes.tick_params(axis=letter, labelsize=9 if len(shown) <= MOST else 6)
     axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
     if letter == "x":
@@ -208,13 +211,16 @@ class Panel(NamedTuple):
     zero: bool = False
 
 
+#: Number of turning points above which a panel shows an envelope: 200 waves of five pixels each are still visible.
+MOST_TURNS = 400
+
+
 def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     """Panels one above the other; a long record is an envelope on the left, and a part of it is on the right.
 
     Both have the same scale, and so have panels of one unit and of similar ranges.
     """
-    # number of turning points above which a panel shows an envelope: 200 waves of five pixels each are still visible
-    if sum(turns(c.values) > 400 for p in panels for c in p.curves) == 0:
+    if sum(turns(c.values) > MOST_TURNS for p in panels for c in p.curves) == 0:
         zoom = None
     else:
         zoom = zoom_of(panels)
@@ -223,7 +229,10 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     ratios = [1.0] if zoom is None else [1.55, 1.0]
     grid = figure.subplots(len(panels), columns, sharex="col", sharey="row", squeeze=False, width_ratios=ratios)
     for row, panel in zip(grid, panels, strict=True):
-        draw_panel(row[0], panel, envelope=None if zoom is None else _shortest(panel, panels))
+        envelope = None
+        if zoom is not None:
+            envelope = _shortest(panel, panels)
+        draw_panel(row[0], panel, envelope=envelope)
         row[0].set_ylabel(panel.label)
         if panel.title:
             row[0].set_title(panel.title, loc="left", fontsize=9)
@@ -319,7 +328,8 @@ def reduce_samples(
     """Times, mean, minimum and maximum (m,) of `INTERVALS` stretches of samples (k,), k > INTERVALS."""
     starts = np.unique(np.linspace(0, len(t), INTERVALS, endpoint=False).astype(int))
     count = np.diff(np.append(starts, len(t)))
-    mean, at = (np.add.reduceat(a, starts) / count for a in (values, t))
+    mean = np.add.reduceat(values, starts) / count
+    at = np.add.reduceat(t, starts) / count
     least = np.minimum.reduceat(values if low is None else low, starts)
     largest = np.maximum.reduceat(values if high is None else high, starts)
     return at, mean, least, largest
@@ -335,11 +345,14 @@ def _without_beat(t: np.ndarray, mean: np.ndarray, period: float) -> np.ndarray:
     return np.convolve(mean, window, mode="same") / np.convolve(np.ones_like(mean), window, mode="same")
 
 
+#: Relative change of a series below which it is rounding.
+CONSTANT = 1e-6
+
+
 def turns(values: np.ndarray) -> int:
     """Number of reversals of a series (k,) by more than about 3 % of its range."""
     known = values[np.isfinite(values)]
-    # relative change of a series below which it is rounding
-    if known.size < 3 or np.ptp(known) <= 1e-6 * np.abs(known).max():
+    if known.size < 3 or np.ptp(known) <= CONSTANT * np.abs(known).max():
         return 0
     way = np.diff(np.rint((known - known.min()) / (0.03 * np.ptp(known))))
     way = np.sign(way[way != 0])

@@ -28,6 +28,10 @@ from dropper_jax.plots.system import (
 PAST = 8
 
 
+#: With more lines than this, only one configuration is drawn, since more could not be distinguished.
+CROWDED = 12
+
+
 @style.with_style
 def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     """The configuration at a time [s] (None: that of the maximum tension), links coloured by tension [N], previous
@@ -41,10 +45,11 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     """
     t = run.t
     positions = run.positions
-    now = run.peak if time is None else int(np.argmin(np.abs(t - time)))
+    now = run.peak
+    if time is not None:
+        now = int(np.argmin(np.abs(t - time)))
     flat = view.planar(positions)
-    # with more lines than this, only one configuration is drawn, since more could not be distinguished
-    crowded = len(run.lines) > 12
+    crowded = len(run.lines) > CROWDED
     past = [] if crowded else _past(positions, now)
     drawn = limits(run, positions[[0, *past, now]])
     figure = style.new_figure(*view.figure_size(drawn), layout="constrained" if flat else None)
@@ -121,13 +126,16 @@ def _bold_links(axes: Axes, run: Run, index: int, flat: bool) -> ScalarMappable:
     return links
 
 
+#: Displacement between two past configurations as a fraction of the picture's size.
+PAST_DISTANCE = 0.07
+
+
 def _past(positions: np.ndarray, now: int) -> list[int]:
     """Samples before `now` at a given distance, so that a picture does not depend on the output interval."""
     if now == 0:
         return []
     way = np.abs(np.diff(positions[: now + 1], axis=0)).max(axis=(1, 2))
     back = np.cumsum(way[::-1])
-    # displacement between two past configurations as a fraction of the picture's size
-    marks = 0.07 * view.size(positions) * np.arange(1, PAST + 1)
+    marks = PAST_DISTANCE * view.size(positions) * np.arange(1, PAST + 1)
     steps = np.searchsorted(back, marks[marks <= back[-1]]) + 1
     return [now - int(step) for step in steps[::-1]]

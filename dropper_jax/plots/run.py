@@ -89,7 +89,8 @@ def bodies_of(solution: Solution, last: int) -> Bodies | None:
     cylinders = [(i, c.start, c.end, c.diameter) for i, body in enumerate(specs) for c in body.cylinders]
     spheres = [(i, s.centre, s.centre, s.diameter) for i, body in enumerate(specs) for s in body.spheres]
     shapes = [Shape(i, tuple(start), tuple(end), float(wide)) for i, start, end, wide in (*cylinders, *spheres)]
-    position, attitude = (np.asarray(a, float)[:last] for a in (solution.body_position, solution.body_attitude))
+    position = np.asarray(solution.body_position, float)[:last]
+    attitude = np.asarray(solution.body_attitude, float)[:last]
     return Bodies(tuple(body.name for body in specs), tuple(shapes), position, attitude)
 
 
@@ -250,11 +251,19 @@ def readable(solution: Solution) -> Run:
     last = max(1, int(np.argmin(good)))
     positions, velocities, kinetic, potential = (a[:last] for a in moved)
     tension = np.asarray(solution.tension, float)[:last]
-    least, largest = (tension if a is None else a[:last] for a in (solution.tension_min, solution.tension_max))
+    least = tension
+    if solution.tension_min is not None:
+        least = solution.tension_min[:last]
+    largest = tension
+    if solution.tension_max is not None:
+        largest = solution.tension_max[:last]
     loads = [getattr(solution, f"point_load_{key}", None) for key in ("min", "max")]
     loads = [None if a is None else np.asarray(a, float)[:last, :, 2] for a in loads]
     scene = solution.scene
     node = point_nodes(scene)
+    surface = None
+    if scene.sea is not None:
+        surface = partial(elevations, scene)
     return Run(
         name=scene.name,
         integrator=str(solution.settings["integrator"]),
@@ -276,7 +285,7 @@ def readable(solution: Solution) -> Run:
         work_names=tuple(solution.work_names),
         bodies=bodies_of(solution, last),
         scene=scene,
-        surface=None if scene.sea is None else partial(elevations, scene),
+        surface=surface,
         lines=solution.lines,
         point_names=node,
         held=tuple(node[p.name] for p in scene.points if not p.is_free),

@@ -20,12 +20,14 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.plots.run import Run, readable
 from dropper_jax.run.simulate import Solution
 
+#: Maximum tension [N] above which a figure is in kN.
+IN_KILONEWTON = 5e3
+
 
 def force_unit(*values: np.ndarray | float | Iterable[float]) -> tuple[str, float]:
     """Unit and its size [N] for all forces [N] of a figure."""
     known = np.concatenate([np.ravel(np.asarray(v, float)) for v in values])
-    # maximum tension [N] above which a figure is in kN
-    if np.abs(known[np.isfinite(known)]).max(initial=0.0) >= 5e3:
+    if np.abs(known[np.isfinite(known)]).max(initial=0.0) >= IN_KILONEWTON:
         return ("kN", 1e3)
     return ("N", 1.0)
 
@@ -122,7 +124,8 @@ def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     figure.suptitle(f"{run.name}: {what}", fontsize=12, fontweight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
     # one line of text at the bottom and one at the top, for any height of the figure
-    foot, head = (inch / figure.get_figheight() for inch in (0.17, 0.03))
+    foot = 0.17 / figure.get_figheight()
+    head = 0.03 / figure.get_figheight()
     layout = figure.get_layout_engine()
     if layout is not None:
         layout.set(rect=(0.0, foot, 1.0, 1.0 - foot - head))

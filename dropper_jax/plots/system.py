@@ -137,11 +137,13 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
     """The surface (k, lines, points, 3) [m] at times (k,): a line in a plane, a net in space; None without water."""
     if run.surface is None:
         return None
-    x, y = (np.linspace(*box[axis], 161) for axis in (0, 1))
+    x = np.linspace(*box[0], 161)
+    y = np.linspace(*box[1], 161)
     if flat:
         lines = np.stack([x, np.full_like(x, box[1].mean()), np.zeros_like(x)], axis=-1)[None]
     else:
-        rows, columns = (np.linspace(*box[axis], 13) for axis in (0, 1))
+        rows = np.linspace(*box[0], 13)
+        columns = np.linspace(*box[1], 13)
         along = [np.stack([np.full_like(y, one), y, np.zeros_like(y)], axis=-1) for one in rows]
         lines = np.stack(along + [np.stack([x, np.full_like(x, one), np.zeros_like(x)], axis=-1) for one in columns])
     found = np.tile(lines, (len(times), 1, 1, 1))
@@ -151,7 +153,8 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
 
 def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
     """The seabed: a filled strip in a plane, a faint sheet in space; nothing if no seabed is in the picture."""
-    x, y = (np.linspace(*box[axis], 41) for axis in (0, 1))
+    x = np.linspace(*box[0], 41)
+    y = np.linspace(*box[1], 41)
     if flat:
         z = bed_height(run.scene, np.stack([x, np.full_like(x, box[1].mean()), np.zeros_like(x)], axis=-1))
         if z is not None and z.max() > box[2, 0]:

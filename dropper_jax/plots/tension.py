@@ -15,6 +15,9 @@ from dropper_jax.plots.style import force_unit
 from dropper_jax.run.bends import curvature, held_points, point_load
 from dropper_jax.scene import whole_lines
 
+#: Drift below this fraction of the maximum energy is rounding: the log axis ends there.
+ROUNDING = 1e-17
+
 
 @style.with_style
 def energy_balance(run: Run, path: str | Path) -> Path:
@@ -41,8 +44,7 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     upper.set_ylabel("energy [J]")
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
     scale = max(np.abs(kinetic).max(), np.abs(potential).max()) or 1.0
-    # drift below this fraction of the maximum energy is rounding: the log axis ends there
-    drift = np.maximum(np.abs(balance_drift(run)), 1e-17 * scale)
+    drift = np.maximum(np.abs(balance_drift(run)), ROUNDING * scale)
     lower.semilogy(t, drift, color=style.DARK, lw=0.8, **mark)
     lower.set_ylim(0.5 * drift[1:].min(initial=drift.max()), 3 * drift.max())
     lower.set_ylabel("|drift| [J]")
@@ -121,20 +123,24 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     kept = slice(_begin(run), None)
     t = run.t_tension[kept]
     tension = run.tension[kept]
-    loads = {
-        name: np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
-        for name in held_points(run.scene)
-    }
-    low, high = (None if a is None else a[kept] for a in (run.min_load, run.max_load))
-    tops = {
-        name: float(np.nanmax(load if high is None else high[:, i])) for i, (name, load) in enumerate(loads.items())
-    }
+    loads = {}
+    for name in held_points(run.scene):
+        loads[name] = np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
+    low = None if run.min_load is None else run.min_load[kept]
+    high = None
+    if run.max_load is not None:
+        high = run.max_load[kept]
+    tops = {}
+    for i, (name, load) in enumerate(loads.items()):
+        tops[name] = float(np.nanmax(load if high is None else high[:, i]))
     least = UNLOADED * max(tops.values())
     names = [name for name in sorted(tops, key=lambda name: -tops[name]) if tops[name] > least][:MOST]
     at = {name: i for i, name in enumerate(loads)}
     curves = []
     for name in names:
-        range_ = () if low is None else (low[:, at[name]] / size, high[:, at[name]] / size)
+        range_ = ()
+        if low is not None:
+            range_ = (low[:, at[name]] / size, high[:, at[name]] / size)
         curves.append(Curve(name, t, loads[name] / size, *range_))
     title = _count_title("force on each fixed point", len(names), len(loads))
     unloaded = sum(top <= least for top in tops.values())
@@ -161,8 +167,12 @@ def ends_panel(run: Run) -> Panel:
             stops = [line.stops[key] for key in (min(line.stops), max(line.stops))]
             ends = tuple((f"at {stop}", link) for stop, (_, link) in zip(stops, ends, strict=True))
         for name, link in ends:
-            values, low, high = (a[kept, link] / size for a in (run.tension, run.min_tension, run.max_tension))
-            range_ = () if run.max_tension is run.tension else (low, high)
+            values = run.tension[kept, link] / size
+            low = run.min_tension[kept, link] / size
+            high = run.max_tension[kept, link] / size
+            range_ = ()
+            if run.max_tension is not run.tension:
+                range_ = (low, high)
             curves.append(Curve(name if both else line.name, t, values, *range_))
     title = _count_title(
         "ends of the line" if both else "more loaded end of each line", len(lines), len(run.written_lines)

@@ -31,13 +31,16 @@ def size(positions: np.ndarray) -> float:
     return float(np.ptp(positions.reshape(-1, 3), axis=0).max())
 
 
+#: Margin around the nodes, and minimum width or height of a picture, as fractions of the larger extent.
+MARGIN = 0.06
+
+
 def box(positions: np.ndarray, min_ratio: float = 0.4) -> np.ndarray:
     """Limits (3, 2) [m] with a margin around all nodes; no side is shorter than `min_ratio` of the longest."""
     low = positions.reshape(-1, 3).min(axis=0)
     high = positions.reshape(-1, 3).max(axis=0)
     side = (high - low).max() or 1.0
-    # margin around the nodes, and minimum width or height of a picture, as fractions of the larger extent
-    half = np.maximum((high - low) / 2 + 0.06 * side, min_ratio * side / 2)
+    half = np.maximum((high - low) / 2 + MARGIN * side, min_ratio * side / 2)
     middle = (high + low) / 2
     return np.stack([middle - half, middle + half], axis=1)
 

@@ -116,20 +116,25 @@ def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
     return wrapper
 
 
+#: Ratio of height to length below which both views of a system are drawn one above the other.
+LOW_AND_LONG = 0.35
+
+
 @_with_sea
 def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None = None) -> Path:
     """The line [m] and the surface above it at a time [s] (default: that of the maximum tension), seen from two sides.
 
     What stays in the plane of x and z is seen from one side only.
     """
-    index = run.peak if time is None else int(np.argmin(np.abs(run.t - time)))
+    index = run.peak
+    if time is not None:
+        index = int(np.argmin(np.abs(run.t - time)))
     nodes = run.positions[index]
     low = nodes.min(axis=0)
     high = nodes.max(axis=0)
     middle = 0.5 * (low + high)
     half = 0.55 * max((high - low).max(), 1.0)
-    # ratio of height to length below which both views of a system are drawn one above the other
-    low_and_long = np.ptp(nodes[:, 2]) < 0.35 * 2 * half
+    low_and_long = np.ptp(nodes[:, 2]) < LOW_AND_LONG * 2 * half
     flat = view.planar(run.positions)
     figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
     if flat:
@@ -145,7 +150,8 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
         eta = elevations(scene, positions, run.t[index : index + 1])[0]
         bed = bed_height(scene, positions)
         low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
-        low = max(low, -float(scene.sea.depth)) if bed is None else low
+        if bed is None:
+            low = max(low, -float(scene.sea.depth))
         axes.fill_between(along, eta, low, color=WATER)
         if bed is not None and bed.max() > low:
             axes.fill_between(along, np.maximum(bed, low), low, color=system.BED, label="seabed")

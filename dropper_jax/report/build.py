@@ -9,15 +9,17 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Plain, Table
 from dropper_jax.evaluation.extremes import line_snaps, storm_extreme
+from dropper_jax.evaluation.fatigue import line_fatigue
 from dropper_jax.evaluation.record import Record, record, spread
 from dropper_jax.evaluation.settings import Settings
-from dropper_jax.evaluation.tension import anchors, line_fatigue, line_tensions
+from dropper_jax.evaluation.tension import anchors, line_tensions
 from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.report.motion import accelerations, line_distances, node_arc, watch_circles
 from dropper_jax.report.parts import body_motions, crops, parts
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
 from dropper_jax.run.flow_coefficients import flow_table, follows
-from dropper_jax.run.growth import line_weights, overgrown
+from dropper_jax.run.growth import overgrown
+from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import BuoySpec, whole_lines
 from dropper_jax.scene.data import point_nodes
@@ -40,6 +42,17 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
         fatigue = line_fatigue(part, settings)
     except SceneError as error:  # the package of an extra is missing: the rest of the report is valid
         fatigue = {"skipped": str(error)}
+    if bends(part.scene):
+        bending = line_bending(part)
+    else:
+        bending = {"skipped": "the scene has no [effects.bending]"}
+    if len(part.written_lines) > 1:
+        distance = line_distances(part)
+    else:
+        distance = {"skipped": "one line"}
+    coefficients = NO_COEFFICIENTS
+    if follows(part.scene):
+        coefficients = flow_table(overgrown(part.scene))
     return {
         "scene": solution.scene.name,
         "status": solution.status,
@@ -58,15 +71,15 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
         "parts": parts(tension, snap, fatigue),
         "tension": tension,
         "anchors": anchors(part) or {"skipped": "the scene has no fixed point"},
-        "bending": line_bending(part) if bends(part.scene) else {"skipped": "the scene has no [effects.bending]"},
+        "bending": bending,
         "snap": snap,
         "fatigue": fatigue,
         "watch_circle": watch_circles(part),
         "acceleration": accelerations(part),
         "submergence": submergence(part),
-        "distance": line_distances(part) if len(part.written_lines) > 1 else {"skipped": "one line"},
+        "distance": distance,
         "seabed": bed_contact(part, settings),
-        "coefficients": flow_table(overgrown(part.scene)) if follows(part.scene) else NO_COEFFICIENTS,
+        "coefficients": coefficients,
         "bodies": body_motions(part),
         "crop": crops(part),
     }
@@ -75,7 +88,7 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
 def _largest_damping(solution: Solution) -> float:
     """Maximum internal damping BA of a link [N s], 0 without any."""
     given = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
-    return float(max((np.max(damping) for damping in given), default=0.0))
+    return float(max(map(np.max, given), default=0.0))
 
 
 def report_runs(solutions: dict[str, Solution], settings: Settings | None = None) -> Table:
@@ -109,10 +122,9 @@ def _same_lines(solutions: dict[str, Solution]) -> None:
 
 def _peaks(runs: list[Table]) -> dict[str, list[float]]:
     """Values compared between runs: maximum tension of each line, maximum load of each anchor [N], by run."""
-    found = {
-        f"tension of {line['line']}": [r["tension"][i]["largest"]["n"] for r in runs]
-        for i, line in enumerate(runs[0]["tension"])
-    }
+    found = {}
+    for i, line in enumerate(runs[0]["tension"]):
+        found[f"tension of {line['line']}"] = [r["tension"][i]["largest"]["n"] for r in runs]
     if isinstance(runs[0]["anchors"], list):
         for i, anchor in enumerate(runs[0]["anchors"]):
             found[f"load of {anchor['point']}"] = [r["anchors"][i]["total_n"]["max"] for r in runs]
@@ -144,7 +156,10 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
     """Paths of the scenes in which the runs differ, except texts and the seed of the sea."""
     tables = [_flat(solution.scene.to_dict()) for solution in solutions.values()]
     paths = sorted({path for table in tables for path in table} - {"name", "description", "sea.waves.seed"})
-    found = [path for path in paths if any(table.get(path) != tables[0].get(path) for table in tables)]
+    found = []
+    for path in paths:
+        if any(table.get(path) != tables[0].get(path) for table in tables):
+            found.append(path)
     steps = {solution.settings.get("dt") for solution in solutions.values()}
     return found + (["run.dt"] if len(steps) > 1 and "run.dt" not in found else [])
 
@@ -152,9 +167,10 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
 def _flat(table: Plain, path: str = "") -> Table:
     if not isinstance(table, dict):
         return {path: table}
-    return {
-        key: value for name, item in table.items() for key, value in _flat(item, f"{path}.{name}".strip(".")).items()
-    }
+    found = {}
+    for name, item in table.items():
+        found |= _flat(item, f"{path}.{name}".strip("."))
+    return found
 
 
 def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table:
@@ -163,10 +179,9 @@ def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table
     durations = [run["to_s"] - run["from_s"] for run in runs]
     if len(runs) > 1 and np.ptp(durations) > 1e-3 * max(durations):
         return {"skipped": "the runs have different durations: their maxima are of different distributions"}
-    found = {
-        name: storm_extreme(np.array(peaks), durations[0], settings.storm, settings.confidence)
-        for name, peaks in _peaks(runs).items()
-    }
+    found = {}
+    for name, peaks in _peaks(runs).items():
+        found[name] = storm_extreme(np.array(peaks), durations[0], settings.storm, settings.confidence)
     why = {item.get("skipped") for item in found.values()}
     if len(why) == 1 and None not in why:
         return {"skipped": why.pop()}

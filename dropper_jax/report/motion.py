@@ -111,10 +111,13 @@ def line_distances(record: Record) -> list[Table]:
     return [_describe_distance(record, i, best.get(i)) for i in lines]
 
 
+#: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
+INSTANTS = 2000
+
+
 def looks_every(record: Record) -> int:
     """Samples between two instants."""
-    # number of evenly spaced instants: they are close enough that no approach of lines is missed
-    return -(-len(record.t) // 2000)
+    return -(-len(record.t) // INSTANTS)
 
 
 def _describe_distance(record: Record, index: int, near: Approach | None) -> Table:
@@ -139,7 +142,11 @@ def _touching(line: WholeLine, other: WholeLine) -> float | None:
     both = (line.spec.diameter, other.spec.diameter)
     if any(d is None for d in both):
         return None
-    return float(0.5 * sum(np.max(d) for d in both))
+    return float(0.5 * sum(map(np.max, both)))
+
+
+#: Pairs of links and instants that are compared at once: 1e6 need some tens of MB.
+PAIRS_AT_ONCE = 100_000
 
 
 def _nearest(record: Record, a: int, b: int) -> Approach | None:
@@ -147,9 +154,9 @@ def _nearest(record: Record, a: int, b: int) -> Approach | None:
     i, j = _pairs(record.written_lines[a], record.written_lines[b])
     if not i.size:
         return None
-    first, second = (record.positions[:, record.written_lines[index].nodes] for index in (a, b))
-    # pairs of links and instants that are compared at once: 1e6 need some tens of MB
-    step = max(1, 100_000 // i.size)
+    first = record.positions[:, record.written_lines[a].nodes]
+    second = record.positions[:, record.written_lines[b].nodes]
+    step = max(1, PAIRS_AT_ONCE // i.size)
     best = None
     looked = np.arange(0, len(record.t), looks_every(record))
     for k in range(0, len(looked), step):

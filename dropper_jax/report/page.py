@@ -164,6 +164,11 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
     norm = style.tension_norm(run.tension)
     low, high = limits or (float(norm.vmin), float(norm.vmax))
     shades = style.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
+    water = None
+    flows = []
+    if sea is not None:
+        water = _water(sea, run, part.surface)
+        flows = _flows(solution, sea)
     return {
         "name": run.name,
         "description": solution.scene.description,
@@ -188,8 +193,8 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         "buoys": [buoy._asdict() for buoy in run.buoys],
         "bodies": body_data(run.bodies, kept),
         "bed": _bed_grid(run),
-        "water": None if sea is None else _water(sea, run, part.surface),
-        "flows": [] if sea is None else _flows(solution, sea),
+        "water": water,
+        "flows": flows,
     }
 
 
@@ -204,14 +209,17 @@ def part_names(run: Run) -> list[str]:
     return names
 
 
+#: Half width of the seabed in the unit of the configuration's size.
+BED_REACH = 0.75
+
+
 def _bed_grid(run: Run) -> Table | None:
     """Positions of a grid and the height [m] of the seabed there; None without a seabed."""
     # points of the seabed per side
     bed_points = 13
     low = run.positions.min(axis=(0, 1))
     high = run.positions.max(axis=(0, 1))
-    # half width of the seabed in the unit of the configuration's size
-    step = _round_step(2 * 0.75 * max(float((high - low).max()), 1.0) / (bed_points - 1))
+    step = _round_step(2 * BED_REACH * max(float((high - low).max()), 1.0) / (bed_points - 1))
     around = np.arange(bed_points) - bed_points // 2
     x, y = (step * (np.rint(m / step) + around) for m in 0.5 * (low + high)[:2])
     grid = np.meshgrid(x, y, indexing="ij")
@@ -262,14 +270,17 @@ def _pack(values: np.ndarray) -> str:
     return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
 
 
+#: Half width of the surface in sizes of the motion of the line.
+SURFACE_REACH = 0.9
+
+
 def _water(sea: Sea, run: Run, times: np.ndarray) -> Table:
     """Depth, a square grid of positions and the elevation there at times [s], in whole steps of `step` [m]."""
     # points per side of the water surface
     surface_points = 19
     low = run.positions.min(axis=(0, 1))
     high = run.positions.max(axis=(0, 1))
-    # half width of the surface in sizes of the motion of the line
-    reach = 0.9 * max(float((high - low).max()), 1.0)
+    reach = SURFACE_REACH * max(float((high - low).max()), 1.0)
     x, y = (np.linspace(m - reach, m + reach, surface_points) for m in 0.5 * (low + high)[:2])
     positions = np.stack([*(a.ravel() for a in np.meshgrid(x, y, indexing="ij")), np.zeros(x.size * y.size)], axis=-1)
     eta = np.asarray(elevation(sea, positions, times))

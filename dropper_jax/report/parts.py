@@ -37,16 +37,18 @@ def parts(
     if len(members) == len(names):
         return {"skipped": "no lines whose names differ only in their numbers"}
     damaged = fatigue if isinstance(fatigue, list) else []
-    return [
-        {
-            "part": _name([names[i] for i in own]),
-            "lines": len(own),
-            **_tension([tension[i] for i in own]),
-            "snap": _worst([snap[i] for i in own], "most_events"),
-            "fatigue": _worst([damaged[i] for i in own] if damaged else [], "damage_per_year"),
-        }
-        for own in members
-    ]
+    found = []
+    for own in members:
+        found.append(
+            {
+                "part": _name([names[i] for i in own]),
+                "lines": len(own),
+                **_tension([tension[i] for i in own]),
+                "snap": _worst([snap[i] for i in own], "most_events"),
+                "fatigue": _worst([damaged[i] for i in own] if damaged else [], "damage_per_year"),
+            }
+        )
+    return found
 
 
 def _alike(names: list[str]) -> list[list[int]]:
@@ -68,10 +70,13 @@ def _tension(lines: list[Table]) -> Table:
     loaded = [line for line in lines if line["utilisation"] is not None]
     used = max(loaded, key=lambda line: line["utilisation"]["largest"], default=None)
     kept = ("largest", "with_factor", "at_m")
+    utilisation = None
+    if used is not None:
+        utilisation = {"line": used["line"], **{k: used["utilisation"][k] for k in kept}}
     return {
         "largest": {"line": most["line"], **most["largest"]},
         "mean_n": float(np.mean([np.mean(line["mean_n"]) for line in lines])),
-        "utilisation": None if used is None else {"line": used["line"], **{k: used["utilisation"][k] for k in kept}},
+        "utilisation": utilisation,
     }
 
 
@@ -91,13 +96,19 @@ def parts_text(found: list[Table]) -> list[str]:
 
 
 def _part_row(part: Table) -> Cells:
-    top, used, snap, tired = (part[key] for key in ("largest", "utilisation", "snap", "fatigue"))
+    top = part["largest"]
+    used = part["utilisation"]
+    snap = part["snap"]
+    tired = part["fatigue"]
+    utilisation = "-"
+    if used is not None:
+        utilisation = _with_line_name(part, used, f"{100 * used['largest']:.1f} %")
     return {
         "part": part["part"],
         "lines": str(part["lines"]),
         "mean [N]": newton(part["mean_n"]),
         "largest [N]": _with_line_name(part, top, with_position(top, newton(top["n"]))),
-        "utilisation": "-" if used is None else _with_line_name(part, used, f"{100 * used['largest']:.1f} %"),
+        "utilisation": utilisation,
         "snaps, worst link": _with_line_name(part, snap, str(snap["most_events"])) if snap["most_events"] else "none",
         "damage per year": "-" if tired is None else _with_line_name(part, tired, f"{tired['damage_per_year']:.3g}"),
     }

@@ -12,7 +12,7 @@ import numpy as np
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.markdown import cells, first_names, table
 from dropper_jax.base.read import Table
-from dropper_jax.run.quantities import NOT_GAUSSIAN
+from dropper_jax.run.statistics import NOT_GAUSSIAN
 
 #: Cells of a row by the headings of their columns.
 Cells = dict[str, str]
@@ -66,7 +66,10 @@ def largest_table(
     shown = largest(lines, size)
     if len(shown) == len(lines):
         return table_of([row(line) for line in shown])
-    at = [i for i, line in enumerate(lines) if any(line is one for one in shown)]
+    at = []
+    for i, line in enumerate(lines):
+        if any(line is one for one in shown):
+            at.append(i)
     rows = []
     for before, here in zip([-1, *at], [*at, len(lines)], strict=True):
         if here - before > 1:
@@ -86,6 +89,9 @@ def tension(lines: list[Table]) -> str:
 
 def _tension_row(line: Table) -> Cells:
     used = line["utilisation"]
+    utilisation = "-"
+    if used is not None:
+        utilisation = f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m"
     return {
         "line": line["line"],
         "least [N]": with_position(line["least"], newton(line["least"]["n"])),
@@ -102,7 +108,7 @@ def _tension_row(line: Table) -> Cells:
         "largest [N]": with_position(line["largest"], newton(line["largest"]["n"])),
         "largest mean over 0.2 s [N]": newton(line["sustained_n"]),
         "most probable maximum in 3 h [N]": _most_probable(line),
-        "utilisation": "-" if used is None else f"{100 * used['largest']:.1f} % at {used['at_m']:.1f} m",
+        "utilisation": utilisation,
         "with the safety factor": "-" if used is None else f"{100 * used['with_factor']:.1f} %",
     }
 
@@ -117,7 +123,8 @@ def _most_probable(line: Table) -> str:
 
 def _mean_and_peak(line: Table, end: str) -> str:
     """Mean and maximum force on an end point, with the time of the maximum."""
-    mean, most = (newton(line[f"{what}_{end}_force_n"]) for what in ("mean", "max"))
+    mean = newton(line[f"mean_{end}_force_n"])
+    most = newton(line[f"max_{end}_force_n"])
     return f"{mean} / {most} at {line[f'max_{end}_force_s']:.2f} s"
 
 
@@ -131,7 +138,9 @@ def _missing(what: str, lines: list[Table], why: dict[str, str]) -> str:
     found = ""
     for reason in dict.fromkeys(why.values()):
         names = [name for name, own in why.items() if own == reason]
-        which = "any line" if len(names) == len(lines) else first_names(names, SECTION_ROWS)
+        which = "any line"
+        if len(names) != len(lines):
+            which = first_names(names, SECTION_ROWS)
         found += f"\n\nNo {what} of {which}: {reason}."
     return found
 
@@ -234,7 +243,9 @@ def _table_and_others(
     some = [line for line in lines if line[key] > limit]
     others = [line["line"] for line in lines if line not in some]
     text = largest_table(some, size, row) if some else ""
-    which = first_names(others, SECTION_ROWS) if some else every
+    which = every
+    if some:
+        which = first_names(others, SECTION_ROWS)
     return "\n\n".join(part for part in (text, f"{word}: {which}." if others else "") if part)
 
 

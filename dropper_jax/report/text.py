@@ -9,7 +9,7 @@ from dropper_jax.report import sections
 from dropper_jax.report.parts import bodies_text, crop_text, parts_text
 from dropper_jax.report.sections import empty_unless_rows, newton, table_of, with_position
 from dropper_jax.run.flow_coefficients import flow_cells
-from dropper_jax.run.growth import weight_cells
+from dropper_jax.run.line_weights import weight_cells
 from dropper_jax.scene import link_mass_words
 
 
@@ -103,14 +103,17 @@ def _weights(rows: list[Table]) -> list[str]:
 @empty_unless_rows
 def _bending(found: list[Table]) -> list[str]:
     """Moments and radii; empty if lines have no bending stiffness."""
-    rows = [
-        {
-            "line": line["line"],
-            "largest moment [N m]": with_position(line, f"{line['largest_moment_n_m']:.4g}"),
-            "smallest radius [m]": "straight" if line["least_radius_m"] is None else f"{line['least_radius_m']:.3g}",
-        }
-        for line in found
-    ]
+    rows = []
+    for line in found:
+        rows.append(
+            {
+                "line": line["line"],
+                "largest moment [N m]": with_position(line, f"{line['largest_moment_n_m']:.4g}"),
+                "smallest radius [m]": "straight"
+                if line["least_radius_m"] is None
+                else f"{line['least_radius_m']:.3g}",
+            }
+        )
     return ["## Bending", table_of(rows)]
 
 
@@ -120,18 +123,23 @@ def _coefficients(found: list[Table]) -> list[str]:
     return ["## Coefficients from the flow", markdown_table(flow_cells(found))]
 
 
+#: Maximum number of runs with values side by side.
+FEW_RUNS = 6
+
+
 def _spread(section: Table) -> str:
     """Minimum, mean and maximum over the runs; for a few runs also the value of each run, as needed by a sweep over
     steps."""
-    # maximum number of runs with values side by side
-    few = len(section["dt_s"]) <= 6
-    own = [f"run {i + 1}" for i in range(len(section["dt_s"]))] if few else []
+    few = len(section["dt_s"]) <= FEW_RUNS
+    own = []
+    if few:
+        own = [f"run {i + 1}" for i in range(len(section["dt_s"]))]
     rows = [
         ["step [s]", "", "", "", *cells(section["dt_s"][: len(own)], "g")],
         [
             "internal damping, maximum [N s]",
             *("", "", ""),
-            *(newton(x) for x in section["internal_damping_n_s"][: len(own)]),
+            *map(newton, section["internal_damping_n_s"][: len(own)]),
         ],
     ]
     for name, v in section["values"].items():
@@ -155,7 +163,9 @@ def _extremes(section: Table) -> str:
             keys = ("most_probable", "mean", "percentile_90")
         rows.append([name, *([_with_interval(one, key) for key in keys] or (one["skipped"], "-", "-"))])
     level = next((one["confidence"] for one in section.values() if "confidence" in one), None)
-    what = "" if level is None else f" [N], {100 * level:g} % interval"
+    what = ""
+    if level is not None:
+        what = f" [N], {100 * level:g} % interval"
     return table(["maximum in the storm", f"most probable{what}", f"mean{what}", f"90th percentile{what}"], rows)
 
 

@@ -36,7 +36,8 @@ def break_links(model: Model, before: Model, s: State, s1: State) -> State:
     parted = _part(model, s.parted, s1)
     work = s1.work
     if work.size:
-        kept, whole = (m.with_internal_state(s1.own) for m in (as_parted(model, parted), before))
+        kept = as_parted(model, parted).with_internal_state(s1.own)
+        whole = before.with_internal_state(s1.own)
         work = work + book_works(model, {BREAKING: _link_energy(kept, s1) - _link_energy(whole, s1)})
     return replace(s1, parted=parted, work=work)
 
@@ -49,14 +50,17 @@ def _link_energy(model: Model, s: State) -> jax.Array:
     return sum((e.potential(k) for e in model.effects if e.parts), own)
 
 
+#: Relative rounding of a time that is a whole number of steps.
+SAME_TIME = 1e-9
+
+
 def _part(model: Model, parted: Parted, s1: State) -> Parted:
     failures = model.line.failures
     tension, t = jax.lax.stop_gradient((s1.tension, s1.t))
     share = tension / failures.load
     named = jnp.asarray(failures.named, jnp.int32)
     link = jnp.where(named >= 0, named, jnp.argmax(share, axis=1))
-    # relative rounding of a time that is a whole number of steps
-    due = (jnp.max(share, axis=1) >= 1.0) | (t >= failures.time * (1.0 - 1e-9))
+    due = (jnp.max(share, axis=1) >= 1.0) | (t >= failures.time * (1.0 - SAME_TIME))
     now = due & (parted.link < 0)
     return Parted(
         jnp.where(now, link, parted.link).astype(jnp.int32),

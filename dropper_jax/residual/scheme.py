@@ -205,5 +205,7 @@ _BODIES_NOT_TAKEN = "the scene has rigid bodies, which it does not support; use 
 
 def _law_not_taken(model: Model) -> str:
     name = model.laws[0].name
-    other = ", or law = 'regularised'" if name == "seabed_friction" else ""
+    other = ""
+    if name == "seabed_friction":
+        other = ", or law = 'regularised'"
     return f"effect {name!r} has a set-valued law, which it does not solve; use energy_momentum{other}"

@@ -226,12 +226,14 @@ def correct_until_enough(
     # systems of lines compile up to twice as long.
     far = jnp.full((), jnp.inf, guess.x.dtype)
     none = jnp.zeros((), jnp.int32)
-    filtered = None if filtering is None else jnp.zeros_like(guess.x)
+    filtered = None
+    if filtering is not None:
+        filtered = jnp.zeros_like(guess.x)
     start = Corrections(guess, jax.tree.map(jnp.zeros_like, guess), far, far, none - 1, none, filtered)
     return jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
 
 
-def eased(solver: Solver, problem: StepProblem) -> tuple[Unknowns, jax.Array]:
+def solve_smoothed(solver: Solver, problem: StepProblem) -> tuple[Unknowns, jax.Array]:
     """The same for set-valued laws whose active set is unknown: a scan of corrections with ever less smoothed laws.
 
     Newton on the laws themselves cycles if several joints stop at once. The primal-dual form of the smoothed law (Chan,
@@ -265,7 +267,7 @@ def solve(
         end = correct_until_enough(stepper, problem, tolerance, filtering)
         u, row, filtered = end.u, end.now, end.filtered
     if stepper.easing:
-        u, row = jax.lax.cond(row <= tolerance, lambda: (u, row), lambda: eased(stepper.solver, problem))
+        u, row = jax.lax.cond(row <= tolerance, lambda: (u, row), lambda: solve_smoothed(stepper.solver, problem))
     return u, row, filtered
 
 

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
-from dropper_jax.axial.tabulated import stack_tables
+from dropper_jax.axial.force_table import stack_tables
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.checks_water import line_reach
@@ -70,6 +70,9 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
 
 def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
     line = scene.line
+    name = line.name
+    if scene.branched:
+        name = "line"
     return Line(
         length=line.length,
         mass=line.mass,
@@ -80,7 +83,7 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
         geometry=_geometry(scene, index, corners),
         axial=_axial(scene.lines),
         failures=make_failures(scene),
-        name="line" if scene.branched else line.name,
+        name=name,
     )
 
 
@@ -148,11 +151,12 @@ def breaks(scene: SceneData, parted: Parted | None) -> tuple[dict[str, Any], ...
     starts = np.cumsum([0, *(line.links for line in scene.lines)])
     broken = np.flatnonzero(np.asarray(parted.link) >= 0)
     columns = (np.asarray(x)[broken].tolist() for x in (parted.link, parted.t, parted.tension))
-    found = [
-        {"line": scene.lines[i].name, "link": link - int(starts[i]) + 1, "time_s": t, "tension_n": tension}
-        for link, t, tension in zip(*columns, strict=True)
-        for i in [int(np.searchsorted(starts, link, side="right")) - 1]
-    ]
+    found = []
+    for link, t, tension in zip(*columns, strict=True):
+        i = int(np.searchsorted(starts, link, side="right")) - 1
+        found.append(
+            {"line": scene.lines[i].name, "link": link - int(starts[i]) + 1, "time_s": t, "tension_n": tension}
+        )
     return tuple(sorted(found, key=lambda row: row["time_s"]))
 
 

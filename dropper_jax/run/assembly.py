@@ -21,9 +21,11 @@ from dropper_jax.residual import TOO_FAR, Embedded, Stepper, local_jacobian
 from dropper_jax.run.arrays import body_motion, breaks, words
 from dropper_jax.run.bends import twist_remarks
 from dropper_jax.run.chunks import RunOutcome
+from dropper_jax.run.end_of_run import Last, last_row, name_leaves
 from dropper_jax.run.plausibility import scene_warnings
-from dropper_jax.run.resolution import pose_remarks, with_quality_checks, without_push
-from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Last, last_row, name_leaves, release_pages
+from dropper_jax.run.pose_remarks import pose_remarks
+from dropper_jax.run.resolution import with_quality_checks, without_push
+from dropper_jax.run.row_store import BLOCK_STATES, InMemory, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal
 from dropper_jax.scene import RunSpec
@@ -46,6 +48,21 @@ class TimeOrigin(NamedTuple):
     saves: int = 0
 
 
+class PreparedRun(NamedTuple):
+    """All that a run is made of: scene, stepper, model, first state, origin of its times, and where rows are kept.
+
+    `settings` are those of the stepping that the caller gave.
+    """
+
+    scene: Scene
+    stepper: Stepper
+    model: Model
+    first: Last
+    since: TimeOrigin
+    rows: InMemory
+    settings: dict[str, Any]
+
+
 @cached_jit()
 def _observe(
     model: Model, r: jax.Array, v: jax.Array, t: jax.Array, parted: Parted | None, internal: dict[str, Frozen]
@@ -53,61 +70,50 @@ def _observe(
     return jax.vmap(observe, in_axes=(None, 0, 0, 0, 0, 0))(model, r, v, t, parted, internal)
 
 
-def build_solution(
-    kind: type[Kind],
-    scene: Scene,
-    stepper: Stepper,
-    model: Model,
-    first: Last,
-    since: TimeOrigin,
-    outcome: RunOutcome,
-    extra: dict[str, Any],
-    rows: InMemory,
-) -> Kind:
+def build_solution(kind: type[Kind], prepared: PreparedRun, outcome: RunOutcome) -> Kind:
     """The result of a run: its observed states, steps, final state and warnings."""
     run = outcome.trajectory
-    carry = outcome.carry
-    solution = _observe_run(kind, scene, stepper, model, first, since, run, extra, rows)
-    solution = _with_step_extremes(solution, run.extremes, stepper.limit(model), rows)
-    if isinstance(outcome.beside, Within):
-        solution = _with_adaptive_steps(solution, stepper, model, run, outcome.beside, carry, first.carry)
+    solution = _observe_run(kind, prepared, run)
+    tolerance = prepared.stepper.limit(prepared.model)
+    solution = _with_step_extremes(solution, run.extremes, tolerance, prepared.rows)
+    solution = _with_adaptive_steps(solution, prepared, outcome)
     if solution.first_bad is None:
-        solution = replace(solution, last=name_leaves(Last(last_row(run), carry)))
+        solution = replace(solution, last=name_leaves(Last(last_row(run), outcome.carry)))
     if outcome.interrupted:
         notes = [note for note in (*solution.warnings, outcome.refused) if note]
         solution = replace(solution, status="interrupted", warnings=tuple(notes))
     return with_quality_checks(solution)
 
 
-def _observe_run(
-    kind: type[Kind],
-    scene: Scene,
-    stepper: Stepper,
-    model: Model,
-    first: Last,
-    since: TimeOrigin,
-    run: Trajectory,
-    extra: dict[str, Any],
-    rows: InMemory,
-) -> Kind:
+def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Kind:
     """The solution of the good saves of a run, observed at their times."""
+    scene = prepared.scene
+    stepper = prepared.stepper
+    model = prepared.model
+    since = prepared.since
     dt = scene.run.interval / scene.run.save_every
-    start = first.row
-    before = int(first.carry.steps_done)
+    start = prepared.first.row
+    before = int(prepared.first.carry.steps_done)
     good = _good_saves(run)
     kept = jax.tree.map(lambda a: a[: max(good, 0)], run)
-    join = rows.join
+    join = prepared.rows.join
     t = since.origin + (since.saves + np.arange(good + 1)) * (scene.run.save_every * dt)
     parted = jax.tree.map(join, start.parted, kept.parted)
     own = jax.tree.map(join, start.own, kept.own)
     states = (join(start.r, kept.r), join(start.v, kept.v), t.astype(model.dtype), parted, own)
-    seen = _observe_states(model, states, rows)
+    seen = _observe_states(model, states, prepared.rows)
     broken = breaks(scene, jax.tree.map(lambda a: a[-1], parted))
     middle = (1.0 - stepper.integrator.tension_time) * dt
     status, first_bad = _first_failure(run, stepper, model, before, scene.run.save_every, (float(t[0]), dt))
+    failed_steps = 1
+    if first_bad is None:
+        failed_steps = int(np.sum(run.failed))
+    continues = None
+    if before or since.origin:
+        continues = {"origin_s": since.origin, "saves": since.saves}
     found = kind(
         scene=scene,
-        settings=_settings_of(scene, stepper, model, extra),
+        settings=_settings_of(prepared),
         t=t,
         positions=seen.each.positions,
         velocities=seen.each.velocities,
@@ -119,7 +125,7 @@ def _observe_run(
         work_names=ledger(stepper, model, scene.run),
         step_status=np.zeros(good + 1, np.int8),
         status=status,
-        failed_steps=int(np.sum(run.failed)) if first_bad is None else 1,
+        failed_steps=failed_steps,
         retried_steps=int(np.sum(run.retried[: good + 1])),
         first_bad=first_bad,
         max_residual=float(np.max(run.residual[: good + 1])),
@@ -127,7 +133,7 @@ def _observe_run(
         versions=versions(),
         broken=broken,
         own=_name_leaves(own),
-        continues={"origin_s": since.origin, "saves": since.saves} if before or since.origin else None,
+        continues=continues,
         **seen.bodies,
     )
     return replace(found, warnings=tuple(_remarks(found, model, np.asarray(start.tension))))
@@ -153,9 +159,11 @@ def _first_failure(
     return status, {"step": bad_step + 1, "time_s": when, "residual": residual, "reason": reason}
 
 
-def _settings_of(scene: Scene, stepper: Stepper, model: Model, extra: dict[str, Any]) -> dict[str, Any]:
-    """Everything that a run was made with, in `extra` as far as the caller gave it."""
-    run = scene.run
+def _settings_of(prepared: PreparedRun) -> dict[str, Any]:
+    """Everything that a run was made with."""
+    run = prepared.scene.run
+    stepper = prepared.stepper
+    model = prepared.model
     return {
         "integrator": stepper.integrator.name,
         "solver": stepper.solver_name,
@@ -167,7 +175,7 @@ def _settings_of(scene: Scene, stepper: Stepper, model: Model, extra: dict[str, 
         "residual_tolerance": stepper.limit(model),
         "iterations": stepper.iterations,
         "save_every": run.save_every,
-        **{key: value for key, value in extra.items() if key not in ("iterations", "residual_tolerance")},
+        **{key: value for key, value in prepared.settings.items() if key not in ("iterations", "residual_tolerance")},
     }
 
 
@@ -249,16 +257,16 @@ def _with_step_extremes(solution: Kind, extremes: Extremes | None, tolerance: fl
     return replace(solution, **found)
 
 
-def _with_adaptive_steps(
-    solution: Kind,
-    stepper: Stepper,
-    model: Model,
-    run: Trajectory,
-    within: Within,
-    carry: Adaptive,
-    start: Adaptive,
-) -> Kind:
-    """The solution of a run with an accuracy: mean squares between saved times, accepted and rejected steps."""
+def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutcome) -> Kind:
+    """The solution with mean squares between saved times and counts of steps, if the run follows an accuracy."""
+    start = prepared.first.carry
+    within = outcome.beside
+    carry = outcome.carry
+    if not (isinstance(within, Within) and isinstance(carry, Adaptive) and isinstance(start, Adaptive)):
+        return solution
+    stepper = prepared.stepper
+    model = prepared.model
+    run = outcome.trajectory
     good = len(solution.t) - 1
     first = solution.tension[:1]
     steps = within.steps[:good]
@@ -364,19 +372,23 @@ def _rate(model: Model, effect: Force, r: jax.Array, v: jax.Array, t: jax.Array)
 _rates = cached_jit()(damping_rates)
 
 
+#: Number of saved times whose damping rates are checked.
+CHECKED_TIMES = 64
+#: Fraction of the stability limit above which it counts as limiting the steps: the step error keeps them below it.
+LIMITING = 0.6
+
+
 def stiffness_remarks(
     scheme: Embedded, model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, h: np.ndarray
 ) -> tuple[str, ...]:
     """A warning if damping limits most steps h (k,) [s] of a run with states (k, ...) at its saved times."""
     if not len(t):
         return ()
-    # number of saved times that are checked
-    rows = np.unique(np.linspace(0, len(t) - 1, 64).round().astype(int))
+    rows = np.unique(np.linspace(0, len(t) - 1, CHECKED_TIMES).round().astype(int))
     rates = _rates(model, *(jnp.asarray(a[rows], model.dtype) for a in (r, v, t)))
     sizes = {name: float(np.median(h[rows] * np.asarray(rate))) for name, rate in rates.items()}
     name = max(sizes, key=sizes.get, default=None)
-    # fraction of the stability limit above which it counts as limiting the steps: the step error keeps them below it
-    if name is None or sizes[name] < 0.6 * scheme.stable:
+    if name is None or sizes[name] < LIMITING * scheme.stable:
         return ()
     return (
         f"effects.{name}: h b/m is {sizes[name]:.2g} on average, and {scheme.name} is stable up to about "

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.analysis.angles import writhe
+from dropper_jax.analysis.writhe import writhe
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.bending import common_ends
 from dropper_jax.load.scene import Scene
@@ -26,7 +26,8 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
     """
     given = scene.effects["torsion"]
     links = sum(line.links for line in scene.lines)
-    stiffness, damping = (np.broadcast_to(given[key], links) for key in ("GJ", "damping"))
+    stiffness = np.broadcast_to(given["GJ"], links)
+    damping = np.broadcast_to(given["damping"], links)
     if given["coupling"] is None:
         coupling = None
     else:
@@ -34,7 +35,8 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
     found = np.zeros((len(positions), links))
     for line, where in _twisting_lines(scene):
         at = where.links
-        tau, turning = (np.diff(a[:, where.nodes], axis=1) / line.length for a in (twist, rate))
+        tau = np.diff(twist[:, where.nodes], axis=1) / line.length
+        turning = np.diff(rate[:, where.nodes], axis=1) / line.length
         found[:, at] = stiffness[at] * tau + damping[at] * turning
         if coupling is not None:
             length = np.linalg.norm(np.diff(positions[:, where.nodes], axis=1), axis=-1)
@@ -49,6 +51,12 @@ def _twisting_lines(scene: Scene) -> list[tuple[LineSpec, LineSlice]]:
     return [(line, where) for line, where in pairs if not names or line.name in names]
 
 
+#: Writhe [turns] above which a run warns that it is omitted.
+WRITHE = 1e-3
+#: Fraction of the torque above which writhe is not negligible.
+WRITHE_SHARE = 0.1
+
+
 def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torque: np.ndarray) -> Iterator[str]:
     """Warnings about lines that would form loops under their torque, and lines whose coils would change their twist.
 
@@ -60,7 +68,9 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
     """
     given = scene.effects["torsion"]
     twisting = np.broadcast_to(given["GJ"], sum(line.links for line in scene.lines))
-    stiffness = bending_stiffness(scene) if bends(scene) else None
+    stiffness = None
+    if bends(scene):
+        stiffness = bending_stiffness(scene)
     for line, where in _twisting_lines(scene):
         turning = np.abs(torque[:, where.links])
         pulled = np.maximum(tension[:, where.links], 0.0)
@@ -76,8 +86,7 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
             nodes = positions[:, where.nodes]
             turns = float(np.ptp(writhe(nodes, nodes[0, -1] - nodes[0, 0])))
             gives = 2.0 * np.pi * turns * float(np.min(twisting[where.links])) / float(np.sum(line.length))
-            # writhe [turns] and its fraction of the torque above which a run warns that it is omitted
-            if turns > 1e-3 and gives > 0.1 * float(np.max(turning)):
+            if turns > WRITHE and gives > WRITHE_SHARE * float(np.max(turning)):
                 yield (
                     f"{line.name}: it coils by {turns:.2g} turns in the run; its twist would change by as many, which "
                     "the torsion model omits"
@@ -166,6 +175,10 @@ def _clamps(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
+#: Curvature below which a radius is that of a straight line [1/m].
+STRAIGHT = 1e-12
+
+
 def bending_summary(
     scene: Scene, t: np.ndarray, kappa: np.ndarray, moment: np.ndarray
 ) -> dict[str, dict[str, float | None]]:
@@ -178,12 +191,14 @@ def bending_summary(
         own = moment[:, where.nodes]
         bent = float(np.max(kappa[:, where.nodes]))
         when, node = np.unravel_index(np.argmax(own), own.shape)
-        # curvature below which a radius is that of a straight line [1/m]
+        least_radius_m = None
+        if bent > STRAIGHT:
+            least_radius_m = 1.0 / bent
         found[line.name] = {
             "largest_moment_n_m": float(own[when, node]),
             "at_m": float(np.sum(line.length[:node])),
             "t_s": float(t[when]),
-            "least_radius_m": 1.0 / bent if bent > 1e-12 else None,
+            "least_radius_m": least_radius_m,
         }
     return found
 

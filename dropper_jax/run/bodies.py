@@ -22,11 +22,10 @@ def make_bodies(scene: SceneData, index: dict[str, int]) -> tuple[list[Point], l
     if not scene.bodies:
         return [], []
     corner = np.array([tetrahedron(body.mass, body.centre_of_mass, body.inertia_matrix) for body in scene.bodies])
-    points = [
-        Point(position=body.world(own[i]), name=f"{body.name}: corner {i + 1}", kind="free")
-        for body, own in zip(scene.bodies, corner, strict=True)
-        for i in range(4)
-    ]
+    points = []
+    for body, own in zip(scene.bodies, corner, strict=True):
+        for i in range(4):
+            points.append(Point(position=body.world(own[i]), name=f"{body.name}: corner {i + 1}", kind="free"))
     affine = np.linalg.inv(np.concatenate([corner, np.ones((len(corner), 4, 1))], axis=2))
     seats = [(i, name, position) for i, body in enumerate(scene.bodies) for name, position in body.attachments.items()]
     rigid = RigidBodies(
@@ -132,7 +131,9 @@ def make_point_loads(scene: SceneData, index: dict[str, int]) -> list[Effect]:
     found: list[Effect] = []
     loaded = [p for p in scene.points if p.body]
     if loaded:
-        arrays = {key: np.array([getattr(p, key) or 0.0 for p in loaded]) for key in PointSpec.BODY}
+        arrays = {}
+        for key in PointSpec.BODY:
+            arrays[key] = np.array([getattr(p, key) or 0.0 for p in loaded])
         wet = scene.sea is not None
         if wet and np.any(arrays["volume"] * arrays["added_mass"]):
             cls = WetPointBodies
@@ -141,7 +142,9 @@ def make_point_loads(scene: SceneData, index: dict[str, int]) -> list[Effect]:
         found.append(cls(**arrays, gravity=scene.gravity, points=tuple(index[p.name] for p in loaded), wet=wet))
     if scene.buoys:
         keys = ("mass", "diameter", "height", "attachment", "cdn", "cdt", "can", "cat")
-        arrays = {key: np.array([getattr(b, key) for b in scene.buoys]) for key in keys}
+        arrays = {}
+        for key in keys:
+            arrays[key] = np.array([getattr(b, key) for b in scene.buoys])
         kinds = {b.end_added_mass for b in scene.buoys}
         found.append(
             SparBuoys(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,15 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators.consistent import instant
 from dropper_jax.load.scene import Scene, load_scene
-from dropper_jax.model import Displacement, Model, State, state
+from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
 from dropper_jax.run.arrays import bare_model, static_pose
+from dropper_jax.run.fixed_points import with_points_fixed
 from dropper_jax.run.flow_coefficients import with_flow_coefficients
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.wakes import with_wakes
 from dropper_jax.scene import RunSpec, StartSpec
-from dropper_jax.statics.modes import Linearised, linearised_about
+from dropper_jax.statics.linearised import Linearised, linearised_about
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium as model_equilibrium
 from dropper_jax.statics.static_pose import nodal_loads, settle
@@ -63,33 +64,6 @@ def from_angles(
     return state(model, r[: model.free_nodes], v[: model.free_nodes])
 
 
-def with_points_fixed(model: Model) -> Model:
-    """The lines alone, with all points fixed at their positions in the scene."""
-    graph = replace(model.geometry, held=(True,) * len(model.points))
-    carried = ("point_bodies", "spar_buoys")
-    effects = tuple(e for e in model.without_slot(Displacement).effects if not (e.name in carried or e.bodily))
-    return replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
-
-
-def without_body(scene: Scene, body: str, model: Model, pose: State) -> tuple[Scene, list[str]]:
-    """The scene with the points on a body fixed where they rest, in place of the body, and the names of the points."""
-    names = [point.name for point in scene.points if point.on == body]
-    if not names:
-        raise SceneError(f"body {body!r}: no line is attached to it")
-    places = {}
-    for name in names:
-        point = next(i for i, other in enumerate(model.points) if other.name == name)
-        places[name] = np.asarray(pose.r)[model.geometry.node_of_point(point)].tolist()
-    table = scene.to_dict()
-    table["body"] = [other for other in table["body"] if other["name"] != body]
-    table["point"] = [
-        *table.get("point", []),
-        *({"name": name, "position": place} for name, place in places.items()),
-    ]
-    table["start"] = {"kind": "static"}
-    return load_scene(table), names
-
-
 def between_points(model: Model, near: State | None = None, there: bool = False) -> State:
     """At rest with all points at their positions in the scene and the lines in equilibrium between them.
 
@@ -110,7 +84,9 @@ def between_points(model: Model, near: State | None = None, there: bool = False)
         s = _equilibrium_state(held, None)
     else:
         s = settle(held, beside, there=there)
-    r = jnp.concatenate([s.r, jnp.stack(positions)]) if positions else s.r
+    r = s.r
+    if positions:
+        r = jnp.concatenate([s.r, jnp.stack(positions)])
     return state(model, r, tension=s.tension)
 
 
@@ -163,7 +139,9 @@ def _under_tension(model: Model, s: State) -> State:
     if acting.constraints:  # lines in scenes with bodies stretch, so their lengths determine their tensions
         k = acting.kinematics(s.r, s.v, s.t)
         return replace(s, tension=acting.line.axial.tension(k.links, k.link_velocities, acting.line.length))
-    moved = acting.end_acceleration(s.t) if acting.moving else None
+    moved = None
+    if acting.moving:
+        moved = acting.end_acceleration(s.t)
     return replace(s, tension=instant(acting.instant(s.r, s.v, s.t), moved)[1])
 
 
@@ -173,46 +151,6 @@ SceneLike = str | Path | Mapping[str, Any] | Scene
 def build_model(scene: SceneLike, dtype: str | None = None) -> Model:
     """The model of a scene, with arrays of `dtype` (default: the scene's precision)."""
     return bare_model(with_wakes(with_flow_coefficients(overgrown(load_scene(scene)))), dtype)
-
-
-def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> dict[int, np.ndarray]:
-    """Derivatives of the leaves of a scene's model with respect to a number of the scene, by number of the leaf.
-
-    By central differences on the host over two relative steps, extrapolated: an error of 1e-12 for smooth functions.
-
-    Raises:
-        SceneError: not a number, a number without effect on the model unless it may be `idle`, or one that changes its
-            shape.
-    """
-    value = scene.value(path)
-    if isinstance(value, bool) or not isinstance(value, float):
-        raise SceneError(f"{path}: {value!r} is not a number that can vary. Use paths of such numbers")
-    size = abs(value) or 1.0
-    shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]
-
-    def at(shift: float) -> list[np.ndarray]:
-        changed = build_model(scene.with_values({path: value + shift * size}))
-        leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(changed)]
-        if [leaf.shape for leaf in leaves] != shapes:
-            raise SceneError(f"{path}: changes the model's shape, such as a number of links. Use `dropper sweep`")
-        return leaves
-
-    wide, narrow = (
-        [(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in (1e-3, 5e-4)
-    )
-    slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
-    if not (slopes or idle):
-        raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
-    return slopes
-
-
-def shift_model(model: Model, moving: Sequence[int], rows: Sequence[jax.Array | np.ndarray], shift: jax.Array) -> Model:
-    """The model with leaves of the numbers `moving` changed by `shift` (p,) times `rows` (p, ...) of each;
-    differentiable."""
-    leaves, tree = jax.tree.flatten(model)
-    for i, row in zip(moving, rows, strict=True):
-        leaves[i] = leaves[i] + jnp.tensordot(shift, row, axes=1)
-    return jax.tree.unflatten(tree, leaves)
 
 
 def stepper_of(model: Model, run: RunSpec, **settings: Any) -> Stepper:

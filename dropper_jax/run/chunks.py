@@ -21,11 +21,15 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.run.row_store import InMemory, Last, last_row, name_leaves
+from dropper_jax.run.end_of_run import Last, last_row, name_leaves
+from dropper_jax.run.row_store import InMemory
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
 from dropper_jax.stepping.extremes import Watch
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin
+
+#: Fraction of the free memory that a run may use.
+MEMORY_SHARE = 0.9
 
 
 def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None) -> None:
@@ -50,8 +54,7 @@ def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None)
         need = 3 * size
         where = "disk"
         way = "a larger run.save_every, or a shorter run.duration"
-    # fraction of the free memory that a run may use
-    if need > 0.9 * left:
+    if need > MEMORY_SHARE * left:
         raise SceneError(
             f"run.duration: {run.duration:g} s give {run.rows} saved states, which need {in_words(need)} of {where}, "
             f"and {in_words(left)} are free. Use {way}"

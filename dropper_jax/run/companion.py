@@ -117,7 +117,9 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     for piece, own_beside in companion.go(len(rows.r)):
         parts.append((len(piece.r), _tensions(piece, own_beside)))
         number = done + np.arange(len(piece.r))
-        both = piece.r[number % 2 == 1] if companion.finer else piece.r
+        both = piece.r
+        if companion.finer:
+            both = piece.r[number % 2 == 1]
         first = done // 2 if companion.finer else done
         apart = np.asarray(both - run[first : first + len(both)])
         distance.append(_longest(apart))
@@ -132,15 +134,25 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     else:
         stated = SCATTER * estimate
     travel = _travel(solution, rows.r)
-    separation = None if travel is None else np.concatenate(distance) / travel
-    chaos = None if separation is None else _chaos(separation, run)
+    separation = None
+    if travel is not None:
+        separation = np.concatenate(distance) / travel
+    chaos = None
+    if separation is not None:
+        chaos = _chaos(separation, run)
     both_tensions = _tensions(rows, beside), _weighted(parts)
     interval = solution.settings["dt"] * solution.settings["save_every"] * every
+    positions = None
+    if separation is not None:
+        positions = stated * float(np.sqrt(np.mean(separation[:chaos] ** 2)))
+    chaotic_from_s = None
+    if chaos is not None:
+        chaotic_from_s = float(solution.t[every * (1 + chaos)])
     return {
         "companion": companion.words,
         "lines": list(_lines(solution, both_tensions, stated if chaos is None else max(stated, 1.0))),
-        "positions": None if separation is None else stated * float(np.sqrt(np.mean(separation[:chaos] ** 2))),
-        "chaotic_from_s": None if chaos is None else float(solution.t[every * (1 + chaos)]),
+        "positions": positions,
+        "chaotic_from_s": chaotic_from_s,
         "angles_rad": estimate * _angle_error(solution, np.concatenate(turned)[:chaos], interval),
     }
 

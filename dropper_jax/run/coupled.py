@@ -26,7 +26,7 @@ from dropper_jax.run.coupled_lines import (
     coupled_lines,
     coupled_points,
 )
-from dropper_jax.run.row_store import name_leaves, restore_carry, same_scene
+from dropper_jax.run.end_of_run import name_leaves, restore_carry, same_scene
 
 _step = cached_jit(kernel=True)(CoupledLines.step)
 

@@ -156,7 +156,9 @@ class EndLinks:
             if share * self.lift[link] != 0.0:
                 wet = self._wet(nodes[:, 0], direction, share * self.scene.line.length[link], self.diameter[link], t)
                 weight -= share * self.lift[link] * wet
-            lies = False if bed is None else nodes[:, 0, 2] < bed + ON_BED
+            lies = False
+            if bed is not None:
+                lies = nodes[:, 0, 2] < bed + ON_BED
             return force_on_point(direction, tension, weight, lies, np)
 
     def _wet(self, at: np.ndarray, direction: np.ndarray, length: float, diameter: float, t: np.ndarray) -> np.ndarray:

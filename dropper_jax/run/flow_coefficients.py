@@ -50,10 +50,9 @@ def with_flow_coefficients(scene: Scene) -> Scene:
     """The scene with flow-dependent coefficients replaced by numbers; other scenes are unchanged."""
     if not follows(scene):
         return scene
-    found = {
-        name: {**scene.effects[name], FOLLOWING[name]: values, "coefficients": "given"}
-        for name, values in link_flow(scene).coefficients.items()
-    }
+    found = {}
+    for name, values in link_flow(scene).coefficients.items():
+        found[name] = {**scene.effects[name], FOLLOWING[name]: values, "coefficients": "given"}
     return dataclasses.replace(scene, effects={**scene.effects, **found})
 
 
@@ -126,17 +125,15 @@ def flow_table(scene: Scene) -> list[dict[str, Any]]:
     flow = link_flow(scene)
     each = {"keulegan_carpenter": flow.kc, "reynolds": flow.re, "current_share": flow.current}
     each |= {FOLLOWING[name]: values for name, values in flow.coefficients.items()}
-    return [
-        {
-            "line": line.name,
-            **{
-                key: {"min": float(np.min(values[line.links])), "max": float(np.max(values[line.links]))}
-                for key, values in each.items()
-            },
-            "post_critical": bool(np.all(flow.re[line.links] >= POST_CRITICAL)),
-        }
-        for line in line_slices(scene)
-    ]
+    found = []
+    for line in line_slices(scene):
+        row: dict[str, Any] = {"line": line.name}
+        for key, values in each.items():
+            own = values[line.links]
+            row[key] = {"min": float(np.min(own)), "max": float(np.max(own))}
+        row["post_critical"] = bool(np.all(flow.re[line.links] >= POST_CRITICAL))
+        found.append(row)
+    return found
 
 
 def flow_cells(rows: list[dict[str, Any]]) -> list[tuple[str, ...]]:

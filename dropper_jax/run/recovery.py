@@ -11,11 +11,11 @@ import jax
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import leftovers, remove
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.assembly import TimeOrigin, build_solution
+from dropper_jax.run.assembly import PreparedRun, TimeOrigin, build_solution
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.row_store import OnDisk, read_mark
-from dropper_jax.run.simulate import Solution, initial_carry, restore_end
+from dropper_jax.run.simulate import Solution, initial_carry, restore_end, stepper_fields
 from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.extremes import Extremes
 from dropper_jax.stepping.integrate import Trajectory
@@ -54,10 +54,10 @@ def killed_run(folder: Path) -> Solution:
     scene = Scene.from_dict(rows.about["scene"])
     settings = rows.about["settings"]
     model = build_model(scene)
-    renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
-    stepper = stepper_of(model, scene.run, **renamed)
+    stepper = stepper_of(model, scene.run, **stepper_fields(settings))
     if rows.last:
-        first, end = (restore_end(stepper, model, scene.run, leaves) for leaves in (rows.first, rows.last))
+        first = restore_end(stepper, model, scene.run, rows.first)
+        end = restore_end(stepper, model, scene.run, rows.last)
         since = TimeOrigin(*rows.about["since"])
         carry = end.carry
     else:
@@ -76,7 +76,8 @@ def killed_run(folder: Path) -> Solution:
         extremes = Extremes(*(0.0,) * len(Extremes._fields))
     rows.with_structure((plain[0]._replace(extremes=extremes), beside))
     outcome = RunOutcome(*rows.read(scene.run.rows), carry, 0.0, interrupted=True)
-    solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
+    prepared = PreparedRun(scene, stepper, model, first, since, rows, dict(settings))
+    solution = build_solution(Solution, prepared, outcome)
     if rows.last:
         return solution
     return replace(solution, last={})

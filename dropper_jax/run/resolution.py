@@ -10,120 +10,10 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.integrators import INTEGRATORS
-from dropper_jax.load.periods import periods
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.growth import lines_in_words
-from dropper_jax.run.plausibility import fastest_current, with_cause
 from dropper_jax.run.samples import TOO_LONG, Kind, Samples
 from dropper_jax.run.winches import winch_warnings
-from dropper_jax.scene import WholeLine, line_slices, whole_lines
-from dropper_jax.scene.data import point_nodes
-
-
-def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
-    """Warnings of lines above their breaking load, stretched by 10 % or of too few links, and of sunken buoys.
-
-    Args:
-        positions: all nodes (n + 1, 3) [m]; tension: (n,) [N].
-    """
-    return (
-        *_check_loads(scene, tension),
-        *_check_stretch(scene, positions),
-        *_check_bends(scene, positions, tension),
-        *_check_buoys(scene, positions),
-    )
-
-
-def check_stretch(scene: Scene, positions: np.ndarray) -> None:
-    """Reject lines that break at rest.
-
-    Raises:
-        SceneError: a strain of 50 % or more.
-    """
-    # static strain of a line above which a scene is an error: a rope breaks before
-    torn = 0.5
-    for line, strain in _strains(scene, positions):
-        if strain >= torn:
-            speed = fastest_current(scene)
-            flow = f", and the current of {speed:.4g} m/s" if speed else ""
-            error = SceneError(
-                f"line {line!r}: is stretched by {strain:.0%} at rest, more than {torn:.0%}. Check its length "
-                f"and EA and the positions of its ends{flow}"
-            )
-            raise with_cause(error, scene)
-
-
-def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]:
-    """Maximum strain of a link of each elastic line."""
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        if not line.rigid:
-            size = np.linalg.norm(np.diff(np.asarray(positions)[where.nodes], axis=0), axis=1)
-            yield line.name, float(np.max(size / line.length - 1.0))
-
-
-def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
-    """One warning of all lines that are stretched by more than 10 %, with the largest strain."""
-    strains = {line: strain for line, strain in _strains(scene, positions) if strain > 0.1}
-    if strains:
-        names = sorted(strains, key=lambda name: -strains[name])
-        yield f"{lines_in_words(names)}: is stretched by {strains[names[0]]:.0%} at rest; check its length and EA"
-
-
-def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:
-    """One warning of all elastic lines whose links are too few for the forces at their ends."""
-    # A sag of N links has a tension that is off by 1/(2 N^2). Loads on a sharp bend add to it, less so with more
-    # links: the limit follows 340 single lines of 3 to 12 links against 32 and 48.
-    bends = {
-        line.name: bend
-        for line in whole_lines(scene)
-        if not line.spec.rigid
-        and (bend := _largest_bend(line, positions[line.nodes], tension[line.links]))
-        >= (5.0 if line.spec.links <= 3 else 12.0 * (line.spec.links + 2))
-    }
-    if bends:
-        yield (
-            f"{lines_in_words(list(bends))}: too few links: neighbouring links turn by up to {max(bends.values()):.0f} "
-            "degrees at rest, and end forces can be off by more than 5%. Take four times the links; see --errors"
-        )
-
-
-def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -> float:
-    """Maximum angle [degrees] between neighbouring links that carry tension, without attached points."""
-    along = np.diff(positions, axis=0)
-    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-    turns = np.degrees(np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0)))
-    turns[[node - 1 for node in line.stops if 0 < node < line.spec.links]] = 0.0
-    return float(np.max(turns * (np.maximum(tension[1:], tension[:-1]) > 0.01 * np.max(tension)), initial=0.0))
-
-
-def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
-    """One warning of all lines above their breaking load, with the one that is most above it."""
-    above = {}
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        if line.breaking_load is None:
-            continue
-        share = tension[where.links] / line.breaking_load
-        worst = int(np.argmax(share))
-        if share[worst] > 1.0:
-            above[line.name] = share[worst], tension[where.links][worst], line.breaking_load[worst]
-    if above:
-        names = sorted(above, key=lambda name: -above[name][0])
-        _, load, limit = above[names[0]]
-        yield f"{lines_in_words(names)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
-
-
-def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
-    if scene.sea is None:
-        return
-    nodes = point_nodes(scene)
-    for buoy in scene.buoys:
-        base = float(positions[nodes[buoy.point], 2]) - buoy.attachment
-        if base + buoy.height < 0.0:
-            yield f"{buoy.name}: at rest its top is {-base - buoy.height:.3g} m under water"
-        # a buoy whose base is within this distance [m] of the seabed is on it
-        if base < -scene.sea.depth + 0.05:
-            yield f"{buoy.name}: at rest its base is on the seabed"
-
+from dropper_jax.scene import line_slices
 
 #: Maximum number of lines listed for one fault: the ropes of a longline often share it, and a farm may have thousands.
 MOST_WARNINGS = 3
@@ -143,7 +33,9 @@ def with_quality_checks(solution: Kind) -> Kind:
     failing = 0.1
     used = solution.settings
     every_step = used["save_every"] == 1 and "refused_steps" not in used and len(solution.t) > 3
-    found = limit_warnings(_tensions(solution)) if every_step else []
+    found = []
+    if every_step:
+        found = limit_warnings(_tensions(solution))
     found += limit_warnings(_snatches(solution))
     found += winch_warnings(solution)
     drift = solution.energy_drift
@@ -168,44 +60,6 @@ def with_quality_checks(solution: Kind) -> Kind:
     return replace(solution, status=status, warnings=(*solution.warnings, *found))
 
 
-def step_facts(solution: Samples) -> dict[str, float | int | None]:
-    """Resolution of the steps: axial motion of the stiffest link, rotation of links, and links that become taut.
-
-    Returns:
-        axial_period_s: `2 pi/omega` of the stiffest link, `omega^2 = 4 EA/(L m)`, None if no link stretches.
-        steps_per_axial_period, axial_step_s: steps per period, and the step that gives 60 steps per period.
-        largest_turn_rad: maximum rotation of a link between two saved times. slack_to_taut_steps,
-            compression_to_tension_steps: number of steps, summed over the links, in which an elastic link changes from
-            slack to taut, and a rigid one from compression to tension. None unless every step is saved.
-    """
-    used = solution.settings
-    period = periods(solution.scene).get("axial")
-    # steps per period with which the midpoint rule has the frequency to 0.1 %: `(2 pi/n)^2/12`
-    facts: dict[str, float | int | None] = {
-        "axial_period_s": period,
-        "steps_per_axial_period": None if period is None or "dt" not in used else period / used["dt"],
-        "axial_step_s": None if period is None else period / 60,
-        "largest_turn_rad": None,
-        "slack_to_taut_steps": None,
-        "compression_to_tension_steps": None,
-    }
-    if used.get("save_every") != 1 or "refused_steps" in used or len(solution.t) < 3:
-        return facts
-    turns = [0.0]
-    taut = solution.tension[1:] > 0.0
-    with np.errstate(invalid="ignore"):  # a run that failed may end with infinite positions
-        for where in solution.lines:
-            links = np.diff(solution.positions[:, where.nodes], axis=1)
-            links = links / np.maximum(np.linalg.norm(links, axis=2, keepdims=True), 1e-300)
-            turns.append(float(np.max(np.linalg.norm(links[1:] - links[:-1], axis=2))))
-    facts["largest_turn_rad"] = float(2.0 * np.arcsin(min(0.5 * max(turns), 1.0)))
-    changes = np.sum(taut[1:] & ~taut[:-1], axis=0)
-    rigid = np.concatenate([np.full(line.links, line.rigid) for line in solution.scene.lines])
-    facts["slack_to_taut_steps"] = int(np.sum(changes[~rigid]))
-    facts["compression_to_tension_steps"] = int(np.sum(changes[rigid]))
-    return facts
-
-
 def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndarray:
     """Tensions (k, n) [N] of slack ropes without negative values within the step tolerance.
 
@@ -218,10 +72,18 @@ def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndar
     return tension
 
 
+#: Energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest.
+RESTING_ERROR = 1e-6
+
+
 def _negligible(solution: Samples) -> float:
     lines = solution.scene.lines
-    # energy error [J] per weight times length of all lines that is ignored: rounding of runs at rest
-    return 1e-6 * GRAVITY * sum(float(np.sum(x.mass)) for x in lines) * sum(float(np.sum(x.length)) for x in lines)
+    return (
+        RESTING_ERROR
+        * GRAVITY
+        * sum(float(np.sum(x.mass)) for x in lines)
+        * sum(float(np.sum(x.length)) for x in lines)
+    )
 
 
 def _dissipates(solution: Samples) -> bool:
@@ -249,6 +111,10 @@ def limit_warnings(found: Iterator[tuple[str, float, str]]) -> list[str]:
     return [*(rows[i][2] for i in sorted(kept)), *more]
 
 
+#: Fraction of a link's tension over time in pulses of one step, above which a warning is given.
+PULSED = 0.05
+
+
 def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
     """Faults in the tensions (k, n) of each line from step to step: fault, its size, text."""
     dt = solution.settings["dt"]
@@ -260,13 +126,16 @@ def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
             text = f"{line.name}: the peak tension, {when}, lasts only one or two steps of {dt:g} s and is not resolved"
             yield "peak tensions of one or two steps are not resolved", float(tension[sharp]), text
         pulsed = _pulse_share(tension)
-        # fraction of a link's tension over time in pulses of one step, above which a warning is given
-        if pulsed > 0.05:
+        if pulsed > PULSED:
             text = f"{line.name}: {pulsed:.0%} of the tension is in pulses of one step of {dt:g} s and is not resolved"
             yield "tensions in pulses of one step are not resolved", float(pulsed), text
         elif _alternates(tension):
             text = f"{line.name}: tensions oscillate from step to step: mean values are reliable, peak values are not"
             yield "tensions oscillate from step to step", float(np.max(tension)), text
+
+
+#: Ratio to the static tension below which a link is slack, or in compression.
+SLACK = 1e-3
 
 
 def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
@@ -277,8 +146,7 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     least, largest = solution.tension_range
     for line, where in zip(solution.scene.lines, solution.lines, strict=True):
         rest = float(np.max(solution.tension[0, where.links]))
-        # ratio to the static tension below which a link is slack, or in compression
-        slack = np.any(least[1:, where.links] < 1e-3 * rest, axis=0)
+        slack = np.any(least[1:, where.links] < SLACK * rest, axis=0)
         worst = float(np.max(np.where(slack, np.max(largest[1:, where.links], axis=0, initial=0.0), 0.0)))
         # ratio to the static tension above which a previously slack line has a snatch load
         if rest > 0.0 and worst > 10.0 * rest:

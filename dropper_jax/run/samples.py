@@ -17,7 +17,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
-from dropper_jax.run.growth import end_angles
+from dropper_jax.run.line_weights import end_angles
 from dropper_jax.run.row_store import BLOCK_STATES, release_pages
 from dropper_jax.run.step_extremes import ARRAYS_OF, STEP_EXTREMES, saved_signal
 from dropper_jax.scene import LineSlice, line_slices, whole_lines
@@ -269,21 +269,22 @@ class Samples:
         """
         rows = self.signal("end_force")
         extremes = self._extremes_or("end_force", rows)
-        return {
-            line.name: {
+        found = {}
+        for i, line in enumerate(whole_lines(self.scene)):
+            found[line.name] = {
                 end: extent(rows[:, i, [j]], Extremes(*(a[:, i, [j]] for a in extremes)))
                 for j, end in enumerate(("first", "last"))
             }
-            for i, line in enumerate(whole_lines(self.scene))
-        }
+        return found
 
     def end_angles(self) -> dict[str, dict[str, dict[str, float]]]:
         """min, mean, max and final angle [deg] of the end links above the horizontal at the saved times: the uplift at
         an anchor."""
         found = end_angles(self.positions, whole_lines(self.scene))
-        return {
-            name: {end: extent(both[:, [i]]) for i, end in enumerate(("first", "last"))} for name, both in found.items()
-        }
+        rows = {}
+        for name, both in found.items():
+            rows[name] = {end: extent(both[:, [i]]) for i, end in enumerate(("first", "last"))}
+        return rows
 
     def signal(self, signal: str) -> np.ndarray:
         """Tensions of links (`tension`, (k, n)), forces on the end points of lines (`end_force`, (k, lines, 2)) or the
@@ -323,10 +324,10 @@ class Samples:
 
     def _tension_extents(self, parts: dict[str, slice]) -> dict[str, dict[str, float]]:
         found = self.step_extremes("tension")
-        return {
-            name: extent(self.tension[:, links], Extremes(*(a[:, links] for a in found)))
-            for name, links in parts.items()
-        }
+        rows = {}
+        for name, links in parts.items():
+            rows[name] = extent(self.tension[:, links], Extremes(*(a[:, links] for a in found)))
+        return rows
 
     def provenance(self) -> dict[str, Any]:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""

@@ -13,29 +13,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, SimulationError
+from dropper_jax.base.errors import Progress, SceneError, SimulationError, silent
 from dropper_jax.base.toml_text import html_table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_system import check_changing_lengths_until
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.assembly import TimeOrigin, build_solution, ledger
+from dropper_jax.run.assembly import PreparedRun, TimeOrigin, build_solution, ledger
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.chunks import check_memory, compile_run, first_carry, run_chunks
 from dropper_jax.run.companion import with_stated_errors
+from dropper_jax.run.end_of_run import Last, first_row, may_go_on, name_leaves, restore_carry, same_scene
 from dropper_jax.run.plausibility import with_cause
-from dropper_jax.run.resolution import check_skip, check_stretch
-from dropper_jax.run.row_store import (
-    InMemory,
-    Last,
-    OnDisk,
-    first_row,
-    may_go_on,
-    name_leaves,
-    restore_carry,
-    same_scene,
-)
+from dropper_jax.run.pose_remarks import check_stretch
+from dropper_jax.run.resolution import check_skip
+from dropper_jax.run.row_store import InMemory, OnDisk
 from dropper_jax.run.samples import Samples, is_finished
 from dropper_jax.run.step_extremes import step_signals
 from dropper_jax.run.summary import summary
@@ -107,10 +100,11 @@ class Solution(Samples):
             ("scheme", f"{used['integrator']}, solver {used['solver']}"),
             ("time", f"{self.t[0]:g} to {self.t[-1]:g} s, {len(self.t)} saved times"),
             ("tension", "{min:.4g} to {max:.4g} N".format(**self.tension_summary()["all"])),
-            *((("saved", f"{self.saved_rows}; extremes are those of all steps"),) if self.saved_rows else ()),
-            ("energy balance error", f"{self.energy_drift:.2g} J (reference {self.energy_scale:.3g} J)"),
-            *(("warning", text) for text in self.warnings),
         ]
+        if self.saved_rows:
+            rows.append(("saved", f"{self.saved_rows}; extremes are those of all steps"))
+        rows.append(("energy balance error", f"{self.energy_drift:.2g} J (reference {self.energy_scale:.3g} J)"))
+        rows += [("warning", text) for text in self.warnings]
         return html_table(f"Run of {self.scene.name}", rows)
 
     def to_xarray(self) -> xarray.Dataset:
@@ -162,7 +156,9 @@ class Solution(Samples):
         Raises:
             SceneError: this run failed, or has no final state.
         """
-        further = self.further if duration is None else duration
+        further = duration
+        if duration is None:
+            further = self.further
         return simulate(self.scene, start=self, **{**self._stepping(), "duration": further, **kwargs})
 
     @property
@@ -176,8 +172,9 @@ class Solution(Samples):
 
     def _stepping(self) -> dict[str, Any]:
         """The settings of the stepping that `simulate` takes."""
-        implicit = self.settings["solver"] != "none"
-        keys = (*(("iterations",) if implicit else ()), "residual_tolerance", "halvings", "track_work")
+        keys = ["residual_tolerance", "halvings", "track_work"]
+        if self.settings["solver"] != "none":
+            keys.append("iterations")
         return {key: self.settings[key] for key in keys if key in self.settings}
 
 
@@ -248,47 +245,70 @@ def simulate(
         raise SceneError(f"companion: {companion!r} is unknown; allowed: {', '.join(map(repr, COMPANIONS))}")
     scene = load_scene(scene)
     changed = {f"run.{key}": value for key, value in given.items() if value is not None}
-    scene = scene.with_values(changed) if changed else scene
+    if changed:
+        scene = scene.with_values(changed)
     check_skip(skip, errors, scene.run.duration)
     if start is not None:
-        may_go_on(start.status, start.failure)
-        same_scene(scene, start.scene)
-        check_changing_lengths_until(scene, float(start.t[-1]) + scene.run.duration)
-        if errors:
-            raise SceneError("errors: restarts the scene, so it cannot be combined with a run to continue")
-    say = progress or (lambda fraction, text: None)
-    run = scene.run
-    model = build_model(scene)
-    renamed = {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
-    stepper = stepper_of(model, run, **renamed)  # an invalid combination is rejected before the start is solved
-    say(0.0, "finding the start")
-    first, since = initial_carry(stepper, model, scene, start)
-    folder = None if scratch is None else Path(scratch)
-    check_memory(model, first.row, run, folder)
-    about = {"scene": scene.as_written(), "settings": settings, "since": list(since)}
-    if folder is None:
-        rows = InMemory()
-    else:
-        rows = OnDisk(folder, about, name_leaves(first))
+        _check_continued(scene, start, errors)
+    say = progress or silent
+    prepared = _prepare(scene, settings, start, scratch, say)
     started = time.perf_counter()
-    watch = step_signals(scene, stepper.integrator.tension_time)
-    compiled = compile_run(stepper, model, first.carry, run, watch)
+    watch = step_signals(scene, prepared.stepper.integrator.tension_time)
+    compiled = compile_run(prepared.stepper, prepared.model, prepared.first.carry, scene.run, watch)
     compile_s = time.perf_counter() - started
-    outcome = run_chunks(compiled, run.rows, say, rows)
-    solution = build_solution(Solution, scene, stepper, model, first, since, outcome, dict(settings), rows)
+    outcome = run_chunks(compiled, scene.run.rows, say, prepared.rows)
+    solution = build_solution(Solution, prepared, outcome)
     solution = replace(solution, compile_s=compile_s, run_s=outcome.run_s)
     if companion is not None and not errors:
         say(1.0, "stating its errors")
         solution = with_stated_errors(solution, compiled, outcome, finer=companion == "finer")
     if errors and is_finished(solution):
         solution = _with_errors(solution, scene, skip, settings, say)
-    for text in solution.warnings:
-        LOG.warning("%s: %s", scene.name, text)
-    LOG.info("%s: %s at %g s, %.3g s run", scene.name, solution.status, solution.t[-1], solution.run_s)
+    _log(solution)
     say(1.0, solution.status)
     if throw and solution.status != "ok":
         raise SimulationError(solution.failure, solution)
     return solution
+
+
+def _check_continued(scene: Scene, start: Solution, errors: bool) -> None:
+    """Reject a run that cannot continue another one."""
+    may_go_on(start.status, start.failure)
+    same_scene(scene, start.scene)
+    check_changing_lengths_until(scene, float(start.t[-1]) + scene.run.duration)
+    if errors:
+        raise SceneError("errors: restarts the scene, so it cannot be combined with a run to continue")
+
+
+def _prepare(
+    scene: Scene, settings: dict[str, Any], start: Solution | None, scratch: str | Path | None, say: Progress
+) -> PreparedRun:
+    """Stepper, model and first state of a run, and the storage of its rows, in memory or in a folder."""
+    model = build_model(scene)
+    # an invalid combination is rejected before the start is solved
+    stepper = stepper_of(model, scene.run, **stepper_fields(settings))
+    say(0.0, "finding the start")
+    first, since = initial_carry(stepper, model, scene, start)
+    folder = None if scratch is None else Path(scratch)
+    check_memory(model, first.row, scene.run, folder)
+    if folder is None:
+        rows = InMemory()
+    else:
+        about = {"scene": scene.as_written(), "settings": settings, "since": list(since)}
+        rows = OnDisk(folder, about, name_leaves(first))
+    return PreparedRun(scene, stepper, model, first, since, rows, dict(settings))
+
+
+def stepper_fields(settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings of the stepping under the names of the fields of `Stepper`."""
+    return {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
+
+
+def _log(solution: Solution) -> None:
+    name = solution.scene.name
+    for text in solution.warnings:
+        LOG.warning("%s: %s", name, text)
+    LOG.info("%s: %s at %g s, %.3g s run", name, solution.status, solution.t[-1], solution.run_s)
 
 
 def initial_carry(stepper: Stepper, model: Model, scene: Scene, before: Solution | None) -> tuple[Last, TimeOrigin]:

@@ -53,7 +53,8 @@ class StepSignals:
         share = self.tension_time
         t = before.t + share * (after.t - before.t)
         # linear over the step, as `bends.positions_at` between saved times
-        first, last = (model.geometry.everywhere(s.r, model.ends(s.t).positions) for s in (before, after))
+        first = model.geometry.everywhere(before.r, model.ends(before.t).positions)
+        last = model.geometry.everywhere(after.r, model.ends(after.t).positions)
         links = np.array(self.links)
         starts = np.arange(len(links)) < len(links) // 2
         forces = end_forces_of_model(model, links, starts, first + share * (last - first), after.tension, t)
@@ -77,7 +78,9 @@ def step_signals(scene: Scene, tension_time: float) -> StepSignals | None:
     lines = [line.links for line in whole_lines(scene)]
     whole = [(first.index(own.start), len(first) + last.index(own.stop - 1)) for own in lines]
     names = [line.start for line in scene.lines] + [line.end for line in scene.lines]
-    points = [tuple(i for i, name in enumerate(names) if name == point) for point in held_points(scene)]
+    points = []
+    for point in held_points(scene):
+        points.append(tuple(i for i, name in enumerate(names) if name == point))
     return StepSignals((*first, *last), tuple(chain.from_iterable(whole)), tuple(points), float(tension_time))
 
 
@@ -125,10 +128,10 @@ def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:
     shapes = signal_shapes(scene)
     cuts = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])[:-1]
     parts = zip(*(np.split(np.asarray(rows), cuts, axis=1) for rows in extremes), strict=True)
-    return {
-        signal: Extremes(*(rows.reshape(len(rows), *shape) for rows in own))
-        for (signal, shape), own in zip(shapes.items(), parts, strict=True)
-    }
+    found = {}
+    for (signal, shape), own in zip(shapes.items(), parts, strict=True):
+        found[signal] = Extremes(*(rows.reshape(len(rows), *shape) for rows in own))
+    return found
 
 
 def signal_shapes(scene: Scene) -> dict[str, tuple[int, ...]]:

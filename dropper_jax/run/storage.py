@@ -24,8 +24,9 @@ from dropper_jax.base.files import atomic_write, refuse_pipe, remove_leftovers, 
 from dropper_jax.base.read import Plain
 from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.run import labelled
-from dropper_jax.run.labelled import check_archive, reopen_run
-from dropper_jax.run.row_store import LAST, release_pages, units
+from dropper_jax.run.end_of_run import LAST, units
+from dropper_jax.run.reopened import check_archive, reopen_run
+from dropper_jax.run.row_store import release_pages
 from dropper_jax.run.samples import ARRAYS, BODIES, WITHIN, Kind, Samples
 
 if TYPE_CHECKING:

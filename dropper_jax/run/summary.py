@@ -17,9 +17,9 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.toml_text import SCHEMA, jsonable
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.run.bends import bending_summary, bends
-from dropper_jax.run.growth import line_weights
-from dropper_jax.run.resolution import step_facts
+from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.samples import Samples
+from dropper_jax.run.step_facts import step_facts
 from dropper_jax.scene import line_offsets
 
 
@@ -36,19 +36,24 @@ def summary(run: Samples) -> dict[str, Any]:
         "residual_tolerance",
         "save_every",
     )
-    bending = {}
+    of_some = {}
+    if run.continues:
+        of_some["continued_from_s"] = run.t[0]
+    if run.scene.branched:
+        of_some["tension_of_lines_n"] = run.line_tensions()
+        of_some["lines"] = line_offsets(run.scene)
+    if run.body_position is not None:
+        of_some["bodies"] = run.body_summary()
     if bends(run.scene):
-        bending = {"bending": bending_summary(run.scene, run.t, run.curvature, run.bending_moment)}
+        of_some["bending"] = bending_summary(run.scene, run.t, run.curvature, run.bending_moment)
+    for key in ("accuracy", "error_tolerance", "refused_steps", "shortest_steps", "load_errors"):
+        if key in run.settings:
+            of_some[key] = run.settings[key]
     found = {
         "schema": SCHEMA,
         "status": run.status,
         "scene": run.scene.name,
         **{key: run.settings.get(key) for key in keys},
-        **{
-            key: run.settings[key]
-            for key in ("accuracy", "error_tolerance", "refused_steps", "shortest_steps", "load_errors")
-            if key in run.settings
-        },
         "failed_steps": run.failed_steps,
         "retried_steps": run.retried_steps,
         "first_bad": run.first_bad,
@@ -63,14 +68,11 @@ def summary(run: Samples) -> dict[str, Any]:
         "run_s": run.run_s,
         "us_per_step": run.us_per_step,
         "realtime_factor": run.realtime_factor,
-        **({"continued_from_s": run.t[0]} if run.continues else {}),
         "final_time_s": run.t[-1],
         "final_positions_m": run.positions[-1],
         "saved_rows": run.saved_rows or "every step is saved",
         "tension_n": run.tension_summary(),
-        **({"tension_of_lines_n": run.line_tensions(), "lines": line_offsets(run.scene)} if run.scene.branched else {}),
-        **({"bodies": run.body_summary()} if run.body_position is not None else {}),
-        **bending,
+        **of_some,
         "step_facts": step_facts(run),
         "end_forces_n": run.end_forces(),
         "end_angles_deg": run.end_angles(),
@@ -105,7 +107,9 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", 
         columns["omega"] = np.concatenate([angle_rates(*both, zero)[0] for both in moving], axis=1)
     error = (solution.settings.get("stated_errors") or {}).get("angles_rad") or 0.0
     # no angle from 1 rad on: such a step follows no motion
-    stated = f", model_error={error:.2g}" if 0.0 < error < 1.0 else ""
+    stated = ""
+    if 0.0 < error < 1.0:
+        stated = f", model_error={error:.2g}"
     return _write(solution, path, f"zero={zero}, sign=1, unit=rad{stated}", solution.t, columns)
 
 

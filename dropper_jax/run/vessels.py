@@ -14,11 +14,11 @@ from dropper_jax.sea import Sea
 
 def make_vessels(scene: SceneData, sea: Sea | None) -> list[Effect]:
     """One moving point for each attachment of a vessel."""
-    return [
-        _vessel_effect(vessel, f"vessel.{i}", name, position, scene, sea)
-        for i, vessel in enumerate(scene.vessels)
-        for name, position in vessel.attachments.items()
-    ]
+    found = []
+    for i, vessel in enumerate(scene.vessels):
+        for name, position in vessel.attachments.items():
+            found.append(_vessel_effect(vessel, f"vessel.{i}", name, position, scene, sea))
+    return found
 
 
 def _vessel_effect(

@@ -1,5 +1,6 @@
 """The scene as data: the user's description."""
 
+from dropper_jax.scene.anchor import AnchorSpec, check_anchors, utilisations
 from dropper_jax.scene.body import BodySpec, CylinderSpec, SphereSpec, attitude
 from dropper_jax.scene.data import (
     LineSlice,
@@ -12,11 +13,14 @@ from dropper_jax.scene.data import (
     point_named,
     whole_lines,
 )
+from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec, PriorSpec, SensorSpec
-from dropper_jax.scene.line import FailureSpec, GrowthSpec, LineSpec, grown, join_lines
-from dropper_jax.scene.point import AnchorSpec, BuoySpec, PointSpec, check_anchors, utilisations
-from dropper_jax.scene.run import RunSpec, StartSpec, choose_steps, directions
+from dropper_jax.scene.growth import GrowthSpec, grown
+from dropper_jax.scene.line import LineSpec, join_lines
+from dropper_jax.scene.point import BuoySpec, PointSpec
+from dropper_jax.scene.run import RunSpec, choose_steps
 from dropper_jax.scene.season import SeasonSpec
+from dropper_jax.scene.start import StartSpec, directions
 from dropper_jax.scene.vessel import RaoSpec, VesselSpec
 
 __all__ = [

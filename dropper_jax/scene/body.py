@@ -121,10 +121,11 @@ class BodySpec(DeclaredSection):
         check_keys(own, cls.keys(), path)
         shapes = {key: read_items(kind.read, own.pop(key, []), f"{path}.{key}") for key, kind in cls.SHAPES}
         given = read_table(own.pop("attachments", {}), f"{path}.attachments")
-        attachments = {
-            read_text(name, f"{path}.attachments"): read_parameter(value, f"{path}.attachments.{name}", POSITION, {})
-            for name, value in given.items()
-        }
+        attachments = {}
+        for name, value in given.items():
+            attachments[read_text(name, f"{path}.attachments")] = read_parameter(
+                value, f"{path}.attachments.{name}", POSITION, {}
+            )
         values = read_fields(cls, own, path, {})
         values |= {key: np.array(values[key], float) for key in ("attitude", "velocity", "angular_velocity")}
         body = cls(**values, **shapes, attachments=attachments)
@@ -195,7 +196,9 @@ class BodySpec(DeclaredSection):
     def table(self) -> dict[str, Any]:
         zero = ("attitude", "velocity", "angular_velocity", "touches_bed", "bed_friction", "pinned")
         found = {key: value for key, value in as_table(self).items() if key not in zero or np.any(value)}
-        shapes = {key: [shape.table() for shape in getattr(self, key)] for key, _ in self.SHAPES}
+        shapes = {}
+        for key, _ in self.SHAPES:
+            shapes[key] = [shape.table() for shape in getattr(self, key)]
         attachments = {name: position.tolist() for name, position in self.attachments.items()}
         return found | {key: value for key, value in {**shapes, "attachments": attachments}.items() if value}
 

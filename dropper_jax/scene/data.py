@@ -11,12 +11,15 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import as_table, plain
+from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.body import BodySpec
+from dropper_jax.scene.failure import FailureSpec
 from dropper_jax.scene.fit import FitSpec
-from dropper_jax.scene.line import FailureSpec, LineSpec, join_lines
-from dropper_jax.scene.point import AnchorSpec, BuoySpec, PointSpec
-from dropper_jax.scene.run import RunSpec, StartSpec
+from dropper_jax.scene.line import LineSpec, join_lines
+from dropper_jax.scene.point import BuoySpec, PointSpec
+from dropper_jax.scene.run import RunSpec
 from dropper_jax.scene.season import SeasonSpec
+from dropper_jax.scene.start import StartSpec
 from dropper_jax.scene.vessel import VesselSpec
 from dropper_jax.sea.spec import SeaSpec
 
@@ -28,6 +31,10 @@ def point_nodes(scene: SceneData) -> dict[str, int]:
         found.setdefault(line.start, where.nodes.start)
         found.setdefault(line.end, where.nodes.stop - 1)
     return found
+
+
+#: Keys of a scene that its plain values always have; others only where something is given.
+ALWAYS = ("name", "description", "run", "point", "line", "effects", "start")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -110,27 +117,28 @@ class SceneData:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values (text, numbers, lists, tables) from which `from_dict` recreates the scene."""
-        return {
+        effects = {}
+        for name, values in self.effects.items():
+            effects[name] = {key: plain(value) for key, value in values.items() if value is not None}
+        table = {
             "name": self.name,
             "description": self.description,
             "run": self.run.table(),
             "point": [as_table(point) for point in self.points if point.on is None],
             "line": [line.table() for line in self.lines],
-            **({"buoy": [as_table(buoy) for buoy in self.buoys]} if self.buoys else {}),
-            **({"body": [body.table() for body in self.bodies]} if self.bodies else {}),
-            **({"vessel": [vessel.table() for vessel in self.vessels]} if self.vessels else {}),
-            "effects": {
-                name: {key: plain(value) for key, value in values.items() if value is not None}
-                for name, values in self.effects.items()
-            },
+            "buoy": [as_table(buoy) for buoy in self.buoys],
+            "body": [body.table() for body in self.bodies],
+            "vessel": [vessel.table() for vessel in self.vessels],
+            "effects": effects,
             "start": as_table(self.start),
-            **({} if self.sea is None else {"sea": self.sea.table()}),
-            **({"failure": [as_table(failure) for failure in self.failures]} if self.failures else {}),
-            **({"notes": list(self.notes)} if self.notes else {}),
-            **({"anchor": [as_table(anchor) for anchor in self.anchors]} if self.anchors else {}),
-            **({} if self.season is None else {"growth": self.season.table()}),
-            **({} if self.fit is None else {"fit": self.fit.table()}),
+            "sea": self.sea and self.sea.table(),
+            "failure": [as_table(failure) for failure in self.failures],
+            "notes": list(self.notes),
+            "anchor": [as_table(anchor) for anchor in self.anchors],
+            "growth": self.season and self.season.table(),
+            "fit": self.fit and self.fit.table(),
         }
+        return {key: value for key, value in table.items() if key in ALWAYS or (value is not None and value != [])}
 
     def point(self, name: str) -> PointSpec:
         """The point with that name."""
@@ -143,7 +151,10 @@ class SceneData:
 def link_mass_words(nodes: dict[str, str]) -> str:
     """`SceneData.link_mass_nodes` in one readable line."""
     meaning = {"far": "at their far nodes", "shared": "half at each node", "centre_of_mass": "by the centre of mass"}
-    used = {key: [name for name, found in nodes.items() if found == key] for key in meaning if key in nodes.values()}
+    used = {}
+    for key in meaning:
+        if key in nodes.values():
+            used[key] = [name for name, found in nodes.items() if found == key]
     if len(used) == 1:
         return meaning[next(iter(used))]
     most = max(used, key=lambda key: len(used[key]))
@@ -193,24 +204,26 @@ class WholeLine(NamedTuple):
 def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
     """Index ranges of the lines of a scene in arrays of all nodes and of all links."""
     ends = accumulate(line.links for line in scene.lines)
-    return tuple(
-        LineSlice(line.name, slice(end - line.links + i, end + i + 1), slice(end - line.links, end))
-        for i, (line, end) in enumerate(zip(scene.lines, ends, strict=True))
-    )
+    found = []
+    for i, (line, end) in enumerate(zip(scene.lines, ends, strict=True)):
+        found.append(LineSlice(line.name, slice(end - line.links + i, end + i + 1), slice(end - line.links, end)))
+    return tuple(found)
 
 
 def line_offsets(scene: SceneData) -> list[dict[str, Any]]:
     """The same as plain values: index of the first node and link of each line in the arrays, and its number of
     links."""
-    return [
-        {
-            "name": w.name,
-            "first_node": w.nodes.start,
-            "first_link": w.links.start,
-            "links": w.links.stop - w.links.start,
-        }
-        for w in line_slices(scene)
-    ]
+    found = []
+    for w in line_slices(scene):
+        found.append(
+            {
+                "name": w.name,
+                "first_node": w.nodes.start,
+                "first_link": w.links.start,
+                "links": w.links.stop - w.links.start,
+            }
+        )
+    return found
 
 
 def whole_lines(scene: SceneData) -> tuple[WholeLine, ...]:

@@ -160,7 +160,8 @@ class LengthInTimeSpec:
         """Check that the table covers a run."""
         if self.control is not None:
             return
-        first, last = (float(self.time[i]) for i in (0, -1))
+        first = float(self.time[0])
+        last = float(self.time[-1])
         yield (
             first > 0.0 or last < duration,
             f"{path}.time: {first:g} to {last:g} s, but the run lasts from 0 to {duration:g} s; allowed: a table of "

@@ -1,105 +1,30 @@
-"""`[[line]]`: a path of links between two points, with its axial law, growth and failures; lines combined into one.
-
-Lines that break: `[[failure]]` of a scene, its arrays, and the step that ends with a broken link.
-
-An entry watches the links of one line, or one of them. It acts at the end of the first step in which the tension of a
-watched link reaches its load, or that reaches the time. One link then breaks: the specified one, otherwise the one with
-the largest ratio of tension to load. From then on it carries no tension; its mass and water forces stay with its two
-nodes. An entry acts once. Statics ignore failures. Which link breaks and when has no derivative: gradients are those of
-the run with its breaks at fixed times.
-"""
+"""`[[line]]`: a path of links between two points, with its axial law; lines combined into one."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from dropper_jax.axial import LAWS
-from dropper_jax.axial.tabulated import ForceTable, read_tables, tables_of
-from dropper_jax.base.constants import GRAVITY, SEA_WATER
-from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
+from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
-    DeclaredSection,
     Plain,
     as_table,
     check_keys,
     count,
     declared_fields,
-    plain,
     read_fields,
     read_items,
     read_table,
     refuse,
-    short_text,
 )
+from dropper_jax.scene.growth import GrowthSpec
 from dropper_jax.scene.length_in_time import LengthInTimeSpec, check_changing_lengths
-
-
-class Grown(NamedTuple):
-    """Per link (n,): mass [kg], diameter [m], weight in water [N]."""
-
-    mass: np.ndarray
-    diameter: np.ndarray
-    wet_weight: np.ndarray
-
-
-def grown(
-    length: np.ndarray,
-    bare_mass: np.ndarray,
-    bare_diameter: np.ndarray,
-    thickness: np.ndarray,
-    density: np.ndarray,
-    water: float = SEA_WATER,
-    gravity: float = GRAVITY,
-) -> Grown:
-    """A layer of `thickness` [m] and `density` [kg/m^3] on links of the bare rope, all (n,).
-
-    `D = D0 + 2 t`, `m = m0 + density pi/4 (D^2 - D0^2) L`, wet weight `g (m - rho pi/4 D^2 L)`. The density is that of
-    the layer as it displaces water: mussels only, with the gaps between them excluded from the diameter.
-    """
-    diameter = bare_diameter + 2.0 * thickness
-    area = 0.25 * np.pi * (diameter**2 - bare_diameter**2)
-    mass = bare_mass + density * area * length
-    return Grown(mass, diameter, gravity * (mass - water * 0.25 * np.pi * diameter**2 * length))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class GrowthSpec(DeclaredSection):
-    """`[line.growth]`: a layer of mussels on the line, whose own mass and diameter are those of the bare rope.
-
-    Linear between the given depths, constant outside them.
-    """
-
-    depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table")
-    thickness: np.ndarray = parameter("thickness of the layer at those depths", unit="m", shape="table", low=0.0)
-    density: np.ndarray = parameter(
-        "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0
-    )
-
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
-        depths = len(self.depth)
-        yield (
-            depths == 0 or bool(np.any(np.diff(self.depth) <= 0)),
-            f"{path}.depth: {short_text(plain(self.depth))} does not rise; allowed: one or more rising depths [m]",
-        )
-        for key, counts in (("thickness", (depths,)), ("density", (1, depths))):
-            value = getattr(self, key)
-            yield (
-                np.size(value) not in counts,
-                f"{path}.{key}: {short_text(plain(value))} has {np.size(value)} entries; allowed: "
-                f"{' or '.join(map(str, counts))}",
-            )
-
-    def over(self, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Thickness [m] and density [kg/m^3] at depths [m]."""
-        density = np.broadcast_to(self.density, self.depth.shape)
-        return np.interp(depth, self.depth, self.thickness), np.interp(depth, self.depth, density)
-
 
 #: Keys that `line_types.expand` removes from lines defined per metre.
 BY_THE_METRE = ("type", "sections", "attach", "shelter")
@@ -168,7 +93,9 @@ class LineSpec:
         changing = own.pop("length_in_time", [])
         links = own.get("links")
         # a wrong number is rejected when the field is read
-        count = links if isinstance(links, int) and 0 < links <= LINK_LIMIT else 1
+        count = 1
+        if isinstance(links, int) and 0 < links <= LINK_LIMIT:
+            count = links
         values = read_fields(cls, own, path, {"link": count})
         _check_diameters_and_masses(values, path)
         values.update(_read_axial(axial, f"{path}.axial", count))
@@ -177,7 +104,8 @@ class LineSpec:
             if values.get(key) is not None:
                 values[key] = _per_link(values[key], count)
         values["constants"] = {key: _per_link(value, count) for key, value in values.get("constants", {}).items()}
-        growth = None if growth is None else GrowthSpec.read(growth, f"{path}.growth")
+        if growth is not None:
+            growth = GrowthSpec.read(growth, f"{path}.growth")
         changing = read_items(LengthInTimeSpec.read, changing, f"{path}.length_in_time")
         spec = cls(**values, growth=growth, length_in_time=changing)
         check_changing_lengths(changing, f"{path}.length_in_time", spec.name, spec.length, spec.rigid)
@@ -294,58 +222,3 @@ def _one_or_all(value: Plain) -> Plain:
     if isinstance(value, list) and value and value.count(value[0]) == len(value):
         return value[0]
     return value
-
-
-@dataclasses.dataclass(frozen=True)
-class FailureSpec:
-    """`[[failure]]`: where, and at which load or time, a line breaks."""
-
-    line: str = option("name of the line", type=str)
-    link: int | None = dataclasses.field(
-        metadata={"kind": "option", "meaning": "link that breaks, from 1", "type": int, "low": 1}, default=None
-    )
-    load: float | None = parameter(
-        "tension at which it breaks; the line's breaking load by default",
-        unit="N",
-        low=0.0,
-        open_low=True,
-        optional=True,
-    )
-    time: float | None = parameter("time at which it breaks", unit="s", low=0.0, open_low=True, optional=True)
-
-    @classmethod
-    def read(cls, table: Plain, path: str, lines: tuple[LineSpec, ...]) -> FailureSpec:
-        """A checked entry.
-
-        Raises:
-            SceneError: an unknown line, a link that the line does not have, a line that does not stretch, a time
-                without a link, or neither load nor time if the line has no breaking load.
-        """
-        spec = cls(**read_fields(cls, table, path, {}))
-        names = [line.name for line in lines]
-        pieces = [line.name for line in lines if line.piece_of == spec.line]
-        if pieces and spec.line not in names:
-            raise SceneError(
-                f"{path}.line: {spec.line!r} is cut by its attached points; allowed: one of its pieces, "
-                f"{pieces[0]} to {pieces[-1]}"
-            )
-        if spec.line not in names:
-            raise SceneError(f"{path}.line: {spec.line!r} is not a line; {nearest(spec.line, names)}")
-        spec._check(path, lines[names.index(spec.line)])
-        return spec
-
-    @raises_first
-    def _check(self, path: str, line: LineSpec) -> Iterator[Check]:
-        yield line.rigid, f"{path}.line: the links of {self.line!r} are rigid. Use a line that stretches"
-        yield (
-            self.link is not None and self.link > line.links,
-            f"{path}.link: {self.link} is not a link of {self.line!r}; allowed: 1 to {line.links}",
-        )
-        yield (
-            self.time is not None and self.link is None,
-            f"{path}.link: missing; a failure at a time needs the link that breaks, 1 to {line.links}",
-        )
-        yield (
-            self.load is None and self.time is None and line.breaking_load is None,
-            f"{path}.load: missing; needed without `time` if the line has no breaking_load",
-        )

@@ -84,7 +84,8 @@ class RaoSpec:
             rows = given[key]
         else:
             rows = [given[key]]
-        rows = rows if len(rows) and np.ndim(rows[0]) else [rows]
+        if not (len(rows) and np.ndim(rows[0])):
+            rows = [rows]
         if len(rows) != count:
             raise SceneError(f"{path}.{key}: has {len(rows)} rows; allowed: {count}, one for each of `headings`")
         unit = {"unit": "-", "shape": "table", **({} if key.endswith("_phase") else {"low": 0.0})}

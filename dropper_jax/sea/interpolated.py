@@ -105,22 +105,26 @@ def _cubic(x: jax.Array) -> jax.Array:
     return jnp.stack([-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0], axis=-1)
 
 
+#: Grid step times the maximum wave number: the error of cubics is (0.35)^4 3/128 = 3.5e-4 of this component.
+GRID_STEP = 0.35
+#: Singular values below this fraction of the maximum are left out.
+SMALLEST_SHAPE = 2e-5
+
+
 def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
     """Shapes and grid for long-crested `waves` between `low` and `high` (2,) [m] in s and z; runs once, on the host."""
     k = np.asarray(waves.wave_number, float)
     asked = low
     highest = 1.5 * float(waves.significant_height)
     low = np.array([low[0], max(low[1] - highest, -depth)])  # stretching moves positions under a crest downwards
-    # grid step times the maximum wave number: the error of cubics is (0.35)^4 3/128 = 3.5e-4 of this component
-    count = np.maximum(np.ceil((high - low) * k.max() / 0.35).astype(int), 4) + 4
+    count = np.maximum(np.ceil((high - low) * k.max() / GRID_STEP).astype(int), 4) + 4
     step = (high - low) / (count - 4)
     origin = low - 1.5 * step
     s, z = (origin[i] + step[i] * np.arange(count[i]) for i in range(2))
     surface, level, rising = _fields(waves, depth, s, np.clip(z, -depth, None))
     table = np.concatenate([a.reshape(-1, 2 * k.size) for a in (level, rising, surface)])
     left, values, right = np.linalg.svd(table, full_matrices=False)
-    # singular values below this fraction of the maximum are left out
-    rank = int(np.sum(values > 2e-5 * values[0]))
+    rank = int(np.sum(values > SMALLEST_SHAPE * values[0]))
     left = left[:, :rank]
     projection = values[:rank, None] * right[:rank]
     points = count[0] * count[1]

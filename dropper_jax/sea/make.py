@@ -40,9 +40,13 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
     Raises:
         SceneError: a component that the current stops; an interpolated sea that is not long-crested.
     """
-    current = None if spec.current is None else make_current(spec.current)
+    current = None
+    if spec.current is not None:
+        current = make_current(spec.current)
     waves = None
-    wave = None if spec.waves is None else finite_wave(spec, current)
+    wave = None
+    if spec.waves is not None:
+        wave = finite_wave(spec, current)
     if wave is not None:
         along = _along(spec, current, wave.wave_number)
         waves = bound_waves(wave, float(spec.waves.phase), float(spec.waves.direction), along, spec.ramp)
@@ -60,13 +64,16 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         _refuse_blocked(waves)
         if spec.interpolation == "grid":
             waves = _interpolate_waves(spec, waves, *reach)
+    level = None
+    if spec.level is not None:
+        level = make_level(spec.level)
     return Sea(
         depth=spec.depth,
         density=spec.density,
         gravity=spec.gravity,
         waves=waves,
         current=current,
-        level=None if spec.level is None else make_level(spec.level),
+        level=level,
     )
 
 
@@ -175,10 +182,10 @@ def make_current(spec: CurrentSpec) -> Current:
 
 def _arrays(spec: LevelSpec | CurrentSpec) -> dict[str, Any]:
     values = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
-    return {
-        key: value if value is None or isinstance(value, str) else jnp.asarray(value, float)
-        for key, value in values.items()
-    }
+    found = {}
+    for key, value in values.items():
+        found[key] = value if value is None or isinstance(value, str) else jnp.asarray(value, float)
+    return found
 
 
 def _beyond(height: float, limit: float, rest: str = "") -> SceneError:

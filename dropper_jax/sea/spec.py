@@ -31,7 +31,8 @@ from dropper_jax.base.read import count as whole_number
 from dropper_jax.sea.current import Current, Level
 from dropper_jax.sea.spectrum import SHAPES
 from dropper_jax.sea.steady import CRITERIA, THEORIES
-from dropper_jax.sea.waves import STRETCHING, read_components, read_elevation
+from dropper_jax.sea.wave_files import read_components, read_elevation
+from dropper_jax.sea.waves import STRETCHING
 
 #: Alternative keys of waves, by their kind.
 OR = {"regular": {"amplitude": "height", "period": "length"}}
@@ -115,8 +116,12 @@ class WaveSpec(DeclaredSection):
         )
         values = {key: getattr(self, key) for key in ("amplitude", "period", "phase", "direction")}
         sizes = {key: np.size(value) for key, value in values.items() if value is not None}
-        most = 1 if self.kind in ("regular", "spectrum") else max(sizes.values())
-        allowed = "one number" if most == 1 else f"{most}, one per component"
+        most = 1
+        if self.kind not in ("regular", "spectrum"):
+            most = max(sizes.values())
+        allowed = "one number"
+        if most != 1:
+            allowed = f"{most}, one per component"
         for key, size in sizes.items():
             yield (
                 size not in (1, most) or (key in ("amplitude", "period") and size != most),
@@ -264,7 +269,9 @@ class SeaSpec(DeclaredSection):
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
-        lowest = 0.0 if self.level is None else self.level.lowest
+        lowest = 0.0
+        if self.level is not None:
+            lowest = self.level.lowest
         yield (
             self.depth + lowest <= 0.0,
             f"{path}.level: falls to {lowest:.4g} m, below the seabed; allowed: above {-self.depth:g} m",
@@ -277,7 +284,9 @@ class SeaSpec(DeclaredSection):
             self.waves is not None and not self.gravity > 0.0,
             f"{path}.gravity: {self.gravity} makes no waves; allowed: > 0 m/s^2 with [sea.waves]",
         )
-        theory = "linear" if self.waves is None else self.waves.theory
+        theory = "linear"
+        if self.waves is not None:
+            theory = self.waves.theory
         for key, what, allowed in (("wave_current", "action", "none, doppler"), ("interpolation", "grid", "none")):
             yield (
                 theory != "linear" and getattr(self, key) == what,

@@ -74,6 +74,10 @@ def effective_current(k: jax.Array, depth: jax.Array, profile: Callable[[jax.Arr
     return jnp.sum(profile(z) * kernel * (0.5 * weight) * height, axis=1)
 
 
+#: Newton steps on a current; monotone towards the root, slow only next to blocking.
+CURRENT_STEPS = 60
+
+
 def on_current(
     omega: jax.Array, depth: jax.Array, gravity: jax.Array, profile: Callable[[jax.Array], jax.Array]
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -92,8 +96,7 @@ def on_current(
         return k - value / jnp.where(slope > 0, slope, jnp.nan)
 
     start = jax.lax.stop_gradient(wave_number(omega, depth, gravity))
-    # Newton steps on a current; monotone towards the root, slow only next to blocking
-    k = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, lambda _, k: correct(k), start))
+    k = jax.lax.stop_gradient(jax.lax.fori_loop(0, CURRENT_STEPS, lambda _, k: correct(k), start))
     k = correct(k)  # carries the derivative: a Newton step at the root is the implicit function theorem
     k = jnp.where(jnp.abs(excess(k)) < 1e-6 * omega, k, jnp.nan)
     return k, frequency(k, depth, gravity), effective_current(k, depth, profile)
@@ -165,7 +168,9 @@ def bins(gamma: float, count: int, kind: str, rng: np.random.Generator) -> tuple
         return np.interp((np.arange(count) + 0.5) / count, below, x), np.full(count, 1.0 / count)
     edges = np.linspace(0.5, 4.0, count + 1)
     share = np.diff(np.interp(edges, x, below))
-    inside = 0.5 if kind == "even" else rng.uniform(size=count)
+    inside = 0.5
+    if kind != "even":
+        inside = rng.uniform(size=count)
     return edges[:-1] + inside * np.diff(edges), share / np.sum(share)
 
 

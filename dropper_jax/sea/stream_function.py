@@ -9,9 +9,29 @@ meets `psi = -Q` and `1/2 (u^2 + w^2) + eta = head` at points of the surface; Ne
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from dropper_jax.sea.steady import SteadyWave, highest
+
+#: Numbers of harmonics that are tried in turn.
+ORDERS = (10, 14, 20, 28, 40, 56, 80)
+#: Error of the surface conditions between the points, over the height: below the first no more harmonics are tried,
+#: above the second the wave is not solved.
+ACCURATE = 1e-6
+UNUSABLE = 1e-3
+#: If Newton's method fails below this fraction of the highest wave, the number of harmonics is too small.
+TOO_FEW = 0.9
+#: Solutions above this multiple of the highest wave are spurious.
+SPURIOUS = 1.02
+#: Steps of the height from a low wave, relative to it: the first, the largest and the smallest one.
+FIRST_STEP = 0.125
+LARGEST_STEP = 0.25
+SMALLEST_STEP = 1.0 / 256.0
+#: Iterations of Newton's method, and its imaginary step: derivatives by complex steps are exact.
+ITERATIONS = 25
+TINY = 1e-30
 
 
 class NotSolved(ValueError):
@@ -22,9 +42,9 @@ class NotSolved(ValueError):
 
     def __init__(self, reached: float, length: float, depth: float) -> None:
         super().__init__(f"no steady wave is found above {reached:.4g} m")
-        self.reached, self.length = reached, length
-        # if Newton's method fails below this fraction of the highest wave, the number of harmonics is too small
-        self.few = reached < 0.9 * highest(length, depth)
+        self.reached = reached
+        self.length = length
+        self.few = reached < TOO_FEW * highest(length, depth)
 
 
 def stream_function(
@@ -47,8 +67,6 @@ def stream_function(
     Raises:
         NotSolved: above the highest wave, or close to it.
     """
-    # sequence of orders
-    orders_tried = (10, 14, 20, 28, 40, 56, 80)
     speed = np.sqrt(gravity * depth)
     time = np.sqrt(depth / gravity)
     problem = _Problem(
@@ -57,48 +75,61 @@ def stream_function(
         current / speed,
         criterion,
     )
-    if order is None:
-        orders = orders_tried
-    else:
-        orders = (*(n for n in orders_tried if n < order), order)
-    x = _climb_orders(problem, height / depth, orders, depth)
-    found = x
-    error = problem.between(x)
-    for n in (n for n in orders if n > _order(x)):
-        # relative tolerance of the surface conditions between the points
-        if order is None and error < 1e-6:
+    orders = ORDERS
+    if order is not None:
+        orders = (*(n for n in ORDERS if n < order), order)
+    found = _climb_orders(problem, height / depth, orders, depth)
+    error = problem.between(found)
+    for n in orders:
+        if n <= _order(found):
+            continue
+        if order is None and error < ACCURATE:
             break
         finer = _newton(problem, _refine_harmonics(found, n), height / depth)
         if finer is not None:
             found = finer
             error = problem.between(finer)
-    if (error > 1e-3) if order is None else (_order(found) < order):
-        raise NotSolved(height, depth * 2.0 * np.pi / found[0], depth)
-    k, eta, v, flow, flux, head = _parts(found)
-    eulerian = problem.eulerian(flow, flux)
-    surface = _cosines(eta)
+    if order is None:
+        failed = error > UNUSABLE
+    else:
+        failed = _order(found) < order
+    wave = _parts(found)
+    if failed:
+        raise NotSolved(height, depth * 2.0 * np.pi / wave.number, depth)
+    eulerian = problem.eulerian(wave.flow, wave.flux)
+    celerity = wave.flow + eulerian
     return SteadyWave(
         theory="stream",
         height=height,
         depth=depth,
-        length=depth * 2.0 * np.pi / k,
-        period=time * 2.0 * np.pi / (k * (flow + eulerian)),
-        celerity=speed * (flow + eulerian),
+        length=depth * 2.0 * np.pi / wave.number,
+        period=time * 2.0 * np.pi / (wave.number * celerity),
+        celerity=speed * celerity,
         eulerian=speed * eulerian,
-        transport=speed * (flow + eulerian - flux),
-        flow=speed * flow,
-        head=gravity * depth * head,
-        flux=speed * depth * flux,
-        surface=depth * surface,
-        speed=speed * v,
+        transport=speed * (celerity - wave.flux),
+        flow=speed * wave.flow,
+        head=gravity * depth * wave.head,
+        flux=speed * depth * wave.flux,
+        surface=depth * _cosines(wave.surface),
+        speed=speed * wave.harmonics,
         error=error,
     )
 
 
-def _parts(x: np.ndarray) -> tuple:
-    """Wave number, surface (n + 1, ...), harmonics (n, ...), flow, flux, head."""
+class _Unknowns(NamedTuple):
+    """Wave number, surface (n + 1, ...) at points from crest to trough, harmonics (n, ...), flow, flux, head."""
+
+    number: np.ndarray
+    surface: np.ndarray
+    harmonics: np.ndarray
+    flow: np.ndarray
+    flux: np.ndarray
+    head: np.ndarray
+
+
+def _parts(x: np.ndarray) -> _Unknowns:
     n = _order(x)
-    return x[0], x[1 : n + 2], x[n + 2 : 2 * n + 2], x[-3], x[-2], x[-1]
+    return _Unknowns(x[0], x[1 : n + 2], x[n + 2 : 2 * n + 2], x[-3], x[-2], x[-1])
 
 
 def _order(x: np.ndarray) -> int:
@@ -109,7 +140,10 @@ class _Problem:
     """The equations of one wave; unknowns (k, eta_0..n, V_1..n, U, Q, head)."""
 
     def __init__(self, period: float | None, length: float | None, current: float, criterion: str) -> None:
-        self.period, self.length, self.current, self.criterion = period, length, current, criterion
+        self.period = period
+        self.length = length
+        self.current = current
+        self.criterion = criterion
 
     def eulerian(self, flow: np.ndarray, flux: np.ndarray) -> np.ndarray:
         if self.criterion == "euler":
@@ -147,8 +181,8 @@ class _Problem:
 
     def between(self, x: np.ndarray) -> float:
         """Maximum error of the conditions half-way between the points, over the height."""
-        eta = x[1 : _order(x) + 2]
         n = _order(x)
+        eta = _parts(x).surface
         angle = np.pi * (np.arange(n) + 0.5) / n
         found = np.cos(np.outer(angle, np.arange(1, n + 1))) @ _cosines(eta)
         return float(np.max(np.abs(self.surface(x[:, None], found[:, None], angle))) / (eta[0] - eta[-1]))
@@ -156,17 +190,15 @@ class _Problem:
 
 def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | None:
     """The solution at a height from a guess; None if Newton's method fails."""
-    count = x.size
-    tiny = 1e-30
-    for _ in range(25):
-        # derivatives by complex steps: exact, one evaluation for all columns
-        shifted = x[:, None] + 1j * tiny * np.eye(count)
+    for _ in range(ITERATIONS):
+        # one evaluation for all columns of the Jacobian
+        shifted = x[:, None] + 1j * TINY * np.eye(x.size)
         with np.errstate(all="ignore"):
             rows = problem.residual(np.concatenate([x[:, None].astype(complex), shifted], axis=1), height)
         if not np.all(np.isfinite(rows)):
             return None
         try:
-            change = np.linalg.solve(rows[:, 1:].imag / tiny, rows[:, 0].real)
+            change = np.linalg.solve(rows[:, 1:].imag / TINY, rows[:, 0].real)
         except np.linalg.LinAlgError:
             return None
         x = x - change
@@ -174,7 +206,7 @@ def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | Non
             break
     else:
         return None
-    eta = x[1 : _order(x) + 2]
+    eta = _parts(x).surface
     falling = np.all(np.diff(eta) < 1e-9) and x[0] > 0.0 and eta[-1] > -1.0
     if falling:
         return x
@@ -194,23 +226,25 @@ def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...], dep
 def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.ndarray:
     """From a low linear wave to the height, in steps that are halved if Newton's method fails."""
     done = 0.0
-    step = 0.125
+    step = FIRST_STEP
     past = []
     while done < 1.0:
         share = min(done + step, 1.0)
         x = _newton(problem, _guess(problem, past, share, height, order), share * height)
         if x is None:
             step *= 0.5
-            # minimum step of the height, relative to the full height
-            if step < 1.0 / 256.0:
-                length = 2.0 * np.pi / past[-1][1][0] if past else _first(problem)[1]
+            if step < SMALLEST_STEP:
+                if past:
+                    length = 2.0 * np.pi / past[-1][1][0]
+                else:
+                    length = _first(problem)[1]
                 raise NotSolved(depth * done * height, depth * length, depth)
             continue
-        if share * height > 1.02 * highest(2.0 * np.pi / x[0], 1.0):
+        if share * height > SPURIOUS * highest(2.0 * np.pi / x[0], 1.0):
             raise NotSolved(depth * done * height, depth * 2.0 * np.pi / x[0], depth)
         past = [*past[-1:], (share, x)]
         done = share
-        step = min(1.5 * step, 0.25)
+        step = min(1.5 * step, LARGEST_STEP)
     return past[-1][1]
 
 

@@ -57,7 +57,8 @@ class Sea:
         if self.current is not None:
             velocity = velocity + self.current.velocity(r[:, 2], t, self.depth)
             change = self.current.acceleration(r[:, 2], t, self.depth)
-            acceleration = acceleration if change is None else acceleration + change
+            if change is not None:
+                acceleration = acceleration + change
         return Motion(motion.elevation, velocity, acceleration)
 
     @trace_once

@@ -18,12 +18,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import lu_factor, lu_solve
 
-from dropper_jax.base.numerics import scatter_add, scatter_add_many
+from dropper_jax.base.indexed_sums import scatter_add, scatter_add_many
 from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
+from dropper_jax.solvers.coupling import Coupling
 from dropper_jax.solvers.elimination import apply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
-from dropper_jax.solvers.saddle import Coupling, Saddle, Stretching
+from dropper_jax.solvers.saddle import Saddle, Stretching
 
 #: Unknowns of a body: positions of its corners, multipliers of its edges, and of its pin.
 BODY_COORDINATES = 12
@@ -57,7 +58,9 @@ class BodyNodeMap:
         away = np.concatenate([corners.ravel(), seats])
         rest = _rest(graph, tuple(away.tolist()))
         touched = between is not None and np.isin(corners, [pair[0] for pair in between.pairs]).any()
-        edge = np.concatenate([seats, corners.ravel()]) if touched else seats
+        edge = seats
+        if touched:
+            edge = np.concatenate([seats, corners.ravel()])
         kept = np.setdiff1d(np.arange(graph.free), away)
         pinned = np.array(constraint.pinned, int)
         return cls(graph, rest, corners, seats, kept, edge, pinned)
@@ -172,7 +175,9 @@ class BodyFactor:
         rows = jnp.concatenate([right.reshape(bodies, BODY_COORDINATES), edges, *pins], axis=1)
         found = lu_solve(self.bodies, rows.ravel(), trans=1 if self.turned else 0).reshape(bodies, -1)
         corner = found[:, :BODY_COORDINATES].reshape(-1, 3)
-        moved = off + self.shares @ corner if nodes.edge.size else off
+        moved = off
+        if nodes.edge.size:
+            moved = off + self.shares @ corner
         x, y, pulled = lines.answer(moved, force, stretch)
         x = x + scatter_add(nodes.seats, moved[:seats], nodes.graph.free)
         x = x + scatter_add(nodes.corners.ravel(), corner, nodes.graph.free)
@@ -200,7 +205,9 @@ def factor_bodies(
     (constraint,) = problem.model.constraints
     nodes = BodyNodeMap.of(problem, constraint, between)
     within, others = nodes.split(between)
-    kind = Stretching if problem.model.line.axial.elastic else Saddle
+    kind = Saddle
+    if problem.model.line.axial.elastic:
+        kind = Stretching
     kept = kind.of(nodes.rest, node[nodes.retained_nodes], links, within)
     lines = Lines(nodes, links, kept, nodes.pad_seats(node[nodes.seats]), others)
     if nodes.seats.size:

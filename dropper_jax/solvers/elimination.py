@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import gather_sums, index_table, with_zero_row
+from dropper_jax.base.indexed_sums import gather_sums, index_table, with_zero_row
 
 Pair = tuple[int, int]
 #: Maximum number of neighbours of nodes in one round if second neighbours are coupled, as by bending. A chain of 200
@@ -139,7 +139,7 @@ def _rounds(
         for others in waiting.values():
             others.difference_update(found)
         left = [i for i in left if i not in found]
-        rounds.append((found, max(len(others) for others in found.values())))
+        rounds.append((found, max(map(len, found.values()))))
     return rounds
 
 

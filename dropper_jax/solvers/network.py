@@ -19,9 +19,10 @@ import jax.numpy as jnp
 from dropper_jax.model import ElementForce, Model
 from dropper_jax.residual import Integrator, Solver, StepProblem, Unknowns, local_jacobian
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
+from dropper_jax.solvers.coupling import coupling
 from dropper_jax.solvers.elimination import apply, inverse, multiply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
-from dropper_jax.solvers.saddle import Saddle, Stretching, coupling
+from dropper_jax.solvers.saddle import Saddle, Stretching
 
 #: Compliance of the friction of a sticking node relative to its inertia.
 SOFT = 1e-8
@@ -49,7 +50,9 @@ class NetworkFactor:
         return NetworkFactor(self.system.transpose(), None if self.law is None else self.law.transpose())
 
     def apply(self, rows: Unknowns) -> Unknowns:
-        gaps = rows.z[-1:] if isinstance(self.system, BodyFactor) else ()
+        gaps = ()
+        if isinstance(self.system, BodyFactor):
+            gaps = rows.z[-1:]
         law = self.law
         force = rows.x
         if law is not None:
@@ -94,7 +97,9 @@ class Network(Solver):
         links = optimization_barrier(LinkParts.of(problem, u))
         if model.constraints:
             return NetworkFactor(factor_bodies(problem, u, node, links, between), law)
-        kind = Stretching if model.line.axial.elastic else Saddle
+        kind = Saddle
+        if model.line.axial.elastic:
+            kind = Stretching
         return NetworkFactor(kind.of(model.geometry, node, links, between), law)
 
 

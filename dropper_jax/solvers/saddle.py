@@ -16,9 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import scatter_add_many
-from dropper_jax.model import ElementForce, Graph, at_pieces
-from dropper_jax.residual import StepProblem, Unknowns
+from dropper_jax.model import Graph
+from dropper_jax.solvers.coupling import Coupling
 from dropper_jax.solvers.elimination import (
     WIDER,
     Elimination,
@@ -30,58 +29,6 @@ from dropper_jax.solvers.elimination import (
     solve,
 )
 from dropper_jax.solvers.links import LinkParts
-
-
-class Coupling(NamedTuple):
-    """Blocks (k, 3, 3) of the rows of one node by the unknowns of another, and their (row, column)."""
-
-    pairs: tuple[Pair, ...]
-    blocks: jax.Array
-
-
-def coupling(problem: StepProblem, u: Unknowns) -> Coupling | None:
-    """Exact, from three directions of forward mode for each node of an element; None without elements."""
-    found = [_of(problem, u, effect) for effect in problem.pieces]
-    if not found:
-        return None
-    return Coupling(sum((c.pairs for c in found), ()), jnp.concatenate([c.blocks for c in found]))
-
-
-def _of(problem: StepProblem, u: Unknowns, effect: ElementForce) -> Coupling:
-    model = problem.model
-    k = problem.instant(u.x)
-    graph = model.geometry
-    nodes = effect.piece_nodes(model)
-
-    def where(x: jax.Array) -> tuple[jax.Array, jax.Array]:
-        at = problem.instant(x)
-        return at.r, at.v
-
-    # derivatives of positions and velocities by the unknowns
-    follows = jax.jvp(where, (u.x,), (jnp.ones_like(u.x),))[1]
-    r, v = at_pieces(k, nodes)
-    turn_r, turn_v = (graph.everywhere(part, None)[nodes] for part in follows)
-
-    def rows(x: jax.Array) -> jax.Array:
-        return -effect.piece_force(k, r + turn_r * x, v + turn_v * x)
-
-    each = nodes.shape[1]
-    unit = jnp.eye(3 * each, dtype=r.dtype).reshape(-1, 1, each, 3)
-    zero = jnp.zeros_like(r)
-    columns = jax.vmap(lambda e: jax.jvp(rows, (zero,), (jnp.broadcast_to(e, r.shape),))[1], out_axes=-1)(unit)
-    blocks = jnp.moveaxis(columns.reshape(len(nodes), each, 3, each, 3), 3, 2).reshape(-1, 3, 3)
-    return _sum_blocks(nodes, blocks, graph.free)
-
-
-def _sum_blocks(nodes: np.ndarray, blocks: jax.Array, free: int) -> Coupling:
-    """Sum of blocks of the same two nodes; those of fixed points are left out."""
-    each = nodes.shape[1]
-    row = np.broadcast_to(nodes[:, :, None], (len(nodes), each, each)).ravel()
-    column = np.broadcast_to(nodes[:, None, :], (len(nodes), each, each)).ravel()
-    kept = np.flatnonzero((row < free) & (column < free))
-    codes, where = np.unique(row[kept] * free + column[kept], return_inverse=True)
-    pairs = tuple(zip((codes // free).tolist(), (codes % free).tolist(), strict=True))
-    return Coupling(pairs, scatter_add_many(where, blocks[kept], len(codes)))
 
 
 class Stretching(NamedTuple):
@@ -122,6 +69,11 @@ def _node_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
     return elimination_order(graph.free, [*pairs, *(between or ())], most=WIDER if between else 2)
 
 
+#: Compliance of the last link of a line, relative to that of its points. It has an effect only for a straight line
+#: between fixed points, which cannot move.
+LAST_COMPLIANCE = 1e-10
+
+
 class Saddle(NamedTuple):
     """The factored matrix: free nodes, an inner one with the link before it, and the lines' last links."""
 
@@ -136,7 +88,8 @@ class Saddle(NamedTuple):
             size = jnp.max(jnp.abs(diagonal))
         else:
             size = jnp.max(jnp.abs(links.turn)) + 1.0
-        before, last = (LinkParts(*(part[at] for part in links)) for at in (graph.previous_links, _last(graph)))
+        before = LinkParts(*(part[graph.previous_links] for part in links))
+        last = LinkParts(*(part[_last(graph)] for part in links))
         none = jnp.zeros_like(before.force)
         nothing = jnp.zeros_like(before.compliance)
         bare = jnp.zeros_like(last.force)
@@ -144,12 +97,10 @@ class Saddle(NamedTuple):
         points = len(graph.free_points)
         point = jnp.zeros((points, 3), node.dtype)
         unit = jnp.broadcast_to(jnp.eye(3, dtype=node.dtype), last.turn.shape)
-        # compliance of the last link of a line, relative to that of its points. It has an effect only for a straight
-        # line between fixed points, which cannot move
         values = [
             _block(diagonal[: graph.inner], before.force, before.gradient, before.compliance),
             _block(diagonal[graph.inner :], point, point, jnp.ones((points,), node.dtype)),
-            _block(unit, bare, bare, last.compliance - 1e-10 / size),
+            _block(unit, bare, bare, last.compliance - LAST_COMPLIANCE / size),
             _block(-before.turn, none, -before.gradient, nothing),
             _block(-before.turn, -before.force, none, nothing),
             *(_block(-last.turn, bare, bare, zero),) * 2,
@@ -174,7 +125,8 @@ class Saddle(NamedTuple):
         moved = jnp.concatenate([force, jnp.zeros((len(last), 3), force.dtype)])
         found = solve(self.groups, jnp.concatenate([moved, own[:, None]], axis=-1))
         number = np.empty(graph.links, int)
-        number[graph.previous_links], number[last] = np.arange(graph.inner), graph.free + np.arange(len(last))
+        number[graph.previous_links] = np.arange(graph.inner)
+        number[last] = graph.free + np.arange(len(last))
         return found[: graph.free, :3], found[number, 3]
 
 
@@ -194,7 +146,11 @@ def _group_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
     """The order for blocks as in `Saddle.of`: groups are the free nodes, then the last links of lines."""
     count = graph.free + len(graph.members)
     none = graph.free + len(graph.members)
-    number = lambda nodes: np.where(nodes < graph.free, nodes, none).tolist()  # noqa: E731  fixed nodes have no group
+
+    def number(nodes: np.ndarray) -> list[int]:
+        """Groups of nodes; fixed nodes have none."""
+        return np.where(nodes < graph.free, nodes, none).tolist()
+
     own = list(range(count))
     closing = list(range(graph.free, count))
     inner = list(range(graph.inner))
@@ -213,7 +169,9 @@ def _before_last_link(graph: Graph) -> dict[int, set[int]]:
 
     Both ends where there are more lines than points.
     """
-    free = [{int(path[i]) for i in (0, -1) if path[i] < graph.free} for path in graph.paths]
+    free = []
+    for path in graph.paths:
+        free.append({int(path[i]) for i in (0, -1) if path[i] < graph.free})
     owner: dict[int, int] = {}
 
     def assign_owner(line: int, visited: set[int]) -> bool:

@@ -2,27 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
+from dropper_jax.base.read import Table
 from dropper_jax.stability.case import Case, Outcome, all_cases
 from dropper_jax.stability.march import baselines
 from dropper_jax.stability.measures import MEASURES
 
 
-def evaluate(case: Case, short: bool = False, compare: bool = True) -> dict[str, Any]:
-    """The row of a case: {name, claim, measured, limit, unit, ok, status, baseline_thesis}."""
+@dataclass(frozen=True)
+class CaseResult:
+    """A case as it was measured; its fields are the keys of the JSON object (see `Case`).
+
+    Attributes:
+        ok: whether the case holds.
+        baseline_thesis: the thesis' schemes on the case, by label; None if they were not run.
+    """
+
+    name: str
+    claim: str
+    measured: float
+    limit: float
+    unit: str
+    ok: bool
+    status: str
+    baseline_thesis: Table | None
+
+
+def evaluate(case: Case, short: bool = False, compare: bool = True) -> CaseResult:
+    """Run and measure a case."""
     found = MEASURES[case.measure](case, short)
     holds = found.status == case.expected and found.measured <= case.limit
-    return {
-        "name": case.name,
-        "claim": case.claim,
-        "measured": found.measured,
-        "limit": case.limit,
-        "unit": case.unit,
-        "ok": bool(holds),
-        "status": found.status,
-        "baseline_thesis": baselines(case) if compare else None,
-    }
+    return CaseResult(
+        name=case.name,
+        claim=case.claim,
+        measured=found.measured,
+        limit=case.limit,
+        unit=case.unit,
+        ok=bool(holds),
+        status=found.status,
+        baseline_thesis=baselines(case) if compare else None,
+    )
 
 
-__all__ = ["Case", "Outcome", "all_cases", "evaluate"]
+__all__ = ["Case", "CaseResult", "Outcome", "all_cases", "evaluate"]

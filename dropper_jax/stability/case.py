@@ -92,7 +92,7 @@ def _table() -> dict[str, Any]:
 @cache
 def all_cases() -> tuple[Case, ...]:
     """The catalogue."""
-    return tuple(case_of(row) for row in _table()["cases"])
+    return tuple(map(case_of, _table()["cases"]))
 
 
 def case_of(row: Mapping[str, Any]) -> Case:

@@ -90,7 +90,9 @@ def run_scene(scene: Scene, dt: float, duration: float, scheme: Scheme, **settin
     every = max(1, round(duration / dt / SAVES))
     run = grid_run(stepper, model, s, every * dt, every, SAVES)
     if scheme.dtype != "float64":
-        model, s, run = (jax.tree.map(_wide, x) for x in (model, s, run))
+        model = jax.tree.map(_wide, model)
+        s = jax.tree.map(_wide, s)
+        run = jax.tree.map(_wide, run)
     return CaseRun(model, s, run, status_of(run, stepper), every * dt * np.arange(1, SAVES + 1))
 
 

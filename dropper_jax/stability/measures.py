@@ -161,7 +161,7 @@ def _return(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     return abs(float(z[0] - np.max(z[np.argmin(z) :]))) / case.size
 
 
-def _way(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
+def _path(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Relative error of the displacement along `weights` at the end."""
     exact = float(np.interp(t[-1], case.exact.times, case.exact.values))
     return abs(float((positions[-1] - positions[0]) @ np.array(case.weights)) / exact - 1.0)
@@ -207,7 +207,7 @@ def _shape(case: Case, run: Solution, nodes: np.ndarray) -> float:
     return float(np.max(np.abs(found - exact.values))) / case.size
 
 
-def _body_way(case: Case, run: Solution) -> float:
+def _body_path(case: Case, run: Solution) -> float:
     return abs(float(run.body_position[-1, 0, 0]) / case.size - 1.0)
 
 
@@ -267,7 +267,7 @@ OF_PATHS = {
     "rise": _rise,
     "lowest": _lowest,
     "return": _return,
-    "way": _way,
+    "way": _path,
     "late motion": _late_motion,
     "angle": _angle,
 }
@@ -288,7 +288,7 @@ MEASURES: dict[str, Measure] = {
     "tension": _of_run(_tension),
     "twist": _of_run(lambda case, run: _shape(case, run, run.twist)),
     "heights": _of_run(lambda case, run: _shape(case, run, run.positions[:, :, 2])),
-    "way of body": _of_run(_body_way),
+    "way of body": _of_run(_body_path),
     "passes": _of_run(_passes),
     "wake": _wake,
     "derivative": derivatives.against_differences,

@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.numerics import cross, dot, scatter_add
+from dropper_jax.base.indexed_sums import scatter_add
+from dropper_jax.base.numerics import cross, dot
 from dropper_jax.model import HolonomicConstraint, Model, State, state
 from dropper_jax.statics.rest_problem import SMALLEST, balanced, soft_scale, unbalanced
 from dropper_jax.statics.tangent import DenseTangent, NodeMoves

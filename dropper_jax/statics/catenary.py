@@ -13,6 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 
+#: Maximum number of Newton iterations, here and in each round of smoothing.
+ITERATIONS = 60
+#: Fractions of the mean load by which the norm of a link's force is smoothed, round by round.
+SMOOTHING = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)
+
 
 def catenary_guess(
     start: np.ndarray, end: np.ndarray | None, length: np.ndarray, weight: float
@@ -79,7 +84,7 @@ def _half_span(ratio: float) -> float:
     log(ratio)` is such a start for every ratio.
     """
     u = 7.0 + 2.0 * np.log(ratio)
-    for _ in range(60):
+    for _ in range(ITERATIONS):
         step = (np.log(np.sinh(u) / u) - np.log(ratio)) / (1.0 / np.tanh(u) - 1.0 / u)
         u -= step
         if abs(step) <= 1e-12 * u:
@@ -136,8 +141,7 @@ def _close(
     """T_1 (3,) [N] that closes the line: damped Newton on f, with decreasing smoothing of its norms."""
     scale = float(np.mean(np.linalg.norm(np.diff(before, axis=0), axis=1))) or 1.0
     force = guess
-    # the norm is first smoothed by this fraction of the mean load, and by a factor of 10 less in each further round
-    for share in (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9):
+    for share in SMOOTHING:
         force = _minimise(force, before, length, flexibility, span, share * scale)
     return force
 
@@ -149,7 +153,7 @@ def _minimise(
         size2 = np.sum((x - before) ** 2, axis=1)
         return float(np.sum(length * (np.sqrt(size2 + soft**2) + 0.5 * flexibility * size2)) - x @ span)
 
-    for _ in range(60):
+    for _ in range(ITERATIONS):
         link_force = force - before
         size = np.sqrt(np.sum(link_force**2, axis=1) + soft**2)
         slope = np.sum((length * (1.0 / size + flexibility))[:, None] * link_force, axis=0) - span

@@ -1,95 +1,19 @@
-"""The equations of static equilibrium, also with friction of the seabed, and Newton's method on them.
-
-Statics of lines that were pulled outward along the seabed, with mobilised friction against the tension.
-
-A line laid out straight from its first point and then pulled at the other end slides as far as the tension reaches.
-Friction of up to `mu N` acts on each node on the seabed towards its laid position. Nodes that the tension does not
-reach remain there:
-
-    z_i = -K u_i min(1, mu N_i/(K |u_i|)),    u_i = r_i - (laid position), in the plane of the seabed
-
-The tension thus falls by mu w per length to zero and stays there (Jonkman 2007, his CB > 0). K models sticking.
-"""
+"""The equations of static equilibrium, and Newton's method on them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
 from types import ModuleType
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.fields import component
-from dropper_jax.base.numerics import safe_norm, scatter_add
-from dropper_jax.effects.seabed import Seabed
-from dropper_jax.model import Effect, Kinematics, Law, Model, State, state
-from dropper_jax.residual import (
-    GRAVITY_SCALE,
-    Newton,
-    Solver,
-    StepProblem,
-    Unknowns,
-    largest_row,
-    newton,
-    subtract,
-)
+from dropper_jax.model import Kinematics, Law, Model, State, state
+from dropper_jax.residual import GRAVITY_SCALE, Newton, Solver, StepProblem, Unknowns, largest_row, newton, subtract
 from dropper_jax.solvers import SOLVERS
-
-
-@component
-class StaticSeabedFriction(Effect):
-    """Friction of nodes on the seabed towards their laid
-    positions: `position` (free, 2) [m], `grip` K (free,) [N/m]."""
-
-    name: ClassVar[str] = "laid_out"
-    position: jax.Array
-    grip: jax.Array
-    mu: jax.Array
-
-    def force(self, k: Kinematics) -> jax.Array:
-        bed = k.model.having(Seabed)[0]
-        u = jnp.concatenate([k.r[:, :2] - self.position, jnp.zeros_like(k.r[:, :1])], axis=1)
-        slides = self.mu * bed.normal(k) / safe_norm(u)
-        return -jnp.minimum(self.grip, slides)[:, None] * u
-
-
-def with_static_seabed_friction(model: Model, s: State, mu: jax.Array) -> tuple[Model, jax.Array]:
-    """The static model with friction on the inner nodes of all lines, and the rounding error of its rows.
-
-    The latter is in units of `force_scale`, like `system_tolerance`. Differentiable in model and configuration.
-    """
-    graph = model.geometry
-    length = model.line.length
-    ends = model.ends(s.t).positions
-    field = graph.everywhere(s.r, ends)
-    stiffness = model.line.axial.EA / length
-    inner = []
-    positions = [jnp.zeros((0, 2), model.dtype)]
-    grips = [jnp.zeros(0, model.dtype)]
-    for path, span in zip(graph.paths, graph.spans, strict=True):
-        start = field[path[0], :2]
-        end = field[path[-1], :2]
-        across = safe_norm(end - start)
-        laid = across > 0.0  # a line that hangs straight down, or a loop, has no laid position
-        along = jnp.cumsum(length[span])[:-1, None]
-        inner.append(path[1:-1])
-        positions.append(jnp.where(laid, start + along * (end - start) / jnp.where(laid, across, 1.0), 0.0))
-        # K over the stiffness of a link, and the maximum displacement at full friction [m]: a stiffer K would be lost
-        # in rounding
-        grips.append(jnp.where(laid, 100.0 * stiffness[span][:-1], 0.0))
-    where = np.concatenate(inner).astype(int)
-    at = scatter_add(where, jnp.concatenate(positions), graph.free)
-    grip = scatter_add(where, jnp.concatenate(grips), graph.free)
-    grip = jnp.minimum(grip, GRAVITY_SCALE * mu * model.line.node_mass / 1e-7)
-    size = jnp.max(jnp.abs(field)) + jnp.max(length)
-    rounding = 10.0 * jnp.finfo(model.dtype).eps * jnp.max(grip) * size
-    held = StaticSeabedFriction(position=at, grip=grip, mu=jnp.asarray(mu))
-    return replace(model, effects=(*model.effects, held)), rounding / force_scale(model)
-
 
 #: Minimum kappa over the weight per length: prevents drift of unconstrained parts (a float in calm water).
 SMALLEST = 1e-9
@@ -100,7 +24,10 @@ def rest(model: Model) -> Model:
 
     Dry friction allows many equilibria; the frictionless one is used. Waves are left out, a current is included.
     """
-    return replace(model.without_slot(Law), sea=None if model.sea is None else model.sea.without_waves())
+    sea = None
+    if model.sea is not None:
+        sea = model.sea.without_waves()
+    return replace(model.without_slot(Law), sea=sea)
 
 
 class RestProblem(StepProblem):
@@ -143,6 +70,10 @@ class RestProblem(StepProblem):
         return Unknowns(weight, self.model.line.length)
 
 
+#: Fraction of the weight of the heaviest body that scales residual forces.
+BODY_SHARE = 1e-2
+
+
 def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     """Scale of residual forces, a scalar [N]: the mean weight of a link, or 1 % of that of a body.
 
@@ -150,14 +81,17 @@ def force_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     """
     mass = xp.mean(xp.asarray(model.line.mass))
     if model.constraints:
-        # fraction of the weight of the heaviest body that scales residual forces
-        mass = xp.maximum(mass, 1e-2 * xp.max(xp.asarray(model.constraints[0].mass)))
+        mass = xp.maximum(mass, BODY_SHARE * xp.max(xp.asarray(model.constraints[0].mass)))
     return GRAVITY_SCALE * mass
 
 
 def soft_scale(model: Model, xp: ModuleType = jnp) -> jax.Array:
     """Scale of stiffness, a scalar [N/m]: the mean weight of a link per its length. NumPy on the host."""
     return force_scale(model, xp) / xp.mean(xp.asarray(model.line.length))
+
+
+#: Rounding error in units of the last place.
+ROUNDING_UNITS = 1e4
 
 
 def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
@@ -178,8 +112,7 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
         contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
         stiffness = xp.maximum(stiffness, contact)
     extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
-    # rounding error in units of the last place
-    units = xp.maximum(1e4, 10.0 * stiffness * extent / force_scale(model, xp))
+    units = xp.maximum(ROUNDING_UNITS, 10.0 * stiffness * extent / force_scale(model, xp))
     return xp.maximum(10.0 * tolerance if model.constraints else tolerance, jnp.finfo(model.dtype).eps * units)
 
 
@@ -208,14 +141,17 @@ def unbalanced_at(model: Model, s: State, loads: jax.Array, x: jax.Array) -> tup
     return problem.residual(Unknowns(x, tension)).x, tension
 
 
+#: Maximum number of unknowns for LU of the full Jacobian.
+MOST_DENSE = 200
+
+
 def rest_solver(model: Model) -> Solver:
     """The cheapest solver of the exact Jacobian for the model; the network solver is for systems."""
     if not model.geometry.is_path:
         if model.node_reach > 0:
             return SOLVERS["dense"]
         return SOLVERS["network"]
-    # maximum number of unknowns for LU of the full Jacobian
-    if SOLVERS["dense"].size(model) <= 200:
+    if SOLVERS["dense"].size(model) <= MOST_DENSE:
         return SOLVERS["dense"]
     return SOLVERS["banded"]
 

@@ -20,7 +20,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Effect, Ends, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang
-from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance, with_static_seabed_friction
+from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import (
     ROUNDS,
     describe_unbalance,
@@ -97,7 +98,8 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
 
 def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: State | None = None) -> Equilibrium:
     rigid = model.line
-    model = model if model.line.axial.elastic else springy(model)
+    if not model.line.axial.elastic:
+        model = springy(model)
     tolerance = system_tolerance(model)
     s, residual = find_rest(model, guess(model, t) if near is None else near, loads, tolerance)
     if not residual <= tolerance:
@@ -143,11 +145,14 @@ def _find_rigid(model: Model, near: State, loads: jax.Array, tolerance: float) -
     return escape(model, fallen, left, tolerance, fall)
 
 
+#: Corrections of the descent from an unstable equilibrium.
+FALL_ITERATIONS = 80
+
+
 def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:
     """The equilibrium reached by descent from `s`, next to one with a (negative) stiffness [N/m]."""
     drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
-    # corrections of the descent from an unstable equilibrium
-    fallen, _ = polish(model, s, loads, drag, iterations=80, damped=False)
+    fallen, _ = polish(model, s, loads, drag, iterations=FALL_ITERATIONS, damped=False)
     return solve_statics(model, fallen, loads)
 
 
@@ -177,8 +182,12 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
             "start.kind: 'static' needs a load that gives the line its shape; add [effects.weight] or start from "
             "'angles' or 'positions'"
         )
-    flexibility = 1.0 / line.axial.EA if line.axial.elastic else 0.0
-    end = None if ends.end is None else np.asarray(ends.end, float)
+    flexibility = 0.0
+    if line.axial.elastic:
+        flexibility = 1.0 / line.axial.EA
+    end = None
+    if ends.end is not None:
+        end = np.asarray(ends.end, float)
     nodes, tension = hang(
         np.asarray(ends.start, float),
         end,
@@ -199,6 +208,10 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
     return ends, model.force(model.instant(r, jnp.zeros_like(r), t, ends))
 
 
+#: Minimum load increment (fraction of the loads) of the continuation.
+LEAST_INCREMENT = 1.0 / 1024
+
+
 def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
     """Load continuation from the catenary; returns the fraction of the loads that was reached."""
     s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads))
@@ -206,8 +219,7 @@ def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, f
         return s, residual, 1.0
     share = 0.0
     increment = 0.125
-    # minimum load increment (fraction of the loads) of the continuation
-    while residual <= system_tolerance(model) and share < 1.0 and increment >= (1.0 / 1024):
+    while residual <= system_tolerance(model) and share < 1.0 and increment >= (LEAST_INCREMENT):
         step = min(increment, 1.0 - share)
         trial, trial_residual = solve_statics(model, s, (share + step) * loads)
         # an increment that moves a node by more than half a line length may have jumped to another branch
@@ -230,7 +242,9 @@ def _catenary(model: Model, t: float) -> State:
         total = GRAVITY_SCALE * float(jnp.sum(line.mass))
     else:
         total = float(jnp.sum(weight.per_link(line)))
-    end = None if ends.end is None else np.asarray(ends.end, float)
+    end = None
+    if ends.end is not None:
+        end = np.asarray(ends.end, float)
     nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(line.length, float), total)
     return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
 

@@ -18,20 +18,13 @@ from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.numerics import scatter_add
+from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns, largest_row
 from dropper_jax.statics.bodies import moves_of
-from dropper_jax.statics.rest_problem import (
-    SMALLEST,
-    RestProblem,
-    rest,
-    rest_tolerance,
-    soft_scale,
-    system_tolerance,
-    with_static_seabed_friction,
-)
+from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
 from dropper_jax.statics.search import Equilibrium, outward, search
+from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
 
@@ -108,7 +101,9 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
 
 def _remaining_residual(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
     """Maximum scaled row of an equilibrium, and its tolerance (NaN if that is not known in a trace)."""
-    tolerance = np.nan if _is_traced(model) else 2.0 * system_tolerance(model)
+    tolerance = np.nan
+    if not _is_traced(model):
+        tolerance = 2.0 * system_tolerance(model)
     if model.constraints or model.line.axial.elastic:
         return unbalance(model, s, loads), tolerance
     problem = RestProblem(model, s, loads)
@@ -126,6 +121,10 @@ def settle(model: Model, near: State, loads: jax.Array | None = None, there: boo
     computed, in a smaller program.
     """
     return _settle(model, near, jnp.zeros_like(near.r) if loads is None else loads, there)[0]
+
+
+#: Number of corrections of rigid lines.
+RIGID_CORRECTIONS = 12
 
 
 def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
@@ -148,8 +147,9 @@ def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[St
     def find(rows: Linear, x: jax.Array) -> jax.Array:
         if there:
             return x
-        # number of corrections of rigid lines
-        return jax.lax.fori_loop(0, 12, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x)
+        return jax.lax.fori_loop(
+            0, RIGID_CORRECTIONS, lambda _, y: y - jnp.linalg.solve(jax.jacfwd(rows)(y), rows(y)), x
+        )
 
     def tangent(linear: Linear, b: jax.Array) -> jax.Array:
         return jnp.linalg.solve(jax.jacfwd(linear)(jnp.zeros_like(b)), b)

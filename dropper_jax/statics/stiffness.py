@@ -23,8 +23,9 @@ from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
 from dropper_jax.statics.bodies import Coordinates
+from dropper_jax.statics.host_stiffness import factor_softened, free_motion, stiffness
 from dropper_jax.statics.rest_problem import RestProblem, name_of, rest
-from dropper_jax.statics.tangent import LEFT, REFINEMENTS, factor_softened, free_motion, stiffness
+from dropper_jax.statics.tangent import LEFT, REFINEMENTS
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -66,14 +67,14 @@ def mooring_stiffness(model: Model, pose: State, names: Sequence[str], loads: ja
         )
     loads = jnp.zeros_like(pose.r) if loads is None else loads
     model = rest(model)
-    asked = _resolve_names(model, names)
+    rows_by_name = _resolve_names(model, names)
     if model.constraints:
         matrix = _of_bodies(model, pose, loads)
     else:
         matrix = stiffness_with_held(model, pose, loads)
-    whole = _condense(model, pose, loads, matrix, np.concatenate([np.zeros(0, int), *asked.values()]))
-    freedoms = tuple(f"{name}.{axis}" for name, rows in asked.items() for axis in FREEDOMS[: len(rows)])
-    return Stiffness(tuple(asked), freedoms, whole, verges(model, pose))
+    condensed = _condense(model, pose, loads, matrix, np.concatenate([np.zeros(0, int), *rows_by_name.values()]))
+    freedoms = tuple(f"{name}.{axis}" for name, rows in rows_by_name.items() for axis in FREEDOMS[: len(rows)])
+    return Stiffness(tuple(rows_by_name), freedoms, condensed, verges(model, pose))
 
 
 def verges(model: Model, pose: State) -> tuple[str, ...]:

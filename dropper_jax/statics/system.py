@@ -46,7 +46,7 @@ def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray
     from scipy.linalg import null_space  # noqa: PLC0415
 
     if model.line.axial.elastic:
-        return tuple(np.asarray(part) for part in stiffness_and_motions(model, s))
+        return tuple(map(np.asarray, stiffness_and_motions(model, s)))
     matrix = np.asarray(_rows_by_unknowns(model, s))
     size = s.r.size
     soft = np.diag(matrix)[size:] != 0.0
@@ -63,6 +63,10 @@ def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
     return residual_matrix(problem, Unknowns(jnp.zeros_like(s.r), s.tension))
 
 
+#: The check is too slow for more free nodes than this.
+MOST_CHECKED = 200
+
+
 def stable(model: Model, s: State) -> bool:
     """Whether no displacement that keeps the lengths of rigid links reduces the energy to second order.
 
@@ -70,8 +74,7 @@ def stable(model: Model, s: State) -> bool:
     unsymmetric: every slow motion returns), relative to the mean weight of a link per length. A line with all links in
     tension under dead loads is stable. Systems of more than 200 nodes are not checked.
     """
-    # the check is too slow for more free nodes than this
-    if model.constant_force and np.all(np.asarray(s.tension) > 0.0) or model.free_nodes > 200:
+    if model.constant_force and np.all(np.asarray(s.tension) > 0.0) or model.free_nodes > MOST_CHECKED:
         return True
     return softest(model, s)[0] > -_rounding(model)
 
@@ -84,7 +87,9 @@ def holds(model: Model, s: State) -> bool:
     """
     if stable(model, s):
         return True
-    normal = plane_normal(model, s) if model.constant_force else None
+    normal = None
+    if model.constant_force:
+        normal = plane_normal(model, s)
     return normal is not None and softest(model, s, normal)[0] > -_rounding(model)
 
 
@@ -104,6 +109,10 @@ def plane_normal(model: Model, s: State) -> np.ndarray | None:
     return None
 
 
+#: Difference of a stiffness from its transpose, over its maximum entry, above which it has no energy.
+UNSYMMETRIC = 1e-8
+
+
 def softest(model: Model, s: State, normal: np.ndarray | None = None) -> tuple[float, np.ndarray]:
     """Minimum stiffness [N/m] of an equilibrium and its displacement (free nodes, 3), maximum 1.
 
@@ -120,8 +129,7 @@ def softest(model: Model, s: State, normal: np.ndarray | None = None) -> tuple[f
     if not k.size:
         return np.inf, np.zeros(s.r.shape)
     values, vectors = np.linalg.eigh(0.5 * (k + k.T))
-    # difference of a stiffness from its transpose, over its maximum entry, above which it has no energy
-    if values[0] < 0.0 and np.max(np.abs(k - k.T)) > 1e-8 * np.max(np.abs(k)):
+    if values[0] < 0.0 and np.max(np.abs(k - k.T)) > UNSYMMETRIC * np.max(np.abs(k)):
         # drag turns with the links: a cycle of displacements may gain or lose energy
         values, vectors = np.linalg.eig(k)
         values = values.real
@@ -129,6 +137,10 @@ def softest(model: Model, s: State, normal: np.ndarray | None = None) -> tuple[f
     least = int(np.argmin(values))
     way = (motions @ vectors[:, least]).reshape(s.r.shape)
     return float(values[least]), way / np.max(np.abs(way))
+
+
+#: The first displacement from an unstable equilibrium, in lengths of a link.
+NUDGE = 0.1
 
 
 def escape(
@@ -146,8 +158,7 @@ def escape(
     if stable(model, s):
         return s, residual
     stiffness, side = softest(model, s)
-    # the first displacement from an unstable equilibrium, in lengths of a link
-    nudge = 0.1 * float(np.mean(np.asarray(model.line.length))) * side
+    nudge = NUDGE * float(np.mean(np.asarray(model.line.length))) * side
     for start in (s.r + nudge, s.r - nudge):
         found, size = find(state(model, start, tension=s.tension, t=s.t), stiffness)
         if size <= tolerance and stable(model, found):
@@ -157,6 +168,10 @@ def escape(
 
 #: Maximum number of iterations.
 ROUNDS = 1000
+
+
+#: Minimum fraction of a correction that is tried.
+LEAST_SHARE = 2.0**-13
 
 
 def correct_pose(
@@ -177,8 +192,7 @@ def correct_pose(
 
     def overshoots(trial: tuple[jax.Array, ...]) -> jax.Array:
         share, along, _ = trial
-        # minimum fraction of a correction that is tried
-        return ~(along >= allowed) & (share > (2.0**-13))
+        return ~(along >= allowed) & (share > (LEAST_SHARE))
 
     def shorter(trial: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         share = 0.5 * trial[0]
@@ -223,6 +237,10 @@ def guess(model: Model, t: float = 0.0) -> State:
     return state(model, jnp.asarray(r), t=t)
 
 
+#: Maximum number of iterations without an improvement over the guess.
+HOPELESS = 500
+
+
 @cached_jit(static=("rounds",))
 def descend(
     model: Model, s: State, loads: jax.Array, tolerance: jax.Array, kappa: jax.Array, rounds: int
@@ -238,8 +256,7 @@ def descend(
 
     def needs_correction(carry: tuple[Any, ...]) -> jax.Array:
         _, size, _, reached, count, first, (_, least) = carry
-        # maximum number of iterations without an improvement over the guess
-        hopeless = (count > 500) & ~(least < first)
+        hopeless = (count > HOPELESS) & ~(least < first)
         return (reached < 2) & (count < rounds) & (jnp.isfinite(size) | (count == 0)) & ~hopeless
 
     def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -247,7 +264,8 @@ def descend(
         s, size, before, kappa = correct_pose(moves, s, loads, kappa)
         size = size / scale
         # the guess is evaluated here, by its first correction, so that the program contains the rows once less
-        first, least = (jnp.where(count == 0, before / scale, known) for known in (first, least))
+        first = jnp.where(count == 0, before / scale, first)
+        least = jnp.where(count == 0, before / scale, least)
         best = jax.tree.map(lambda new, old: jnp.where(size < least, new, old), (s, size), (best, least))
         return s, size, kappa, jnp.where(size <= tolerance, reached + 1, 0), count + 1, first, best
 
@@ -281,10 +299,13 @@ def with_axial(model: Model, axial: AxialLaw) -> Model:
     return replace(model, lines=(replace(model.line, axial=axial),))
 
 
+#: Stretch of the springs that replace rigid links.
+SPRING_STRETCH = 1e-4
+
+
 def springy(model: Model, pushes: bool = False) -> Model:
     """The model with stiff ropes, or springs that also push, instead of rigid links; they stretch by about 0.01 %."""
-    # stretch of the springs that replace rigid links
-    weight = force_scale(model) * model.line.links / 1e-4
+    weight = force_scale(model) * model.line.links / SPRING_STRETCH
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape), pushes))
 
 

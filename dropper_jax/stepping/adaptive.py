@@ -224,6 +224,10 @@ class _Tried(NamedTuple):
     accepted: jax.Array
 
 
+#: A failed run continues to its end with any error.
+LAST_RESORT = 1.01
+
+
 def _try(
     stepper: Stepper, model: Model, adaptive: Adaptive, end: jax.Array, dt: jax.Array, accuracy: jax.Array
 ) -> _Tried:
@@ -242,8 +246,7 @@ def _try(
     excess = jnp.where(failed | ~jnp.isfinite(excess), MOST, excess)
     floor = shortest_step(stepper, model)
     last_resort = floor * 0.5**stepper.halvings
-    # a failed run continues to its end with any error
-    solved = ~failed | (h <= 1.01 * last_resort) | (first_bad >= 0)
+    solved = ~failed | (h <= LAST_RESORT * last_resort) | (first_bad >= 0)
     exact = excess <= 1.0
     accepted = solved & (exact | (h <= 1.01 * floor) | (first_bad >= 0) | repeats)
     least = jnp.where(failed, last_resort, jnp.minimum(floor, h))

@@ -74,7 +74,8 @@ def record(stepper: Stepper, model: Model, s: State, h: jax.Array, steps: int) -
         return after, (s, u, row)
 
     last, (before, unknowns, residual) = jax.lax.scan(one, jax.tree.map(jnp.asarray, s), None, length=steps)
-    r, tension = (jnp.concatenate([a[1:], b[None]]) for a, b in ((before.r, last.r), (before.tension, last.tension)))
+    r = jnp.concatenate([before.r[1:], last.r[None]])
+    tension = jnp.concatenate([before.tension[1:], last.tension[None]])
     return Record(before, unknowns, r, tension, jnp.max(residual), last)
 
 

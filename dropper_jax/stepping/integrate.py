@@ -260,7 +260,8 @@ def step_lengths(
         most: capacity for steps; default: half more than the intervals, and 64. What exceeds it counts as failed.
     """
     model, s, dt = jax.lax.stop_gradient((model, s, jnp.asarray(dt, model.dtype)))
-    most = intervals + max(64, intervals // 2) if most is None else most
+    if most is None:
+        most = intervals + max(64, intervals // 2)
 
     def one(carry: tuple[Any, ...], size: jax.Array) -> tuple[tuple[Any, ...], tuple[jax.Array, ...]]:
         s, number, lengths, alive = carry
@@ -402,7 +403,9 @@ def along_accepted_steps(
     rows = found.length, before, _measured(jnp.arange(1, len(found.length) + 1), found.ends[-1])
     (last, _), states = _scan(take, (first, meter), rows, checkpoint)
     at = jax.tree.map(lambda a: a[found.ends[save_every - 1 :: save_every] - 1], states)
-    residual, retried, failed = (x.reshape(-1, save_every) for x in (found.residual, found.retried, found.failed))
+    residual = found.residual.reshape(-1, save_every)
+    retried = found.retried.reshape(-1, save_every)
+    failed = found.failed.reshape(-1, save_every)
     number = jnp.where(found.failed, jnp.arange(len(found.failed), dtype=jnp.int32), len(found.failed))
     before = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
     if follows:

@@ -28,7 +28,9 @@ def with_step_changed(
     none = jnp.zeros((), model.dtype)
     if not _changes(stepper, model):
         return s, none
-    inner = model if s.parted is None else without_broken_links(model, s)
+    inner = model
+    if s.parted is not None:
+        inner = without_broken_links(model, s)
     inner = inner.with_internal_state(s.own)
 
     def change() -> tuple[jax.Array, jax.Array]:

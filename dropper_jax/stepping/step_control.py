@@ -192,7 +192,7 @@ def _largest(vectors: jax.Array) -> jax.Array:
 
 
 def _line_maximum(geometry: Graph, values: jax.Array) -> jax.Array:
-    """The largest value of the line of each link (n,). A gather: what scatters is no single kernel."""
+    """The largest value of the line of each link (n,). A gather: a scatter prevents a single kernel."""
     lengths = [member.links for member in geometry.members]
     starts = np.cumsum([0, *lengths[:-1]])
     within = np.minimum(np.arange(max(lengths)), np.array(lengths)[:, None] - 1)

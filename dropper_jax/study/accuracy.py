@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.evaluation.record import Record, record
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
-from dropper_jax.run.samples import is_finished
-from dropper_jax.run.simulate import simulate
-from dropper_jax.study.load_errors import line_loads
+from dropper_jax.study.euler_claims import euler_claims
+from dropper_jax.study.load_convergence import LOAD_ACCURACIES, load_convergence
 from dropper_jax.study.march import Scheme, convergence, default_schemes, grid_run, runnable, status_of
 from dropper_jax.study.reference import Reference, reference, trusted_span
 from dropper_jax.study.work_precision import Each, energy_loss, measure, orders
@@ -105,10 +100,6 @@ def _thesis(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 #: Default steps [s]: powers of two, which divide whole seconds and each other.
 REPORT_DTS = tuple(2.0**-k for k in range(5, 12))
-#: Default accuracies of the runs for the loads.
-LOAD_ACCURACIES = (0.1, 0.01, 1e-3, 1e-4)
-#: Maximum relative error of each load for the advice.
-WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
 
 
 def accuracy(
@@ -159,6 +150,10 @@ def accuracy(
     return found
 
 
+#: Maximum duration of a comparison [s].
+LONGEST_COMPARISON = 20.0
+
+
 @dataclass(frozen=True)
 class _Study:
     """The parts of the report; each is written to `found` as soon as it is known."""
@@ -176,8 +171,7 @@ class _Study:
         self.say(0.3, "how long errors mean something")
         grid = max(self.dts)
         run = self.scene.run
-        # maximum duration of a comparison [s]
-        longest = max(min(run.duration, 20.0), 2 * grid)
+        longest = max(min(run.duration, LONGEST_COMPARISON), 2 * grid)
         trusted, exponent = trusted_span(self.model, self.s, longest, min(run.step, grid), grid)
         saves = max(2, round(trusted / grid) if span is None else round(span / grid))
         self.say(0.35, f"reference over {saves * grid:.3g} s")
@@ -231,7 +225,7 @@ def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], s
 def advice(
     rows: list[dict[str, Any]], targets: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 ) -> list[dict[str, Any]]:
-    """The run of the least counted work for each RMS angle error [rad], with its margin (target over error).
+    """The run with the minimum counted work for each RMS angle error [rad], with its margin (target over error).
 
     Counted work, unlike a measured time, gives the same advice on a busy machine and after a first compilation.
     """
@@ -267,168 +261,3 @@ def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
         "text": f"for {target:g} rad use {scheme} at {step}: {ms:.3g} ms per simulated second "
         f"(error {best['rms_angle_error_rad']:.2g} rad, margin {margin:.2g})",
     }
-
-
-def load_convergence(
-    scene: Scene,
-    steps: Sequence[Mapping[str, float]],
-    skip: float = 0.0,
-    say: Progress = silent,
-    each: Each = lambda row: None,
-) -> dict[str, Any]:
-    """Errors of the loads of each line, relative to a run with half the finest step, by the scheme of the scene.
-
-    Args:
-        steps: {accuracy} or {dt [s]} of each run.
-        each: gets each row as soon as the next finer one was run, with its errors relative to that.
-
-    Returns:
-        `rows`: {accuracy or None, dt, status, us_per_step, errors: by load the maximum relative error over the lines,
-        or None}, dt the mean step of an accuracy; `reference_dt`, `loads` of the reference by line; `advice`: {load,
-        within, accuracy, dt, text}: the coarsest row for which it and all finer ones are within the limit, or None. If
-        the motion is chaotic, errors do not decrease below the random difference of two runs.
-    """
-    # maximum duration of the comparison of loads [s]
-    scene = scene.with_values({"run.duration": min(scene.run.duration, 60.0)})
-    (key,) = steps[0]
-    values = sorted((step[key] for step in steps), reverse=True)
-    # errors of the second order: a quarter of the accuracy takes half of the step
-    finest = values[-1] * (0.25 if key == "accuracy" else 0.5)
-    runs: list[_LoadRun] = []
-    for i, value in enumerate([*values, finest]):
-        say(i / (len(values) + 1), f"loads, {key} {value:.4g}")
-        runs.append(_LoadRun.of(scene, {key: value}, skip))
-        if i > 0:
-            each(runs[-2].row(runs[-1].loads()))
-    *coarser, reference_run = runs
-    right = reference_run.loads()
-    reference_dt = reference_run.dt
-    if right is None:
-        return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": reference_run.failure}
-    rows = [run.row(right) for run in coarser]
-    advice = [_advice(rows, name, within) for name, within in WANTED.items()]
-    loads = [{"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}} for row in right]
-    return {"rows": rows, "reference_dt": reference_dt, "loads": loads, "advice": advice}
-
-
-@dataclass(frozen=True)
-class _LoadRun:
-    """A run for its loads: its record, None if it failed or is too short; `dt` is the mean step of an accuracy."""
-
-    accuracy: float | None
-    dt: float
-    status: str
-    us_per_step: float
-    failure: str
-    record: Record | None
-
-    @classmethod
-    def of(cls, scene: Scene, step: Mapping[str, float], skip: float) -> _LoadRun:
-        """The run with an accuracy or equal steps, without its first `skip` seconds."""
-        solution = simulate(scene, **step)
-        if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
-            raise KeyboardInterrupt
-        good = is_finished(solution) and len(solution.t) > 3
-        kept = record(solution, skip) if good else None
-        dt = float(solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
-        return cls(step.get("accuracy"), dt, solution.status, solution.us_per_step, solution.failure, kept)
-
-    def loads(self, right: list[dict[str, Any]] | None = None) -> list[dict[str, Any]] | None:
-        """Loads of each line, at the positions of `right`."""
-        if self.record is None:
-            return None
-        return line_loads(self.record, right)
-
-    def row(self, right: list[dict[str, Any]] | None) -> dict[str, Any]:
-        """Its errors relative to the loads of a finer run."""
-        loads = None if right is None else self.loads(right)
-        errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
-        return {
-            "accuracy": self.accuracy,
-            "dt": self.dt,
-            "status": self.status,
-            "us_per_step": self.us_per_step,
-            "errors": errors,
-        }
-
-
-def _worst(loads: list[dict[str, Any]], right: list[dict[str, Any]], name: str) -> float:
-    """Maximum relative error over the lines; that of a standard deviation is relative to the mean if this is larger."""
-    scale = [max(abs(row[name][0]), 1e-3 * abs(row["mean"][0]), 1e-300) for row in right]
-    return max(abs(a[name][0] - b[name][0]) / s for a, b, s in zip(loads, right, scale, strict=True))
-
-
-def _advice(rows: list[dict[str, Any]], name: str, within: float) -> dict[str, Any]:
-    best: dict[str, Any] = {"accuracy": None, "dt": None}
-    for row in reversed(rows):  # from the finest upwards: an accurate run above an inaccurate one does not count
-        error = row["errors"][name]
-        if error is None or error > within or row["status"] != "ok":
-            break
-        best = row
-    found = "not reached with the tested steps"
-    if best["accuracy"] is not None:
-        found = f"accuracy {best['accuracy']:.2g} or less"
-    elif best["dt"] is not None:
-        found = f"steps of {best['dt']:.4g} s or less"
-    text = f"{name.replace('_', ' ')} within {within:.0%}: {found}"
-    return {"load": name, "within": within, "accuracy": best["accuracy"], "dt": best["dt"], "text": text}
-
-
-#: Scheme, claim of the thesis (sections 2.3, 4.3.1 and its conclusion), and the corresponding sign.
-CLAIMS = (
-    (Scheme("theta", 0.0), "explicit Euler gains energy", 1),
-    (Scheme("theta", 1.0), "implicit Euler loses energy", -1),
-    (Scheme("semi_implicit_euler"), "semi-implicit Euler does neither", 0),
-)
-EULER_DURATION = 5.0
-
-
-def single_pendulum() -> Scene:
-    """A pendulum of 1 m and 1 kg released at 45 degrees, in a plane."""
-    side = float(np.sqrt(0.5))
-    return load_scene(
-        {
-            "name": "single-pendulum",
-            "run": {"dt": 0.01, "duration": EULER_DURATION},
-            "point": [
-                {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-                {"name": "bob", "kind": "free", "position": [side, 0.0, -side]},
-            ],
-            "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
-            "effects": {"weight": {}},
-            "start": {"kind": "angles", "zero": "down", "polar": [float(np.pi / 4)]},
-        }
-    )
-
-
-def euler_claims(
-    dts: tuple[float, ...] = (0.01, 0.005, 0.0025), duration: float = EULER_DURATION
-) -> list[dict[str, Any]]:
-    """Energy gained over `duration` [s] by the three schemes at each step, over the energy scale, and whether the claim
-    holds.
-
-    Returns:
-        rows of {scene, label, claim, dt, status, energy_gained, holds}; energies over the potential energy released.
-    """
-    rows = []
-    for scene in (single_pendulum(), load_scene("double-pendulum-periodic")):
-        for dt in dts:
-            gained = [_gain(scene, scheme, dt, duration) for scheme, _, _ in CLAIMS]
-            # a change smaller than this fraction of the mean of the other two is neither gain nor loss
-            typical = 0.1 * 0.5 * (abs(gained[0][1]) + abs(gained[1][1]))
-            for (scheme, claim, sign), (status, gain) in zip(CLAIMS, gained, strict=True):
-                holds = status == "ok" and (abs(gain) < typical if sign == 0 else sign * gain > 0)
-                row = {"scene": scene.name, "label": scheme.label, "claim": claim, "dt": dt, "status": status}
-                rows.append({**row, "energy_gained": gain, "holds": bool(holds)})
-    return rows
-
-
-def _gain(scene: Scene, scheme: Scheme, dt: float, duration: float) -> tuple[str, float]:
-    model, s = build(scene)
-    stepper = scheme.stepper(model, halvings=0)
-    steps = round(duration / dt)
-    run = grid_run(stepper, model, s, steps * dt, steps, 1)
-    lost = energy_loss(model, s, run, np.array([duration]))[-1]
-    lowest = jnp.sum(model.line.mass * GRAVITY * -jnp.cumsum(model.line.length))
-    start = model.potential_energy(model.kinematics(s.r, s.v, s.t))
-    return status_of(run, stepper), -float(lost) / float(start - lowest)

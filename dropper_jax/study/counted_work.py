@@ -30,5 +30,7 @@ def unknowns(model: Model) -> int:
 
 def step_work(model: Model, stepper: Stepper, evaluation: float) -> float:
     """Operations of a step: its evaluations, each with a solve; a dense Jacobian takes one per unknown."""
-    columns = unknowns(model) if stepper.solver_name == "dense" else 1
+    columns = 1
+    if stepper.solver_name == "dense":
+        columns = unknowns(model)
     return columns * stepper.integrator.evaluations * evaluation

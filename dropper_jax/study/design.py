@@ -16,8 +16,10 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.arrays import bare_model, static_pose
-from dropper_jax.run.build import SceneLike, build_model, equilibrium, model_slopes, shift_model
-from dropper_jax.run.growth import end_angles, end_forces, overgrown
+from dropper_jax.run.build import SceneLike, build_model, equilibrium
+from dropper_jax.run.growth import overgrown
+from dropper_jax.run.line_weights import end_angles, end_forces
+from dropper_jax.run.model_slopes import model_slopes, shift_model
 from dropper_jax.run.quantities import Quantity, static_quantity
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.statics.static_pose import nodal_loads, settle
@@ -52,6 +54,10 @@ class Design:
         return next(iter(self.values.values()))
 
 
+#: Relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow.
+MISSED = 1e-6
+
+
 def solve_design(
     scene: SceneLike,
     path: str | Sequence[str],
@@ -82,8 +88,11 @@ def solve_design(
         SceneError: unknown or repeated paths and targets, numbers of both that differ, no equilibrium, a single target
             that does not reach its required value, or targets that do not determine the values.
     """
-    paths, names = ([x] if isinstance(x, str) else list(x) for x in (path, target))
-    lows, highs, goals = (np.atleast_1d(np.asarray(x, float)) for x in (low, high, goal))
+    paths = [path] if isinstance(path, str) else list(path)
+    names = [target] if isinstance(target, str) else list(target)
+    lows = np.atleast_1d(np.asarray(low, float))
+    highs = np.atleast_1d(np.asarray(high, float))
+    goals = np.atleast_1d(np.asarray(goal, float))
     if not len(paths) == len(lows) == len(highs) == len(names) == len(goals):
         raise SceneError(
             f"design: {len(paths)} values for {len(names)} targets with {len(goals)} goals; allowed: as many"
@@ -105,10 +114,11 @@ def solve_design(
     worst = int(np.argmax(miss))
     status = "ok"
     message = ""
-    # relative miss above which a target counts as not reached; a root between two ends is as near as numbers allow
-    if len(paths) > 1 and miss[worst] > 1e-6:
+    if len(paths) > 1 and miss[worst] > MISSED:
         bound = [p for p, v, a, b in zip(paths, x, lows, highs, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
-        where = f"; at a bound: {', '.join(bound)}" if bound else ""
+        where = ""
+        if bound:
+            where = f"; at a bound: {', '.join(bound)}"
         status = "not_reached"
         message = f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}{where}"
     return Design(
@@ -120,6 +130,14 @@ def solve_design(
         changed,
         *_ends_of(changed, names[0]),
     )
+
+
+#: A search takes about ten poses, but no fixed number.
+PER_POSE = 0.9
+#: Relative change of the value at which the search stops.
+VALUE_TOLERANCE = 1e-9
+#: Ratio of singular values below which derivatives with errors of 1e-10 determine no combination.
+UNDETERMINED = 1e-8
 
 
 class _DesignSearch:
@@ -147,8 +165,7 @@ class _DesignSearch:
             reached = np.array([float(q.of_pose(model, pose.state)) for q in self.quantities])
             self.poses[key] = model, pose.state, reached
             solved = len(self.poses)
-            # a search takes about ten poses, but no fixed number
-            self.progress(1.0 - 0.9**solved, f"{solved} static poses")
+            self.progress(1.0 - PER_POSE**solved, f"{solved} static poses")
         return self.poses[key]
 
     def evaluate(self, x: np.ndarray | list[float]) -> np.ndarray:
@@ -162,7 +179,9 @@ class _DesignSearch:
         slopes = [model_slopes(scene, model, path) for path in self.paths]
         moving = tuple(sorted({leaf for own in slopes for leaf in own}))
         leaves = jax.tree.leaves(model)
-        rows = [np.stack([own.get(i, np.zeros(jnp.shape(leaves[i]))) for own in slopes]) for i in moving]
+        rows = []
+        for i in moving:
+            rows.append(np.stack([own.get(i, np.zeros(jnp.shape(leaves[i]))) for own in slopes]))
         return np.asarray(_slopes(moving, tuple(self.quantities), model, rows, pose, loads))
 
     def scale(self, reached: np.ndarray) -> np.ndarray:
@@ -178,8 +197,7 @@ class _DesignSearch:
                 f"{self.paths[0]}: {low:g} to {high:g} gives {self.names[0]} from {ends[0]:.6g} to "
                 f"{ends[1]:.6g}, which does not include {goal:g}. Use a range whose ends are on either side"
             )
-        # relative change of the value at which the search stops
-        tolerance = {"xtol": 1e-9 * max(abs(low), abs(high)), "rtol": 4 * np.finfo(float).eps}
+        tolerance = {"xtol": VALUE_TOLERANCE * max(abs(low), abs(high)), "rtol": 4 * np.finfo(float).eps}
         return np.array([brentq(lambda x: self.evaluate([x])[0] - goal, low, high, **tolerance)])
 
     def solve_together(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -201,8 +219,7 @@ class _DesignSearch:
             gtol=1e-15,
         )
         rows, sizes, columns = np.linalg.svd(found.jac * (high - low))
-        # ratio of singular values below which derivatives with errors of 1e-10 determine no combination
-        if sizes[-1] <= 1e-8 * sizes[0]:
+        if sizes[-1] <= UNDETERMINED * sizes[0]:
             targets = [name for name, part in zip(self.names, rows[:, -1], strict=True) if abs(part) > 0.1]
             values = [path for path, part in zip(self.paths, columns[-1], strict=True) if abs(part) > 0.1]
             raise SceneError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -46,28 +47,76 @@ print(json.dumps({"folder": None if folder is None else str(folder), "loaded": l
 """
 
 
-def examine(repeats: int = 400) -> dict[str, Any]:
-    """The report of `dropper doctor`; `checks` can fail and have `ok` and a text.
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """A check against a known result: whether it holds, and what was found in words."""
+
+    name: str
+    ok: bool
+    found: str
+
+
+@dataclasses.dataclass(frozen=True)
+class System:
+    """The machine: its free memory in bytes."""
+
+    platform: str
+    cores: int | None
+    memory_bytes: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Cache:
+    """Folder of the compiled programs (None: off), their number and their size in bytes."""
+
+    folder: str | None = None
+    programs: int = 0
+    bytes: int = 0
+
+
+@dataclasses.dataclass(frozen=True)
+class Installation:
+    """The report of `dropper doctor`; its fields are the keys of the JSON object.
+
+    Attributes:
+        versions: by extra and package; None if a package is not installed.
+        compiler_options: whether this version's compiler knows them.
+    """
+
+    versions: dict[str, dict[str, str | None]]
+    system: System
+    devices: list[str]
+    float64: bool
+    one_kernel: bool
+    compiler_options: dict[str, bool]
+    cache: Cache
+    checks: list[Check]
+
+
+def examine(repeats: int = 400) -> Installation:
+    """The installation, checked.
 
     Args:
         repeats: calls of one program whose bits are compared.
     """
-    return {
-        "versions": versions(),
-        "system": {"platform": platform.platform(), "cores": os.cpu_count(), "memory_bytes": available_memory()},
-        "devices": [f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()],
-        "float64": bool(jax.config.jax_enable_x64),
-        "one_kernel": tags_enabled(),
-        "compiler_options": {name: _is_known(name) for name in OPTIONS},
-        "cache": cache(),
-        "checks": [check_tension(), known_product(), repeated_bits(repeats), loads_stored_programs()],
-    }
+    return Installation(
+        versions=versions(),
+        system=System(platform.platform(), os.cpu_count(), available_memory()),
+        devices=[f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()],
+        float64=bool(jax.config.jax_enable_x64),
+        one_kernel=tags_enabled(),
+        compiler_options={name: _is_known(name) for name in OPTIONS},
+        cache=cache(),
+        checks=[check_tension(), known_product(), repeated_bits(repeats), loads_stored_programs()],
+    )
 
 
 def versions() -> dict[str, dict[str, str | None]]:
     """Versions of required packages and of extras; None if a package is not installed."""
     groups = {"needed": ("dropper-jax", *NEEDED), **EXTRAS}
-    found = {group: {name: _version(name) for name in names} for group, names in groups.items()}
+    found = {}
+    for group, names in groups.items():
+        found[group] = {name: _version(name) for name in names}
     return {**found, "needed": {"python": platform.python_version(), **found["needed"]}}
 
 
@@ -78,14 +127,14 @@ def _version(name: str) -> str | None:
         return None
 
 
-def cache() -> dict[str, Any]:
+def cache() -> Cache:
     """Folder of the compiled programs, and their number."""
     stored = stored_programs()
     if stored is None:
-        return {"folder": None, "programs": 0, "bytes": 0}
+        return Cache()
     folder = stored.folder.path
     sizes = [file.stat().st_size for file in folder.iterdir()]
-    return {"folder": str(folder), "programs": len(sizes), "bytes": sum(sizes)}
+    return Cache(str(folder), len(sizes), sum(sizes))
 
 
 def _is_known(option: str) -> bool:
@@ -98,26 +147,26 @@ def _is_known(option: str) -> bool:
     return True
 
 
-def check_tension() -> dict[str, Any]:
+def check_tension() -> Check:
     """The tension of a conical pendulum is its weight over the sine of its angle below the horizontal, `m
     g/sin(theta)`."""
     allowed = 1e-4  # maximum relative error of the tension of the pendulum, due to its step
     solution = simulate("conical-pendulum", duration=1.0)
     error = float(np.max(np.abs(solution.tension / (GRAVITY / math.sin(math.pi / 8)) - 1.0)))
     ok = solution.status == "ok" and error < allowed
-    return _check("tension of a conical pendulum", ok, f"{error:.1e} off, {allowed:.0e} allowed")
+    return Check("tension of a conical pendulum", ok, f"{error:.1e} off, {allowed:.0e} allowed")
 
 
-def known_product() -> dict[str, Any]:
+def known_product() -> Check:
     """|I row|^2 of rows (i, 0, 0) is i^2: some versions of JAX give other values (jax-ml/jax issue 39103)."""
     i = jnp.arange(16_385, dtype=float)
     rows = jnp.stack([i, 0 * i, 0 * i], axis=1)
     squares = jax.jit(jax.vmap(lambda row: jnp.sum((jnp.eye(3) @ row) ** 2)))(rows)
     wrong = int(np.sum(np.asarray(squares) != np.arange(16_385.0) ** 2))
-    return _check("products of matrices and vectors", not wrong, f"{wrong} of {len(i)} wrong")
+    return Check("products of matrices and vectors", not wrong, f"{wrong} of {len(i)} wrong")
 
 
-def repeated_bits(calls: int) -> dict[str, Any]:
+def repeated_bits(calls: int) -> Check:
     """Whether one compiled program, called from two threads, always gives the same bits (jax-ml/jax issue 39741)."""
     x = jnp.linspace(0.0, 1.0, 4096).reshape(64, 64)
     program = jax.jit(lambda x: jnp.sum(jnp.tanh(x @ x), axis=0)).lower(x).compile()
@@ -125,23 +174,23 @@ def repeated_bits(calls: int) -> dict[str, Any]:
     differing = lambda part: sum(np.asarray(program(x)).tobytes() != first for _ in range(part))  # noqa: E731
     with ThreadPoolExecutor(2) as pool:
         wrong = sum(pool.map(differing, (calls // 2, calls - calls // 2)))
-    return _check("bits of repeated calls", not wrong, f"{wrong} of {calls} calls differ")
+    return Check("bits of repeated calls", not wrong, f"{wrong} of {calls} calls differ")
 
 
-def loads_stored_programs() -> dict[str, Any]:
+def loads_stored_programs() -> Check:
     """Whether a program stored by one process is loaded by the next, with the same result."""
     name = "programs stored for the next start"
     with tempfile.TemporaryDirectory() as folder:
         probes = [_probe(folder) for _ in range(2)]
     if None in probes:
-        return _check(name, False, "a process that stores programs fails")
+        return Check(name, False, "a process that stores programs fails")
     first, second = probes
     if first["folder"] is None:
-        return _check(name, False, "the folder of temporary files cannot be used")
+        return Check(name, False, "the folder of temporary files cannot be used")
     if not second["loaded"]:
-        return _check(name, False, "stored, but not loaded: every start compiles")
+        return Check(name, False, "stored, but not loaded: every start compiles")
     same = first["found"] == second["found"] and abs(second["found"] - 100.0) < 1e-9
-    return _check(name, same, "loaded again" if same else f"{second['found']!r} instead of 100")
+    return Check(name, same, "loaded again" if same else f"{second['found']!r} instead of 100")
 
 
 def _probe(folder: str) -> dict[str, Any] | None:
@@ -153,7 +202,3 @@ def _probe(folder: str) -> dict[str, Any] | None:
         return None
     except ValueError:
         return None
-
-
-def _check(name: str, ok: bool, words: str) -> dict[str, Any]:
-    return {"name": name, "ok": ok, "found": words}

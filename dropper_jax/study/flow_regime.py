@@ -14,6 +14,9 @@ from dropper_jax.run.row_store import take_every
 from dropper_jax.run.simulate import Solution
 from dropper_jax.sea import Sea
 
+#: Maximum number of times at which the water is evaluated.
+MOST_TIMES = 400
+
 
 def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]:
     """KC, Reynolds number and D/wavelength of a run, at the node with the maximum of each.
@@ -27,8 +30,7 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     model = build_model(solution.scene, "float64")
     if model.sea is None or model.line.diameter is None:
         raise ValueError("solution: its scene has no [sea] or no diameter. Use a scene with both")
-    # maximum number of times at which the water is evaluated
-    every = max(1, len(solution.t) // 400)
+    every = max(1, len(solution.t) // MOST_TIMES)
     free, links = _far_ends(solution, model)
     at = [take_every(a, every) for a in (solution.positions, solution.velocities, solution.t)]
     looked = (at[0], at[1][:, free], at[2])

@@ -150,12 +150,17 @@ def load_errors(
             continue
         made[name] = line_loads(record(solution, skip), made["1"])
     chaotic = horizon is not None
-    factor = 1.0 if chaotic else error_factor(base, finer=True)
+    factor = 1.0
+    if not chaotic:
+        factor = error_factor(base, finer=True)
     rows = [_row(i, made, factor) for i in range(len(made["1"]))]
+    horizon_s = horizon
+    if horizon is None:
+        horizon_s = scene.run.duration
     return {
         "loads": rows,
         "chaotic": chaotic,
-        "horizon_s": scene.run.duration if horizon is None else horizon,
+        "horizon_s": horizon_s,
         "not_resolved": [row["line"] for row in rows if row["maximum"]["error"] > UNRESOLVED * row["maximum"]["value"]],
         "left_out": left_out,
     }
@@ -177,11 +182,10 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
         found["links"] = twice_the_links(scene)
     except SceneError as error:
         left_out["links"] = str(error)
-    damped = {
-        f"line.{i}.axial.damping": (2.0 * line.axial_damping).tolist()
-        for i, line in enumerate(scene.lines)
-        if line.axial_damping is not None
-    }
+    damped = {}
+    for i, line in enumerate(scene.lines):
+        if line.axial_damping is not None:
+            damped[f"line.{i}.axial.damping"] = (2.0 * line.axial_damping).tolist()
     if damped:
         found["twice_damping"] = scene.with_values(damped)
     if "seabed" in scene.effects:
@@ -227,7 +231,8 @@ def _statistics(
     """Loads at one position of a line (q,) [N], each with its random standard error; `within` is the variance in a
     sample."""
     square = tension**2 + within
-    tops, bottoms = (_windows(found, values) for values in (largest, -least))
+    tops = _windows(found, largest)
+    bottoms = _windows(found, -least)
     batches = [part for part in np.array_split(np.arange(len(tension)), 8) if part.size]
     means = np.array([tension[part].mean() for part in batches])
     deviations = np.array([np.sqrt(max(square[part].mean() - tension[part].mean() ** 2, 0.0)) for part in batches])

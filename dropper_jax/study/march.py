@@ -115,7 +115,8 @@ def angles_between(d: np.ndarray, reference: np.ndarray) -> np.ndarray:
     In a plane it is the difference of the polar angles; in space it has no singular direction, unlike an azimuth.
     """
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        u, w = (x / np.linalg.norm(x, axis=-1, keepdims=True) for x in (d, reference))
+        u = d / np.linalg.norm(d, axis=-1, keepdims=True)
+        w = reference / np.linalg.norm(reference, axis=-1, keepdims=True)
         chord = np.linalg.norm(u - w, axis=-1)
         return 2 * np.arcsin(np.minimum(0.5 * chord, 1.0))
 

@@ -18,7 +18,7 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model
-from dropper_jax.run.growth import end_force_vectors
+from dropper_jax.run.line_weights import end_force_vectors
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.search import search
 from dropper_jax.statics.static_pose import nodal_loads
@@ -94,12 +94,11 @@ def _loads(
     """The numbers of a row: forces of the lines on the moved points, and the maximum tension."""
     lines = line_slices(scene)
     vectors = end_force_vectors(scene, positions[None], tension[None], lines)
-    ends = [
-        vectors[line.name][0, i]
-        for line in scene.lines
-        for i, point in enumerate((line.start, line.end))
-        if point in moved
-    ]
+    ends = []
+    for line in scene.lines:
+        for i, point in enumerate((line.start, line.end)):
+            if point in moved:
+                ends.append(vectors[line.name][0, i])
     force = np.sum(ends, axis=0)
     link = int(np.argmax(tension))
     return {

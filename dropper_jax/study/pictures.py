@@ -8,9 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax import plots
 from dropper_jax.base.markdown import first_names
@@ -46,6 +44,12 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
     return plots.snapshot(solution, path)
 
 
+#: Ratio of height to length below which the modes are drawn below one another.
+LOW_AND_LONG = 0.25
+#: Maximum displacement as a fraction of the configuration's size.
+SHAPE_SIZE = 0.12
+
+
 @style.plot_style()
 def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, path: str | Path) -> Path:
     """The slowest modes: the equilibrium and both extremes of the motion, in the view with the largest motion."""
@@ -54,8 +58,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     ends_of_lines = model.ends(found.state.t)
     rest = np.asarray(found.positions)
     size = view.size(rest)
-    # ratio of height to length below which the modes are drawn below one another
-    low = np.ptp(rest[:, 2]) < 0.25 * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
+    low = np.ptp(rest[:, 2]) < LOW_AND_LONG * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
     columns = 1 if low else min(count, 3)
     figure = style.new_figure(3.6 * columns + (4.4 if low else 0.6), (1.5 if low else 2.9) * -(-count // columns) + 0.8)
     grid = np.atleast_1d(figure.subplots(-(-count // columns), columns, squeeze=False)).ravel()
@@ -63,8 +66,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
         axes.axis("off")
     for i, axes in enumerate(grid[:count]):
         shape = np.asarray(modes.shape[i])
-        # maximum displacement as a fraction of the configuration's size
-        shape = shape * 0.12 * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
+        shape = shape * SHAPE_SIZE * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
         ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
         across, up = _plane(rest, ends[0] - rest)
         for line in line_slices(scene):
@@ -173,127 +175,6 @@ def marks(index: int) -> dict[str, Any]:
 
 
 @style.plot_style()
-def work_precision(report: dict[str, Any], path: str | Path) -> Path:
-    """RMS angle error against wall time and against the step, and energy drift against the step, log-log."""
-    figure = style.new_figure(12.0, 5.4)
-    axes = figure.subplots(1, 3)
-    rows = [row for row in report["rows"] if row["status"] == "ok"]
-    plots = (
-        (
-            "wall_s_per_simulated_s",
-            "rms_angle_error_rad",
-            "wall time per simulated second [s]",
-            "RMS angle error [rad]",
-        ),
-        ("dt", "rms_angle_error_rad", "step [s]", "RMS angle error [rad]"),
-        ("dt", "energy_drift_j", "step [s]", "energy drift [J]"),
-    )
-    labels = list(dict.fromkeys(row["label"] for row in rows))
-    for (x, y, across, up), panel in zip(plots, axes, strict=True):
-        for i, label in enumerate(labels):
-            _series(panel, [r for r in rows if r["label"] == label], x, y, label, i)
-        panel.set(xscale="log", yscale="log", xlabel=across, ylabel=up)
-    for panel in axes[:2]:
-        floor = report["reference"]["error_estimate_rad"]
-        panel.axhline(floor, color=style.FAINT, lw=0.8, ls=":")
-        panel.annotate(
-            "error of the reference", (0.02, floor), (0, 2), ("axes fraction", "data"), "offset points", fontsize=7
-        )
-    _slopes(axes[1], rows)
-    handles, names = axes[1].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=5, fontsize=8)
-    return save_titled(
-        figure, f"{report['scene']}: accuracy against time, first {report['reference']['horizon_s']:.3g} s", path
-    )
-
-
-def _series(axes: Axes, rows: list[dict[str, Any]], x: str, y: str, label: str, index: int) -> None:
-    rows = sorted((r for r in rows if (r[y] or 0) > 0), key=lambda r: r["dt"])
-    if rows:
-        axes.plot([r[x] for r in rows], [r[y] for r in rows], label=label, lw=1.0, **marks(index))
-
-
-def _slopes(axes: Axes, rows: list[dict[str, Any]]) -> None:
-    """Lines of order 1, 2 and 4 to compare with."""
-    dts = np.array(sorted({row["dt"] for row in rows}))
-    if len(dts) < 2:
-        return
-    for order, top in ((1, 0.5), (2, 2.0), (4, 0.3)):
-        line = top * (dts / dts[-1]) ** order
-        axes.plot(dts, line, color=style.FAINT, lw=0.8, zorder=0)
-        axes.annotate(
-            f"order {order}", (dts[0], line[0]), (3, -8), "data", "offset points", fontsize=7, color=style.FAINT
-        )
-
-
-@style.plot_style()
-def convergence(report: dict[str, Any], path: str | Path) -> Path:
-    """RMS difference of each link's angles between a step and its half (thesis Fig. 5.4, C.1, C.2)."""
-    found = report["convergence"]
-    kinds = ["polar"] + (["azimuth"] if any(f["azimuth"] is not None for f in found) else [])
-    figure = style.new_figure(4.2 * len(found) + 0.6, 3.4 * len(kinds) + 0.9)
-    grid = figure.subplots(len(kinds), len(found), squeeze=False, sharex=True, sharey=True)
-    for row, kind in zip(grid, kinds, strict=True):
-        for axes, scheme in zip(row, found, strict=True):
-            _links(axes, scheme, kind, report.get("links", ()))
-        row[0].set_ylabel(f"RMS difference of {kind} angle [rad]")
-    for axes in grid[-1]:
-        axes.set_xlabel("step [s]")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-    handles, names = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=7, fontsize=8)
-    return save_titled(figure, f"{report['scene']}: each step against its half", path)
-
-
-def _links(axes: Axes, scheme: dict[str, Any], kind: str, numbers: Sequence[int]) -> None:
-    values = scheme[kind]
-    axes.set_title(scheme["label"], loc="left")
-    axes.set(xscale="log", yscale="log")
-    if values is None:
-        return
-    for link in range(np.shape(values)[1]):
-        label = f"link {numbers[link] if numbers else link + 1}"
-        axes.plot(scheme["dts"], np.asarray(values)[:, link], label=label, lw=1.0, **marks(link))
-    for dt, status in zip(scheme["dts"], scheme["status"], strict=True):
-        if status != "ok":
-            axes.axvline(dt, color=style.ALERT, lw=0.8, ls=":")
-            axes.annotate(status, (dt, 0.02), (2, 0), ("data", "axes fraction"), "offset points", rotation=90,
-                          fontsize=7, color=style.ALERT)  # fmt: skip
-
-
-@style.plot_style()
-def damping(report: dict[str, Any], path: str | Path) -> Path:
-    """Equivalent linear damping of each scheme against the step, with what the thesis fitted; failures at the top."""
-    found = report["numerical_damping"]
-    figure = style.new_figure(8.0, 5.2)
-    axes = figure.subplots()
-    labels = list(dict.fromkeys(row["label"] for row in found["rows"]))
-    for i, label in enumerate(labels):
-        _damping_series(axes, [r for r in found["rows"] if r["label"] == label], label, i, len(labels))
-    axes.axhline(found["thesis_b_l"], color=style.DARK, lw=0.9, ls=":")
-    axes.axvline(0.0065, color=style.DARK, lw=0.9, ls=":")
-    axes.annotate(
-        "b_l the thesis fitted, at its step", (0.0066, found["thesis_b_l"]), (2, 3), "data", "offset points", fontsize=8
-    )
-    axes.set(xscale="log", xlabel="step [s]", ylabel="equivalent linear damping [kg/s]")
-    axes.set_yscale("symlog", linthresh=1e-6)
-    axes.set_ylim(-1e-2, 1.0)
-    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    return save_titled(figure, f"{found['scene']}: numerical damping (below 0: gains; crosses: fails)", path)
-
-
-def _damping_series(axes: Axes, rows: list[dict[str, Any]], label: str, index: int, count: int) -> None:
-    good = [r for r in rows if r["status"] == "ok"]
-    bad = [r for r in rows if r["status"] != "ok"]
-    look = marks(index)
-    axes.plot([r["dt"] for r in good], [r["equivalent_linear_damping"] for r in good], label=label, lw=1.0, **look)
-    height = 0.35 * 1.12 ** (index - count / 2)  # a row of crosses per scheme, so that they do not overlap
-    axes.plot([r["dt"] for r in bad], [height] * len(bad), ls="", marker="x", ms=5, color=look["color"])
-
-
-@style.plot_style()
 def costs(report: dict[str, Any], path: str | Path) -> Path:
     """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
     rows = report["rows"]
@@ -306,7 +187,8 @@ def costs(report: dict[str, Any], path: str | Path) -> Path:
         axes.bar_label(axes.barh(names, values, color=colours), [f"{v:.4g}" for v in values], fontsize=8, padding=2)
         axes.set_xlim(0, 1.25 * max([*values, 1e-9]))
         axes.set_xlabel(label)
-        axes.invert_yaxis() if key == "us_per_step" else None
+        if key == "us_per_step":
+            axes.invert_yaxis()
         axes.grid(axis="y", visible=False)
     return save_titled(
         figure, f"{report['scene']}: what each effect costs ({report['integrator']}, {report['solver']})", path

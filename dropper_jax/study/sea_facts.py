@@ -14,7 +14,7 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
-from dropper_jax.run.growth import fixed_point_loads
+from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.scene import line_slices, utilisations
 from dropper_jax.sea import Sea
@@ -82,7 +82,9 @@ def _steady(wave: SteadyWave) -> dict[str, Any]:
 
 
 def _linear(waves: Waves, depth: float) -> dict[str, Any]:
-    a, k, omega = (float(x[0]) for x in (waves.amplitude, waves.wave_number, waves.omega))
+    a = float(waves.amplitude[0])
+    k = float(waves.wave_number[0])
+    omega = float(waves.omega[0])
     return {
         "kind": "regular",
         "theory": "linear",
@@ -165,10 +167,13 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
         held = fixed_point_loads(scene, pose.positions, pose.tension, float(t))
         used = utilisations(scene.anchors, {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()})
         way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
+        level_m = 0.0
+        if model.sea.level is not None:
+            level_m = float(model.sea.level.at(jnp.asarray(t)))
         rows.append(
             {
                 "t_s": float(t),
-                "level_m": 0.0 if model.sea.level is None else float(model.sea.level.at(jnp.asarray(t))),
+                "level_m": level_m,
                 "speed_m_per_s": _speed(model.sea, float(t)),
                 "status": pose.status,
                 "displacement_m": float(way.max()),
@@ -190,6 +195,10 @@ def _speed(sea: Any, t: float) -> float:
 
 #: Fraction of a run, at its end, for the evaluation of the response.
 TAKEN = 1.0 / 3.0
+
+
+#: Increase of the wave height for the additional curve.
+HIGHER_WAVES = 1.1
 
 
 def responses(
@@ -217,15 +226,16 @@ def responses(
         raise SceneError(
             f"run.duration: {scene.run.duration:g} s is too short for these periods; allowed: >= {least:g} s"
         )
-    key = "amplitude" if waves.amplitude is not None else "height"
+    key = "height"
+    if waves.amplitude is not None:
+        key = "amplitude"
     found = []
     for i, period in enumerate(periods):
         progress(i / len(periods), f"period {period:g} s")
         values = {"sea.waves.period": float(period)}
         row = _response(simulate(scene.with_values(values)), float(period))
         if more:
-            # increase of the wave height for the additional curve
-            higher = {**values, f"sea.waves.{key}": 1.1 * float(np.max(getattr(waves, key)))}
+            higher = {**values, f"sea.waves.{key}": HIGHER_WAVES * float(np.max(getattr(waves, key)))}
             other = _response(simulate(scene.with_values(higher)), float(period))
             row["amplitude_10_percent_more"] = other["amplitude_rad"] / row["amplitude_rad"] - 1.0
         found.append({"period_s": float(period), **row})

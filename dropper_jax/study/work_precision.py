@@ -131,12 +131,17 @@ def _scheme_rows(
             # the first row compiles
             wall = pick(walls(again, before=seconds if compiled else 0.0))
         compiled = True
+        us_per_step = None
+        wall_s_per_simulated_s = None
+        if wall:
+            us_per_step = 1e6 * wall / steps
+            wall_s_per_simulated_s = wall / target.horizon
         yield {
             **_row_labels(scheme, stepper),
             "dt": target.grid / every,
             **(row_errors(model, s, run, stepper, target) if status == "ok" else NOTHING),
-            "us_per_step": 1e6 * wall / steps if wall else None,
-            "wall_s_per_simulated_s": wall / target.horizon if wall else None,
+            "us_per_step": us_per_step,
+            "wall_s_per_simulated_s": wall_s_per_simulated_s,
             "operations_per_simulated_s": per_step * steps / target.horizon,
             "status": status,
             "retried_steps": int(run.retried[-1]),
@@ -171,6 +176,11 @@ def _row_of_accuracy(
     ok = status == "ok"
     wall = pick(walls(again)) if ok else None
     tries = int(found.taken + found.refused)
+    us_per_step = None
+    wall_s_per_simulated_s = None
+    if ok:
+        us_per_step = 1e6 * wall / tries
+        wall_s_per_simulated_s = wall / target.horizon
     return {
         **_row_labels(scheme, stepper),
         "label": f"{scheme.label}, accuracy",
@@ -179,8 +189,8 @@ def _row_of_accuracy(
         "refused_steps": int(found.refused),
         **(row_errors(model, s, found.run, stepper, target) if ok else NOTHING),
         "rms_tension_error_n": None,  # means between saved times
-        "us_per_step": 1e6 * wall / tries if ok else None,
-        "wall_s_per_simulated_s": wall / target.horizon if ok else None,
+        "us_per_step": us_per_step,
+        "wall_s_per_simulated_s": wall_s_per_simulated_s,
         "operations_per_simulated_s": per_step * tries / target.horizon,
         "status": status,
         "retried_steps": 0,
@@ -204,28 +214,33 @@ def _walls(run: Callable[[], Any], repeats: int, before: float = 0.0) -> list[fl
     return times
 
 
+#: Minimum ratio of a measured error to that of the reference.
+RESOLVED = 100.0
+
+
 def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: Reference) -> dict[str, Any]:
     """Errors of a run on the reference's grid, its energy drift and the damping equivalent to this drift."""
     links = link_vectors(model, run.r, target.t)
     angle = rms_angle(links, target.links)
     loss = energy_loss(model, s, run, target.t)
     path = float(run.path[-1])
-    # minimum ratio of a measured error to that of the reference
+    equivalent_linear_damping = 0.0
+    if path > 0:
+        equivalent_linear_damping = float(loss[-1]) / path
     return {
         "rms_angle_error_rad": angle,
         "rms_position_error_m": rms_position(run.r, target.r),
         "rms_tension_error_n": rms(_tension_errors(run, stepper, target.tension)),
         "energy_drift_j": float(np.max(np.abs(loss))),
-        "equivalent_linear_damping": float(loss[-1]) / path if path > 0 else 0.0,
-        "resolved": bool(100.0 * target.error <= angle < math.inf),
+        "equivalent_linear_damping": equivalent_linear_damping,
+        "resolved": bool(RESOLVED * target.error <= angle < math.inf),
     }
 
 
 def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarray:
     """Energy balance error since the start (k,) [J]: energies of the raw velocities minus all counted work."""
-
-    wide = lambda x: np.asarray(x, model.dtype)  # noqa: E731
-    energies = np.asarray(_energies(model, wide(run.r), wide(run.v), wide(t)))
+    dtype = model.dtype
+    energies = np.asarray(_energies(model, np.asarray(run.r, dtype), np.asarray(run.v, dtype), np.asarray(t, dtype)))
     start = float(_energies(model, s.r[None], s.v[None], s.t[None])[0])
     with np.errstate(invalid="ignore", over="ignore"):
         return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
@@ -260,12 +275,14 @@ def orders(rows: list[dict[str, Any]]) -> dict[str, float]:
     found = {}
     for label in dict.fromkeys(row["label"] for row in rows):
         # mean steps that follow an accuracy have no order
-        good = [
-            r for r in rows if r["label"] == label and r["status"] == "ok" and r["resolved"] and "accuracy" not in r
-        ]
+        good = []
+        for r in rows:
+            if r["label"] == label and r["status"] == "ok" and r["resolved"] and "accuracy" not in r:
+                good.append(r)
         good = sorted((r for r in good if r["rms_angle_error_rad"] < 0.1), key=lambda r: r["dt"])[:3]
         if len(good) >= 2:
-            x, y = (np.log([r[key] for r in good]) for key in ("dt", "rms_angle_error_rad"))
+            x = np.log([r["dt"] for r in good])
+            y = np.log([r["rms_angle_error_rad"] for r in good])
             found[label] = float(np.polyfit(x, y, 1)[0])
     # errors that do not fall with the step are those of rounding, which have no order
     return {label: order for label, order in found.items() if order > 0.5}

@@ -28,14 +28,16 @@ from fitting.calibration.candidate import Candidate, holm
 from fitting.calibration.law_fits import OF_JOINTS, PARTS
 from fitting.calibration.preparation import Prepared
 from fitting.calibration.result import FitResult
-from fitting.estimate.normal_equations import prior_of, solve_spd
+from fitting.estimate.factors import solve_spd
+from fitting.estimate.normal_equations import prior_of
 from fitting.estimate.release import TIME, Release
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.of_scene import rig_priors
-from fitting.parameters.parameter import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace, Parameter, resolve
+from fitting.parameters.parameter import Parameter, resolve
+from fitting.parameters.rig_priors import rig_priors
+from fitting.parameters.targets import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
 
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
 #: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
@@ -51,7 +53,9 @@ SLACK = 2
 
 def candidates(model: Model, release: Release | None) -> list[tuple[str, list[str], list[Parameter]]]:
     """Names of the candidates, the paths that free them, and the numbers at these paths, which the scene has."""
-    several = range(model.line.links) if model.line.links > 1 else ()
+    several = ()
+    if model.line.links > 1:
+        several = range(model.line.links)
     named = [
         ("lengths of links", ["line.0.length"]),
         ("position of the second end", _second_end(model)),
@@ -195,6 +199,10 @@ class ScoreChange(NamedTuple):
     p: float
 
 
+#: Fraction of a candidate's information that must remain once the free parameters are accounted for.
+LEAST_INFORMATION = 1e-7
+
+
 def score_change(
     S: np.ndarray, g: np.ndarray, data: np.ndarray, free: np.ndarray, mine: np.ndarray
 ) -> ScoreChange | None:
@@ -210,8 +218,7 @@ def score_change(
         A = A - S[np.ix_(mine, free)] @ inner[:, :-1]
         u = u - S[np.ix_(mine, free)] @ inner[:, -1]
     scale = 1 / np.sqrt(np.diag(S)[mine])
-    # fraction of a candidate's information that must remain once the free parameters are accounted for
-    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < 1e-7:
+    if np.linalg.eigvalsh(A * np.outer(scale, scale))[0] < LEAST_INFORMATION:
         return None
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)

@@ -16,6 +16,10 @@ WORTH = 6.0
 OR = " or "
 
 
+#: Probability, over all candidates, below which a candidate is reported.
+UNLIKELY = 0.01
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A possible cause of systematic error; has no changes if the traces cannot distinguish it from free parameters.
@@ -48,8 +52,7 @@ class Candidate:
     @property
     def worth_naming(self) -> bool:
         """Whether the candidate is worth reporting."""
-        # probability, over all candidates, below which a candidate is reported
-        return self.gain > WORTH and self.p < 0.01
+        return self.gain > WORTH and self.p < UNLIKELY
 
     @property
     def identifiable(self) -> bool:
@@ -77,7 +80,10 @@ def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Para
     """
     freed = {name for candidate in names for name in candidate.name.split(OR)[:1]}
     moves = [move for candidate in names for name, move in candidate.doubt.items() if name not in freed]
-    return tuple(np.array([move.get(p.name, 0.0) for p in parameters]) for move in moves)
+    found = []
+    for move in moves:
+        found.append(np.array([move.get(p.name, 0.0) for p in parameters]))
+    return tuple(found)
 
 
 def holm(probabilities: Sequence[float]) -> list[float]:

@@ -44,9 +44,9 @@ from fitting.calibration.law_fits import (
     least_loss,
 )
 from fitting.calibration.preparation import Prepared
+from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import continue_windows
 from fitting.estimate.noise import lag_one
-from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.residual_noise import fit_with_noise
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
@@ -168,10 +168,13 @@ def compare_laws(
     scores = [score(one, folds) for one in found.values()]
     per_unit = {dry: unit_work(prepared, one.simulator, one.owner) for dry, one in families.items()}
     open_parts = lambda law, one, dry: unseen(one, families[dry].owner, per_unit[dry])  # noqa: E731
-    rows = [
-        replace(row, equals=_equals(row.name, same, laws), unseen=open_parts(row.name, one, "dry" in LADDER[row.name]))
-        for row, one in zip(_rows(prepared, families, found, costs, scores), found.values(), strict=True)
-    ]
+    rows = []
+    for row, one in zip(_rows(prepared, families, found, costs, scores), found.values(), strict=True):
+        rows.append(
+            replace(
+                row, equals=_equals(row.name, same, laws), unseen=open_parts(row.name, one, "dry" in LADDER[row.name])
+            )
+        )
     scores = [replace(one, log_score=one.log_score / memory) for one in scores]
     rows = _with_errors(decide(rows, scores), scores)
     left = {row.name: found[row.name] for row in rows if row.possible}
@@ -286,7 +289,9 @@ def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:
     """Parts of one coefficient that act like another, which replaces them; a part that the fit already has stays."""
     names = [p.name for p in first.problem.parameters]
-    owner = [next((part for part, path in PARTS.items() if name.startswith(path)), None) for name in names]
+    owner = []
+    for name in names:
+        owner.append(next((part for part, path in PARTS.items() if name.startswith(path)), None))
     wanted = {part for law in laws for part in LADDER[law] if owner.count(part) == 1}
     asked = {part for part in wanted if any(p.name.startswith(PARTS[part]) for p in prepared.parameters)}
     columns = first.evaluation.jacobian[..., first.problem.freedoms :].reshape(-1, len(owner))
@@ -318,13 +323,16 @@ def remaining_decrease(solution: Solution) -> float:
     return 0.0
 
 
+#: Maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all.
+LARGEST_CORRELATION = 0.999
+
+
 def with_bic(rows: list[Law], residuals: list[np.ndarray], windows: Windows) -> list[Law]:
     """The laws with their BIC, all by the effective number of samples of the law with the smallest chi-square."""
     chi2 = np.array([np.sum(r**2) for r in residuals])
     samples = windows.samples
     rho = lag_one(residuals[int(np.argmin(chi2))], windows.weight > 0)[0]
-    # maximum correlation of neighbours that is used [-]: above it a trace would count as almost no sample at all
-    rho = np.clip(rho, 0.0, 0.999)
+    rho = np.clip(rho, 0.0, LARGEST_CORRELATION)
     effective = samples * (1 - rho) / (1 + rho)
     scores = effective * np.log(chi2 / samples) + np.array([row.free for row in rows]) * np.log(effective)
     return [replace(row, bic=float(score)) for row, score in zip(rows, scores, strict=True)]

@@ -21,9 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from fitting.estimate.blocks import scores
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.residuals import Solution
-from fitting.estimate.uncertainty import scores
 
 #: Maximum number of blocks, minimum number of windows per block, windows dropped on either side of it.
 BLOCKS = 5
@@ -105,7 +105,9 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     m2 = solution.problem.freedoms
     free = np.flatnonzero(~solution.problem.held_mask)
     prior = solution.problem.prior(solution.values)
-    low, high = (b - solution.values for b in solution.problem.bounds(solution.values))
+    lowest, highest = solution.problem.bounds(solution.values)
+    low = lowest - solution.values
+    high = highest - solution.values
     columns = np.concatenate([np.arange(m2), m2 + free])
     jacobian = e.jacobian[..., columns]
     along = scores(e, solution)[..., free]
@@ -141,13 +143,16 @@ def score_window(
     precision[m2:, m2:] += S
     size = 1 / np.sqrt(np.maximum(np.diag(precision), 1e-300))
     W = jacobian[late]
-    before, after = (
-        cho_factor(each * np.outer(size, size) + 1e-12 * np.eye(len(size)), lower=True)
-        for each in (precision, precision + W.T @ W)
-    )
+    before = _scaled_factor(precision, size)
+    after = _scaled_factor(precision + W.T @ W, size)
     left = moved[late] - W @ (cho_solve(before, (A.T @ r) * size) * size)
     slope = (W.T @ left) * size
     square = left @ left - slope @ cho_solve(after, slope)
     volume = 2 * float(np.sum(np.log(np.diag(after[0])) - np.log(np.diag(before[0]))))
     errors = left / weight[late]
     return -0.5 * (square + volume), float(errors @ errors), int(late.sum())
+
+
+def _scaled_factor(precision: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Cholesky factor of a precision with rows and columns scaled by `size`."""
+    return cho_factor(precision * np.outer(size, size) + 1e-12 * np.eye(len(size)), lower=True)

@@ -41,15 +41,13 @@ from dropper_jax.model.slots import Potential
 from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law_fits import LADDER, Law, contains
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.normal_equations import solve_spd
+from fitting.estimate.factors import solve_spd
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
-from fitting.parameters.of_scene import DAMPING
+from fitting.parameters.names import DAMPING
 from fitting.parameters.parameter import apply
 from fitting.traces import planar
-from fitting.traces.trace import smooth_stretch
-
-# Dissipation of a measured motion by damping, without any simulation
+from fitting.traces.noise import smooth_stretch
 
 
 def dissipation(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
@@ -58,7 +56,9 @@ def dissipation(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
     taken = jnp.zeros(())
     for effect in model.without_slot(Potential).effects:
-        force = effect.force(k) if effect.name in DAMPING else None
+        force = None
+        if effect.name in DAMPING:
+            force = effect.force(k)
         if force is not None:
             taken = taken - jnp.sum(force * k.v)
         if isinstance(effect, JointFriction) and effect.dry is not None:
@@ -70,6 +70,10 @@ def dissipation(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
 #: Fraction of the lost energy that must be detectable for a part, and normal quantile of its upper limit.
 SHARE = 0.1
 LIMIT = float(ndtri(0.95))
+
+
+#: Half width of the smoother of the measured motion, as a fraction of the shortest link's period.
+SMOOTHER = 0.06
 
 
 def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | None]) -> np.ndarray:
@@ -88,8 +92,7 @@ def unit_work(prepared: Prepared, simulator: Simulator, owner: Sequence[str | No
         if not mine.any():
             continue
         span = float(prepared.windows.begin[mine].min()), float(prepared.windows.ends[mine].max())
-        # half width of the smoother of the measured motion, as a fraction of the shortest link's period
-        motion = smooth_stretch(trace, span, 0.06 * prepared.period)
+        motion = smooth_stretch(trace, span, SMOOTHER * prepared.period)
         if motion is None:
             continue
         t, theta, omega = motion
@@ -110,7 +113,9 @@ def unseen(law: Solution, owner: Sequence[str | None], per_unit: np.ndarray) -> 
     covariance = solve_spd(information, np.eye(len(free)))
     centre = law.values[free] - covariance @ law.gradient[free] / memory
     lost = float(per_unit @ law.values)
-    work = {owner[i]: np.where([owner[j] == owner[i] for j in free], per_unit[free], 0.0) for i in free}
+    work = {}
+    for i in free:
+        work[owner[i]] = np.where([owner[j] == owner[i] for j in free], per_unit[free], 0.0)
     highest = {part: float(w @ centre) + LIMIT * np.sqrt(w @ covariance @ w) for part, w in work.items()}
     return tuple(part for part, most in highest.items() if part is not None and most >= SHARE * lost)
 
@@ -211,7 +216,9 @@ def _by_prediction(rows: list[Law], reasons: list[str], logs: np.ndarray, alive:
     for i, j in product(alive, alive):
         if not reasons[i] and not reasons[j] and i != j and rows[i].coefficients >= rows[j].coefficients:
             apart = logs[j] - logs[i]
-            error = np.sqrt(len(apart)) * np.std(apart) if len(apart) else 0.0
+            error = 0.0
+            if len(apart):
+                error = np.sqrt(len(apart)) * np.std(apart)
             predicts = apart.sum() > max(STANDARD_ERRORS * error, WORSE)
             likelier = rows[i].cost - rows[j].cost > WORSE and apart.sum() > 0
             if not contains(rows[i].name, rows[j].name) and (predicts or likelier):

@@ -21,7 +21,8 @@ import numpy as np
 from dropper_jax.base.errors import Progress, silent
 from fitting.calibration.advice import score_candidates, wide
 from fitting.calibration.candidate import OR, WORTH, Candidate
-from fitting.calibration.kicks import SEVERAL, Fit, alone, far_off, lost_frames, starts_from_previous_windows
+from fitting.calibration.kicks import Fit
+from fitting.calibration.lost_frames import SEVERAL, alone, far_off, lost_frames, starts_from_previous_windows
 from fitting.calibration.preparation import Prepared, at_frames
 from fitting.calibration.trials import free_groups, is_model_wrong
 from fitting.estimate.least_squares import fit_windows
@@ -30,7 +31,8 @@ from fitting.estimate.noise import log_volume
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import pick
-from fitting.parameters.parameter import LOST, resolve
+from fitting.parameters.parameter import resolve
+from fitting.parameters.targets import LOST
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.
 MOST_FREED = 6
@@ -83,6 +85,11 @@ def with_freed(
     return replace(prepared.with_parameters([*prepared.parameters, *more], begin, simulator), starts=starts)
 
 
+#: One candidate may explain the poses at rest at the expense of the motion, so that no second one converges with it.
+#: Correlated noise leaves a chi-square of up to 10.
+REST_CHI_SQUARE = 20.0
+
+
 def free_by_advice(
     prepared: Prepared,
     fit: Fit,
@@ -118,9 +125,7 @@ def free_by_advice(
             break
         _choose(at, fit, simulator, tries, refused)
         _outliers(at, fit)
-    # one candidate may explain the poses at rest at the expense of the motion, so that no second one converges with it.
-    # Correlated noise leaves a chi-square of up to 10
-    if not wrong and is_model_wrong(at.prepared, at.solution, 20.0):
+    if not wrong and is_model_wrong(at.prepared, at.solution, REST_CHI_SQUARE):
         simulator = _groups(begin, fit, simulator, method, progress)
         if len(begin.names) > first:
             at = begin
@@ -131,12 +136,15 @@ def free_by_advice(
     return _continue_with(at, fit, simulator, method, refused, progress)
 
 
+#: Fraction of the best candidate's gain that another one must promise to be tried as well.
+WORTH_TRYING = 0.3
+
+
 def promising(found: Sequence[Candidate], refused: Collection[str] = ()) -> list[Candidate]:
     """The candidates to try next, the best first: those that promise more than their parameters cost."""
     named = [c for c in found if c.worth_naming and c.worth > 0 and c.name not in refused]
     best = max((c.worth for c in named), default=0.0)
-    # fraction of the best candidate's gain that another one must promise to be tried as well
-    return [c for c in named if c.worth > 0.3 * best][:TRIED]
+    return [c for c in named if c.worth > WORTH_TRYING * best][:TRIED]
 
 
 def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) -> bool:
@@ -155,11 +163,14 @@ def _one_fault(at: Freed, fit: Fit, simulator: Simulator, progress: Progress) ->
     return True
 
 
+#: A wrong candidate creeps: on the measured double pendulum a whole fit took 40 evaluations and explained nothing.
+SHORT_FIT = 6
+
+
 def _explains(at: Freed, candidate: Candidate, simulator: Simulator) -> bool:
     """Whether a short fit with one candidate free leaves no misfit far above the noise."""
     prepared = with_freed(at.prepared, candidate.free, at.solution, simulator)
-    # a wrong candidate creeps: on the measured double pendulum a whole fit took 40 evaluations and explained nothing
-    short = fit_windows(prepared.problem(at.loss), prepared.values, prepared.starts, iterations=6)
+    short = fit_windows(prepared.problem(at.loss), prepared.values, prepared.starts, iterations=SHORT_FIT)
     return not is_model_wrong(prepared, short)
 
 
@@ -226,11 +237,10 @@ def _continue_with(
             continue
         near = [c for c in at.found if c.worth_naming and (c.name in best.alike or 0 <= best.worth - c.worth < MARGIN)]
         back = _back(prepared, solution, list(best.changes))
-        doubt = {
-            c.name: {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
-            for c in near
-            if c is not best
-        }
+        doubt = {}
+        for c in near:
+            if c is not best:
+                doubt[c.name] = {p: c.moves.get(p, 0.0) - move for p, move in best.moves.items()} | back
         best = replace(best, doubt=doubt)
         at = replace(at, prepared=prepared, solution=solution, names=[*at.names, best])
     return at

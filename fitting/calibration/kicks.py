@@ -1,19 +1,10 @@
-"""Kicks, contacts, out-of-plane motion and faults of single frames: detected, reported with their time and left out.
+"""Kicks, contacts and out-of-plane motion: detected, reported with their time and left out.
 
 A sudden disturbance leaves windows that no start value explains, while earlier windows fit as well as before. A kick in
 the plane affects one window; motion out of the plane affects all that follow. The windows are found by least-trimmed
 squares (Rousseeuw 1984): parameters are fitted to the windows that fit best, then all starts to these parameters, until
 the selection no longer changes. Windows that are bad from the first one of a run on are a misfit of another kind. This
 check runs before lost windows are split, because shorter windows can follow any motion.
-
-Faults of single frames: isolated outliers, and frames that are missing without being marked.
-
-Missing frames make the traces jump along the flow: a fitted window, continued through the next one, meets its samples
-again that many frames later. The frame f and the number of lost frames k are those that maximise
-
-    sum_{i >= f} rho(r_i) - rho(r_i,k),      r_i,k = (theta(t_i + k dt) - measured_i)/sigma
-
-by which the samples after f fit better (rho is bounded, so that no single sample decides).
 """
 
 from __future__ import annotations
@@ -25,159 +16,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from fitting.calibration.candidate import Candidate
+from fitting.calibration.lost_frames import starts_from_previous_windows
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.least_squares import fit_starts
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.residuals import Solution
 from fitting.estimate.windows import Starts, Windows, pick, with_rows
 from fitting.traces.planar import wrap
-
-#: Numbers of lost frames that are tested; negative numbers are duplicate frames.
-LAGS = tuple(k for k in range(-20, 61) if k)
-#: Number of frames after a jump that are needed to identify it.
-AFTER = 6
-#: Bound of rho, and gain per unit of the remaining misfit above which a jump is tried.
-BOUND = 50.0
-SHOWN = 40.0
-#: Ratio of a window's mean square to the median above which a first fit omits it, and the maximum number of omissions.
-FAR = 4.0
-FEW = 1 / 3
-#: Deviations of a sample from the mean of its neighbours above which it is an outlier, and the number of outliers above
-#: which they are a kind of noise.
-ALONE = 6.0
-SEVERAL = 3
-
-
-class Lost(NamedTuple):
-    """This number of frames is missing before a frame of a run."""
-
-    run: int
-    frame: int
-    frames: int
-
-
-def alone(solution: Solution) -> int:
-    """Number of samples that deviate from the residuals on both sides of them: no smooth misfit does that."""
-    windows = solution.windows
-    # frames that are late move fast links by many times the noise, which the whitened residuals allow for
-    if windows.jitter is None:
-        residual = solution.errors * windows.weight
-    else:
-        residual = solution.evaluation.residual
-    known = windows.weight > 0
-    inner = known[:, 1:-1] & known[:, :-2] & known[:, 2:]
-    off = np.abs(residual[:, 1:-1] - 0.5 * (residual[:, :-2] + residual[:, 2:]))
-    usual = np.ma.median(np.ma.array(off, mask=~inner), axis=(0, 1)) / 0.6745
-    out = inner & (off > ALONE * np.maximum(np.ma.filled(usual, np.inf), 1e-300))
-    # a neighbour of an outlier deviates half as much
-    return int((out & ~np.pad(out, ((0, 0), (1, 0), (0, 0)))[:, :-1]).sum())
-
-
-def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
-    """The jump that explains most, by windows simulated on through the next ones; None if there is no jump.
-
-    Windows left out of the solution start at the end of the previous ones: their own samples contain the jump.
-    """
-    # with the noise claimed by the traces: the residuals of a jump would count as noise
-    windows = replace(prepared.windows, substeps=solution.windows.substeps)
-    fitted = (solution.windows.weight > 0).any(axis=(1, 2))
-    right = np.flatnonzero(windows.follows)
-    if not len(right):
-        return None
-    both = _extend_windows(windows, right)
-    starts = pick(starts_from_previous_windows(solution, ~fitted), right - 1)
-    found = solution.problem.simulator(solution.values, starts, both).theta
-    if not np.isfinite(found).all():
-        return None
-    best = SHOWN
-    where = None
-    half = (windows.weight > 0).any(axis=2).sum(axis=1) // 2  # none of windows that were not fitted
-    for pair, times in enumerate(both.times()):
-        slots = np.flatnonzero(np.r_[True, np.diff(times) > 0])
-        slots = slots[np.argsort(times[slots])]
-        left = right[pair] - 1
-        measured = both.theta[pair, slots], both.weight[pair, slots]
-        gain, at, lag = best_jump(found[pair, slots], *measured, half[left] * fitted[left])
-        if gain > best:
-            run = int(both.run[pair])
-            frame = int(np.argmin(np.abs(prepared.traces[run].t - times[slots[at]])))
-            best = gain
-            where = Lost(run, frame, lag)
-    return where
-
-
-def starts_from_previous_windows(solution: Solution, which: np.ndarray) -> Starts:
-    """Starts of all windows; for some (K,) bool the end of the previous window."""
-    ends = solution.evaluation.end
-    n = ends.shape[1] // 2
-    # one after another: if two in a row are left out, the second has no predecessor to start from
-    after = np.flatnonzero(which & solution.windows.follows)
-    after = after[~which[after - 1]]
-    return with_rows(solution.starts, after, Starts(ends[after - 1, :n], ends[after - 1, n:]))
-
-
-def far_off(solution: Solution) -> np.ndarray:
-    """Windows (K,) whose residuals are far larger than those of most; none if there are many."""
-    known = solution.windows.weight > 0
-    size = np.sum(np.where(known, solution.errors, 0.0) ** 2, axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
-    off = size > FAR * np.median(size)
-    return off & (off.mean() <= FEW)
-
-
-def _extend_windows(windows: Windows, right: np.ndarray) -> Windows:
-    """Windows continued through the next ones, `right` being the first of these, up to twice the longest window."""
-    rows: list[slice] = []
-    longest = 2 * windows.steps
-    for first in right - 1:
-        stop = first + 2  # at least the next one, then as long as windows follow and fit
-        while stop < windows.count and windows.follows[stop] and windows.step_counts[first : stop + 1].sum() <= longest:
-            stop += 1
-        rows.append(slice(first, stop))
-    real = (windows.index + windows.fraction > 0) | (np.arange(windows.theta.shape[1]) == 0)
-    most = max(int(real[row].sum()) for row in rows)
-    offset = np.cumsum(windows.step_counts) - windows.step_counts
-    whole = replace(windows, index=windows.index + offset[:, None])
-    fields = ("theta", "weight", "index", "fraction")
-    parts = {field: np.zeros((len(rows), most, *getattr(windows, field).shape[2:])) for field in fields}
-    for field, part in parts.items():
-        for i, row in enumerate(rows):
-            samples = getattr(whole, field)[row][real[row]]
-            part[i, : len(samples)] = samples
-    parts["index"] = np.maximum(parts["index"] - offset[right - 1, None], 0).astype(windows.index.dtype)
-    return replace(
-        windows,
-        **{name: getattr(windows, name)[right - 1] for name in ("begin", "run", "released")},
-        **parts,
-        follows=np.zeros(len(right), bool),
-        steps=longest,
-        step_counts=np.array([windows.step_counts[row].sum() for row in rows]),
-        decay=None,
-        jitter=None,
-    )
-
-
-def best_jump(angle: np.ndarray, measured: np.ndarray, weight: np.ndarray, first: int) -> tuple[float, int, int]:
-    """Gain, first frame and lost frames of the best jump from slot `first` on; angles (S, n)."""
-    rho = lambda r: np.minimum(0.5 * r**2, BOUND).sum(axis=1)  # noqa: E731
-    after = lambda x: np.cumsum(x[::-1])[::-1]  # noqa: E731
-    plain = rho(wrap(angle - measured) * weight)
-    count = len(angle)
-    best = (0.0, 0, 0)
-    known = (weight > 0).sum(axis=1)
-    for lag in LAGS:
-        low = max(0, -lag)
-        high = min(count, count - lag)
-        if high - max(low, first) < AFTER:
-            continue
-        later = rho(wrap(angle[low + lag : high + lag] - measured[low:high]) * weight[low:high])
-        left = after(later) / np.maximum(after(known[low:high]), 1)
-        gain = after(plain[low:high] - later) / np.maximum(2 * left, 1.0)
-        begin = max(first - low, 0)
-        at = begin + int(np.argmax(gain[begin : high - low - AFTER + 1]))
-        if gain[at] > best[0]:
-            best = float(gain[at]), low + at, lag
-    return best
-
 
 #: Fraction of the windows that a search starts with and must leave, its rounds, and maximum evaluations of starts.
 TRUSTED = 1 / 3
@@ -339,6 +184,10 @@ def _only_starts(solution: Solution, windows: Windows, starts: Starts) -> Soluti
     return replace(solution, problem=problem, starts=starts, evaluation=evaluation)
 
 
+#: Halvings of the window that locate the time of the kick: to 1 % of the window.
+HALVINGS = 6
+
+
 def _fit_following(
     solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float
 ) -> tuple[np.ndarray, Starts, np.ndarray]:
@@ -348,8 +197,7 @@ def _fit_following(
     elapsed = mine.times() - mine.begin[:, None]
     low = np.zeros(len(which))
     high = mine.lengths
-    # halvings of the window that locate the time of the kick: to 1 % of the window
-    for _ in range(6):
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         early = replace(mine, weight=mine.weight * (elapsed <= middle[:, None])[..., None])
         found = _only_starts(solution, early, starts)

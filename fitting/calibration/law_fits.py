@@ -14,8 +14,8 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
+from fitting.estimate.factors import eliminate_rows
 from fitting.estimate.least_squares import fit_windows
-from fitting.estimate.normal_equations import eliminate_rows
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts

@@ -40,28 +40,17 @@ from dropper_jax.run.build import build
 from fitting.calibration.candidate import holm
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
-from fitting.estimate.normal_equations import (
-    Evaluation,
-    Prior,
-    eliminate_rows,
-    move_along,
-    solve_spd,
-)
+from fitting.estimate.blocks import Pieces, block_of, jackknife, pieces
+from fitting.estimate.factors import eliminate_rows, solve_spd
+from fitting.estimate.normal_equations import Evaluation, Prior, move_along
 from fitting.estimate.residuals import Residuals, Solution
 from fitting.estimate.shooting import SCHEDULE, level_of, loosest_of
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.uncertainty import Pieces, Uncertainty, block_of, jackknife, pieces
+from fitting.estimate.uncertainty import Uncertainty
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.of_scene import free_option
-from fitting.parameters.parameter import (
-    CAMERA,
-    RECORDING,
-    Parameter,
-    given_effect,
-    names_in_scene,
-    resolve,
-    with_effects,
-)
+from fitting.parameters.names import free_option
+from fitting.parameters.parameter import Parameter, given_effect, names_in_scene, resolve, with_effects
+from fitting.parameters.targets import CAMERA, RECORDING
 
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.
 LEVEL = 0.01

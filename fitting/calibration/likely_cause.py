@@ -25,9 +25,11 @@ from fitting.calibration.preparation import Prepared
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.release import TIME
 from fitting.estimate.windows import Span, first_starts
-from fitting.parameters.of_scene import DAMPING_PATHS, free_option
-from fitting.parameters.parameter import NODE, Parameter
-from fitting.traces.trace import Trace, without_spikes
+from fitting.parameters.names import DAMPING_PATHS, free_option
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.targets import NODE
+from fitting.traces.noise import without_spikes
+from fitting.traces.trace import Trace
 
 #: Fraction of chi-square that a right cause may leave, and chi-square per sample of a window that is explained.
 LEAVES = 0.1

@@ -23,12 +23,13 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
+from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import fit_windows
-from fitting.estimate.normal_equations import Evaluation, Step, solve_spd
+from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Problem
 from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
 from fitting.estimate.windows import PER_WINDOW, Windows, pick
-from fitting.parameters.of_scene import full_names
+from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
 
 #: Relative change of a gap weight for a central difference of log|H|: its error is below 1e-4 of a gap.
@@ -127,7 +128,10 @@ def plan(
             for duration in durations:
                 errors, weight = _errors(problem, there.evaluation, prepared.values, duration, gap_weight)
                 by_name = {p.name: float(e) for p, e in zip(problem.parameters, errors, strict=True)}
-                mine = [e for name, e in by_name.items() if any(name == a or name.startswith(f"{a}.") for a in asked)]
+                mine = []
+                for name, e in by_name.items():
+                    if any(name == a or name.startswith(f"{a}.") for a in asked):
+                        mine.append(e)
                 score = float(np.mean(np.log(mine)))
                 found.append(Planned(scene.name, duration, noise, by_name, score, weight))
     progress(1.0, "ok")
@@ -181,15 +185,16 @@ def first(windows: Windows, count: int) -> Windows:
 def rows(found: Sequence[Planned]) -> list[tuple[str, ...]]:
     """The table as text, with a heading."""
     errors = {f"standard error of {name.removeprefix('effects.')}": name for name in found[0].std_error}
-    table = [
-        (
-            row.scene,
-            f"{row.duration:g}",
-            f"{row.noise:g}",
-            *(f"{row.std_error[name]:.3g}" for name in errors.values()),
-            f"{row.gap_weight:.2g}",
-            f"{np.exp(row.score - found[0].score):.2f}",
+    table = []
+    for row in found:
+        table.append(
+            (
+                row.scene,
+                f"{row.duration:g}",
+                f"{row.noise:g}",
+                *(f"{row.std_error[name]:.3g}" for name in errors.values()),
+                f"{row.gap_weight:.2g}",
+                f"{np.exp(row.score - found[0].score):.2f}",
+            )
         )
-        for row in found
-    ]
     return [("release", "duration [s]", "noise [rad]", *errors, "gap weight", "times the best"), *table]

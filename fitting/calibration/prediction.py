@@ -8,6 +8,7 @@ prediction; afterwards its angles carry no information, but its statistics do.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
@@ -16,7 +17,8 @@ import numpy as np
 
 from fitting.calibration.result import FitResult
 from fitting.estimate.simulator import march
-from fitting.parameters.parameter import apply, camera_angles, clock_rate, losses
+from fitting.parameters.observation import camera_angles, clock_rate, losses
+from fitting.parameters.parameter import apply
 from fitting.traces import planar
 
 #: RMS over the links [rad] at which two motions count as diverged.
@@ -47,12 +49,20 @@ class Prediction:
     @property
     def text(self) -> str:
         """For people."""
-        whole = f"all {self.t[-1] - self.begin:.3g} s"
-        after = [f"{at - self.begin:.3g} s" if np.isfinite(at) else whole for at in (self.diverged_at, self.trusted)]
         return (
-            f"one run from the start at {self.begin:.3g} s stays within {PARTED:g} rad of the trace for {after[0]}; "
-            f"a run that starts one standard error away stays with it for {after[1]}"
+            f"one run from the start at {self.begin:.3g} s stays within {PARTED:g} rad of the trace for "
+            f"{self._until(self.diverged_at)}; a run that starts one standard error away stays with it for "
+            f"{self._until(self.trusted)}"
         )
+
+    def _until(self, t: float) -> str:
+        if np.isfinite(t):
+            return f"{t - self.begin:.3g} s"
+        return f"all {self.t[-1] - self.begin:.3g} s"
+
+
+#: Maximum number of steps of a run.
+MOST_STEPS = 200_000
 
 
 def predict(result: FitResult, run: int = 0) -> Prediction | None:
@@ -70,12 +80,10 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     end = min([trace.t[-1], *(frame.time for frame in lost if frame.run == run)])
     inside = (trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9)
     t = trace.t[inside]
+    steps = 0
     if len(t) > 1:
         steps = int(np.ceil((t[-1] - begin) / windows.dt + 1e-9))
-    else:
-        steps = 0
-    # maximum number of steps of a run
-    if not 0 < steps * windows.substeps <= 200_000:
+    if not 0 < steps * windows.substeps <= MOST_STEPS:
         return None
     values = np.asarray(result.values, float)
     n = windows.theta.shape[2]
@@ -84,20 +92,17 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     aside = result.noise / np.sqrt(samples) * np.sign(np.sin(1.0 + np.arange(n)))
     error = np.where(np.isfinite(result.uncertainty.std_error), result.uncertainty.std_error, 0.0)
     low, high = solution.problem.bounds(values)
-    starts = np.stack([theta, theta + aside]), np.stack([omega, omega])
+    simulate = _simulator_of(result, steps)
     at = np.arange(steps + 1) * windows.dt + begin
-    angles = _runs(result, np.stack([values, np.clip(values + error, low, high)]), *starts, steps)
-    from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - slow to import, and only a report needs it
-
-    near, other = (CubicHermiteSpline(at, *pair)(t) for pair in angles)
+    near = _at_times(t, at, simulate(values, theta, omega))
+    other = _at_times(t, at, simulate(np.clip(values + error, low, high), theta + aside, omega))
     measured = trace.theta[inside]
     return Prediction(t, measured, near, _parting(t, other - near), _parting(t, measured - near))
 
 
-def _runs(
-    result: FitResult, values: np.ndarray, theta: np.ndarray, omega: np.ndarray, steps: int
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Observed angles and rates on the trace's clock (steps + 1, n), of runs at values (2, k) and starts (2, n)."""
+def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[jax.Array, jax.Array]]:
+    """A run of the fit's model: observed angles and rates (steps + 1, n) on the trace's clock, from values (k,) and a
+    start (n,)."""
     simulator = result.solution.problem.simulator
     windows = result.windows
     parameters = result.parameters
@@ -106,17 +111,30 @@ def _runs(
     @jax.jit
     def run(values: jax.Array, theta: jax.Array, omega: jax.Array) -> tuple[jax.Array, jax.Array]:
         model = apply(base, parameters, values)
-        rate = clock_rate(parameters, values)
-        h = windows.dt if rate is None else windows.dt * rate
-        start = planar.close_chain(model, theta, omega)
-        state = planar.to_state(model, *start)
+        rate: jax.Array | float | None = clock_rate(parameters, values)
+        if rate is None:
+            rate = 1.0
+        theta, omega = planar.close_chain(model, theta, omega)
+        state = planar.to_state(model, theta, omega)
+        h = windows.dt * rate
         moved = march(simulator.stepper, model, state, h, steps, jnp.int32(windows.substeps), steps, steps)
-        angles, rates = (jnp.concatenate([a[None], b]) for a, b in zip(start, moved[:2], strict=True))
-        look = lambda angles: camera_angles(model, parameters, values, angles)  # noqa: E731
-        return jax.jvp(look, (angles,), (rates * (1.0 if rate is None else rate),))
+        angles = jnp.concatenate([theta[None], moved[0]])
+        rates = jnp.concatenate([omega[None], moved[1]])
 
-    found = [run(*map(jnp.asarray, one)) for one in zip(values, theta, omega, strict=True)]
-    return [(np.unwrap(np.asarray(a), axis=0), np.asarray(b)) for a, b in found]
+        def observe(angles: jax.Array) -> jax.Array:
+            return camera_angles(model, parameters, values, angles)
+
+        return jax.jvp(observe, (angles,), (rates * rate,))
+
+    return run
+
+
+def _at_times(t: np.ndarray, at: np.ndarray, motion: tuple[jax.Array, jax.Array]) -> np.ndarray:
+    """Angles at times t of a motion with angles and rates at times `at`."""
+    from scipy.interpolate import CubicHermiteSpline  # noqa: PLC0415 - slow to import, and only a report needs it
+
+    angles, rates = motion
+    return CubicHermiteSpline(at, np.unwrap(np.asarray(angles), axis=0), np.asarray(rates))(t)
 
 
 def _parting(t: np.ndarray, difference: np.ndarray) -> float:
@@ -126,9 +144,11 @@ def _parting(t: np.ndarray, difference: np.ndarray) -> float:
     """
     difference = difference - 2 * np.pi * np.round(np.nan_to_num(difference) / (2 * np.pi))
     width = max(1, round(0.1 / max(float(np.median(np.diff(t))), 1e-9)))
-    smooth = lambda x: np.convolve(x.sum(axis=1), np.ones(width), "same")  # noqa: E731
     known = np.isfinite(difference)
-    rms = np.sqrt(smooth(np.where(known, difference, 0.0) ** 2) / np.maximum(smooth(known), 1))
+    square = np.sum(np.where(known, difference, 0.0) ** 2, axis=1)
+    square = np.convolve(square, np.ones(width), "same")
+    count = np.convolve(known.sum(axis=1), np.ones(width), "same")
+    rms = np.sqrt(square / np.maximum(count, 1))
     beyond = np.flatnonzero(rms > PARTED)
     if len(beyond):
         return float(t[beyond[0]])

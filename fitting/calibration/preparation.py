@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,39 +16,29 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
+from fitting.calibration.spans import check_spans, check_step, fitted_spans, time_step, without_held_starts
+from fitting.calibration.window_length import SHORTEST_PART, follow_motion, longest_window
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.release import Release, release_of
 from fitting.estimate.residuals import Descent, Problem, Solution
-from fitting.estimate.rest import Rest, advice_on_rest, held_start, rests
+from fitting.estimate.rest import Rest, rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
+from fitting.estimate.still import advice_on_rest
 from fitting.estimate.windows import Piece, Span, Starts, Windows, cut, fewest_frames, fill, first_starts
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.of_scene import (
-    JointPrior,
-    by_full_path,
-    default_free,
-    default_rig,
-    free_of_traces,
-    full_names,
-    rig_priors,
-)
-from fitting.parameters.parameter import (
-    RECORDING,
-    Bounds,
-    LostPlace,
-    Parameter,
-    Priors,
-    StartValues,
-    adjust_parameters,
-    with_effects,
-)
+from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
+from fitting.parameters.of_scene import free_of_traces
+from fitting.parameters.parameter import Bounds, Parameter, Priors, StartValues, adjust_parameters, with_effects
 from fitting.parameters.recordings import distance_from, share_motion
+from fitting.parameters.rig_priors import JointPrior, rig_priors
+from fitting.parameters.targets import RECORDING, LostPlace
 from fitting.traces.conventions import check_sampling, check_unit, resting_angles, settle_convention
+from fitting.traces.noise import noise
 from fitting.traces.planar import check_planar, pendulum_period
-from fitting.traces.trace import Convention, Trace, as_trace, convention, noise
+from fitting.traces.trace import Convention, Trace, as_trace, convention
 
 #: Maximum turn of a link in a step [rad] at the start of a fit, and the fraction of windows that it applies to. The
 #: error of a fourth-order scheme over a window is then below the usual noise; otherwise `refine` halves the step.
@@ -128,7 +119,7 @@ class Samples:
     notes: list[str]
 
     @property
-    def seen(self) -> list[Trace]:
+    def observed(self) -> list[Trace]:
         """The traces without held-out samples, which affect nothing, not even the first guess of a start."""
         return fitted_parts(self.traces, self.spans)
 
@@ -297,11 +288,12 @@ class Prepared:
     def floor(self) -> np.ndarray:
         """Minimum noise of every run and link relative to the claimed one (R, n): the sensor's rounding."""
         fit = self.scene.fit
-        rounding = 0.0 if fit is None else fit.resolution("angle") / np.sqrt(12)
-        claimed = [
-            s if trace.se is None else np.sqrt(np.nanmean(trace.se**2, axis=0))
-            for s, trace in zip(self.sigma, self.traces, strict=True)
-        ]
+        rounding = 0.0
+        if fit is not None:
+            rounding = fit.resolution("angle") / np.sqrt(12)
+        claimed = []
+        for s, trace in zip(self.sigma, self.traces, strict=True):
+            claimed.append(s if trace.se is None else np.sqrt(np.nanmean(trace.se**2, axis=0)))
         return np.maximum(rounding / np.array(claimed), 1e-9)
 
     @property
@@ -337,20 +329,13 @@ def prepare(
     parameters.
     """
     started = time.perf_counter()
-    compiled_before = 0.0 if simulator is None else simulator.compile_s
+    compiled_before = 0.0
+    if simulator is not None:
+        compiled_before = simulator.compile_s
     say = progress or silent
     say(0.0, "reading")
     scene = load_scene(scene)
-    of_recordings = [name for name in free or () if name.startswith(f"{RECORDING}.")]
-    if free is None:
-        names = default_free(scene)
-    else:
-        names = full_names(scene, [name for name in free if name not in of_recordings])
-    # a file is checked by the lengths and the zero of the scene, although they are free
-    if free is not None or settings.fixed or settings.static_start:
-        rig = []
-    else:
-        rig = default_rig(scene)
+    names, rig, of_recordings = _free_names(scene, free, settings)
     scene = with_effects(scene, names)
     model, state = build(scene)
     check_planar(model, state)
@@ -401,6 +386,26 @@ def prepare(
         known=known,
         rest=samples.rest,
     )
+
+
+class FreeNames(NamedTuple):
+    """Names of free parameters: those of the scene, those of its rig, and those of further recordings."""
+
+    scene: list[str]
+    rig: list[str]
+    recordings: list[str]
+
+
+def _free_names(scene: Scene, free: Sequence[str] | None, settings: FitSettings) -> FreeNames:
+    """The parameters that a user frees, or those that a scene frees by default."""
+    if free is not None:
+        recordings = [name for name in free if name.startswith(f"{RECORDING}.")]
+        names = full_names(scene, [name for name in free if name not in recordings])
+        return FreeNames(names, [], recordings)
+    # a file is checked by the lengths and the zero of the scene, although they are free
+    if settings.fixed or settings.static_start:
+        return FreeNames(default_free(scene), [], [])
+    return FreeNames(default_free(scene), default_rig(scene), [])
 
 
 def read_traces(
@@ -462,7 +467,11 @@ def some_of(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Para
     for name in names:
         if not any(f"{p.name}.".startswith(f"{name}.") for p in parameters):
             raise SceneError(f"free: {name!r} does not exist; {nearest(name, [p.name for p in parameters])}")
-    return tuple(p for p in parameters if not names or any(f"{p.name}.".startswith(f"{n}.") for n in names))
+    found = []
+    for p in parameters:
+        if not names or any(f"{p.name}.".startswith(f"{n}.") for n in names):
+            found.append(p)
+    return tuple(found)
 
 
 def choose_samples(
@@ -503,7 +512,7 @@ def choose_samples(
             refuse_rising_energy(trace, model, mine, period)
     found = Samples(traces, spans, sigma, held, rests(traces, sigma, rest), slowest, period, notes)
     if not rest and not released:
-        for trace, size in zip(found.seen, sigma, strict=True):
+        for trace, size in zip(found.observed, sigma, strict=True):
             notes += advice_on_rest(trace, size[: model.line.links], slowest)
     return found
 
@@ -540,12 +549,15 @@ def plan_windows(samples: Samples, simulator: Simulator, settings: FitSettings) 
     return WindowPlan(dt, length, max(1, frames // parts) * frame)
 
 
+#: Maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them.
+LONGEST_HELD_OUT = 2.5
+
+
 def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
     """Steps and sample slots of the windows' programs."""
     ends = [float(trace.t[-1]) for trace in samples.traces]
     longest = max((min(high, end) - low for low, high in samples.held_out for end in ends), default=0.0)
-    # maximum length of held-out spans, in windows, that run in the windows' own program, compiled with space for them
-    if plan.length < longest < 2.5 * plan.length:
+    if plan.length < longest < LONGEST_HELD_OUT * plan.length:
         length = longest
     else:
         length = plan.length
@@ -558,7 +570,7 @@ def windows_along_motion(
     """Windows as long as the motion allows: short ones are run first and joined (`follow_motion`)."""
     model = simulator.model
     sigma = samples.sigma
-    seen = samples.seen
+    seen = samples.observed
     windows = cut(samples.traces, plan.short * plan.dt, plan.dt, sigma, samples.spans)
     if release is not None:
         windows = release.mark(windows, samples.traces)
@@ -593,151 +605,3 @@ def guess_release(
     residuals = lambda *at: simulator(*at).residual  # noqa: E731
     values = release.guess(residuals, simulator.parameters, first.windows, first.starts, values)
     return tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
-
-
-def check_step(traces: Sequence[Trace], dt: float) -> None:
-    """Reject a requested step that is longer than the sampling interval.
-
-    Between steps angles are interpolated. A step that skips samples is probably a mistyped one: the default is shorter
-    than any motion that a camera can follow.
-    """
-    longest = max(trace.interval for trace in traces)
-    if not dt <= longest * (1 + 1e-6):
-        raise SceneError(f"dt: {dt:g} s is longer than the sampling interval; allowed: at most {longest:.4g} s")
-
-
-def check_spans(
-    traces: Sequence[Trace], spans: Sequence[tuple[float, float]], option: str = "held-out"
-) -> tuple[tuple[float, float], ...]:
-    """Sorted spans; messages use the option's name.
-
-    Raises:
-        SceneError: a span is empty, overlaps another or lies outside every trace.
-    """
-    found = sorted((float(low), float(high)) for low, high in spans)
-    for i, (low, high) in enumerate(found):
-        text = f"{option}: {low:g}:{high:g}"
-        if not low < high:
-            raise SceneError(f"{text} is empty; allowed: lo < hi")
-        if i and low < found[i - 1][1] - 1e-9:
-            raise SceneError(f"{text} overlaps {found[i - 1][0]:g}:{found[i - 1][1]:g}. Use separate spans")
-        if not any(len(trace.between(low, high).t) > 2 for trace in traces):
-            raise SceneError(f"{text} contains no samples; allowed: {traces[0].t[0]:g} to {traces[0].t[-1]:g} s")
-    return tuple(found)
-
-
-def fitted_spans(
-    traces: Sequence[Trace],
-    until: float | None,
-    held_out: Sequence[tuple[float, float]],
-    begin: float | None = None,
-) -> list[Span]:
-    """(run, from, to) of all samples that may be fitted: from `begin` to `until`, outside the held-out spans.
-
-    Raises:
-        SceneError: nothing remains.
-    """
-    found = []
-    for i, trace in enumerate(traces):
-        if begin is None:
-            low = float(trace.t[0])
-        else:
-            low = max(float(trace.t[0]), begin)
-        last = min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
-        for start, end in [*held_out, (last, last)]:
-            if low < min(start, last):
-                found.append(Span(i, low, min(start, last)))
-            low = max(low, end)
-    if not found:
-        raise SceneError("from, until, held-out: nothing remains to fit. Use spans that leave part of the trace")
-    return found
-
-
-def without_held_starts(
-    spans: Sequence[Span],
-    traces: Sequence[Trace],
-    sigma: Sequence[np.ndarray],
-    slowest: float,
-    pose: Callable[[], np.ndarray],
-) -> tuple[list[Span], list[str]]:
-    """The fitted spans of traces without the still stretch before a release, and a note on each stretch left out.
-
-    Args:
-        traces: the samples of every run that may be fitted, the rest missing.
-        sigma: noise of each run's links (n,) [rad].
-        slowest: period [s] of the line as one pendulum.
-        pose: gives the angles (n,) [rad] at rest; only called if a trace starts still.
-    """
-    found = list(spans)
-    notes = []
-    for i, trace in enumerate(traces):
-        if (begin := held_start(trace, sigma[i], slowest, pose)) is not None:
-            found = [span._replace(low=max(span.low, begin)) if span.run == i else span for span in found]
-            notes.append(
-                f"{trace.name} is held still until {begin:.3g} s, in a pose that its own ends do not hold: the fit "
-                "starts there"
-            )
-    return [span for span in found if span.low < span.high], notes
-
-
-def time_step(traces: Sequence[Trace], requested: float) -> float:
-    """The step [s] nearest below `requested` that divides the sampling interval, for uniform sampling.
-
-    Times in files are rounded: a step may exceed `requested` by that rounding.
-    """
-    intervals = [round(trace.interval, 12) for trace in traces]
-    if np.ptp(intervals) > 1e-9:
-        return requested
-    # relative change of a step that rounded times of samples may cause
-    return max(intervals) / max(1, int(np.ceil(max(intervals) / requested - 1e-3)))
-
-
-# Windows that are as long as the growth of small errors in the motion allows.
-#
-# Let M_k be the transition of window k, the derivative of its end by its start in units of a gap's scale. Errors grow
-# over windows j to k by at most the largest singular value of M_k ... M_j. The largest Lyapunov exponent is the mean
-# growth rate of the product of all. A whipping motion grows by far more than this mean at some moments. Windows are
-# therefore joined from short ones, up to the length that the growth of their own product allows.
-
-#: Maximum growth of an error over a fit window, in e-folds.
-FIT_GROWTH = 2.0
-#: Shortest windows that are joined, as a fraction of the shortest link's period: links that whip at ten times the rate
-#: of their own swing turn by less than one turn in it.
-SHORTEST_PART = 0.2
-#: Longest automatic window [s], and as a fraction of the trace.
-LONGEST = 10.0
-LONGEST_PART = 0.125
-
-
-def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
-    """Longest window [s]: one second per 0.1 m link of a chain; long where chaos is impossible."""
-    chaotic = float(np.sqrt(length / 0.1)) if freedoms > 1 else np.inf  # one angle cannot be chaotic
-    return max(shortest, min(LONGEST, LONGEST_PART * span, chaotic))
-
-
-def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]:
-    """Windows joined from short ones while an error grows by at most `FIT_GROWTH` e-folds over them.
-
-    Args:
-        windows: short ones, each ending on a whole frame.
-        move: their transitions (K, m2, m2).
-        steps: maximum steps of a window.
-    """
-    found: list[Piece] = []
-    one = np.eye(move.shape[1])
-    move = np.where(windows.released[:, None, None], one, move)  # the start of a released window comes from the model
-    product = one
-    for k, matrix in enumerate(move):
-        piece = windows.piece(k)
-        further = matrix @ product
-        total = piece.steps + sum(last.steps for last in found[-1:])
-        if np.isfinite(further).all():
-            grown = np.linalg.norm(further, 2)
-        else:
-            grown = np.inf
-        if found and piece.follows and total <= steps and grown <= np.exp(FIT_GROWTH):
-            found[-1], product = found[-1]._replace(steps=total), further
-        else:
-            found.append(piece)
-            product = matrix
-    return found

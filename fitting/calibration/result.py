@@ -31,11 +31,10 @@ def score_held_out(
     parameters are fixed."""
     low, high = span
     parts = [(i, trace.between(low, high)) for i, trace in enumerate(prepared.traces) if runs is None or i in runs]
-    pieces = [
-        (i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + prepared.traces[i].interval))
-        for i, part in parts
-        if len(part.t) > 2
-    ]
+    pieces = []
+    for i, part in parts:
+        if len(part.t) > 2:
+            pieces.append((i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + prepared.traces[i].interval)))
     length = min(window_length(prepared, span), *(end - begin for _, begin, end in pieces))
     windows = prepared.cut(length, pieces).pad_to(*_shape(prepared))
     return HeldOut(low, high, fit_starts(prepared, windows, values))
@@ -247,7 +246,9 @@ class FitResult(SceneFit):
     @property
     def descent(self) -> list[dict[str, Any]]:
         """Loss per sample, parameters and gap weight of every step of the method `gradient`; otherwise empty."""
-        points = self.solution.history if self.method == "gradient" else []
+        points = []
+        if self.method == "gradient":
+            points = self.solution.history
         return [{"loss": one.loss, "values": one.values, "gap_weight": one.gap_weight} for one in points]
 
     @property
@@ -271,7 +272,9 @@ class FitResult(SceneFit):
         }
         if self.advice or self.freed:
             found |= {key: [row.to_json() for row in getattr(self, key)] for key in ("advice", "freed")}
-        best = self.best_combination if self.has_errors else None
+        best = None
+        if self.has_errors:
+            best = self.best_combination
         requested = {
             "descent": self.descent,
             "comparison": [row.to_json() for row in self.comparison],

@@ -36,6 +36,10 @@ PART = 0.35
 FRAMES = 6
 
 
+#: Maximum chi-square per sample of a reported change: right ones give 0.5 to 4.
+LARGEST_CHI_SQUARE = 9.0
+
+
 def name_wrong_file(prepared: Prepared) -> str:
     """The change of the traces that short windows suggest, in a line; empty if they fit as given, and of several
     recordings of one motion, which show each other's mistakes."""
@@ -57,8 +61,7 @@ def name_wrong_file(prepared: Prepared) -> str:
             tried.append(float(np.median(fit_short_windows(prepared, pieces, traces=traces).chi2)))
         left = min(tried)
         change = group[int(np.argmin(tried))]
-        # maximum chi-square per sample of a reported change: right ones give 0.5 to 4
-        if left < min(LOWERS * given, 9.0):
+        if left < min(LOWERS * given, LARGEST_CHI_SQUARE):
             return (
                 f"{name}: {change.mistake}, as it seems: {size}, {np.sqrt(left):.2g} times without this mistake; "
                 f"to correct it: {change.fix}"

@@ -15,7 +15,8 @@ from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import Prepared, TracesLike, prepare
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import apply, losses
+from fitting.parameters.observation import losses
+from fitting.parameters.parameter import apply
 from fitting.traces import planar
 
 #: Gauss-Newton steps of the windows for one value with optimal starts: from the first starts, four leave 0.01 of
@@ -44,6 +45,10 @@ class GaussNewton(NamedTuple):
     information: jax.Array
 
 
+#: Damping of the first step of a start.
+FIRST_DAMPING = 1e-3
+
+
 class TraceLoss:
     """Half of chi-square of a trace's windows, `1/2 sum (simulated - measured)^2/sigma^2`, and the priors.
 
@@ -68,9 +73,10 @@ class TraceLoss:
         self.prepared, windows = prepared, prepared.windows
         self.names = tuple(p.name for p in prepared.parameters)
         self.params = jnp.asarray(prepared.values)
-        self.low, self.high = (jnp.array([getattr(p, end) for p in prepared.parameters]) for end in ("low", "high"))
+        self.low = jnp.array([p.low for p in prepared.parameters])
+        self.high = jnp.array([p.high for p in prepared.parameters])
         self.scale = jnp.array([p.scale for p in prepared.parameters])
-        self.starts = Starts(*(jnp.asarray(part) for part in prepared.starts))
+        self.starts = Starts(*map(jnp.asarray, prepared.starts))
         self.samples = windows.samples
         own = prepared.simulator
         simulator = Simulator(own.model, prepared.parameters, own.stepper)
@@ -202,8 +208,7 @@ class TraceLoss:
 
         z = jnp.zeros(2 * m, params.dtype)
         nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(blocks, z))._replace(cost=jnp.asarray(jnp.inf))
-        # damping of the first step of a start
-        return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * 1e-3)), None, length=INNER)[0][0]
+        return jax.lax.scan(trial, (nothing, z, jnp.asarray(10 * FIRST_DAMPING)), None, length=INNER)[0][0]
 
     @staticmethod
     def _regular(A: jax.Array) -> jax.Array:

@@ -21,8 +21,9 @@ from dropper_jax.run.build import build
 from fitting.calibration.advice import Group, groups, joint_information, wide
 from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
-from fitting.calibration.preparation import LONGEST, Prepared, fitted_parts
+from fitting.calibration.preparation import Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
+from fitting.calibration.window_length import LONGEST
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one
@@ -31,7 +32,8 @@ from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import Span, Starts, pick, with_rows
-from fitting.parameters.parameter import Parameter, all_joints, resolve
+from fitting.parameters.parameter import Parameter, resolve
+from fitting.parameters.targets import all_joints
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:
 #: the misfit is ten times the noise, and smooth. A misfit at 6 Hz, sampled 60 times a second, correlates by 0.81.
@@ -56,6 +58,10 @@ def is_model_wrong(prepared: Prepared, solution: Solution, limit: float = WRONG)
     residual = solution.errors * expected
     chi2 = float(np.sum(solution.weights * residual**2)) / degrees_of_freedom(solution)
     return chi2 > limit and lag_one(residual, expected > 0)[0] > SMOOTH
+
+
+#: Maximum evaluations of a trial, which starts near its end.
+TRIAL_ITERATIONS = 12
 
 
 class Trials:
@@ -94,8 +100,7 @@ class Trials:
         """A short fit of the windows that are not scored."""
         at = self.prepared.with_parameters(parameters, values)
         problem = at.problem(self.loss).with_noise(at.noise, self.windows, values)
-        # maximum evaluations of a trial, which starts near its end
-        return fit_windows(problem, values, starts, iterations=12)
+        return fit_windows(problem, values, starts, iterations=TRIAL_ITERATIONS)
 
     def score(self, solution: Solution) -> float:
         """Mean logarithm of the RMS errors [rad] of the windows of all scored stretches."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.parameters.of_scene import DAMPING, free_option
+from fitting.parameters.names import DAMPING, free_option
 from fitting.traces.conventions import (
     Change,
     changes,
@@ -29,8 +29,9 @@ from fitting.traces.conventions import (
     shift,
     units,
 )
+from fitting.traces.noise import smooth_stretch
 from fitting.traces.planar import energies, wrap
-from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace, smooth_stretch
+from fitting.traces.trace import SIGNS, ZEROS, Convention, Trace
 
 #: RMS change of every angle [rad] that closes the frames, above which a mistake is searched for, and above which frames
 #: that no change closes are rejected. Noise is 0.01, lengths wrong by 2 % give 0.02, a marker off by 1 degree less;
@@ -114,7 +115,8 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     links = np.exp(1j * theta)
     rows = np.concatenate([links.real, links.imag])
     more = np.linalg.lstsq(rows, np.concatenate([missing.real, missing.imag]), rcond=None)[0]
-    by_hook, by_lengths = (float(np.median(np.abs(missing - moved))) for moved in (off, links @ more))
+    by_hook = float(np.median(np.abs(missing - off)))
+    by_lengths = float(np.median(np.abs(missing - links @ more)))
     # more numbers must close the frames clearly better
     if by_hook < min(still, 2.0 * by_lengths):
         where = f"{-off.real:+.2g} m in x and {off.imag:+.2g} m in z"
@@ -155,6 +157,10 @@ def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator
         yield shift(j, turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
 
 
+#: Half width of the smoother of the energy, as a fraction of the shortest link's period.
+SMOOTHER = 0.06
+
+
 def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float, float]], period: float) -> None:
     """Reject a trace whose energy rises: two runs in one file, or rows reversed in time.
 
@@ -170,8 +176,7 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
         return  # water and springs have energies of their own
     low = spans[0][0]
     high = spans[-1][1]
-    # half width of the smoother of the energy, as a fraction of the shortest link's period
-    motion = smooth_stretch(trace.between(low, high), (low, high), 0.06 * period)
+    motion = smooth_stretch(trace.between(low, high), (low, high), SMOOTHER * period)
     if motion is None:
         return
     t, theta, omega = motion
@@ -182,7 +187,8 @@ def refuse_rising_energy(trace: Trace, model: Model, spans: Sequence[tuple[float
     t = t[inside]
     energy = energy[inside]
     for at in _breaks(trace):
-        before, after = (energy[(t > a) & (t < b)] for a, b in ((at - period, at), (at, at + period)))
+        before = energy[(t > at - period) & (t < at)]
+        after = energy[(t > at) & (t < at + period)]
         # medians: the smoother turns a jump into a transient of a few frames
         if len(before) and len(after) and np.median(after) > RISE * np.median(before):
             raise SceneError(

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import Progress, SceneError, part_of, silent
 from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
-from fitting.channels.channel import Data, Series
+from fitting.channels.data import Data, Series
 from fitting.channels.problem import MOST_HALVED, Evaluation, Problem
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
@@ -25,8 +25,9 @@ from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
 from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
-from fitting.parameters.of_scene import by_full_path, default_free, full_names, rig_priors
+from fitting.parameters.names import by_full_path, default_free, full_names
 from fitting.parameters.parameter import Bounds, Priors, StartValues, adjust_parameters, with_effects
+from fitting.parameters.rig_priors import rig_priors
 
 #: Sections of paths that do not belong to the scene's model.
 OF_DATA = ("start", "channel", "camera")
@@ -49,8 +50,12 @@ def pose(
     names = [name.strip() for name in (default_free(scene) if free is None else free)]
     mine = [name.strip() for name in own]
     known = [n for n in [*names, *mine] if ScenePath(n).section not in OF_DATA]
-    scene = with_effects(scene, full_names(scene, known)) if known else scene
-    data = source if isinstance(source, Data) else read_data(source, scene)
+    if known:
+        scene = with_effects(scene, full_names(scene, known))
+    if isinstance(source, Data):
+        data = source
+    else:
+        data = read_data(source, scene)
     if mine and len(data.runs) < 2:
         raise SceneError(f"own: {mine[0]!r}: there is only one run. Use it with 2 runs or more")
     scenes = []
@@ -84,10 +89,13 @@ def pose(
         of_run.append((*range(len(shared)), *range(first, first + len(split))))
     if split:  # joint priors apply only to shared parameters
         wide = lambda a: np.concatenate([a, np.zeros(len(parameters) - len(a))])  # noqa: E731
+        massive = None
+        if known_together.massive is not None:
+            massive = wide(known_together.massive)
         known_together = replace(
             known_together,
             common=tuple(replace(c, share=wide(c.share)) for c in known_together.common),
-            massive=None if known_together.massive is None else wide(known_together.massive),
+            massive=massive,
         )
     return Problem(
         data=data,
@@ -223,6 +231,10 @@ def warnings_of(result: ChannelFit) -> list[str]:
     return found
 
 
+#: A step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion.
+LARGEST_GROWTH = 1e3
+
+
 def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
     """The start of the fit.
 
@@ -234,8 +246,7 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
     if e.failed and not e.unstable:
         problem = replace(problem, retries=True)
         e = problem.evaluate(values)
-    # a step may leave ringing that stays small, but whose derivatives look like those of a chaotic motion
-    while (e.unstable or not e.failed) and growth(e) > 1e3 and problem.halved < MOST_HALVED:
+    while (e.unstable or not e.failed) and growth(e) > LARGEST_GROWTH and problem.halved < MOST_HALVED:
         problem = problem.finer()
         e = problem.evaluate(values)
     if e.failed:
@@ -247,6 +258,10 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
             f"start: the run at the start values fails, {e.failed}. Try a smaller --dt{hint}, or other values"
         )
     return first_solution(replace(problem, loss=loss), values, e)
+
+
+#: Errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other.
+SAME_NOISE = 0.01
 
 
 def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
@@ -264,8 +279,7 @@ def settle_noise(point: Solution, iterations: int, progress: Progress = silent) 
     found = descend(point)
     found.iterations += point.iterations
     floor = (point.problem.floor / point.problem.claimed_noise)[:, None]
-    # errors of 3 % of the noise of several channels move estimates by 0.02 standard errors relative to each other
-    found = fit_with_noise(found, descend, claimed_series, floor, same=0.01)
+    found = fit_with_noise(found, descend, claimed_series, floor, same=SAME_NOISE)
     if found.status != "ok":
         return found
     ended = descend(found)  # no steps if the last noise moves no parameter

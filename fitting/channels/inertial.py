@@ -24,8 +24,9 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.read import read_list, read_text
-from fitting.channels.channel import Channel, Context, SavedMotion, Where, line_of, link_of, node_of
-from fitting.channels.sensors import number_of
+from fitting.channels.channel import Channel, Context, SavedMotion
+from fitting.channels.entries import number_of
+from fitting.channels.position import Where, line_of, link_of, node_of
 
 #: Axes of an accelerometer.
 AXES = ("along", "across", "side")

@@ -15,8 +15,9 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.run.build import build_model, stepper_of
-from fitting.channels.channel import ByChannel, Data, Series
-from fitting.channels.setup import Plan, SetupPlace, differentiate_channels, setup_with_directions
+from fitting.channels.data import ByChannel, Data, Series
+from fitting.channels.observe import Plan, differentiate_channels
+from fitting.channels.setup import SetupPlace, setup_with_directions
 from fitting.estimate.noise import correlates, lag_one_by_source, whiten
 from fitting.estimate.residuals import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
@@ -47,6 +48,10 @@ class Evaluation(NamedTuple):
     unstable: bool = False
     residual: np.ndarray = np.full((1, 1, 1), np.inf)
     jacobian: np.ndarray | None = None
+
+
+#: Relative extension of the duration: the last sample belongs to the previous piece.
+PAST_LAST = 1e-6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,10 +96,9 @@ class Problem(Residuals):
     def floor(self) -> np.ndarray:
         """Minimum noise of each channel (c,): the rounding of its sensor, `resolution/sqrt(12)`."""
         fit = self.scenes[0].fit
-        least = [
-            0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12)
-            for sensor in self.data.sensors
-        ]
+        least = []
+        for sensor in self.data.sensors:
+            least.append(0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12))
         return np.maximum(least, 1e-15)
 
     @cached_property
@@ -130,7 +134,8 @@ class Problem(Residuals):
             value = values[i]
             if is_axial_stiffness(p) and value > 0:
                 ends = max(p.low, value / FACTOR), min(p.high, value * FACTOR)
-                low[i], high[i] = (value * (1 - value / end) for end in ends)
+                low[i] = value * (1 - value / ends[0])
+                high[i] = value * (1 - value / ends[1])
             elif p.low >= 0 and value > 0:
                 low[i] = max(low[i], (1 / FACTOR - 1) * value) if p.low > 0 else low[i]
                 high[i] = min(high[i], (FACTOR - 1) * max(value, 0.1 * p.scale))
@@ -156,8 +161,7 @@ class Problem(Residuals):
         """Times of the samples of all channels."""
         ends = np.array([(min(t[0] for t in run.t), max(t[-1] for t in run.t)) for run in self.data.runs])
         run = np.broadcast_to(self.windows.run[:, None], self.windows.t.shape)
-        # the last sample belongs to the previous piece
-        duration = float(np.diff(ends).sum()) * (1 + 1e-6)
+        duration = float(np.diff(ends).sum()) * (1 + PAST_LAST)
         return Timing(self.windows.t, run, self.sample_mask[..., 0], ends[:, 0], duration, len(ends))
 
     def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:

@@ -40,22 +40,12 @@ from dropper_jax.base.read import Plain, check_keys, read_integer, read_items, r
 from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
-from fitting.channels.channel import CameraSpec, Channel, Context, Data, Run, Sensor, Where
+from fitting.channels.channel import Channel, Context
+from fitting.channels.data import CameraSpec, Data, Run, Sensor
+from fitting.channels.entries import check_once, columns_of, name_of, number_of, unit_of, value_of
 from fitting.channels.inertial import Accelerometer, Gyro
-from fitting.channels.sensors import (
-    Angle,
-    Depth,
-    Pixel,
-    Position,
-    Tension,
-    check_once,
-    columns_of,
-    name_of,
-    number_of,
-    read_camera,
-    unit_of,
-    value_of,
-)
+from fitting.channels.position import Where
+from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, read_camera
 from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
 #: Minimum number of samples of a channel.
@@ -131,7 +121,9 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
     if relative:
         factor_of_noise = 0.01
     else:
-        key = "noise_unit" if "noise_unit" in table else "unit"
+        key = "unit"
+        if "noise_unit" in table:
+            key = "noise_unit"
         factor_of_noise = in_si(1.0, unit_of(table, path, key, cls.measures))[0]
     return Sensor(
         channel,
@@ -228,7 +220,10 @@ def _files_of_channels(files: Sequence[Columns], channels: Sequence[Channel], pa
 
 def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index: int = 0, count: int = 1) -> Columns:
     """The file that contains all of these columns: the only one, or number `index` of as many as `count`."""
-    found = [file for file in files if all(file.name_of(column) for column in columns)]
+    found = []
+    for file in files:
+        if all(map(file.name_of, columns)):
+            found.append(file)
     if len(found) == 1 or (found and len(found) == count):
         return found[index % len(found)]
     if found:

@@ -15,7 +15,7 @@ from fitting.channels.setup import setup_with_directions
 from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
-from fitting.parameters.of_scene import fitted_scene
+from fitting.parameters.fitted_scene import fitted_scene
 
 
 @dataclass(frozen=True)
@@ -119,11 +119,17 @@ def _sensitivity(point: Solution) -> np.ndarray:
     for c, sensor in enumerate(data.sensors):
         shown = np.concatenate([run[c] for run in e.shown])
         slope = np.concatenate([run[c] for run in e.slopes])
-        about = 0.0 if sensor.channel.of_tension else shown.mean(axis=0)
+        about = 0.0
+        if not sensor.channel.of_tension:
+            about = shown.mean(axis=0)
         size = np.sqrt(np.mean((shown - about) ** 2))
         size = max(float(size), float(point.problem.noise_size[c]) if not sensor.relative else 0.0, 1e-300)
         found[:, c] = np.sqrt(np.mean(slope**2, axis=(0, 1))) * np.abs(point.values) / size
     return found
+
+
+#: The data add next to nothing to a prior that is as wide as the error.
+PRIOR_ALONE = 0.95
 
 
 def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tuple[str, str]:
@@ -132,8 +138,7 @@ def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tup
     if not p.low < p.high:
         return "yes", ""
     if p.prior is not None:
-        # the data add next to nothing to a prior that is as wide as the error
-        if se >= 0.95 * p.prior[1]:
+        if se >= PRIOR_ALONE * p.prior[1]:
             return ("prior", "determined by its prior only")
         return ("yes", "")
     if p.low < 0:
@@ -194,6 +199,9 @@ class ChannelFit(SceneFit):
         for c, sensor in enumerate(problem.data.sensors):
             off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
             interval = float(np.median(np.concatenate([np.diff(run.t[c]) for run in problem.data.runs])))
+            noise_unit = "-"
+            if not sensor.relative:
+                noise_unit = sensor.channel.measures
             found.append(
                 {
                     "name": sensor.channel.name,
@@ -202,7 +210,7 @@ class ChannelFit(SceneFit):
                     "samples": int(off.size),
                     "rms": float(np.sqrt(np.mean(off**2))),
                     "noise": float(problem.noise_size[c]),
-                    "noise_unit": "-" if sensor.relative else sensor.channel.measures,
+                    "noise_unit": noise_unit,
                     "noise_claimed": sensor.noise,
                     "kept": float(np.exp(-problem.noise.decay[c, 0] * interval)),
                     "correlation": float(self.errors.correlation_1[c]),

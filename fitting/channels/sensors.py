@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,84 +12,11 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.base.read import Plain, check_keys, read_list, read_number, read_rows, read_table, read_text, refuse
-from dropper_jax.scene.fit import PRIOR_UNITS
-from fitting.channels.channel import (
-    CameraSpec,
-    Channel,
-    Context,
-    Node,
-    SavedMotion,
-    Where,
-    ends_at,
-    line_of,
-    link_of,
-    node_of,
-)
-
-# Entries of the tables in a channels file: names, numbers, units, columns; errors give the path of the entry
-
-
-def check_once(names: Sequence[str], section: str) -> None:
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise SceneError(f"{section}.{i}: duplicate name {name!r}; names must be unique")
-
-
-def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> str:
-    if "name" not in table and default is None:
-        raise SceneError(f"{path}.name: missing; needed: a name without a point")
-    name = read_text(table.get("name", default), f"{path}.name")
-    if not name.strip() or ("name" in table and "." in name):
-        raise refuse(f"{path}.name", name, "cannot be used in the path of a parameter", "a name without a point")
-    return name.replace(".", "_")
-
-
-def value_of(table: Mapping[str, Any], path: str, key: str, needed: str) -> Plain:
-    """The value of a key.
-
-    Raises:
-        SceneError: the table does not have it.
-    """
-    if key not in table:
-        raise SceneError(f"{path}.{key}: missing; needed: {needed}")
-    return table[key]
-
-
-def number_of(table: Mapping[str, Any], path: str, key: str, default: float | None, **limits: Any) -> float | None:
-    unit = {"at": "m", "delay": "s", "from": "s", "until": "s", "focal": "px"}.get(key, "-")
-    if key in table:
-        return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits})
-    return default
-
-
-def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.ndarray:
-    items = read_list(value_of(table, path, key, f"{count} numbers"), f"{path}.{key}", count, f"{count} numbers")
-    return np.array([read_number(x, f"{path}.{key}.{i}", {"unit": "-"}) for i, x in enumerate(items)])
-
-
-def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str:
-    fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == measures]
-    unit = read_text(value_of(table, path, key, ", ".join(fitting)), f"{path}.{key}")
-    if unit not in fitting:
-        raise SceneError(f"{path}.{key}: {unit!r} is not a unit of this quantity; allowed: {', '.join(fitting)}")
-    return unit
-
-
-def columns_of(table: Mapping[str, Any], path: str) -> tuple[str, ...]:
-    if ("column" in table) == ("columns" in table):
-        raise SceneError(
-            f"{path}: names its columns {'twice' if 'column' in table else 'nowhere'}; allowed: column or columns"
-        )
-    if "column" in table:
-        return (read_text(table["column"], f"{path}.column"),)
-    items = read_list(table["columns"], f"{path}.columns", None, "a list of names of columns")
-    if not items:
-        raise SceneError(f"{path}.columns: is empty; allowed: names of columns")
-    return tuple(read_text(name, f"{path}.columns.{i}") for i, name in enumerate(items))
-
-
-# Tensions of links, and the force of lines on a point
+from dropper_jax.base.read import check_keys, read_list, read_rows, read_table, read_text
+from fitting.channels.channel import Channel, Context, SavedMotion
+from fitting.channels.data import CameraSpec
+from fitting.channels.entries import name_of, number_of, value_of, vector_of
+from fitting.channels.position import Node, Where, ends_at, line_of, link_of, node_of
 
 
 @dataclass(frozen=True)
@@ -120,9 +47,6 @@ class Tension(Channel):
             d = motion.middle[:, inner] - motion.middle[:, node]
             total = total + (motion.tension[:, link] / safe_norm(d))[:, None] * d
         return safe_norm(total)[:, None]
-
-
-# Positions of nodes in the picture of a camera
 
 
 def projection(position: np.ndarray, look_at: np.ndarray, focal: float, centre: np.ndarray) -> np.ndarray:
@@ -166,8 +90,6 @@ class Pixel(Channel):
         return seen_at[:, :2] / jnp.where(seen_at[:, 2:] == 0, 1.0, seen_at[:, 2:])
 
 
-# Angles of links
-
 #: Definitions of an angle: in the x-z plane from the horizontal, positive downwards; in that plane from straight down,
 #: positive towards +x; from +x towards +y.
 ANGLES = ("horizontal", "down", "azimuth")
@@ -202,8 +124,6 @@ class Angle(Channel):
         turns = jax.lax.stop_gradient(jnp.unwrap(angle) - angle)
         return (angle + turns)[:, None]
 
-
-# Positions of nodes and points in space, and depths
 
 AXES = ("x", "y", "z")
 
@@ -267,7 +187,8 @@ def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:
         rows = read_list(table["projection"], f"{path}.projection", 3, "3 rows of 4 numbers")
         matrix = read_rows(rows, f"{path}.projection", {"unit": "-"}, 4, "4 numbers")
     else:
-        position, look_at = (vector_of(table, path, key, 3) for key in ("position", "look_at"))
+        position = vector_of(table, path, "position", 3)
+        look_at = vector_of(table, path, "look_at", 3)
         ahead = look_at - position
         if np.hypot(ahead[0], ahead[1]) < 1e-9:
             raise SceneError(f"{path}.look_at: directly above or below the camera. Use another point, or `projection`")

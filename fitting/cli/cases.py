@@ -8,21 +8,9 @@ from typing import Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_cores
-from dropper_jax.cli.options import (
-    FAILED,
-    OK,
-    add_effects,
-    add_examples,
-    add_json,
-    add_quiet,
-    done_object,
-    listing,
-    output_folder,
-    positive_integer,
-    print_result,
-    progress,
-    register_effects,
-)
+from dropper_jax.cli.given import output_folder, positive_integer
+from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
+from dropper_jax.cli.printing import FAILED, OK, done_object, listing, print_result, progress
 
 help = "run the load cases of a site and report the utilisation of each part"
 
@@ -65,9 +53,10 @@ def run(args: argparse.Namespace) -> int:
         return _list(site, args)
 
     from fitting.farm.cases.assess import assess
+    from fitting.farm.cases.case_store import CasesStopped
     from fitting.farm.cases.page import write_page
-    from fitting.farm.cases.run import CasesStopped, run_cases
-    from fitting.farm.cases.stored import step_errors
+    from fitting.farm.cases.run import run_cases
+    from fitting.farm.cases.step_errors import step_errors
 
     dt = site.prepared().run.step
     how = {"workers": args.workers or available_cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}
@@ -103,5 +92,7 @@ def text(found: dict[str, Any], files: dict[str, Path]) -> str:
             worst = f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
         pairs.append((part["part"], worst))
     flags = "\n".join(f"- {flag}" for flag in found["flags"])
-    verdict = "all limits hold" if found["passes"] else "not all limits hold"
+    verdict = "not all limits hold"
+    if found["passes"]:
+        verdict = "all limits hold"
     return "\n\n".join(p for p in (listing(pairs), flags, f"{verdict}: {files['page']}") if p)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dropper_jax.cli.options import listing, table
+from dropper_jax.cli.printing import listing, table
 
 if TYPE_CHECKING:
     from dropper_jax.base.errors import Progress
@@ -18,7 +18,7 @@ def run_part(folder: Path, progress: Progress | None) -> DemoPart:
     """The calibration part of `dropper demo`."""
     from dropper_jax.base.markdown import markdown_table
     from dropper_jax.cli.demo import DemoPart
-    from fitting.report.report import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
+    from fitting.report.example import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
     from fitting.report.tables import summary
 
     result = calibrate_synthetic(folder, EXAMPLE, progress=progress)

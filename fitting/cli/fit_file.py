@@ -11,7 +11,8 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import number, table
+from dropper_jax.cli.given import number
+from dropper_jax.cli.printing import table
 
 #: Model error that a fit to a file may assume, as a fraction of the motion.
 SMALL_ERROR = 0.003
@@ -69,7 +70,9 @@ def is_trace_file(file: str, partial: bool = False) -> bool:
     from fitting.from_file.cells import read_lines
 
     heads = [line for line in read_lines(Path(file))[:100] if not line.lstrip().startswith("#")]
-    names = re.split(r"[,;\s]+", heads[0].strip()) if heads else []
+    names = []
+    if heads:
+        names = re.split(r"[,;\s]+", heads[0].strip())
     if partial:
         angles = [name for name in names if re.fullmatch(r"theta_\d+", name)]
     else:

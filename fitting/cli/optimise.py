@@ -5,22 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from dropper_jax.cli.options import (
-    FAILED,
-    add_effects,
-    add_examples,
-    add_json,
-    add_quiet,
-    done_object,
-    output_file,
-    print_line,
-    print_result,
-    print_warnings,
-    progress,
-    register_effects,
-    table,
-)
+from dropper_jax.cli.given import output_file
+from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import FAILED, done_object, print_line, print_result, print_warnings, progress, table
 
 if TYPE_CHECKING:
     from fitting.farm.optimise.run import Optimum
@@ -64,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
     if args.plot:
-        from fitting.farm.optimise.run import design_picture
+        from fitting.farm.optimise.picture import design_picture
 
         design_picture(site, found, picture(args.plot, "design"))
     status = "ok" if found.feasible else "not_converged"
@@ -112,9 +100,10 @@ def text(found: Optimum) -> str:
     )
     tables = [rows, limits, assumed]
     if found.dominated:
-        seeds = [
-            (one["constraint"], one["variable"], f"{one['mean']:+.3g}", f"{one['median']:+.3g}", str(one["seed"]))
-            for one in found.dominated
-        ]
+        seeds = []
+        for one in found.dominated:
+            seeds.append(
+                (one["constraint"], one["variable"], f"{one['mean']:+.3g}", f"{one['median']:+.3g}", str(one["seed"]))
+            )
         tables.append([("derivative of", "by", "mean of seeds", "median", "dominated by seed"), *seeds])
     return "\n\n".join([*map(table, tables), end])

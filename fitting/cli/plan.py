@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from dropper_jax.cli.options import (
-    add_effects,
-    add_examples,
-    add_json,
-    add_quiet,
-    progress,
-    read_numbers,
-    register_effects,
-    table,
-)
+from dropper_jax.cli.given import read_numbers
+from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_out, deliver
+from dropper_jax.cli.printing import progress, table
 
 help = "plan an experiment: which release, duration and camera determine the parameters best"
 
@@ -46,13 +39,19 @@ def run(args: argparse.Namespace) -> int:
     from fitting.calibration.plan import plan, rows
 
     register_effects(args)
+    requested = None
+    if args.wanted is not None:
+        requested = args.wanted.split(",")
+    gap_weight = None
+    if args.gap_weight is not None:
+        gap_weight = _numbers("gap-weight", args.gap_weight)[0]
     found = plan(
         args.scenes,
         args.free.split(","),
         durations=_numbers("duration", args.duration),
         noises=_numbers("noise", args.noise),
-        requested=None if args.wanted is None else args.wanted.split(","),
-        gap_weight=None if args.gap_weight is None else _numbers("gap-weight", args.gap_weight)[0],
+        requested=requested,
+        gap_weight=gap_weight,
         rate=_numbers("rate", args.rate)[0],
         progress=progress(args.quiet),
     )

@@ -5,18 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from dropper_jax.cli.options import (
-    add_effects,
-    add_examples,
-    add_json,
-    add_quiet,
-    listing,
-    output_folder,
-    print_result,
-    progress,
-    register_effects,
-)
+from dropper_jax.cli.given import output_folder
+from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_plot, picture
+from dropper_jax.cli.printing import listing, print_result, progress
 
 help = "floats that carry the mussels of each month, and the resulting farm geometry"
 
@@ -39,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     out = output_folder(args.report, "--report")
 
     from fitting.farm.season import season, write_season
-    from fitting.farm.season.season import draw
+    from fitting.farm.season.report import draw
     from fitting.farm.site import read_site
 
     register_effects(args)
@@ -54,14 +46,13 @@ def run(args: argparse.Namespace) -> int:
 
 def text(found: dict[str, Any]) -> str:
     """The result as text."""
-    pairs = [
-        (
-            row["month"],
+    pairs = []
+    for row in found["months"]:
+        about = (
             f"floats: {row['floats']} (needed: {row['least']}, at most {row['most']}), {row['need_n']:.0f} N to carry, "
-            f"backbone {row['shallowest_m']:.2f} to {row['deepest_m']:.2f} m deep",
+            f"backbone {row['shallowest_m']:.2f} to {row['deepest_m']:.2f} m deep"
         )
-        for row in found["months"]
-    ]
+        pairs.append((row["month"], about))
     flags = "\n".join(f"- {flag}" for flag in found["flags"])
     if found["holds"]:
         verdict = "the schedule holds"

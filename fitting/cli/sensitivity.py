@@ -5,19 +5,10 @@ from __future__ import annotations
 import argparse
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.cli.options import (
-    QUANTITY_HELP,
-    add_examples,
-    add_quiet,
-    add_run_values,
-    add_scene,
-    done_object,
-    print_warnings,
-    progress,
-    read_named_range,
-    read_scene,
-)
+from dropper_jax.cli.given import read_named_range
+from dropper_jax.cli.options import QUANTITY_HELP, add_examples, add_quiet, add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
+from dropper_jax.cli.printing import done_object, print_warnings, progress
 
 help = "sensitivity of a quantity to parameters: derivatives, Sobol indices, Morris screening"
 
@@ -66,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     say = progress(args.quiet)
     box = None
     if args.method:
-        box = sensitivity.ranges(problem, dict(_range(text) for text in args.range))
+        box = sensitivity.ranges(problem, dict(map(_range, args.range)))
         found = sensitivity.global_indices(problem.batch, problem.names, box, args.method, args.samples, args.seed)
         text = global_text(found, args.of)
     else:

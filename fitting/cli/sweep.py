@@ -14,24 +14,11 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.memory import available_cores
 from dropper_jax.base.read import ScenePath, Table
-from dropper_jax.cli.options import (
-    add_examples,
-    add_quiet,
-    add_run_values,
-    add_scene,
-    listing,
-    output_folder,
-    print_line,
-    print_result,
-    print_warnings,
-    progress,
-    read_numbers,
-    read_scene,
-    read_spaced,
-    table,
-)
-from fitting.cli.fit import add_convention
+from dropper_jax.cli.given import output_folder, read_numbers, read_spaced
+from dropper_jax.cli.options import add_examples, add_quiet, add_run_values, add_scene, read_scene
+from dropper_jax.cli.printing import listing, print_line, print_result, print_warnings, progress, table
 from fitting.cli.fit_file import column_names
+from fitting.cli.fit_options import add_convention
 
 if TYPE_CHECKING:
     import numpy as np
@@ -104,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    vary = dict(_values(text) for text in args.vary)
+    vary = dict(map(_values, args.vary))
     if args.seeds < 0:
         raise SceneError(f"--seeds: {args.seeds}; allowed: a whole number >= 0")
     if not Path(args.out).parent.is_dir():
@@ -279,7 +266,9 @@ def text(found: Table, results: str = "") -> str:
         ("wall time", f"{found['compile_s']:.2f} s compilation, {found['run_s']:.2f} s run and saving"),
         ("speed", f"{found['steps_per_s']:.0f} steps per second"),
     ]
-    scores = _score_table(found["trace"]) if "trace" in found else ""
+    scores = ""
+    if "trace" in found:
+        scores = _score_table(found["trace"])
     return "\n\n".join(part for part in (listing(pairs), results, scores, f"{found['status']}: {found['out']}") if part)
 
 

@@ -11,21 +11,9 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
-from dropper_jax.cli.options import (
-    FAILED,
-    OK,
-    add_examples,
-    add_json,
-    add_quiet,
-    listing,
-    number,
-    output_file,
-    print_line,
-    print_result,
-    print_warnings,
-    progress,
-    read_numbers,
-)
+from dropper_jax.cli.given import number, output_file, read_numbers
+from dropper_jax.cli.options import add_examples, add_json, add_quiet
+from dropper_jax.cli.printing import FAILED, OK, listing, print_line, print_result, print_warnings, progress
 
 if TYPE_CHECKING:
     from fitting.films.ordering import AmbiguousOrderError
@@ -97,6 +85,9 @@ def run(args: argparse.Namespace) -> int:
     from fitting.traces.trace import write_trace
 
     try:
+        bright = None
+        if args.marker is not None:
+            bright = args.marker == "bright"
         tracked = track(
             args.video,
             args.nodes,
@@ -108,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
             distance=args.distance,
             level=args.level,
             radius=args.radius,
-            bright=None if args.marker is None else args.marker == "bright",
+            bright=bright,
             first=args.first,
             start=start,
             fps=args.fps,
@@ -135,23 +126,29 @@ def run(args: argparse.Namespace) -> int:
 
 def report_ambiguous(error: AmbiguousOrderError, args: argparse.Namespace, picture: Path) -> int:
     """Draw the orders that are compatible with the film; no trace is written."""
-    from fitting.films.overlay import SHOWN, write_alternatives
+    from fitting.films.alternatives import SHOWN, write_alternatives
 
     write_alternatives(error, args.video, picture)
-    shown = f"the first {SHOWN}" if len(error.orders) > SHOWN else "they"
+    shown = "they"
+    if len(error.orders) > SHOWN:
+        shown = f"the first {SHOWN}"
     failure = ("ambiguous_order", f"{error}; {shown} are drawn in {picture}")
-    orders = [[[round(float(x), 1), round(float(y), 1)] for x, y in positions] for positions in error.orders]
+    orders = []
+    for positions in error.orders:
+        orders.append([[round(float(x), 1), round(float(y), 1)] for x, y in positions])
     found = {"frame": error.frame, "orders": orders, "picture": str(picture)}
     return print_result(args, found, f"ambiguous_order: see {picture}", failure)
 
 
 def notes(tracked: Tracked) -> list[str]:
     """Marked frames, as comments of the trace."""
-    return [
-        f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {' '.join(map(str, span['nodes']))} "
-        f"({' '.join(span['why'])})"
-        for span in tracked.marks.spans(tracked.trace.t)
-    ]
+    found = []
+    for span in tracked.marks.spans(tracked.trace.t):
+        found.append(
+            f"marked {span['from_s']:.9g} to {span['to_s']:.9g} s: nodes {' '.join(map(str, span['nodes']))} "
+            f"({' '.join(span['why'])})"
+        )
+    return found
 
 
 def board_size(text: str) -> tuple[int, int]:

@@ -32,8 +32,9 @@ import optax
 from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.base.errors import Progress, SceneError, nearest
+from fitting.estimate.factors import cholesky_root
 from fitting.estimate.least_squares import Point, Separate
-from fitting.estimate.normal_equations import Step, cholesky_root
+from fitting.estimate.normal_equations import Step
 
 #: Steps between restarts of an optimizer without a line search (Loshchilov and Hutter 2017: adam's cosine decay).
 CYCLE = 20
@@ -140,6 +141,10 @@ def _compiled(name: str, rate: float) -> optax.GradientTransformation:
     return optax.GradientTransformation(transformation.init, jax.jit(transformation.update))
 
 
+#: Minimum distance along a coordinate, as a fraction of that along all of them.
+LEAST_DISTANCE = 0.1
+
+
 class Coordinates:
     """Coordinates x = L' p of the free parameters, and an optimizer in them.
 
@@ -161,8 +166,9 @@ class Coordinates:
             size = np.sqrt(np.maximum(np.diag(square), 1e-300))
             self.root = size[:, None] * cholesky_root(square / np.outer(size, size))
             slope = np.abs(self.slope(newton.gradient))
-            # minimum distance along a coordinate, as a fraction of that along all of them
-            self.unit = 1.0 if descent.searches else np.maximum(slope, max(0.1 * np.linalg.norm(slope), 1e-300))
+            self.unit = (
+                1.0 if descent.searches else np.maximum(slope, max(LEAST_DISTANCE * np.linalg.norm(slope), 1e-300))
+            )
         self.state = descent.transformation.init(self.optimizer_position(point.values))
 
     def slope(self, gradient: np.ndarray) -> np.ndarray:
@@ -191,6 +197,10 @@ class Coordinates:
         found = np.zeros(len(values))
         found[self.free] = solve_triangular(self.root.T, self.unit * np.asarray(update))
         return found
+
+
+#: Minimum damping of the starts' steps.
+LEAST_DAMPING = 1e-9
 
 
 class GradientSteps:
@@ -290,8 +300,7 @@ class GradientSteps:
             evaluation = problem.evaluate(values, problem.move_starts(point.evaluation.starts, point.values, dz))
             cost = objective.cost(evaluation, values)
             if not searched or cost <= point.cost + ENOUGH * part * slope:
-                # minimum damping of the starts' steps
-                self.damping = max(0.1 * damping, 1e-9)
+                self.damping = max(0.1 * damping, LEAST_DAMPING)
                 if np.isfinite(cost):
                     system = objective.system(evaluation, values)
                 else:

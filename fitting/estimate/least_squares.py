@@ -25,6 +25,12 @@ DECREASE_TOLERANCE = 1e-2
 LARGEST_DAMPING = 1e8
 
 
+#: Limit of a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth. Measured
+#: double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors; three links
+#: with dry joints: 0.12. The limit is the permitted shift by the time step, 0.3 standard errors.
+SWITCHING_STEP = 0.3
+
+
 def nearly_there(moved: float, decrease: float, samples: int) -> bool:
     """Whether a step that does not lower the cost indicates a non-smooth cost, not a step that is too long.
 
@@ -33,10 +39,7 @@ def nearly_there(moved: float, decrease: float, samples: int) -> bool:
         decrease: predicted decrease of chi-square. Window starts that are far off predict more than the standard
             deviation of chi-square itself, about the root of the samples, even if the parameters are fixed.
     """
-    # limit of a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth.
-    # Measured double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors;
-    # three links with dry joints: 0.12. The limit is the permitted shift by the time step, 0.3 standard errors
-    return moved < (0.3**2) and decrease < np.sqrt(samples)
+    return moved < (SWITCHING_STEP**2) and decrease < np.sqrt(samples)
 
 
 class Separate:
@@ -319,7 +322,8 @@ def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progr
             known = newton or known
         following = mover.move(point, newton, near)
         if following is None:
-            status = "ok" if near and not mover.why else status
+            if near and not mover.why:
+                status = "ok"
             far = f"no step lowers the cost; the minimum of its model is {np.sqrt(moved):.2g} standard errors away"
             message = mover.why or far
             break

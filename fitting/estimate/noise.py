@@ -27,7 +27,8 @@ import numpy as np
 
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.windows import Windows
-from fitting.traces.trace import Trace, smooth
+from fitting.traces.noise import smooth
+from fitting.traces.trace import Trace
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,9 @@ class Noise:
         """Samples of the claimed noise with this noise; frames with delays need the traces."""
         source = windows.source
         weight = windows.weight / self.factor[source][:, None, :]
-        decay = self.decay[source] if np.isfinite(self.decay).any() else None
+        decay = None
+        if np.isfinite(self.decay).any():
+            decay = self.decay[source]
         if not self.delay.any():
             return replace(windows, weight=weight, decay=decay)
         delay = self.delay[source][:, None, None]
@@ -90,6 +93,10 @@ def lag_correlation(decay: np.ndarray) -> np.ndarray:
     return np.exp(-decay / 60.0)
 
 
+#: Half width [s] of the smoother that estimates rates from a trace.
+RATE_REACH = 0.05
+
+
 def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
     """Rates [rad/s] and accelerations of the links at the windows' samples (2, K, S, n), from smoothed traces."""
     found = np.zeros((2, *windows.theta.shape))
@@ -98,8 +105,7 @@ def motion(windows: Windows, traces: Sequence[Trace]) -> np.ndarray:
         trace = traces[run]
         mine = windows.run == run
         even = np.arange(trace.t[0], trace.t[-1], trace.interval)
-        # half width [s] of the smoother that estimates rates from a trace
-        reach = 2 * max(2, round(0.05 / trace.interval)) + 1
+        reach = 2 * max(2, round(RATE_REACH / trace.interval)) + 1
         rate = smooth(trace.at(even), min(reach, 2 * ((len(even) - 1) // 2) + 1), trace.interval)[1]
         for derivative, columns in zip(found, (rate, np.gradient(rate, trace.interval, axis=0)), strict=True):
             for j in range(derivative.shape[2]):  # of every recording

@@ -13,41 +13,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
+from fitting.estimate.factors import Factor, cholesky_root
 from fitting.estimate.windows import Starts
-from fitting.parameters.of_scene import Common
 from fitting.parameters.parameter import Parameter
-
-
-class Factor:
-    """Cholesky of a block-tridiagonal matrix: diagonal blocks (K, m, m), blocks (K - 1, m, m) left of the next."""
-
-    def __init__(self, diagonal: np.ndarray, below: np.ndarray) -> None:
-        self.below, self.factors = below, [cho_factor(diagonal[0], lower=True)]
-        for block, coupling in zip(diagonal[1:], below, strict=True):
-            block = block - coupling @ cho_solve(self.factors[-1], coupling.T)
-            self.factors.append(cho_factor(block, lower=True))
-        self.log_determinant = sum(2 * float(np.sum(np.log(np.diag(factor)))) for factor, _ in self.factors)
-
-    def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """The solution for right-hand sides (K, m, c)."""
-        x = np.array(rhs)
-        for k in range(1, len(x)):
-            x[k] -= self.below[k - 1] @ cho_solve(self.factors[k - 1], x[k - 1])
-        x[-1] = cho_solve(self.factors[-1], x[-1])
-        for k in range(len(x) - 2, -1, -1):
-            x[k] = cho_solve(self.factors[k], x[k] - self.below[k].T @ x[k + 1])
-        return x
-
-    def inverse_diagonal(self) -> np.ndarray:
-        """Diagonal blocks (K, m, m) of the inverse: `G_k = P_k^-1 + P_k^-1 B_k' G_{k+1} B_k P_k^-1`, P the pivots."""
-        one = np.eye(len(self.factors[0][0]))
-        found = [cho_solve(self.factors[-1], one)]
-        for k in range(len(self.factors) - 2, -1, -1):
-            back = cho_solve(self.factors[k], self.below[k].T)
-            found.append(cho_solve(self.factors[k], one) + back @ found[-1] @ back.T)
-        return np.array(found[::-1])
+from fitting.parameters.rig_priors import Common
 
 
 class Evaluation(NamedTuple):
@@ -78,14 +49,17 @@ class Evaluation(NamedTuple):
         return Starts(self.start[:, :n], self.start[:, n:])
 
 
+#: Ratio to the median over windows with samples above which a window's derivative counts as undefined. A joint that is
+#: just about to stick has no derivative (measured: 1e20), and one such window would block all parameters; chaos reaches
+#: 400 at most.
+WILD = 1e4
+
+
 def drop_wild(e: Evaluation) -> Evaluation:
     """The evaluation, with zero derivative and one more failed step for windows whose derivative is undefined."""
     size = np.abs(e.jacobian).max(axis=(1, 2, 3), initial=0.0)
     moving = size[size > 0]  # windows without samples have no derivative
-    # ratio to the median over windows with samples above which a window's derivative counts as undefined. A joint that
-    # is just about to stick has no derivative (measured: 1e20), and one such window would block all parameters; chaos
-    # reaches 400 at most
-    wild = ~(size <= 1e4 * max(float(np.median(moving)) if len(moving) else 0.0, 1e-300))
+    wild = ~(size <= WILD * max(float(np.median(moving)) if len(moving) else 0.0, 1e-300))
     if not wild.any():
         return e
     derivatives = {f: a.copy() for f, a in e._asdict().items() if f.endswith("jacobian")}
@@ -102,11 +76,6 @@ def move_along(e: Evaluation, dz: np.ndarray) -> Evaluation:
         start=e.start + np.einsum("kij,kj->ki", e.start_jacobian[..., :m2], dz),
         end=e.end + np.einsum("kij,kj->ki", e.end_jacobian[..., :m2], dz),
     )
-
-
-#: Values added to the diagonal of a scaled information matrix; the first that makes it positive definite is used.
-#: Eliminating starts that a stuck joint leaves undetermined loses digits.
-FLOORS = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)
 
 
 class Normal(NamedTuple):
@@ -172,16 +141,6 @@ class Step(NamedTuple):
     gradient: np.ndarray
     eliminated: np.ndarray
     log_determinant: float | None = None
-
-
-def cholesky_root(scaled: np.ndarray) -> np.ndarray:
-    """Lower Cholesky factor of a matrix with diagonal 1; unidentifiable parameters make it rank deficient."""
-    for floor in FLOORS:
-        try:
-            return cholesky(scaled + floor * np.eye(len(scaled)), lower=True)
-        except LinAlgError:
-            continue
-    return np.eye(len(scaled))
 
 
 def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -256,19 +215,3 @@ def eliminate_joined(system: Joined, damping: float, prior: Prior, low: np.ndarr
     # at the exact minimum of the damped model: decrease = -(slope)/2, plus the part withheld by the damping
     held = damping * (float(np.sum(diagonal * step.dz**2)) + float(np.diag(step.information) @ step.dp**2))
     return step._replace(predicted=-0.5 * slope + 0.5 * held, log_determinant=factor.log_determinant)
-
-
-def solve_spd(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-    """Solve with a symmetric positive definite matrix, its diagonal scaled to 1."""
-    size = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    factor = cho_factor(matrix * np.outer(size, size) + 1e-13 * np.eye(len(size)))
-    scaled = cho_solve(factor, (rhs.T * size).T)
-    return (scaled.T * size).T
-
-
-def eliminate_rows(information: np.ndarray, eliminated: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Information (r, r) of the numbers `rows` with the numbers `eliminated` eliminated (Schur complement)."""
-    if not len(eliminated):
-        return information[np.ix_(rows, rows)]
-    cross = information[np.ix_(eliminated, rows)]
-    return information[np.ix_(rows, rows)] - cross.T @ solve_spd(information[np.ix_(eliminated, eliminated)], cross)

@@ -25,7 +25,8 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from fitting.estimate.windows import Starts, Windows, pick
-from fitting.parameters.parameter import Parameter, ReleasePlace, apply
+from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.targets import ReleasePlace
 from fitting.traces import planar
 from fitting.traces.trace import Trace
 
@@ -81,14 +82,18 @@ class Release:
 
     def _all(self) -> list[Parameter]:
         times = [Parameter(f"{TIME}.{i}", ReleasePlace(i, "time"), 0.0, unit="s") for i in range(self.runs)]
-        forces = [
-            Parameter(
-                f"{FORCE}.{i}.{node}.{AXES[c]}", ReleasePlace(i, "force", 3 * j + c), float(self.force[j, c]), unit="N"
-            )
-            for i in range(self.runs)
-            for j, node in enumerate(self.nodes)
-            for c in (0, 2)
-        ]
+        forces = []
+        for i in range(self.runs):
+            for j, node in enumerate(self.nodes):
+                for c in (0, 2):
+                    forces.append(
+                        Parameter(
+                            f"{FORCE}.{i}.{node}.{AXES[c]}",
+                            ReleasePlace(i, "force", 3 * j + c),
+                            float(self.force[j, c]),
+                            unit="N",
+                        )
+                    )
         return times + forces
 
     def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
@@ -189,7 +194,9 @@ class Release:
         found = list(parameters)
         free = _free_times(parameters)
         for run, t0 in begin.items():
-            value = found[free[run]].value if run in free else 0.0
+            value = 0.0
+            if run in free:
+                value = found[free[run]].value
             if abs(value - t0) > reach:
                 raise SceneError(
                     f"static start: released at {value:g} s, but run {run} starts at {t0:g} s; "
@@ -217,7 +224,8 @@ class Release:
         first = pick(starts, which)
         tries = np.tile(values, (TRIED, 1))
         times = [*index.values()]
-        low, high = (np.array([getattr(parameters[i], end) for i in times]) for end in ("low", "high"))
+        low = np.array([parameters[i].low for i in times])
+        high = np.array([parameters[i].high for i in times])
         tries[:, times] = np.linspace(low, high, TRIED)
         costs = np.array([np.sum(residuals(tried, first, few) ** 2, axis=(1, 2)) for tried in tries])
         best = np.argmin(np.where(np.isnan(costs), np.inf, costs), axis=0)
@@ -230,11 +238,11 @@ class Release:
 
 def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
     """The parameter that is the release time of a run, by run; runs without a free time are omitted."""
-    return {
-        p.where.run: i
-        for i, p in enumerate(parameters)
-        if isinstance(p.where, ReleasePlace) and p.where.field == "time"
-    }
+    found = {}
+    for i, p in enumerate(parameters):
+        if isinstance(p.where, ReleasePlace) and p.where.field == "time":
+            found[p.where.run] = i
+    return found
 
 
 def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, requested: bool) -> Release | None:

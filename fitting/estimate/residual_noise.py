@@ -45,6 +45,10 @@ from fitting.traces.trace import Trace
 MAX_CORRELATION = 0.995
 
 
+#: Significance of the links' common motion along their rates, in standard deviations, for a delay model.
+DELAY_SIGNIFICANCE = 5.0
+
+
 class ResidualNoiseModel:
     """The residuals of a solution, in units of the claimed noise, and the noise models that they support.
 
@@ -89,7 +93,8 @@ class ResidualNoiseModel:
         squares = point.problem.loss.squares(point.evaluation.residual)
         found = np.ones_like(self.floor)
         for r in np.unique(source):
-            square, left = (part[source == r].sum(axis=(0, 1)) for part in (squares, unused))
+            square = squares[source == r].sum(axis=(0, 1))
+            left = unused[source == r].sum(axis=(0, 1))
             every = np.sqrt(square.sum() / max(left.sum(), 1.0))
             # minimum number of remaining samples for the noise of a channel
             found[r] = np.where(left > 10, np.sqrt(square / np.maximum(left, 1.0)), every)
@@ -153,8 +158,7 @@ class ResidualNoiseModel:
             mine = point.windows.run == r
             more = np.sum(along[mine] ** 2 - square[mine])
             size = np.sum(square[mine] ** 2)
-            # significance of the links' common motion along their rates, in standard deviations, for a delay model
-            if more > 5.0 * np.sqrt(2 * size):
+            if more > DELAY_SIGNIFICANCE * np.sqrt(2 * size):
                 delay[r] = np.sqrt(more / size)
         late = along / np.maximum(np.sqrt(square), 1e-300)
         if not delay.any() or abs(lag_one(late[..., None], (square > 0)[..., None])[0]) > WHITE:

@@ -14,8 +14,8 @@ from fitting.estimate.normal_equations import Evaluation, Normal, Prior, normal_
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, Windows
-from fitting.parameters.of_scene import JointPrior
 from fitting.parameters.parameter import Parameter
+from fitting.parameters.rig_priors import JointPrior
 from fitting.traces.planar import chart, wrap
 
 #: Minimum correlation of neighbouring residuals that counts in standard errors.

@@ -13,13 +13,14 @@ from scipy.special import chdtri
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.toml_text import SCHEMA
 from dropper_jax.load.scene import Scene
+from fitting.estimate.blocks import block_of, pieces, resample
+from fitting.estimate.factors import solve_spd
 from fitting.estimate.least_squares import descend
-from fitting.estimate.normal_equations import solve_spd
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS
-from fitting.estimate.uncertainty import FEW, Uncertainty, block_of, degrees_of_freedom, pieces, resample
-from fitting.parameters.of_scene import full_names
+from fitting.estimate.uncertainty import FEW, Uncertainty, degrees_of_freedom
+from fitting.parameters.names import full_names
 from fitting.parameters.parameter import Parameter
 
 
@@ -37,6 +38,10 @@ class Profile:
     low: float
     high: float
     converged: bool = True
+
+
+#: Maximum evaluations at each value.
+PROFILE_ITERATIONS = 15
 
 
 def profile(
@@ -77,8 +82,7 @@ def profile(
             starts = point.problem.move_starts(point.starts, point.values, along)
             evaluation = level_there.problem.evaluate(values, starts)
             begin = replace(point, values=values, starts=evaluation.starts, evaluation=evaluation, history=[])
-            # maximum evaluations at each value
-            point = descend(level_there, begin, 15)
+            point = descend(level_there, begin, PROFILE_ITERATIONS)
             converged &= point.status == "ok"
             found[value] = (point.cost - cost) / unit
     at = np.array(sorted(found))
@@ -201,8 +205,9 @@ class SceneFit:
         """Value, error, 90 % interval and unit of every parameter, by its path; no error (NaN) of a failed fit."""
         u = self.uncertainty
         known = self.has_errors
-        return {
-            p.name: {
+        found = {}
+        for i, p in enumerate(self.parameters):
+            found[p.name] = {
                 "value": self.values[i],
                 "std_error": u.std_error[i] if known else np.nan,
                 "low": u.low[i] if known else np.nan,
@@ -210,8 +215,7 @@ class SceneFit:
                 "at_bound": bool(u.at_bound[i]),
                 "unit": p.unit,
             }
-            for i, p in enumerate(self.parameters)
-        }
+        return found
 
     def common_json(self, method: str, step: float) -> dict[str, Any]:
         """The values that every fit reports, with the keys of the command line's JSON; `step` [s] is the time step."""

@@ -82,7 +82,10 @@ def join(normal: Normal, g: Gaps, weight: float) -> Joined:
     B = normal.B.copy()
     gz = normal.gz.copy()
     below = np.zeros((len(A) - 1, *A.shape[1:]))
-    value, before, after, shared = ((x / weight) for x in (g.value, g.before, g.after, g.shared))
+    value = g.value / weight
+    before = g.before / weight
+    after = g.after / weight
+    shared = g.shared / weight
     turn = lambda x: np.swapaxes(x, 1, 2)  # noqa: E731
     right = g.left + 1
     A[g.left] += turn(before) @ before
@@ -198,6 +201,15 @@ class JoinedWindows(Separate):
         return self.solution(point.values, point.evaluation, cost, known)
 
 
+#: If gaps are much smaller than a weight allows, the weight has no effect gap weights larger than this multiple of the
+#: gaps' own RMS are skipped.
+WIDE_GAPS = 5.0
+#: Fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not noise.
+RECOVERED = 0.3
+#: Change of the evidence between weights below which smaller weights are not tried.
+FLAT_EVIDENCE = 0.02
+
+
 def fit_shooting(
     begin: Solution,
     *,
@@ -228,9 +240,7 @@ def fit_shooting(
     worse = 0
     found = []
     separate = gaps(begin.problem.simulator, begin.windows, begin.evaluation, begin.values).value
-    # if gaps are much smaller than a weight allows, the weight has no effect
-    # gap weights larger than this multiple of the gaps' own RMS are skipped
-    wide = 5.0 * float(np.sqrt(np.mean(separate**2)))
+    wide = WIDE_GAPS * float(np.sqrt(np.mean(separate**2)))
     schedule = [*(w for w in schedule[:-1] if w < wide), schedule[-1]]
     if choose and begin.problem.memory == 1:
         found_at_once = follow_linear_model(begin, schedule, iterations, finer, progress)
@@ -246,16 +256,19 @@ def fit_shooting(
             text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
             progress(done, text)
             fell = max((p.evidence for p in found), default=-np.inf) - point.evidence
-            again = finer(point) if fell > SAME_EVIDENCE else None
-            # fraction of the evidence lost with a smaller weight that finer steps must recover if residuals are not
-            # noise
-            if again is not None and begin.problem.memory > 1 and level.expected_decrease(again, point) < 0.3 * fell:
+            again = None
+            if fell > SAME_EVIDENCE:
+                again = finer(point)
+            if (
+                again is not None
+                and begin.problem.memory > 1
+                and level.expected_decrease(again, point) < RECOVERED * fell
+            ):
                 again = None  # the model is wrong, not the step
         found.append(point)
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
         worse = worse + 1 if drop > EVIDENCE_DROP else 0
-        # change of the evidence between weights below which smaller weights are not tried
-        if choose and i and abs(point.evidence - found[-2].evidence) < 0.02:
+        if choose and i and abs(point.evidence - found[-2].evidence) < FLAT_EVIDENCE:
             break
         # with correlated residuals the maximum of the evidence is clear
         if choose and worse == (2 if begin.problem.memory == 1 else 1):
@@ -300,7 +313,9 @@ def follow_linear_model(
             tight = JoinedWindows(point.problem, schedule[chosen + fell[0]])
         else:
             tight = None
-        again = None if tight is None else finer(tight.solution_at(point))
+        again = None
+        if tight is not None:
+            again = finer(tight.solution_at(point))
         if again is None:
             return point
         point = replace(again, gap_weight=None)

@@ -29,7 +29,8 @@ from fitting.estimate.normal_equations import Evaluation, drop_wild
 from fitting.estimate.release import LEAST_STRETCH, Release, ReleaseState
 from fitting.estimate.windows import ON_GRID, Starts, Windows, with_rows
 from fitting.parameters.missing_forces import add_missing_forces
-from fitting.parameters.parameter import Parameter, apply, camera_angles, clock_rate, losses, recording
+from fitting.parameters.observation import camera_angles, clock_rate, losses, recording
+from fitting.parameters.parameter import Parameter, apply
 from fitting.traces import planar
 
 #: Windows in one batched program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all cores
@@ -189,7 +190,9 @@ class Simulator:
         order = np.argsort(inputs[COUNTS], kind="stable")
         more = -len(order) % key.size
         rows = np.pad(order, (more, 0), mode="edge").reshape(-1, key.size)
-        chunks = [tuple(a[some] for a in inputs) for some in rows]
+        chunks = []
+        for some in rows:
+            chunks.append(tuple(a[some] for a in inputs))
         substeps = np.int32(windows.substeps)
         run = lambda job: [  # noqa: E731
             np.asarray(a) for a in program(values, job[0], substeps, job[1][COUNTS].max(), *job[1])
@@ -200,7 +203,9 @@ class Simulator:
             parts = list(pool.map(run, jobs))
         by_seed = [parts[i : i + len(chunks)] for i in range(0, len(parts), len(chunks))]
         back = more + np.argsort(order, kind="stable")
-        joined = [[np.concatenate(column)[back] for column in zip(*some, strict=True)] for some in by_seed]
+        joined = []
+        for some in by_seed:
+            joined.append([np.concatenate(column)[back] for column in zip(*some, strict=True)])
         whole = Evaluation(*joined[0])
         columns = self.freedoms + len(self.parameters)
         for i, field in enumerate(Evaluation._fields):
@@ -212,7 +217,9 @@ class Simulator:
 
     def _seeds(self) -> list[np.ndarray]:
         """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
-        more = [] if self.starts_only else self.freedoms + self._where()
+        more = []
+        if not self.starts_only:
+            more = self.freedoms + self._where()
         columns = np.concatenate([np.arange(self.freedoms), more]).astype(int)
         blocks = -(-len(columns) // self.tangents)
         seeds = np.zeros((blocks * self.tangents, self.freedoms + len(self.compiled)))
@@ -252,7 +259,9 @@ class Simulator:
             key = requested._replace(
                 steps=max(requested.steps, self.capacity[0]), slots=max(requested.slots, self.capacity[1])
             )
-        stepper = self.stepper.plain if key.plain else self.stepper
+        stepper = self.stepper
+        if key.plain:
+            stepper = self.stepper.plain
         one = partial(self.window, stepper=stepper, dt=key.dt, capacity=key.steps, on_grid=key.on_grid)
         batched = jax.vmap(one, in_axes=(None, None, None, None, *(0 for _ in inputs)))
         if key.size == 1:  # a batch of one would also execute both sides of every branch
@@ -304,7 +313,9 @@ class Simulator:
             theta = theta0 + basis @ z[:m]
             h = dt
             samples = (index, fraction)
-            release_state = ReleaseState(*more) if self.release else None
+            release_state = None
+            if self.release:
+                release_state = ReleaseState(*more)
             if release_state is not None:
                 theta = theta + release_state.slope @ (p - values)
             if release_state is not None or losses(self.compiled):
@@ -384,6 +395,11 @@ def choose_stepper(model: Model, integrator: str | None = None, solver: str = "a
     return make_stepper(model, integrator or "energy_momentum", solver, track_work=False, halvings=halvings)
 
 
+#: Accuracy over the shortest link [1/m] for schemes with an embedded error: on the lab dropper angles are then within
+#: 5e-5 rad after 3 s, 1 % of the noise.
+ACCURACY_PER_LENGTH = 0.1
+
+
 def march(
     stepper: Stepper,
     model: Model,
@@ -402,9 +418,7 @@ def march(
     """
     if isinstance(stepper.integrator, Embedded):
         finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order
-        # accuracy over the shortest link [1/m] for schemes with an embedded error: on the lab dropper angles are then
-        # within 5e-5 rad after 3 s, 1 % of the noise
-        accuracy = jax.lax.stop_gradient(0.1 * jnp.min(model.line.length) * finer)
+        accuracy = jax.lax.stop_gradient(ACCURACY_PER_LENGTH * jnp.min(model.line.length) * finer)
         start = adaptive_start(stepper, model, begin(stepper, model, s))
         end, (found, _) = advance_adaptively(stepper, model, start, dt, accuracy, capacity)
         return *jax.vmap(partial(planar.from_nodes, model))(found.r, found.v), end.has_failed.astype(jnp.int32)

@@ -16,7 +16,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.traces import planar
-from fitting.traces.trace import DEGREE, Trace, without_spikes
+from fitting.traces.noise import DEGREE, without_spikes
+from fitting.traces.trace import Trace
 
 #: Deviation from whole steps [steps] below which samples count as lying on the time grid.
 ON_GRID = 1e-6
@@ -135,9 +136,10 @@ class Windows:
         """
         more = max(0, slots - self.theta.shape[1])
         given = {f: getattr(self, f) for f in ("theta", "weight", "index", "fraction", "jitter")}
-        padded = {
-            f: np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)]) for f, a in given.items() if a is not None
-        }
+        padded = {}
+        for f, a in given.items():
+            if a is not None:
+                padded[f] = np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)])
         return replace(self, steps=max(steps, self.steps), **padded)
 
     def early(self, part: float) -> Windows:
@@ -242,7 +244,7 @@ def _all_samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.nd
         wide = np.zeros((2, len(theta), count * trace.links))
         wide[:, :, mine] = theta, weight
         found.append((*wide, index, fraction))
-    return tuple(np.concatenate(column) for column in zip(*found, strict=True))
+    return tuple(map(np.concatenate, zip(*found, strict=True)))
 
 
 def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -284,16 +286,20 @@ def with_rows(rows: ByWindow, which: np.ndarray, new: ByWindow) -> ByWindow:
     return found
 
 
+#: Maximum reach of a start's polynomial, as a fraction of the shortest link's period.
+LONGEST_REACH = 0.3
+#: Multiple of the starts closed in one call, so that one program serves most traces.
+STARTS_AT_ONCE = 128
+
+
 def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma: Sequence[np.ndarray]) -> Starts:
     """Starts from the traces: value and slope of local polynomials, with the width that the noise `sigma` allows."""
     traces = [without_spikes(trace) for trace in traces]
-    # maximum reach of a start's polynomial, as a fraction of the shortest link's period
-    longest = 0.3 * planar.pendulum_period(model.line.length)
+    longest = LONGEST_REACH * planar.pendulum_period(model.line.length)
     sigma = [size[: len(trace.theta.T)] for size, trace in zip(sigma, traces, strict=True)]
     at = zip(windows.run, windows.begin, strict=True)
     value = np.array([local_motion(traces[i].t, traces[i].theta, t0, sigma[i], longest) for i, t0 in at])
-    # multiple of the starts closed in one call, so that one program serves most traces
-    padded = np.pad(value, [(0, -len(value) % 128), (0, 0), (0, 0)], mode="edge")
+    padded = np.pad(value, [(0, -len(value) % STARTS_AT_ONCE), (0, 0), (0, 0)], mode="edge")
     found = _close(model, padded[..., 0], padded[..., 1])
     return Starts(*(np.asarray(a)[: len(value)] for a in found))
 

@@ -99,7 +99,10 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     sizes = {image.shape for _, image in images}
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
-    found = [c for c in (corners(image, board) for _, image in images) if c is not None]
+    found = []
+    for c in (corners(image, board) for _, image in images):
+        if c is not None:
+            found.append(c)
     if len(found) < fewest_pictures:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
@@ -118,6 +121,10 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     return replace(lens, others=tuple(other for other in others if other is not None))
 
 
+#: A focal length above 20 image widths: the calibration has diverged.
+LONGEST_FOCUS = 20.0
+
+
 def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]) -> Lens | None:
     """The lens from boards with corners `found`, or None if the calibration diverges."""
     cv2 = opencv()
@@ -128,8 +135,7 @@ def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]
     except cv2.error:
         return None
     focus = matrix[[0, 1], [0, 1]]
-    # a focal length above 20 image widths: the calibration has diverged
-    sensible = (focus > 0).all() and (focus < 20.0 * size[0]).all()
+    sensible = (focus > 0).all() and (focus < LONGEST_FOCUS * size[0]).all()
     if not (sensible and np.isfinite(error) and np.isfinite(bending).all()):
         return None
     return Lens(matrix, np.ravel(bending)[:5], float(error), len(found), size)

@@ -8,19 +8,17 @@ are rejected, so that half a circle is enough. Motion blur lengthens a marker eq
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError
-from fitting.films.video import Video, opencv
+from fitting.films.video import opencv
 
 RAYS = 48
 #: Distance of samples along a ray [pixel].
 RAY_STEP = 0.5
 #: Radii [pixel] that are tried by default.
-RADII = tuple(float(r) for r in np.geomspace(2.5, 40.0, 14))
+RADII = tuple(map(float, np.geomspace(2.5, 40.0, 14)))
 
 
 @dataclass(frozen=True)
@@ -133,6 +131,14 @@ def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, 
     return (np.stack([column, row], axis=1)[order] + 0.5) * factor - 0.5, strength[order]
 
 
+#: Minimum fraction of rays that show an edge.
+SHOWN_RAYS = 0.55
+#: Maximum radius of a circle as a multiple of the usual one.
+LARGEST_RADIUS = 1.35
+#: Minimum contrast as a fraction of the usual one.
+WEAKEST = 0.85
+
+
 def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> Circles:
     """A circle around each seed (m, 2); those without enough of an edge are omitted."""
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
@@ -140,8 +146,7 @@ def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> 
     along = np.arange(0.0, 1.8 * appearance.radius + RAY_STEP, RAY_STEP)
     edge, contrast = _edges(_brightness(image, seeds, ray, along), along, appearance)
     centre, radius, error, used = _circle(edge, ray, appearance.radius)
-    # fraction of rays that show an edge; radius and contrast as fractions of the usual ones
-    good = (used >= 0.55) & (radius > 0.85 * appearance.radius) & (radius < 1.35 * appearance.radius)
+    good = (used >= SHOWN_RAYS) & (radius > WEAKEST * appearance.radius) & (radius < LARGEST_RADIUS * appearance.radius)
     good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > 0.6 * appearance.contrast)
     return Circles(seeds + centre, error, radius, used, contrast).pick(good)
 
@@ -152,10 +157,9 @@ def _brightness(image: np.ndarray, seeds: np.ndarray, ray: np.ndarray, along: np
     flat = position.reshape(-1, along.size, 2).astype(np.float32)
     cv2 = opencv()
     # in pieces: remap takes pictures of less than 32768 rows
-    parts = [
-        cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        for part in np.array_split(flat, max(1, len(flat) // 20000))
-    ]
+    parts = []
+    for part in np.array_split(flat, max(1, len(flat) // 20000)):
+        parts.append(cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
     return np.concatenate(parts).reshape(len(seeds), RAYS, along.size)
 
 
@@ -173,7 +177,8 @@ def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -
     last = np.argmin(above, axis=2)  # the first sample beyond the edge
     known = above[..., 0] & (last > 0) & (contrast > 0.3 * appearance.answer)[:, None]
     last = np.maximum(last, 1)[..., None]
-    before, after = (np.take_along_axis(light, i, axis=2)[..., 0] for i in (last - 1, last))
+    before = np.take_along_axis(light, last - 1, axis=2)[..., 0]
+    after = np.take_along_axis(light, last, axis=2)[..., 0]
     step = np.where(after == before, 1.0, after - before)
     return np.where(known, along[last[..., 0] - 1] + RAY_STEP * (half[:, None] - before) / step, np.nan), contrast
 
@@ -231,70 +236,3 @@ def _distinct(circles: Circles, appearance: MarkerAppearance) -> Circles:
         if (apart > 0.5 * appearance.radius).all():
             kept.append(i)
     return circles.pick(np.array(kept, int))
-
-
-# Appearance of the markers, and the circles in all frames of a video
-
-
-def scan(
-    film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None, say: Progress
-) -> tuple[MarkerAppearance, list[Circles]]:
-    """The markers' appearance, and the circles of all frames of the span [pixel of the video].
-
-    Raises:
-        SceneError: no frame with as many circles as nodes.
-    """
-    appearance = _learn_appearance(film, span, nodes, radius, bright)
-    total = max(1, (span[1] or film.announced or 0) - span[0])
-    found = []
-    for i, image in enumerate(film.frames(*span)):
-        found.append(detect(image, appearance))
-        say(0.7 * min(1.0, (i + 1) / total), f"circles of frame {span[0] + i + 1}")
-    return appearance, found
-
-
-def _learn_appearance(
-    film: Video, span: tuple[int, int | None], nodes: int, radius: float | None, bright: bool | None
-) -> MarkerAppearance:
-    """The appearance in the frame that shows the markers best, of a few spread over the film."""
-    images = []
-    stride = 1
-    for i, image in enumerate(film.frames(*span)):
-        if i % stride == 0:
-            images.append(image)
-        if len(images) > 16:  # spread over the film
-            images = images[::2]
-            stride = 2 * stride
-    best = None
-    most = 0
-    for image in images:
-        appearance = learn_appearance(image, nodes, radius, bright)
-        if stands_out(image, appearance, nodes):
-            count = len(detect(image, appearance))
-        else:
-            count = 0
-        if count >= nodes and (best is None or appearance.answer > best.answer):
-            best = appearance
-        most = max(most, count)
-    if best is not None:
-        return best
-    for fewer in range(nodes - 1, most, -1):
-        for image in images[::5]:
-            appearance = learn_appearance(image, fewer, radius, bright)
-            most = max(most, len(detect(image, appearance)) if stands_out(image, appearance, fewer) else 0)
-    if most == 0:
-        raise SceneError(
-            f"{film.path.name}: no circles found in {len(images)} frames; needed: a circle on every node "
-            "(use --radius and --marker to describe them)"
-        )
-    raise SceneError(
-        f"{film.path.name}: at most {most} circles in a frame, but {nodes} nodes; "
-        "needed: as many circles as nodes (use --radius and --marker to describe them)"
-    )
-
-
-def map_circles(circles: list[Circles], to: Callable[[np.ndarray], np.ndarray]) -> list[Circles]:
-    """The circles with their centres mapped by `to`: points (m, 2) to points (m, 2)."""
-    ends = np.cumsum([len(each) for each in circles])
-    centres = np.split(to(np.concatenate([each.centre for each in circles])), ends[:-1])
-    return [replace(each, centre=centre) for each, centre in zip(circles, centres, strict=True)]

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.films.detection import Circles, map_circles
+from fitting.films.appearance import map_circles
+from fitting.films.detection import Circles
 from fitting.films.flattening import Flat, flatten, robust_lengths
 from fitting.films.hindsight import TrackedChain, fill_missed, reverse_chain
 from fitting.films.identity import Follower, length_errors
@@ -141,7 +142,9 @@ def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> 
     spread = np.where(known, spread, 3.0)
     # from the frame that shows all nodes with the best-fitting lengths
     off = np.where(np.isfinite(length), np.abs(length - new) / np.hypot(0.3, spread), np.inf).max(axis=1)
-    at = int(np.argmin(off)) if np.isfinite(off.min()) else chain.at
+    at = chain.at
+    if np.isfinite(off.min()):
+        at = int(np.argmin(off))
     if not detected[at].all():
         return chain, False
     changed = changed or bool((np.abs(new - chain.length) > length_errors(chain)).any()) or at != chain.at
@@ -173,7 +176,9 @@ def _check_order(tracks: np.ndarray, pixels: np.ndarray, still: np.ndarray, stra
         return True
     frame = int(np.argmax(np.isfinite(tracks[..., 0]).sum(axis=1)))
     orders = [pixels[frame, path] for path in [np.arange(nodes), *others]]
-    count = f"{len(orders)} orders" if len(orders) < 50 else "many orders"
+    count = "many orders"
+    if len(orders) < 50:
+        count = f"{len(orders)} orders"
     raise AmbiguousOrderError(
         f"the order of the nodes is not known: in {count} of the {nodes} circles all links keep their lengths; "
         "use a film in which every joint bends, or --start with the nodes' positions in the first frame",

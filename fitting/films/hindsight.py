@@ -86,7 +86,9 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]
     # frames to the nearest one in which the node itself is detected
     away = distance_transform_edt(~found.detected, sampling=(1.0, 1e6))
     steps = np.linalg.norm(np.diff(found.flat, axis=0), axis=-1)[found.detected[1:] & found.detected[:-1]]
-    fast = 0.2 * float(np.percentile(steps, 98)) if len(steps) else 0.0
+    fast = 0.0
+    if len(steps):
+        fast = 0.2 * float(np.percentile(steps, 98))
     for i in np.flatnonzero((~found.detected).any(axis=1)):
         flat, circles = there(i)
         for k in np.flatnonzero(~found.detected[i]):
@@ -144,6 +146,10 @@ def second_differences(positions: np.ndarray, detected: np.ndarray) -> np.ndarra
     return found
 
 
+#: Deviations beyond 3 standard deviations count as much as one there.
+OUTLYING = 3.0
+
+
 def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
     """c of the film, 0 if the lengths do not show it; positions (k, n, 2), seen (k, n)."""
     change = second_differences(positions, detected)
@@ -165,8 +171,7 @@ def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
         share = float(np.sum(weight * x * y) / np.sum(weight * x**2))
         off = np.abs(y - share * x)
         scale = 1.4826 * float(np.median(off)) + 1e-9
-        # deviations beyond 3 standard deviations count as much as one there
-        weight = np.minimum(1.0, 3.0 * scale / np.maximum(off, 1e-12))
+        weight = np.minimum(1.0, OUTLYING * scale / np.maximum(off, 1e-12))
     error = scale / np.sqrt(np.sum(weight * x**2))
     # at most c of an exposure as long as a frame; below 4 standard errors nothing is corrected
     if share > 4.0 * error:

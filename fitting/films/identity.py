@@ -17,6 +17,21 @@ import numpy as np
 from fitting.films.detection import Circles
 from fitting.films.ordering import Chain
 
+#: Fastest step before any was observed, in mean links.
+FIRST_STEP = 0.3
+#: Change per step before any rate is known, in mean links.
+FIRST_CHANGE = 0.12
+#: Fraction of the last step by which a node may be off.
+STEP_SHARE = 0.05
+#: Fraction of the last change of a step by which a node may be off.
+CHANGE_SHARE = 0.7
+#: Maximum distance of a circle from a node's expected position [pixel].
+REACH = 12.0
+#: Additional distance for every frame that the node was lost, in fastest steps.
+REACH_PER_FRAME = 1.5
+#: Maximum cost of a length between two nodes: a wrong neighbour must not reject a right node.
+LARGEST_MISS = 30.0
+
 
 class Follower:
     """The state of the chain from frame to frame, from its own frame forwards in time (direction 1) or backwards (-1).
@@ -38,8 +53,7 @@ class Follower:
         self.held = np.zeros(len(chain.positions), bool) if chain.held is None else chain.held
         self.lost = np.zeros(len(chain.positions), int)
         self.last_positions = chain.positions
-        # before any step was observed: 0.3 mean links
-        self.fastest = 0.3 * float(np.mean(chain.length))
+        self.fastest = FIRST_STEP * float(np.mean(chain.length))
         self.length_error = length_errors(chain)
 
     def expected_positions(self) -> np.ndarray:
@@ -59,14 +73,12 @@ class Follower:
         # minimum error of an expected position [pixel]
         floor = 1.5
         step = np.zeros(len(self.lost))
-        # before any rate is known: a change of 0.12 mean links per step
-        change = np.full(len(self.lost), max(4.0, 0.12 * float(np.mean(self.chain.length))))
+        change = np.full(len(self.lost), max(4.0, FIRST_CHANGE * float(np.mean(self.chain.length))))
         if len(self.past) > 1:
             step = np.linalg.norm(self.past[0] - self.past[1], axis=1)
         if len(self.past) > 2:
             change = np.linalg.norm(self.past[0] - 2 * self.past[1] + self.past[2], axis=1)
-        # fractions of the last step, and of its last change
-        return np.where(self.held, floor, (floor + 0.05 * step + 0.7 * change) * (1.0 + self.lost))
+        return np.where(self.held, floor, (floor + STEP_SHARE * step + CHANGE_SHARE * change) * (1.0 + self.lost))
 
     def advance(self, circles: Circles) -> np.ndarray:
         """Process the next frame; returns for each node the number of its circle, or -1 if undetected (n,)."""
@@ -91,8 +103,7 @@ class Follower:
         if not len(centre):
             return np.full(len(guess), -1)
         unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
-        # a distance [pixel], and more for every frame that the node was lost [fastest step]
-        reach = np.where(self.held, 0.0, 12.0 + 1.5 * self.lost * self.fastest)
+        reach = np.where(self.held, 0.0, REACH + REACH_PER_FRAME * self.lost * self.fastest)
         away = np.linalg.norm(centre[None] - self.last_positions[:, None], axis=-1) < reach[:, None]
         back = (self.lost > 0)[:, None] & away
         unary = np.where(back, np.minimum(unary, return_price), unary)
@@ -102,8 +113,7 @@ class Follower:
         apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
         pair = np.zeros((len(guess) - 1, len(centre) + 1, len(centre) + 1))
         miss = (apart[None] - self.chain.length[:, None, None]) / self.length_error[:, None, None]
-        # a wrong neighbour must not reject a right node
-        pair[:, :-1, :-1] = np.minimum(miss**2, 30.0)
+        pair[:, :-1, :-1] = np.minimum(miss**2, LARGEST_MISS)
         pair[:, np.arange(len(centre)), np.arange(len(centre))] = np.inf
         best = _without_doubles(unary, pair)[1]
         return self._confirm_returns(np.where(best == len(centre), -1, best), far, pair)
@@ -137,10 +147,19 @@ class Follower:
         return bridge(positions, unknown, self.chain.length, self.length_error)
 
 
+#: Minimum error of a length [pixel].
+LENGTH_ERROR = 0.6
+#: Minimum error of a length as a fraction of it.
+LENGTH_SHARE = 0.008
+#: Maximum variation of a length as a fraction of it.
+LARGEST_SPREAD = 0.25
+
+
 def length_errors(chain: Chain) -> np.ndarray:
     """Permitted errors of the links' lengths (n - 1,) [pixel]."""
-    # error of a length: at least this [pixel] and this fraction; its maximum variation
-    return np.maximum(np.maximum(0.6, 0.008 * chain.length), np.minimum(chain.spread, 0.25 * chain.length))
+    return np.maximum(
+        np.maximum(LENGTH_ERROR, LENGTH_SHARE * chain.length), np.minimum(chain.spread, LARGEST_SPREAD * chain.length)
+    )
 
 
 def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:

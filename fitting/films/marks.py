@@ -65,11 +65,20 @@ class Marks:
         return found
 
 
+#: Deviation of a length beyond which it is wrong, in robust deviations.
+WRONG_LENGTH = 7.0
+#: Minimum deviation of a wrong length [pixel].
+LENGTH_ERROR = 0.8
+#: Minimum deviation of a wrong length as a fraction of it; a missing length is not wrong.
+LENGTH_SHARE = 0.015
+
+
 def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
     """Marks of positions (k, n, 2) [pixel of the plane of motion], `detected` (k, n) of which are measured."""
     lengths, usual, deviation = robust_lengths(positions, detected)
-    # robust deviations, and at least this [pixel] and this fraction of it; a missing length is not wrong
-    length = np.abs(lengths - usual) > np.maximum(7.0 * deviation, np.hypot(0.8, 0.015 * usual))
+    length = np.abs(lengths - usual) > np.maximum(
+        WRONG_LENGTH * deviation, np.hypot(LENGTH_ERROR, LENGTH_SHARE * usual)
+    )
     swapped = _swapped_names(positions, detected, length, usual, deviation)
     # samples that are already marked must not make their neighbours in time look wrong
     wrong = swapped.copy()
@@ -89,7 +98,8 @@ def _swapped_names(
     if not len(starts):
         return np.zeros(detected.shape, bool)
     long = np.flatnonzero(ends - starts >= min(12, (ends - starts).max()))
-    first, last = (int(starts[i] + ends[i]) // 2 for i in (long[0], long[-1]))
+    first = int(starts[long[0]] + ends[long[0]]) // 2
+    last = int(starts[long[-1]] + ends[long[-1]]) // 2
     runs = [(first, len(positions), 1), (first, -1, -1), (last, len(positions), 1), (last, -1, -1)]
     asked = np.zeros(len(positions), int)
     other = np.zeros(detected.shape, int)
@@ -109,21 +119,29 @@ def _swapped_names(
     return (other > 0) & (other >= asked[:, None]) & detected & alone
 
 
+#: The largest jumps are removed and the others checked again.
+MOST_JUMPS = 6
+
+
+#: Deviation from the neighbouring frames beyond which a node has jumped, in usual deviations.
+JUMP = 8.0
+#: Minimum deviation of a jump, as a fraction of a link.
+SMALLEST_JUMP = 0.15
+
+
 def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
     """Samples (k, n) off the cubics through the two detected before and the two after them."""
     # number of samples before and after, which give the usual deviation of a position from its neighbours in time
     neighbours = 8
     result = np.zeros(detected.shape, bool)
     for k in range(detected.shape[1]):
-        # the largest jumps are removed and the others checked again
-        for _ in range(6):
+        for _ in range(MOST_JUMPS):
             frames = np.flatnonzero(detected[:, k] & ~result[:, k])
             if len(frames) < 2 * neighbours:
                 break
             off, apart = off_cubic(frames, positions[frames, k])
             usual = median_filter(off, 2 * neighbours + 1, mode="nearest")
-            # a multiple of the usual deviation, and at least this fraction of a link
-            limit = np.maximum(8.0 * usual, 0.15 * length * (apart / 2) ** 2)
+            limit = np.maximum(JUMP * usual, SMALLEST_JUMP * length * (apart / 2) ** 2)
             # if neighbouring samples all look wrong, the worst one is: the others are checked without it
             worst = maximum_filter(off / limit, 5, mode="nearest")
             now = (off > limit) & (off / limit >= worst) & (apart <= 8)
@@ -131,6 +149,10 @@ def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.nda
                 break
             result[frames[now], k] = True
     return result | _out_of_reach(positions, detected & ~result, length)
+
+
+#: A node cannot move by more than nearly the fastest steps and this number of links.
+SPARE_STEP = 0.2
 
 
 def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
@@ -143,8 +165,7 @@ def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) ->
     for k in range(detected.shape[1]):
         frames = np.flatnonzero(detected[:, k])
         way = np.linalg.norm(np.diff(positions[frames, k], axis=0), axis=-1)
-        # a node cannot move by more than nearly the fastest steps and 0.2 links
-        broken = np.flatnonzero(way > fastest * np.diff(frames) + 0.2 * length) + 1
+        broken = np.flatnonzero(way > fastest * np.diff(frames) + SPARE_STEP * length) + 1
         for run in np.split(frames, broken):
             if len(run) <= 6 and len(run) < len(frames) / 2:
                 result[run, k] = True

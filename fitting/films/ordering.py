@@ -45,7 +45,18 @@ class AmbiguousOrderError(Exception):
 
     def __init__(self, message: str, orders: list[np.ndarray], frame: int) -> None:
         super().__init__(message)
-        self.orders, self.frame = orders, frame
+        self.orders = orders
+        self.frame = frame
+
+
+#: Maximum step of a spot beyond its last one [pixel]: it may have any rate at first, if no other is nearer.
+FASTEST_SPOT = 8.0
+#: Maximum step of a spot as a fraction of the distance to the next one.
+NEXT_SPOT = 0.4
+#: Maximum step of a spot [pixel].
+FARTHEST_SPOT = 60.0
+#: Fraction of a hidden spot's rate that is kept in every frame: it is no longer where its rate would have carried it.
+RATE_DECAY = 0.8
 
 
 def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
@@ -60,17 +71,16 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
     for centres in frames[begin + 1 :]:
         guess = last + rate
         apart = np.linalg.norm(guess[:, None] - centres[None], axis=-1)
-        # a spot may have any rate at first, as long as no other is nearer
-        # [pixel] in addition to its step, or this fraction of the distance to the next spot, up to a maximum [pixel]
-        limit = np.maximum(8.0 + np.linalg.norm(rate, axis=1), np.minimum(0.4 * _alone(last), 60.0))
+        limit = np.maximum(
+            FASTEST_SPOT + np.linalg.norm(rate, axis=1), np.minimum(NEXT_SPOT * _alone(last), FARTHEST_SPOT)
+        )
         now = np.full_like(last, np.nan)
         if len(centres):
             for i, j in zip(*linear_sum_assignment(np.minimum(apart, 1e3)), strict=True):
                 if apart[i, j] < limit[i]:
                     now[i] = centres[j]
         detected = np.isfinite(now[:, 0])
-        # a spot that was hidden for long is no longer where its rate would have carried it
-        rate = np.where(detected[:, None], now - last, 0.8 * rate)
+        rate = np.where(detected[:, None], now - last, RATE_DECAY * rate)
         last = np.where(detected[:, None], now, guess)
         tracks.append(now)
     return np.stack(tracks)
@@ -83,6 +93,16 @@ def _alone(positions: np.ndarray) -> np.ndarray:
     return apart.min(axis=1)
 
 
+#: Fraction of frames in which a marker is seen; spots that are missing more often are reflections.
+OFTEN = 0.5
+#: The same if there are too few others.
+SELDOM = 0.1
+#: Tolerance of a change of a length [pixel].
+CHANGE = 0.5
+#: Tolerance of a change of a length as a fraction of it: a slanting camera changes it by some per cent.
+CHANGE_SHARE = 0.01
+
+
 def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tuple[Chain | None, float]:
     """The chain with the smallest change of its lengths, and the margin to the next best chain.
 
@@ -92,15 +112,13 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
     """
     share = np.isfinite(tracks[..., 0]).mean(axis=0)
     often = np.argsort(-share, kind="stable")[:13]
-    # spots that are often missing are reflections; a marker seen now and then counts if there are too few others
-    enough = (share[often] >= 0.5) | ((np.arange(len(often)) < nodes) & (share[often] >= 0.1))
+    enough = (share[often] >= OFTEN) | ((np.arange(len(often)) < nodes) & (share[often] >= SELDOM))
     tracks = tracks[:, often[enough]]
     if tracks.shape[1] < nodes:
         return None, 0.0
     change, mean = changes(tracks)
     still = resting(tracks, radius, nodes)
-    # [pixel, fraction]: a slanting camera changes a length by some per cent
-    ratio = change / np.hypot(0.5, 0.01 * mean)
+    ratio = change / np.hypot(CHANGE, CHANGE_SHARE * mean)
     # changes [tolerances] up to which a step may be a link, tried in this order
     for worst in (2.0, 4.0, 8.0):
         found = paths(ratio, still, nodes, worst)
@@ -121,6 +139,10 @@ def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
     if np.isfinite(found).all():
         return found
     return None
+
+
+#: Sum of squared changes [tolerances] by which the second best path must be worse.
+CLEARLY_BEST = 9.0
 
 
 def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: float) -> Chain | None:
@@ -145,8 +167,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
             if chain is not None and margin > clear and np.isfinite(chain.positions).all():
                 best = replace(chain, at=int(start) + middle)
                 clear = margin
-        # sum of squared changes [tolerances] by which the second best path must be worse
-        if clear >= 9.0 or size == len(frames):
+        if clear >= CLEARLY_BEST or size == len(frames):
             break
     return best
 
@@ -183,7 +204,9 @@ def paths(
         ratio: (m, m) changes of the distances [tolerances]; steps above `worst` are not links.
         still: (m,) spots that rest: ends only, and never joined with each other.
     """
-    near = [[int(j) for j in np.argsort(row) if row[j] <= worst and j != i] for i, row in enumerate(ratio)]
+    near = []
+    for i, row in enumerate(ratio):
+        near.append([int(j) for j in np.argsort(row) if row[j] <= worst and j != i])
     found: list[tuple[float, tuple[int, ...]]] = []
     stack = [((i,), 0.0) for i in reversed(range(len(ratio)))]
     for _ in range(MOST_PATH_STEPS):
@@ -203,6 +226,10 @@ def paths(
     return [(spent, np.array(path)) for spent, path in found]
 
 
+#: Markers lie on a line to within 0.03 of its extent.
+ON_A_LINE = 0.03
+
+
 def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
     """The order (m,) of spots along a line on which they lie in every frame, or None.
 
@@ -213,8 +240,7 @@ def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
         return None
     middle = whole - whole.mean(axis=1, keepdims=True)
     _, size, axes = np.linalg.svd(middle, full_matrices=False)
-    # markers lie on a line to within 0.03 of its extent
-    if (size[:, 1] > 0.03 * size[:, 0]).any():
+    if (size[:, 1] > ON_A_LINE * size[:, 0]).any():
         return None
     orders = np.argsort(np.einsum("kmi,ki->km", middle, axes[:, 0]), axis=1)
     same = (orders == orders[0]).all(axis=1) | (orders == orders[0][::-1]).all(axis=1)

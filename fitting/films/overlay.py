@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
-from fitting.films.ordering import AmbiguousOrderError
-from fitting.films.render import BRIDGED, LINK, TEXT, _sixteenths
+from fitting.films.render import BRIDGED, LINK, TEXT, in_sixteenths
 from fitting.films.track import Tracked
 from fitting.films.video import Video, opencv, write_video
 
@@ -31,10 +30,10 @@ def write_overlay(tracked: Tracked, video: str | Path, path: str | Path) -> Path
     pictures = [picture[box[1] : box[3], box[0] : box[2]] for picture in _draw_frames(tracked, film, scale, chosen)]
     height = round((box[3] - box[1]) * scale)
     tiles = [opencv().resize(p, (picture_width, height), interpolation=opencv().INTER_CUBIC) for p in pictures]
-    return _write_sheet(tiles, per_row, path)
+    return write_sheet(tiles, per_row, path)
 
 
-def _write_sheet(tiles: list[np.ndarray], per_row: int, path: Path) -> Path:
+def write_sheet(tiles: list[np.ndarray], per_row: int, path: Path) -> Path:
     """Pictures of one size in rows, each with a white margin, as a `.png`."""
     tiles = tiles + [np.full_like(tiles[0], 255)] * (-len(tiles) % per_row)
     framed = [np.pad(tile, ((4, 4), (4, 4), (0, 0)), constant_values=255) for tile in tiles]
@@ -67,7 +66,7 @@ def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: floa
     cv2 = opencv()
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     radius = tracked.appearance.radius
-    positions = _sixteenths(tracked.pixels[i])
+    positions = in_sixteenths(tracked.pixels[i])
     for a, b in zip(positions[:-1], positions[1:], strict=True):
         cv2.line(picture, a, b, LINK, thick, cv2.LINE_AA, 4)
     for k, (x, y) in enumerate(tracked.pixels[i].tolist()):
@@ -95,27 +94,3 @@ def write_text(
     for dx, dy, shade in [*rim, (0, 0, colour)]:
         there = (position[0] + dx, position[1] + dy)
         cv2.putText(picture, text, there, cv2.FONT_HERSHEY_SIMPLEX, size, shade, 1, cv2.LINE_AA)
-
-
-#: Maximum number of orders that are drawn.
-SHOWN = 6
-
-
-def write_alternatives(error: AmbiguousOrderError, video: str | Path, path: str | Path) -> Path:
-    """The frame once for each order, side by side in rows of three, as a `.png`."""
-    image = next(Video(video).frames(error.frame, error.frame + 1))
-    tiles = [_tile(image, positions, i) for i, positions in enumerate(error.orders[:SHOWN])]
-    return _write_sheet(tiles, min(3, len(tiles)), Path(path))
-
-
-def _tile(image: np.ndarray, positions: np.ndarray, number: int) -> np.ndarray:
-    cv2 = opencv()
-    scale = 560 / image.shape[1]  # pixels of one picture over those of the frame
-    picture = cv2.cvtColor(cv2.resize(image, None, fx=scale, fy=scale), cv2.COLOR_GRAY2BGR)
-    points = [(round(scale * x), round(scale * y)) for x, y in positions.tolist()]
-    for a, b in zip(points[:-1], points[1:], strict=True):
-        cv2.line(picture, a, b, LINK, 2, cv2.LINE_AA)
-    labels = [(str(k), (x + 8, y - 8), 0.6, BRIDGED) for k, (x, y) in enumerate(points)]
-    for text, position, size, colour in [*labels, (f"order {number + 1}", (12, 28), 0.8, TEXT)]:
-        write_text(picture, text, position, size, colour)
-    return picture

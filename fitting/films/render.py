@@ -107,6 +107,10 @@ class View:
         return central_differences(self.to_pixels, positions, 1e-4)
 
 
+#: Pictures averaged over an exposure, at most 1 pixel apart: a moving disc becomes a streak, not a row of discs.
+FEWEST_PICTURES = 5
+
+
 def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.ndarray]:
     """Grey frames (height, width) of a run, one per 1/fps of its time; the same seed gives the same noise."""
     rng = np.random.default_rng(seed)
@@ -115,8 +119,7 @@ def film(motion: Motion, view: View, fps: float, seed: int = 0) -> Iterator[np.n
         hidden = [node for node, first, last in view.hidden if first <= i <= last]
         now = motion.t[0] + i / fps
         way = view.exposure * np.linalg.norm(at(now, 1), axis=1).max() * view.pixels_per_metre
-        # pictures averaged over an exposure, at most 1 pixel apart: a moving disc becomes a streak, not a row of discs
-        count = max(5, int(np.ceil(way / 1.0)))
+        count = max(FEWEST_PICTURES, int(np.ceil(way / 1.0)))
         parts = np.linspace(-0.5, 0.5, 2 * count + 1)[1::2] * view.exposure
         shots = [_shot(view, at(now + part), hidden, i / fps + part) for part in parts]
         yield _develop(np.mean(shots, axis=0), view, rng)
@@ -151,7 +154,7 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
     cv2 = opencv()
     thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
     for a, b in zip(nodes[:-1], nodes[1:], strict=True):
-        cv2.line(image, *_sixteenths([a, b]), 150.0, thick, cv2.LINE_AA, 4)
+        cv2.line(image, *in_sixteenths([a, b]), 150.0, thick, cv2.LINE_AA, 4)
     for k, position in enumerate(nodes):
         _disc(image, position, 1.7 * view.radius, stretch[k], 22.0)
         if k not in hidden:
@@ -161,11 +164,11 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
         edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]
         image[:, max(0, round(edges[0])) : max(0, round(edges[1]))] = POST
     if view.cover is not None and (corners := view.cover.corners(t)) is not None:
-        cv2.fillPoly(image, [np.array(_sixteenths(view.to_pixels(corners)))], POST, cv2.LINE_AA, 4)
+        cv2.fillPoly(image, [np.array(in_sixteenths(view.to_pixels(corners)))], POST, cv2.LINE_AA, 4)
     return image
 
 
-def _sixteenths(points: np.ndarray | list[np.ndarray]) -> list[tuple[int, int]]:
+def in_sixteenths(points: np.ndarray | list[np.ndarray]) -> list[tuple[int, int]]:
     """Coordinates with 4 binary digits behind the point, as OpenCV draws them."""
     return [(round(16 * float(x)), round(16 * float(y))) for x, y in points]
 
@@ -224,6 +227,3 @@ def _squares(to_board: np.ndarray, straight: np.ndarray, board: tuple[int, int],
 LINK = (178, 114, 0)
 BRIDGED = (0, 94, 213)
 TEXT = (40, 40, 40)
-
-
-# A picture of the node orders that a film allows, from which the user selects the right one

@@ -10,23 +10,17 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
+from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, Plane, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
-from fitting.films.detection import Circles, MarkerAppearance, detect_at, scan
-from fitting.films.flattening import (
-    Flat,
-    central_differences,
-    changing_lengths,
-    four_quadrant,
-    level_error,
-    link_lengths,
-    scatter,
-    to_trace,
-)
+from fitting.films.detection import Circles, MarkerAppearance, detect_at
+from fitting.films.flattening import Flat, central_differences, level_error, link_lengths
 from fitting.films.following import follow_film
 from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
+from fitting.films.link_angles import four_quadrant, scatter, to_trace
 from fitting.films.marks import Marks, find_marks
 from fitting.films.ordering import AmbiguousOrderError
+from fitting.films.out_of_plane import changing_lengths
 from fitting.films.video import Video
 from fitting.traces.trace import FEWEST, Trace
 
@@ -85,6 +79,18 @@ class Tracked:
     def to_json(self) -> dict[str, Any]:
         """The result without its samples."""
         mean, deviation = self.link_lengths
+        angle_se_rad = None
+        if np.isfinite(self.trace.se).any():
+            angle_se_rad = float(np.nanmedian(self.trace.se))
+        link_length_m = None
+        if self.scaled:
+            link_length_m = [float(x) for x in mean]
+        slant_rad = None
+        if self.slant is not None:
+            slant_rad = list(self.slant)
+        reprojection_error_pixel = None
+        if self.lens is not None:
+            reprojection_error_pixel = self.lens.error
         found = {
             "schema": 1,
             "status": self.status,
@@ -94,15 +100,15 @@ class Tracked:
             "links": self.detected.shape[1] - 1,
             "bridged": [int(x) for x in (~self.detected).sum(axis=0)],
             "longest_gap_s": float(_longest_gaps(self.detected).max() / self.fps),
-            "angle_se_rad": float(np.nanmedian(self.trace.se)) if np.isfinite(self.trace.se).any() else None,
+            "angle_se_rad": angle_se_rad,
             "marker_radius_pixel": self.appearance.radius,
-            "link_length_m": [float(x) for x in mean] if self.scaled else None,
+            "link_length_m": link_length_m,
             "link_length_deviation": [float(x) for x in deviation / mean],
             "marked": self.marks.spans(self.trace.t),
             "marked_frames": int(self.marks.frames.sum()),
-            "slant_rad": None if self.slant is None else list(self.slant),
+            "slant_rad": slant_rad,
             "exposure_s": self.exposure,
-            "reprojection_error_pixel": None if self.lens is None else self.lens.error,
+            "reprojection_error_pixel": reprojection_error_pixel,
             "warnings": list(self.warnings),
         }
         if self.status == "ok":
@@ -164,10 +170,8 @@ def track(
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
     _detect_again(film, span, appearance, chain)
     chain, offset, message = _trim_frames(remove_blur(chain), film.fps)
-    size = len(chain.detected)
-    if size < FEWEST:
-        raise SceneError(f"{film.path.name}: {message or 'only'} {size} frames; allowed: at least {FEWEST}")
-    t = (offset + np.arange(size)) / film.fps
+    _refuse_short(film, len(chain.detected), message)
+    t = (offset + np.arange(len(chain.detected))) / film.fps
     if not message and end is None:
         message = _breaks_off(film, span[0] + len(circles), t[-1])
     marks = find_marks(chain.flat, chain.detected)
@@ -182,10 +186,7 @@ def track(
     status = "not_converged" if message else "ok"
     if lost:
         status = "lost"
-        message = (
-            f"{film.path.name}: the circles do not move as the nodes of a chain: {lost}; needed: a marker on each of "
-            f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
-        )
+        message = _no_chain(film, nodes, lost)
     tracked = Tracked(
         trace=trace,
         pixels=chain.pixels,
@@ -205,6 +206,18 @@ def track(
     )
     say(1.0, tracked.status)
     return tracked
+
+
+def _refuse_short(film: Video, frames: int, message: str) -> None:
+    if frames < FEWEST:
+        raise SceneError(f"{film.path.name}: {message or 'only'} {frames} frames; allowed: at least {FEWEST}")
+
+
+def _no_chain(film: Video, nodes: int, why: str) -> str:
+    return (
+        f"{film.path.name}: the circles do not move as the nodes of a chain: {why}; needed: a marker on each of "
+        f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
+    )
 
 
 def _check_options(
@@ -249,7 +262,9 @@ class _Setup:
         square: float | None,
     ) -> _Setup:
         """The setup of a film; refuses pictures of another size."""
-        lens = calibrate(calibration, board) if calibration else None
+        lens = None
+        if calibration:
+            lens = calibrate(calibration, board)
         if lens is not None and lens.size != film.size:
             raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
         return cls(lens, plane, board, square)
@@ -318,7 +333,9 @@ def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, st
     why = ""
     if len(lost):
         worst = int(lost[np.argmin(until[lost])])
-        last = int(until[worst]) if detected[:, worst].any() else first
+        last = first
+        if detected[:, worst].any():
+            last = int(until[worst])
         why = f"marker {worst} is lost after {last / fps:.3g} s;"
     part = slice(first, max(first, last))
     arrays = {name: getattr(chain, name)[part] for name in ("flat", "pixels", "error", "detected")}

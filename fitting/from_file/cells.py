@@ -130,8 +130,12 @@ def separator_of(file: str, lines: Sequence[str]) -> tuple[str | None, bool]:
 def check_commas(file: str, rows: Sequence[Sequence[str]]) -> None:
     """Reject decimal commas between columns separated by commas: `0,016,12,5`."""
     pairs = [row for row in rows if len(row) >= 4 and len(row) % 2 == 0]
-    integers = [all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row) for row in pairs]
-    padded = [any(cell.strip().startswith("0") and len(cell.strip()) > 1 for cell in row[1::2]) for row in pairs]
+    integers = []
+    for row in pairs:
+        integers.append(all(re.fullmatch(r"\s*[+-]?\d+\s*", cell) for cell in row))
+    padded = []
+    for row in pairs:
+        padded.append(any(cell.strip().startswith("0") and len(cell.strip()) > 1 for cell in row[1::2]))
     if len(pairs) == len(rows) and all(integers) and np.mean(padded) > 0.1:
         raise SceneError(
             f"{file}: decimal commas in a file with comma-separated columns. Use semicolons between columns"
@@ -160,8 +164,8 @@ def is_sample(row: Sequence[str], comma: bool) -> bool:
 def number(cell: str, comma: bool) -> float:
     """The number of a cell, in seconds for a time of day; NaN is missing."""
     text = cell.strip().strip('"')
-    if comma:
-        text = text.replace(".", "").replace(",", ".") if "," in text else text
+    if comma and "," in text:
+        text = text.replace(".", "").replace(",", ".")
     try:
         value = float(text)
     except ValueError:
@@ -180,7 +184,10 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
 
     `mass_A,,,mass_B,,` above `t,x,y,t,x,y` gives `mass_A t`, `mass_A x` ...
     """
-    heads = [[cell.strip().strip('"') for cell in row] for row in before if len(row) in (width, width - 1, width + 1)]
+    heads = []
+    for row in before:
+        if len(row) in (width, width - 1, width + 1):
+            heads.append([cell.strip().strip('"') for cell in row])
     heads = [[*row, *[""] * width][:width] for row in heads]
     if not heads:
         return tuple(f"column_{i + 1}" for i in range(width))
@@ -197,7 +204,9 @@ def names_of(before: Sequence[Sequence[str]], width: int) -> tuple[str, ...]:
     found = []
     for i, (above, name) in enumerate(zip(groups, last, strict=True)):
         group = above or group
-        text = f"{group} {name}".strip() if group and group != name else name
+        text = name
+        if group and group != name:
+            text = f"{group} {name}".strip()
         found.append(text or f"column_{i + 1}")
     return tuple(found)
 

@@ -136,7 +136,9 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Column
     moving = [i for i in range(len(names)) if i not in used and moves(cells.values[:, i])]
     points = point_pairs(names, [i for i in range(len(names)) if i not in used])
     points = [pair for pair in points if np.isfinite(cells.values[:, pair]).mean() > 0.1]
-    angles = [] if points else angle_columns(cells, names, moving)
+    angles = []
+    if not points:
+        angles = angle_columns(cells, names, moving)
     if not points and not angles:
         still = [cells.names[i] for i in range(len(names)) if i not in used]
         raise SceneError(f"{cells.file}: nothing moves in {listed(still) or 'its columns'}. Give a file with motion")

@@ -138,7 +138,9 @@ def chain_of(
     if pivot is None:
         pivot = centre_of(first)
         mates = [q for q in rest if rigid(first, q, sigma) < KEPT]
-        better = pivot_of_pair(first, mates[0], pivot, sigma) if mates else None
+        better = None
+        if mates:
+            better = pivot_of_pair(first, mates[0], pivot, sigma)
         pivot = pivot if better is None else better
     worst = rigid(first, np.full(len(first), pivot), sigma)
     if worst > KEPT:
@@ -195,14 +197,19 @@ def noise_of(p: np.ndarray) -> float:
     return 1.4826 * float(np.nanmedian(np.abs(np.diff(part, 4, axis=1)))) / np.sqrt(70)
 
 
+#: Quantile of the deviations that stands for the spread: two links may swing alike most of the time.
+MOST_ROWS = 0.95
+#: Standard deviations of that quantile.
+QUANTILE = 1.96
+
+
 def rigid(one: np.ndarray, other: np.ndarray, sigma: float) -> float:
     """Change of the distance of two points in units of its noise."""
     size = np.abs(one - other)
     typical = float(np.nanmedian(size))
     if not typical > 0:
         return np.inf
-    # 1.96 standard deviations: two links may swing alike most of the time, and outliers are rarer
-    spread = float(np.nanquantile(np.abs(size - typical), 0.95)) / 1.96
+    spread = float(np.nanquantile(np.abs(size - typical), MOST_ROWS)) / QUANTILE
     return spread / (np.sqrt(2) * sigma + LENS * typical)
 
 

@@ -17,8 +17,9 @@ from fitting.from_file.columns import Columns, find_columns
 from fitting.from_file.points import read_points
 from fitting.from_file.swing import Swing, find_swing, gravity_of_last_link, main_period
 from fitting.from_file.thinning import thin
+from fitting.traces.noise import noise, without_spikes
 from fitting.traces.planar import pendulum_period
-from fitting.traces.trace import Convention, Trace, noise, without_spikes
+from fitting.traces.trace import Convention, Trace
 
 #: Metres per unit of length.
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -115,7 +116,9 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     used = columns.angles or tuple(i for pair in columns.points for i in pair)
     rows = ordered_rows(cells.file, t, cells.values[:, used])
     motion = motion_of(cells, columns, rows.t, rows.values, given)
-    name = None if columns.time is None else cells.names[columns.time]
+    name = None
+    if columns.time is not None:
+        name = cells.names[columns.time]
     period = main_period(motion.t, motion.theta)
     rate = given.rate or columns.rate
     if given.rate and columns.time_unit is None:
@@ -124,7 +127,9 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
         named = columns.time_unit
     second, how = unit_of_time(cells.file, motion.t, period, named, rate, name)
     # dates in seconds since 1970 lose digits
-    start = second * rows.start if abs(second * rows.start) < LATE else 0.0
+    start = 0.0
+    if abs(second * rows.start) < LATE:
+        start = second * rows.start
     times = start + second * motion.t
     period = second * period
     count = motion.theta.shape[1]
@@ -134,12 +139,8 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     if rows.start and not start:
         notes.append("the clock starts at the first row")
     # zero and sign of a scene's own links follow from its pose
-    hangs = count == 1 or bool(columns.points)
-    if hangs:
-        convention = Convention("down", 1, "rad")
-    else:
-        convention = Convention(unit="rad")
-    if links is None:
+    convention = Convention(unit="rad")
+    if count == 1 or columns.points or links is None:
         convention = Convention("down", 1, "rad")
     trace = Trace(path.stem, times, motion.theta, convention=convention)
     trace = cut_span(trace, given)
@@ -152,21 +153,23 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     notes += note
     fastest = period
     if count > 1:
-        if lengths is None:
-            fastest = 0.5 * period
-        else:
-            fastest = pendulum_period(lengths)
-    before = len(trace.t)
-    thinned_t, theta, many = thin(trace.t, trace.theta, fastest)
-    if len(thinned_t) < before:
-        if many > 1:
-            what = f"each the mean of about {many}"
-        else:
-            what = "one for each stretch of time"
-        notes.append(f"{before} rows thinned to {len(thinned_t)}, {what}")
-    trace = replace(trace, t=thinned_t, theta=theta)
+        fastest = 0.5 * period if lengths is None else pendulum_period(lengths)
+    trace, note = thinned(trace, fastest)
+    notes += note
     open_end = motion.lengths is not None and bool(np.isnan(motion.lengths[-1])) and count > 1
     return Measured(trace, zero, period, swing, lengths, scaled, open_end, tuple(notes))
+
+
+def thinned(trace: Trace, fastest: float) -> tuple[Trace, list[str]]:
+    """The trace with as many rows as a motion of this shortest period [s] needs, and a note if rows were left out."""
+    t, theta, many = thin(trace.t, trace.theta, fastest)
+    found = replace(trace, t=t, theta=theta)
+    if len(t) == len(trace.t):
+        return found, []
+    what = "one for each stretch of time"
+    if many > 1:
+        what = f"each the mean of about {many}"
+    return found, [f"{len(trace.t)} rows thinned to {len(t)}, {what}"]
 
 
 def motion_of(cells: Cells, columns: Columns, t: np.ndarray, values: np.ndarray, given: Given) -> Motion:

@@ -102,6 +102,8 @@ def value_rows(values: list[Value]) -> list[tuple[str, ...]]:
     rows = [("found", "value", "std error", "unit")]
     for one in values:
         digits = significant(one.value, one.std_error)
-        shown = f"{one.std_error:.2g}" if np.isfinite(one.std_error) else "-"
+        shown = "-"
+        if np.isfinite(one.std_error):
+            shown = f"{one.std_error:.2g}"
         rows.append((one.name, f"{one.value:.{digits}g}", shown, one.unit))
     return rows

@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.parameters.parameter import RECORDING, Parameter, RecordingPlace, StartValues
+from fitting.parameters.parameter import Parameter, StartValues
+from fitting.parameters.targets import RECORDING, RecordingPlace
 from fitting.traces.planar import wrap
 from fitting.traces.trace import FEWEST, Trace, convention
 
@@ -186,13 +187,16 @@ def _refine(motion: Trace, t: np.ndarray, theta: np.ndarray, delay: float, step:
     return Delay(float(fine[best]), float(misfit[best]))
 
 
+#: Minimum number of rows of a recording relative to the overlap: too few would fit anything.
+FEWEST_ROWS = 0.4
+
+
 def _misfit(motion: Trace, t: np.ndarray, theta: np.ndarray) -> float:
     """RMS [rad] of a recording's angles (k, n) at times (k,) about the motion, each link's mean taken off."""
     inside = (t >= motion.t[0]) & (t <= motion.t[-1])
     off = wrap(theta[inside] - motion.at(t[inside]))
     known = np.isfinite(off)
-    # too few rows would fit anything
-    if known.sum(axis=0).min() < max(FEWEST, 0.4 * OVERLAP * len(theta)):
+    if known.sum(axis=0).min() < max(FEWEST, FEWEST_ROWS * OVERLAP * len(theta)):
         return np.nan
     return float(np.sqrt(np.mean(np.nanvar(off, axis=0))))
 

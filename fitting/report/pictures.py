@@ -36,10 +36,13 @@ def fit_over_trace(result: FitResult | HeldOut, run: int) -> tuple[np.ndarray, n
     return t[order], np.where(known, measured, np.nan)[order], simulated[order], known[order]
 
 
+#: Five missing samples interrupt a line.
+GAP = 5
+
+
 def stretches(t: np.ndarray) -> list[slice]:
     """Parts of the times (m,) without a gap, so that no line is drawn through unfitted stretches."""
-    # five missing samples interrupt a line
-    ends = np.flatnonzero(np.diff(t) > 5 * np.median(np.diff(t))) + 1
+    ends = np.flatnonzero(np.diff(t) > GAP * np.median(np.diff(t))) + 1
     return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(t)])]
 
 
@@ -62,7 +65,9 @@ def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2
     drawn = min(links, MOST_LINKS_DRAWN)
     figure = style.new_figure(9.0, margin + height * drawn)
     axes = figure.subplots(drawn, 1, sharex=True, squeeze=False)[:, 0]
-    more = f" (links 1 to {drawn} of {links})" if links > drawn else ""
+    more = ""
+    if links > drawn:
+        more = f" (links 1 to {drawn} of {links})"
     figure.suptitle(f"{title}{more}", fontsize=12, fontweight="bold", x=0.01, ha="left")
     for j, ax in enumerate(axes):
         ax.set_ylabel(f"link {j + 1}")

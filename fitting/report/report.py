@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from dropper_jax import load_scene
-from dropper_jax.base.errors import Progress, part_of, silent
 from dropper_jax.base.files import atomic_write, folder_without
 from dropper_jax.base.markdown import markdown_table
 from dropper_jax.base.toml_text import as_toml, literal
@@ -17,28 +14,23 @@ from dropper_jax.plots import style
 from dropper_jax.run.build import build_model, equilibrium
 from dropper_jax.statics.modes import damping_at, natural_modes
 from fitting.calibration.decision import verdict
-from fitting.calibration.fit import fit
 from fitting.calibration.prediction import Prediction, predict
 from fitting.calibration.result import FitResult, direction_text
 from fitting.channels.result import ChannelFit
 from fitting.estimate.scene_fit import SceneFit
-from fitting.parameters.of_scene import fitted_scene
+from fitting.parameters.fitted_scene import fitted_scene
+from fitting.report.channel_tables import between_rows, channel_rows, channel_summary, sensitivity_rows
 from fitting.report.pictures import PICTURES, channel_picture, descent, fit_over_trace, link_panels
 from fitting.report.tables import (
     advice_rows,
-    between_rows,
-    channel_rows,
-    channel_summary,
     comparison_rows,
     interval_rows,
     law_rows,
     named_rows,
     parameter_rows,
-    sensitivity_rows,
     summary,
 )
-from fitting.traces.synthetic import Camera, synthetic_traces
-from fitting.traces.trace import Trace, write_trace
+from fitting.traces.trace import Trace
 
 #: The thesis' parts of a trace [s].
 TRACE_PARTS = (("head", 0.0, 12.0), ("middle", 12.0, 25.0), ("tail", 25.0, 50.0))
@@ -79,10 +71,13 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
 
 def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None) -> str:
     """The Markdown text; `full_runs` are uninterrupted runs by the number of their trace."""
+    tests = []
+    if result.laws.tests:
+        tests = ["## Tests of the law", markdown_table(law_rows(result.laws))]
     parts = [
         *_first_parts(result, f"Method `{result.method}`; status"),
         *_quality(summary(result)),
-        *([] if not result.laws.tests else ["## Tests of the law", markdown_table(law_rows(result.laws))]),
+        *tests,
         "## Errors along the trace",
         "RMS of measured minus fitted angles [rad], window by window, each with its own start.",
         markdown_table(part_rows(result)),
@@ -116,13 +111,17 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None)
 
 def _first_parts(result: SceneFit, status: str) -> list[str]:
     """Title, status and parameters of any fit."""
-    return [
+    message = f": {result.message}" if result.message else ""
+    parts = [
         f"# Fit of {literal(result.scene.name)}",
-        f"{status} **{result.status}**{': ' + result.message if result.message else ''}.",
+        f"{status} **{result.status}**{message}.",
         "## Parameters",
         markdown_table(parameter_rows(result)),
-        *([] if len(rows := interval_rows(result)) == 1 else ["## Other intervals", markdown_table(rows)]),
     ]
+    rows = interval_rows(result)
+    if len(rows) > 1:
+        parts += ["## Other intervals", markdown_table(rows)]
+    return parts
 
 
 def _quality(facts: Sequence[tuple[str, str]]) -> list[str]:
@@ -140,9 +139,12 @@ def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:
     runs = result.solution.problem.data.runs
     files = [channel_picture(result, i, folder / f"channels_{i + 1}.png") for i in range(len(runs))]
     files += write_scenes(result, folder)
+    between = []
+    if result.between:
+        between = ["## Over the runs", markdown_table(between_rows(result))]
     parts = [
         *_first_parts(result, "Status"),
-        *(["## Over the runs", markdown_table(between_rows(result))] if result.between else []),
+        *between,
         "## Channels",
         markdown_table(channel_rows(result)),
         "## Sensitivity",
@@ -222,88 +224,3 @@ def one_run_picture(found: Prediction, name: str, path: Path) -> Path:
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, markerscale=4)
     style.time_axis(axes[-1], found.t)
     return style.save(figure, path)
-
-
-# The packaged example: synthetic traces of scenarios A, B and C, fitted jointly from values wrong by a factor 10.
-#
-# The traces are synthetic: the measured ones of the thesis exist as figures only. `dropper demo` runs it.
-
-LABEL = "the traces are synthetic: simulated with known damping and artificial noise"
-
-
-@dataclass(frozen=True)
-class Example:
-    """Settings of the synthetic data: scenes, true damping, observation, and error of the start values.
-
-    Attributes:
-        duration: of each trace [s].
-        noise: of the angles [rad].
-        times_off: ratio of start values to true values.
-    """
-
-    scenes: tuple[str, ...] = ("dropper-release-a", "dropper-release-b", "dropper-release-c")
-    b_l: float = 0.002
-    b_q: float = 0.001
-    duration: float = 48.0
-    noise: float = 0.005
-    times_off: float = 10.0
-
-    @property
-    def truth(self) -> dict[str, float]:
-        """True values by path."""
-        return {"effects.linear_damping.b_l": self.b_l, "effects.quadratic_damping.b_q": self.b_q}
-
-    @property
-    def start(self) -> dict[str, float]:
-        """Start values by path."""
-        return {name: self.times_off * value for name, value in self.truth.items()}
-
-
-EXAMPLE = Example()
-
-
-def calibrate_synthetic(
-    folder: str | Path,
-    example: Example = EXAMPLE,
-    method: str = "shooting",
-    progress: Progress | None = None,
-) -> FitResult:
-    """Make the traces, fit them together, write traces and report to `folder`; `method` as in `fitting.fit`."""
-    # fractions of the progress at which the traces are made, and the fit has ended
-    making = 0.4
-    fitted = 0.91
-    say = progress or silent
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    scenes = [load_scene(name).with_values(example.truth) for name in example.scenes]
-    traces = synthetic_traces(
-        scenes,
-        example.duration,
-        Camera(angle_noise=example.noise),
-        progress=part_of(say, 0.0, making),
-    )
-    for trace in traces:
-        write_trace(folder / f"{trace.name}.csv", trace)
-    result = fit(
-        traces,
-        example.scenes[0],
-        list(example.truth),
-        method=method,
-        start=example.start,
-        progress=part_of(say, making, fitted),
-    )
-    result.warnings.insert(0, LABEL)
-    say(fitted, "report")
-    write_report(result, folder)
-    say(1.0, result.status)
-    return result
-
-
-def calibrated_rows(result: FitResult, example: Example) -> list[tuple[str, ...]]:
-    """Truth, start, estimate and 90 % interval of every parameter, with a heading."""
-    u = result.uncertainty
-    rows = [("parameter", "truth", "start", "fitted", "std error", "90 % low", "high", "unit")]
-    for i, p in enumerate(result.parameters):
-        numbers = (example.truth[p.name], p.value, result.values[i], u.std_error[i], u.low[i], u.high[i])
-        rows.append((p.name, *(f"{x:.4g}" for x in numbers), p.unit))
-    return rows

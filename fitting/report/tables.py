@@ -11,7 +11,6 @@ from fitting.calibration.disagreement import STRETCHES, Disagreement
 from fitting.calibration.law_fits import Law
 from fitting.calibration.laws import LawTests
 from fitting.calibration.result import FitResult
-from fitting.channels.result import ChannelFit
 from fitting.estimate.scene_fit import SceneFit
 
 
@@ -39,7 +38,9 @@ def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
     rows = [("parameter", "by", "90 % low", "high")]
     for by, name, found in ((by, *row) for by, table in tables.items() for row in table.items()):
         digits = significant(estimates[name]["value"], estimates[name]["std_error"])
-        note = "" if found.get("converged", True) else ", not converged"
+        note = ", not converged"
+        if found.get("converged", True):
+            note = ""
         rows.append((name, by + note, *(f"{found[key]:.{digits}g}" for key in ("low", "high"))))
     return rows
 
@@ -151,7 +152,9 @@ def recording_rows(rows: Sequence[Disagreement]) -> list[tuple[str, ...]]:
     ]
     for row in rows:
         sizes = (f"{x:.3g}" for x in (row.rms, row.noise))
-        note = f"<- disagrees in {row.stretches} of {STRETCHES} stretches" if row.disagrees else ""
+        note = ""
+        if row.disagrees:
+            note = f"<- disagrees in {row.stretches} of {STRETCHES} stretches"
         where = (f"{row.mean:+.2g}", f"{row.std_error:.1g}", f"{row.low:.3g} to {row.high:.3g}", note)
         found.append((row.recording, str(row.link), str(row.samples), *sizes, *where))
     return found
@@ -165,54 +168,3 @@ def law_rows(laws: LawTests) -> list[tuple[str, ...]]:
         name = " or ".join((test.name, *test.alike))
         rows.append((name, *numbers, "yes" if test.matters else "no", ",".join(test.free) or "-"))
     return rows
-
-
-# Of fits to channels
-
-
-def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
-    """Every channel with its residuals, with a heading."""
-    rows = [("channel", "kind", "samples", "RMS of residuals", "noise", "kept", "correlation left")]
-    for row in result.channels():
-        noise = f"{row['noise']:.3g} {row['noise_unit']}"
-        if row["noise_unit"] == "-":
-            noise = f"{100 * row['noise']:.3g} %"
-        rows.append(
-            (
-                row["name"],
-                row["kind"],
-                str(row["samples"]),
-                f"{row['rms']:.3g} {row['unit']}",
-                noise,
-                f"{row['kept']:.2g}",
-                f"{row['correlation']:.2f}",
-            )
-        )
-    return rows
-
-
-def sensitivity_rows(result: ChannelFit) -> list[tuple[str, ...]]:
-    """Sensitivity of each channel to each parameter, with a heading."""
-    names = [s.channel.name for s in result.solution.problem.data.sensors]
-    return named_rows("parameter", names, [p.name for p in result.parameters], result.errors.sensitivity, ".2g")
-
-
-def between_rows(result: ChannelFit) -> list[tuple[str, ...]]:
-    """Parameters over runs, with a heading."""
-    rows = [("parameter", "mean", "std error", "90 % low", "high", "spread between runs", "runs")]
-    for b in result.between:
-        digits = significant(b.mean, b.std_error)
-        numbers = (f"{b.mean:.{digits}g}", f"{b.std_error:.2g}", f"{b.low:.{digits}g}", f"{b.high:.{digits}g}")
-        rows.append((b.name, *numbers, f"{b.spread:.2g}", str(len(b.values))))
-    return rows
-
-
-def channel_summary(result: ChannelFit) -> list[tuple[str, str]]:
-    """Further facts about a fit to channels."""
-    blocks = result.errors.blocks
-    return [
-        ("time step", step_text(result, result.solution.problem.dt)),
-        ("errors from", f"{blocks} blocks of time" if blocks else "the noise"),
-        ("runs", f"{result.iterations} with derivatives"),
-        ("wall time", f"{result.seconds:.1f} s"),
-    ]

@@ -20,23 +20,15 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.cli.options import table
+from dropper_jax.cli.printing import table
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
 from dropper_jax.run.storage import extra
 from dropper_jax.stepping.integrate import Trajectory
-from dropper_jax.study.reference import lyapunov
+from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
 from fitting.sensitivity.differences import central_differences
-from fitting.sensitivity.problem import (
-    Plan,
-    Study,
-    Varied,
-    floats_of,
-    linear_range,
-    vary_start,
-    vary_study,
-)
+from fitting.sensitivity.problem import Plan, Study, Varied, floats_of, linear_range, vary_start, vary_study
 from fitting.sensitivity.result import TANGENT, Local, empty_result, hide_unresolved, slope_status
 
 

@@ -32,15 +32,8 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import initial_state, stepper_of
 from dropper_jax.run.chunks import FACTOR, Companion, Program, compile_run, run_chunks
-from dropper_jax.run.quantities import (
-    IN_TIME,
-    NOT_GAUSSIAN,
-    OVER_STEPS,
-    Quantity,
-    QuantitySignals,
-    excess_kurtosis,
-    quantity_signals,
-)
+from dropper_jax.run.quantities import OVER_STEPS, Quantity, QuantitySignals, quantity_signals
+from dropper_jax.run.statistics import IN_TIME, NOT_GAUSSIAN, excess_kurtosis
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Record, adaptive_start
 from dropper_jax.stepping.integrate import Progress as RunProgress

@@ -19,14 +19,16 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import SceneLike, build, initial_state, stepper_of, with_points_fixed
+from dropper_jax.run.build import SceneLike, build, initial_state, stepper_of
+from dropper_jax.run.fixed_points import with_points_fixed
 from dropper_jax.run.members import StepVerdict, check_steps
-from dropper_jax.run.quantities import OF_SAMPLES, OVER_STEPS, PERIOD, Quantity, quantity
+from dropper_jax.run.quantities import OVER_STEPS, Quantity, quantity
+from dropper_jax.run.statistics import OF_SAMPLES, PERIOD
 from dropper_jax.scene import RunSpec, StartSpec
+from dropper_jax.statics.host_stiffness import follow_parameters, free_motion
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
 from dropper_jax.statics.static_pose import nodal_loads
-from dropper_jax.statics.tangent import follow_parameters, free_motion
 from dropper_jax.stepping.integrate import (
     Trajectory,
     advance,
@@ -38,7 +40,8 @@ from dropper_jax.stepping.integrate import (
 )
 from dropper_jax.study.gradient_check import GradientCheck
 from dropper_jax.study.march import spare_rows
-from fitting.parameters.of_scene import find_parameters, full_names
+from fitting.parameters.names import full_names
+from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, apply, with_effects
 
 #: Number of runs of a global study that a GPU advances together.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.cli.options import listing, table
+from dropper_jax.cli.printing import listing, table
 from dropper_jax.study.gradient_check import TRUSTED, GradientCheck
 from fitting.sensitivity.problem import Study
 

@@ -61,7 +61,8 @@ class Against:
         for i in range(len(PARTS)):
             part = self.part(i)
             found[0, i] = np.sqrt(np.nanmean(wrap(simulated[part] - self.measured[part]) ** 2))
-            one, other = (self.spectrum(x, i)[1] for x in (simulated, self.interpolated))
+            one = self.spectrum(simulated, i)[1]
+            other = self.spectrum(self.interpolated, i)[1]
             found[1, i] = np.sqrt(np.mean(np.sum((one - other) ** 2, axis=0)) / 2)
         return found
 
@@ -160,10 +161,10 @@ class FittedScore:
 def by_part(angle: np.ndarray, spectrum: np.ndarray) -> dict[str, dict[str, float | None]]:
     """Scores (3,) [rad] by the names of parts; None for a case that failed."""
     plain = lambda x: float(x) if np.isfinite(x) else None  # noqa: E731
-    return {
-        part: {"angle_rms_rad": plain(a), "spectrum_distance_rad": plain(s)}
-        for part, a, s in zip(PARTS, angle, spectrum, strict=True)
-    }
+    found = {}
+    for part, a, s in zip(PARTS, angle, spectrum, strict=True):
+        found[part] = {"angle_rms_rad": plain(a), "spectrum_distance_rad": plain(s)}
+    return found
 
 
 def sweep_against_trace(
@@ -243,6 +244,10 @@ def at_samples(scene: Scene, trace: Trace) -> Scene:
     return scene.with_values({"run.dt": interval / every, "run.save_every": every, "run.duration": duration})
 
 
+#: Farther from a known sample than 0.75 intervals: missing.
+FARTHEST = 0.75
+
+
 def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
     """Angles (k, n) [rad] at times (k,); NaN if no known sample is near."""
     found = trace.at(t)
@@ -250,8 +255,7 @@ def sample_trace(trace: Trace, t: np.ndarray) -> np.ndarray:
         times = trace.t[known]
         after = np.clip(np.searchsorted(times, t), 1, len(times) - 1)
         near = np.minimum(np.abs(t - times[after - 1]), np.abs(t - times[after]))
-        # farther from a known sample than 0.75 intervals: missing
-        column[near > 0.75 * trace.interval] = np.nan
+        column[near > FARTHEST * trace.interval] = np.nan
     return found
 
 

@@ -107,7 +107,9 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row],
     begins = (0.0, *scores.against.ends)
     for part, axes in enumerate(grid[0]):
         error = f"angle error: best case {1e3 * scores.angle[scores.best, part]:.3g} mrad"
-        fitted = "" if fit is None else f", fit {1e3 * fit.angle[part]:.3g} mrad"
+        fitted = ""
+        if fit is not None:
+            fitted = f", fit {1e3 * fit.angle[part]:.3g} mrad"
         title = f"{PARTS[part]}, {begins[part]:.4g} to {begins[part + 1]:.4g} s"
         axes.set_title(f"{title}\n{error}{fitted}", loc="left", fontsize=9)
     curves = next(i for i, row in enumerate(rows) if row is not _map_row)

@@ -29,10 +29,11 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.build import SceneLike, build, build_model, stepper_of
-from dropper_jax.run.quantities import PERIOD, Quantity, quantity
+from dropper_jax.run.quantities import Quantity, quantity
+from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
-from fitting.parameters.of_scene import DAMPING_PATHS, full_names
+from fitting.parameters.names import DAMPING_PATHS, full_names
 from fitting.parameters.parameter import Parameter, apply, resolve
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.
@@ -194,9 +195,9 @@ class Plan:
         corners = [position @ (sign * one) for one in (np.ones(len(self.axes)), alternating) for sign in (-1.0, 1.0)]
         found = {}
         for case in dict.fromkeys(int(np.argmax(corner)) for corner in corners):
-            changed = {
-                axis.path: axis.values.dtype.type(x).item() for axis, x in zip(self.axes, values[case], strict=True)
-            }
+            changed = {}
+            for axis, x in zip(self.axes, values[case], strict=True):
+                changed[axis.path] = axis.values.dtype.type(x).item()
             name = ", ".join(f"{path} = {value:g}" for path, value in changed.items())
             found[name] = self.scene.with_values(changed)
         return found
@@ -315,14 +316,17 @@ def on_processor() -> bool:
     return jax.default_backend() == "cpu"
 
 
+#: An H200 runs 131 072 lab droppers only 1.14 times as fast per case.
+LARGEST_BATCH = 16384
+
+
 def default_chunk(system: bool, cases: int) -> int:
     """Cases of a device at a time, where the user gives none."""
     if on_processor():  # cases of a system run one after another, so that larger chunks gain nothing
         if system:
             return 1
         return 64
-    # an H200 runs 131 072 lab droppers only 1.14 times as fast per case
-    return min(cases, 256 if system else 16384)
+    return min(cases, 256 if system else LARGEST_BATCH)
 
 
 def describe_quantity(plan: Plan, name: str) -> tuple[str, str]:

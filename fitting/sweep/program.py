@@ -22,7 +22,8 @@ from dropper_jax.lanes import lanes
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import build
-from dropper_jax.run.quantities import quantity_signals, statistic
+from dropper_jax.run.quantities import quantity_signals
+from dropper_jax.run.statistics import statistic
 from dropper_jax.stepping.adaptive import Adaptive, adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
 from fitting.parameters.parameter import apply, resolve
@@ -247,7 +248,7 @@ class Program:
 
 
 def _shape_of(model: Model) -> Shape:
-    return jax.tree.structure(model), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(model))
+    return jax.tree.structure(model), tuple(map(jnp.shape, jax.tree.leaves(model)))
 
 
 def stack(trees: list[Tree]) -> Tree:
@@ -290,7 +291,9 @@ def run_case(
         progress, row = continue_to_save(progress)
         tally = _count(model, start, progress.state, tally, row)
         s = progress.state
-        extremes = {} if watch is None else watch.over_steps(row.extremes)
+        extremes = {}
+        if watch is not None:
+            extremes = watch.over_steps(row.extremes)
         signals = tuple(
             extremes[one] if one in extremes else one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
             for one in named

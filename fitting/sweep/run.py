@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -19,6 +19,7 @@ from dropper_jax.effects import register_installed
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.members import StepVerdict, check_steps
 from dropper_jax.run.storage import extra
+from fitting.sweep.cluster import done_on
 from fitting.sweep.plan import Plan, from_identity, make_plan
 from fitting.sweep.program import Program
 from fitting.sweep.store import IDENTITY, SweepStore, input_names
@@ -135,7 +136,9 @@ def _fill(store: SweepStore, scheduler: Scheduler | None, say: Progress) -> Swee
         compile_s = time.perf_counter() - started
         ran = store.fill(source, before, plan.cases, say, words, lambda c: len(plan.cases_of(c)))
         run_s = time.perf_counter() - started - compile_s
-    rate = ran * plan.scene.run.steps / run_s if run_s > 0 else 0.0
+    rate = 0.0
+    if run_s > 0:
+        rate = ran * plan.scene.run.steps / run_s
     verdict = store.verdict
     if verdict is None:
         verdict = check_steps(plan.extreme_cases(), say, **dict(plan.settings))
@@ -223,32 +226,3 @@ def open_sweep(path: str | Path) -> xarray.Dataset:
     except Exception as error:  # any error of xarray, Zarr and its codecs on damaged bytes
         reason = " ".join(str(error).split())[:200]
         raise SceneError(f"{path}: is not a sweep. Use a folder written by `dropper sweep` ({reason})") from None
-
-
-# Work on a Dask cluster: calls of one function, with results as they finish
-
-
-def done_on(scheduler: Any, call: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-    """Numbers of calls and their results, as the workers finish; the call of a dead worker is repeated elsewhere.
-
-    Args:
-        scheduler: address of a Dask scheduler, or a client.
-        jobs: arguments of each call.
-
-    Raises:
-        SceneError: the scheduler cannot be reached.
-    """
-    distributed = extra("distributed", "sweep")
-    own = isinstance(scheduler, str)
-    try:
-        client = distributed.Client(scheduler, timeout=10) if own else scheduler
-    except (OSError, ValueError) as error:
-        raise SceneError(f"scheduler: {scheduler}: cannot be reached: {' '.join(str(error).split())}") from None
-    try:
-        futures = {client.submit(call, *each, pure=False, retries=3): i for i, each in enumerate(jobs)}
-        for future in distributed.as_completed(list(futures)):
-            yield futures[future], future.result()
-            future.release()
-    finally:
-        if own:
-            client.close()

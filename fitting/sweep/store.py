@@ -102,13 +102,16 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
             raise SceneError(f"{self.path}: exists but is not a sweep. Use a new folder or a sweep to resume") from None
         found = differences(self.plan.identity(), there)
         if found:
-            more = f" and {len(found) - MOST_DIFFERENCES} more" if len(found) > MOST_DIFFERENCES else ""
+            more = ""
+            if len(found) > MOST_DIFFERENCES:
+                more = f" and {len(found) - MOST_DIFFERENCES} more"
             raise SceneError(f"{self.path}: belongs to other inputs: {'; '.join(found[:MOST_DIFFERENCES])}{more}")
         there = group.attrs.get("versions", {})
         there = there if isinstance(there, dict) else {}
-        other = [
-            f"{name} {there.get(name)} there, {here[name]} here" for name in PACKAGES if there.get(name) != here[name]
-        ]
+        other = []
+        for name in PACKAGES:
+            if there.get(name) != here[name]:
+                other.append(f"{name} {there.get(name)} there, {here[name]} here")
         if other and not mixed:
             raise SceneError(
                 f"{self.path}: was started with other versions: {'; '.join(other)}. Use those versions, a new "
@@ -156,7 +159,9 @@ class SweepStore(Store[int, dict[str, np.ndarray]]):
         number = {"dtype": self.plan.scene.run.dtype, "fill_value": np.nan}
         found: dict[str, tuple[Any, ...]] = {}
         for name in self.plan.quantities:
-            dimensions = ("link",) if name == "angle_max" else ()
+            dimensions = ()
+            if name == "angle_max":
+                dimensions = ("link",)
             about = describe_quantity(self.plan, name)
             found[name] = (self.plan.inner_shape(name), dimensions, *about, number)
         if self.plan.traces:

@@ -173,6 +173,10 @@ def check_sampling(trace: Trace, model: Model) -> None:
         )
 
 
+#: Rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians.
+FASTEST = 15.0
+
+
 def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     """Ask for the unit if the nodes move too fast for radians (or, with degrees specified, too slowly for degrees).
 
@@ -181,8 +185,7 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
     """
     largest = np.nanmax(np.abs(trace.theta))
     length = np.asarray(model.line.length)
-    # rates above this multiple of sqrt(g/L) are impossible for a pendulum with angles in radians
-    fastest = 15.0 * np.sqrt(GRAVITY / float(np.mean(length)))
+    fastest = FASTEST * np.sqrt(GRAVITY / float(np.mean(length)))
     if named.unit != "deg" and _specific_energy(trace, length) > 2 * GRAVITY * float(np.sum(length)):
         if named.unit is None:
             fix = "Use --unit deg or --unit rad"
@@ -196,12 +199,14 @@ def check_unit(trace: Trace, model: Model, named: Convention) -> None:
         )
 
 
+#: Fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small then.
+RATE_REACH = 0.05
+
+
 def _specific_energy(trace: Trace, length: np.ndarray) -> float:
     """Kinetic energy per mass [J/kg] of the nodes in the median frame, with angles read as radians."""
     period = pendulum_period(length)
-    # fraction of the shortest link's period over which rates are computed to check the unit: 10 mrad noise is small
-    # then
-    apart = max(1, round(0.05 * period / trace.interval))
+    apart = max(1, round(RATE_REACH * period / trace.interval))
     before = trace.theta[:-apart]
     after = trace.theta[apart:]
     omega = (after - before) / (trace.t[apart:] - trace.t[:-apart])[:, None]

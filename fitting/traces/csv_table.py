@@ -107,7 +107,7 @@ def read_csv(
     except csv.Error as error:
         raise SceneError(f"{path.name}: not a CSV file: {error}; allowed: columns {columns}") from None
     names = [name.strip() for name in rows[0]]
-    if all(_is_number(name) for name in names):
+    if all(map(_is_number, names)):
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
     found = CsvTable(path.name, comments, names, rows[1:]).with_names(renamed or {})
     if "t" not in found.names:
@@ -119,7 +119,9 @@ def listed(names: Sequence[str]) -> str:
     """The first names, and the number of the others."""
     # number of names in an error message
     most = 8
-    more = f" and {len(names) - most} more" if len(names) > most else ""
+    more = ""
+    if len(names) > most:
+        more = f" and {len(names) - most} more"
     return ", ".join(names[:most]) + more
 
 
@@ -170,6 +172,12 @@ def check_times(name: str, t: np.ndarray) -> None:
         raise SceneError(f"{name}: t: {t[row - 1]:g} s in row {row} {what}")
 
 
+#: Distance of a mark from the line through its neighbours, in typical distances of the column.
+FAR_VALUE = 20.0
+#: The same as a fraction of the range of its values: a coarse encoder at rest toggles between neighbours.
+FAR_SHARE = 0.1
+
+
 def placeholder(values: np.ndarray) -> float | None:
     """The value that marks missing samples of a column (k,), such as -999 or 0; None if there is no such value.
 
@@ -186,10 +194,7 @@ def placeholder(values: np.ndarray) -> float | None:
             continue
         off = np.abs(value - np.interp(mark, others, values[others]))
         inner = np.abs(values[others[1:-1]] - 0.5 * (values[others[:-2]] + values[others[2:]]))
-        # distance of such a value from the line through its neighbours, in typical distances of the column, above which
-        # it is a mark. Values of a coarse encoder also repeat, but lie between their neighbours. Second: a fraction
-        # of the column's range: a coarse encoder at rest toggles between neighbours
-        far = max(20.0 * float(np.median(inner)), 0.1 * float(np.ptp(values[others])))
+        far = max(FAR_VALUE * float(np.median(inner)), FAR_SHARE * float(np.ptp(values[others])))
         if far > 0 and np.median(off) > far:
             return float(value)
     return None

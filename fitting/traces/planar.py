@@ -24,6 +24,10 @@ from dropper_jax.run.build import from_angles
 Angles = TypeVar("Angles", jax.Array, np.ndarray)
 
 
+#: Maximum |y| [m] or [m/s] of a scene that counts as plane.
+IN_PLANE = 1e-9
+
+
 def check_planar(model: Model, start: State) -> None:
     """Reject a scene that traces of polar angles cannot describe.
 
@@ -39,8 +43,7 @@ def check_planar(model: Model, start: State) -> None:
         )
     held = np.asarray(model.ends(start.t).positions)[:, 1]
     y = np.concatenate([np.asarray(start.r)[:, 1], np.asarray(start.v)[:, 1] + held[0], held])
-    # maximum |y| [m] or [m/s] of a scene that counts as plane
-    if np.ptp(y) > 1e-9:
+    if np.ptp(y) > IN_PLANE:
         raise SceneError(
             f"start: leaves the vertical plane by {np.ptp(y):.2g} (m or m/s); traces have one angle and describe "
             "motion in the x-z plane only. A static start turns out of the plane where a link is pushed: "

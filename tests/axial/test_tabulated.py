@@ -11,7 +11,7 @@ import pytest
 
 from dropper_jax import SceneError, build_model, equilibrium, integrate, load_scene, make_stepper, natural_modes, state
 from dropper_jax.axial import LinkStart, Rope, Tabulated
-from dropper_jax.axial.tabulated import ForceTable, stack_tables
+from dropper_jax.axial.force_table import ForceTable, stack_tables
 from dropper_jax.model import work_names
 from dropper_jax.stepping.integrate import observe
 

@@ -312,7 +312,7 @@ def test_texts_of_different_values_differ():
 
 
 def test_the_check_of_an_installation_loads_what_it_has_stored():
-    assert loads_stored_programs()["ok"]
+    assert loads_stored_programs().ok
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ import pytest
 from dropper_jax import Scene, Solution, as_toml, load_scene, scene_names
 from dropper_jax.backend.programs import STORE
 from dropper_jax.cli import main
-from dropper_jax.cli.options import progress
+from dropper_jax.cli.printing import progress
 from dropper_jax.run import simulate
 
 SCENE = "dropper-release-a"

@@ -7,7 +7,7 @@ import pytest
 
 from dropper_jax import plots
 from dropper_jax.cli import demo, main
-from fitting.report import report
+from fitting.report import example
 from fitting.report import report as fit_report
 
 PENDULUM = {
@@ -29,8 +29,8 @@ def short(monkeypatch):
     monkeypatch.setattr(demo, "draw", lambda solution, folder: [])  # tested elsewhere, seconds each
     monkeypatch.setattr(fit_report, "PICTURES", {})
     monkeypatch.setattr(plots, "animate", lambda *args, **kwargs: None)
-    few = replace(report.EXAMPLE, scenes=(PENDULUM,), b_l=0.1, b_q=0.05, duration=16.0)
-    monkeypatch.setattr(report, "EXAMPLE", few)
+    few = replace(example.EXAMPLE, scenes=(PENDULUM,), b_l=0.1, b_q=0.05, duration=16.0)
+    monkeypatch.setattr(example, "EXAMPLE", few)
     return few
 
 

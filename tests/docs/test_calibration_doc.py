@@ -7,7 +7,7 @@ import pytest
 
 import dropper_jax as dj
 from fitting import read_trace
-from fitting.parameters.of_scene import full_names
+from fitting.parameters.names import full_names
 
 ROOT = Path(__file__).parents[2]
 PAGES = ("fits.md", "first-fit.md")

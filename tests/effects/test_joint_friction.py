@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.integrators.consistent import stop_held_joints
+from dropper_jax.integrators.stop_held import stop_held_joints
 
 G = 9.81
 

@@ -24,7 +24,7 @@ import dropper_jax as dj
 from dropper_jax import SceneError, as_toml, packaged_scene
 from dropper_jax.cli import main
 from dropper_jax.run.summary import write_angles
-from dropper_jax.sea.waves import read_components, read_elevation
+from dropper_jax.sea.wave_files import read_components, read_elevation
 from fitting import read_data, read_trace
 from fitting.sweep import open_sweep
 

@@ -48,8 +48,8 @@ LEFT_TO_CHECK = {
 )
 def test_hard_case_keeps_its_claim(name: str) -> None:
     row = evaluate(CASES[name], short=True, compare=False)
-    assert row["status"] == CASES[name].expected
-    assert row["measured"] <= row["limit"], row["claim"]
+    assert row.status == CASES[name].expected
+    assert row.measured <= row.limit, row.claim
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +95,9 @@ def _is_numbers(values: list) -> bool:
 def test_the_thesis_schemes_fail_on_the_undamped_dropper_at_the_step_ours_takes() -> None:
     """At dt 0.02 s: design section 1 says the weighting 0.51 blows up from 0.0065 s, and 0.5 always does."""
     row = evaluate(CASES["ten-minutes-energy"], short=True)
-    assert row["ok"]
-    assert set(row["baseline_thesis"]) == {"thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5"}
-    for found in row["baseline_thesis"].values():
+    assert row.ok
+    assert set(row.baseline_thesis) == {"thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5"}
+    for found in row.baseline_thesis.values():
         assert found["status"] in ("not_converged", "non_finite", "retry_exhausted")
         assert found["failed_at_s"] < 2.0
 

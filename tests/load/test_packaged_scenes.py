@@ -10,7 +10,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import Scene, build_model, load_scene, scene_names
-from dropper_jax.load.packaged import DAMPING
+from dropper_jax.load.variants import DAMPING
 
 EXPECTED = {
     *(f"paper-case-{number}" for number in range(1, 6)),

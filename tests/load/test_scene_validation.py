@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from dropper_jax import Scene, SceneError, Solution, build_model, cli, equilibrium, load_scene
 from dropper_jax.base.files import read_lines
+from dropper_jax.load.expressions import evaluate
 from dropper_jax.load.paths import set_value
-from dropper_jax.load.template import evaluate
 
 LOOP = {
     "description": "a loop of four links",

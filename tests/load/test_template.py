@@ -11,9 +11,9 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import Scene, SceneError, as_toml, build_model, packaged_scene
+from dropper_jax.load.expressions import evaluate
 from dropper_jax.load.library import float_of
 from dropper_jax.load.packaged import parse_toml
-from dropper_jax.load.template import evaluate
 from fitting.parameters.of_scene import find_parameters
 
 FARM = {

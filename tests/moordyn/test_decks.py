@@ -13,7 +13,7 @@ import pytest
 
 from dropper_jax import SceneError, equilibrium, load_scene, read_moordyn, simulate, write_moordyn
 from dropper_jax.decks.writing.outputs import Numbers, channel_values, numbers_of
-from dropper_jax.run.growth import end_forces
+from dropper_jax.run.line_weights import end_forces
 from dropper_jax.scene import LineSlice
 
 DECK = (Path(__file__).parent / "chain.txt").read_text()

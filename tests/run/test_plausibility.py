@@ -11,7 +11,7 @@ from dropper_jax import SceneError, load_scene, packaged_scene, scene_names
 from dropper_jax.cli import main
 from dropper_jax.cli.new import KINDS
 from dropper_jax.run.plausibility import plausibility_warnings, with_cause
-from dropper_jax.run.resolution import check_stretch, pose_remarks
+from dropper_jax.run.pose_remarks import check_stretch, pose_remarks
 
 DEPTH = 20.0
 

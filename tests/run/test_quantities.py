@@ -11,7 +11,7 @@ import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
 from dropper_jax.cli import main
 from dropper_jax.run.bends import curvature
-from dropper_jax.run.growth import fixed_point_loads
+from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.run.quantities import quantity, quantity_signals, static_quantity
 from dropper_jax.scene import line_slices
 from dropper_jax.stepping.extremes import Extremes

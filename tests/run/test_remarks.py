@@ -9,8 +9,8 @@ import dropper_jax as dj
 from dropper_jax import SceneError, as_toml, load_scene
 from dropper_jax.cli import main
 from dropper_jax.load.checks_system import motion_warnings
-from dropper_jax.run.growth import end_forces
-from dropper_jax.run.resolution import pose_remarks
+from dropper_jax.run.line_weights import end_forces
+from dropper_jax.run.pose_remarks import pose_remarks
 
 
 def moored(**motion):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.cli.run import text, with_gaps
+from dropper_jax.cli.run_text import text, with_gaps
 from dropper_jax.report.build import report_run
 from dropper_jax.report.sections import largest_table
-from dropper_jax.run.resolution import step_facts
 from dropper_jax.run.step_extremes import STEP_EXTREMES
+from dropper_jax.run.step_facts import step_facts
 
 #: A rope that goes slack and snaps taut under its moved end, and its load.
 ROPE = {

@@ -23,7 +23,7 @@ from dropper_jax.axial import Rope
 from dropper_jax.effects import LinearDamping, Weight
 from dropper_jax.model import Graph, Member
 from dropper_jax.residual import Unknowns
-from dropper_jax.run.growth import fixed_point_loads
+from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.scene import line_offsets
 from dropper_jax.solvers import SOLVERS
 

@@ -11,11 +11,11 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import build_model
 from dropper_jax.load.checks_water import sea_warnings
-from dropper_jax.run.growth import wet_weights
+from dropper_jax.run.line_weights import wet_weights
 from dropper_jax.sea import Waves
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, sea_names
-from dropper_jax.sea.waves import elevation_components, from_wavespectra
+from dropper_jax.sea.wave_files import elevation_components, from_wavespectra
 
 SCENES = (
     *("dropper-north-sea", "dropper-north-sea-thesis", "dropper-current", "dropper-regular-wave"),

@@ -10,7 +10,8 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax.cli import main
-from dropper_jax.run.wakes import Elements, scene_wakes, solve_wakes
+from dropper_jax.run.wake_model import Elements, solve_wakes
+from dropper_jax.run.wakes import scene_wakes
 
 D, C = 0.2, 1.3
 

@@ -15,7 +15,7 @@ from layout_draws import Scene, layout
 
 import dropper_jax as dj
 from dropper_jax.statics import rest
-from dropper_jax.statics.tangent import stiffness
+from dropper_jax.statics.host_stiffness import stiffness
 
 #: Largest unbalanced force of a pose that counts as found, and its most negative stiffness.
 BALANCED = 1e-8

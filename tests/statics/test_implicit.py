@@ -11,7 +11,7 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import natural_modes, natural_periods
-from dropper_jax.statics.tangent import free_motion
+from dropper_jax.statics.host_stiffness import free_motion
 
 G, RHO = 9.81, 1025.0
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError, build, build_model, integrate, load_scene, make_stepper, report_run, simulate, state
-from dropper_jax.cli.run import text
+from dropper_jax.cli.run_text import text
 from dropper_jax.model import as_parted
 from dropper_jax.residual.breaking import break_links, without_broken_links
 from fitting.sensitivity import study, windows

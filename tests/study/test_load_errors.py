@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
 from dropper_jax import SceneError, load_scene
-from dropper_jax.study.accuracy import load_convergence
+from dropper_jax.study.load_convergence import load_convergence
 from dropper_jax.study.load_errors import twice_the_links
 
 PERIOD = 0.2

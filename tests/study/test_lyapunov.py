@@ -10,7 +10,7 @@ import numpy as np
 from hard_scenes import chain
 
 import dropper_jax as dj
-from dropper_jax.study.reference import horizon, lyapunov
+from dropper_jax.study.lyapunov import horizon, lyapunov
 
 
 def test_an_upside_down_pendulum_leaves_at_its_rate() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.read import Table
 from dropper_jax.decks.reading.sections import Deck, Row
+from dropper_jax.decks.reading.spars import rod_type
 
 
 def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> Table:
@@ -48,9 +49,10 @@ def free_rod(deck: Deck, row: Row) -> Table:
 def _cylinder(deck: Deck, row: Row) -> tuple[Table, tuple[float, np.ndarray, np.ndarray]]:
     """A rod as a cylinder, and its mass [kg], centre of mass [m] and inertia about it [kg m^2]."""
     row.need(10, "rod")
-    kind = _rod_type(deck, row)
+    kind = rod_type(deck, row)
     diameter, each, cdn, can, cdt, cat = kind.values(1, 7, "rod type", 0.0)
-    a, b = (np.array(row.values(i, i + 3, "Xa to Zb")) for i in (3, 6))
+    a = np.array(row.values(3, 6, "Xa to Zb"))
+    b = np.array(row.values(6, 9, "Xa to Zb"))
     length = float(np.linalg.norm(b - a))
     if not length > 0.0:
         row.refuse(f"rod {row.words[0]}: has no length; allowed: two ends")
@@ -60,7 +62,7 @@ def _cylinder(deck: Deck, row: Row) -> tuple[Table, tuple[float, np.ndarray, np.
     across = mass * (diameter**2 / 16.0 + length**2 / 12.0)
     inertia = across * np.eye(3) + (own - across) * np.outer(along, along)
     shape = {"from": a.tolist(), "to": b.tolist(), "diameter": diameter, "cdn": cdn, "can": can, "cdt": cdt, "cat": cat}
-    shape["slices"] = max(row.whole(9, "NumSegs", 0), 1)
+    shape["slices"] = max(row.integer(9, "NumSegs", 0), 1)
     return shape, (mass, 0.5 * (a + b), inertia)
 
 
@@ -107,51 +109,3 @@ def _spheres(row: Row, centre: list[float], notes: list[str]) -> list[Table]:
     diameter = (6.0 * volume / math.pi) ** (1.0 / 3.0)
     cd = float(np.mean(area[:3])) / (0.25 * math.pi * diameter**2)
     return [{"centre": centre, "diameter": diameter, "cd": cd, "ca": float(np.mean(added[:3]))}]
-
-
-# Spar buoys in MoorDyn: an upright massless rod on a free body that cannot rotate.
-#
-# A rod, unlike a point, accounts for the water surface. The body carries the mass and so large a moment of inertia
-# that the rod stays upright. It has three translations, as a `[[buoy]]` does.
-
-#: Moment of inertia [kg m^2] above which a body counts as one that does not rotate.
-UPRIGHT = 1e10
-#: Number of segments of a rod that represents a buoy.
-SEGMENTS = 10
-
-
-def _rod_type(deck: Deck, rod: Row) -> Row:
-    """The row of a rod's type."""
-    types = {row.words[0]: row for row in deck.rows.get("rod types", [])}
-    if rod.words[1] not in types:
-        rod.refuse(f"rod type {rod.words[1]!r} is not in the file")
-    types[rod.words[1]].need(7, "rod type")
-    return types[rod.words[1]]
-
-
-def spar(deck: Deck, body: Row, rod: Row, name: str) -> Table | None:
-    """`[[buoy]]` of a body and its rod, with the position of its base under `position`; None if they are not a spar."""
-    body.need(14, "body")
-    rod.need(9, "rod")
-    kind = _rod_type(deck, rod)
-    turned = body.values(5, 8, "r0, p0, y0")
-    inertia = min(body.parts(10, "I"))
-    loads = [x for i in (11, 12) for x in body.parts(i, "Volume, CdA")]
-    a = rod.values(3, 6, "Xa, Ya, Za")
-    b = rod.values(6, 9, "Xb, Yb, Zb")
-    diameter, mass, cdn, can, cdt, cat = kind.values(1, 7, "rod type")
-    upright = a == [0.0, 0.0, 0.0] and b[:2] == [0.0, 0.0] and b[2] > 0.0
-    free = body.words[1].lower() == "free"
-    if not (free and upright and mass == 0.0 and inertia >= UPRIGHT and not any(turned) and not any(loads)):
-        return None
-    return {
-        "position": body.values(2, 5, "X0, Y0, Z0"),
-        "name": name,
-        "mass": body.value(8, "Mass", 0.0, open_low=True),
-        "diameter": diameter,
-        "height": b[2],
-        "cdn": cdn,
-        "cdt": cdt,
-        "can": can,
-        "cat": cat,
-    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dropper_jax.axial.tabulated import ForceTable
+from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import find_referenced, read_lines
@@ -90,8 +90,12 @@ def _table(row: Row, text: str) -> dict[str, list[float]]:
     file = find_referenced(text, f"{row.path.name}:{row.number}: EA", row.path.parent)
     try:
         lines = file.read_text(encoding="utf-8").splitlines()[3:]
-        rows = [[float(word) for word in line.split()[:2]] for line in lines if line.strip()]
-        strain, tension = ([float(row[i]) for row in rows] for i in (0, 1))
+        rows = []
+        for line in lines:
+            if line.strip():
+                rows.append([float(word) for word in line.split()[:2]])
+        strain = [float(row[0]) for row in rows]
+        tension = [float(row[1]) for row in rows]
     except OSError as error:
         row.refuse(f"EA: {text!r} is neither a number nor a readable file: {error.strerror}")
     except (ValueError, IndexError):
@@ -121,9 +125,11 @@ def read_seafloor(path: Path) -> dict[str, list[float]]:
     """`bed_x`, `bed_y`, `bed_depth` of `[effects.seabed]` from a file of MoorDyn-C: sizes, x, y, then x y depth."""
     lines = [line.split() for line in read_lines(path) if line.strip()]
     try:
-        x = sorted(float(w) for w in lines[1])
-        y = sorted(float(w) for w in lines[2])
-        positions = {(float(a), float(b)): abs(float(z)) for a, b, z in (line[:3] for line in lines[3:])}
+        x = sorted(map(float, lines[1]))
+        y = sorted(map(float, lines[2]))
+        positions = {}
+        for a, b, z in (line[:3] for line in lines[3:]):
+            positions[(float(a), float(b))] = abs(float(z))
         depths = [positions[a, b] for a in x for b in y]
     except (ValueError, IndexError):
         raise SceneError(

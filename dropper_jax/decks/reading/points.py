@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 from dropper_jax.base.markdown import first_names
 from dropper_jax.base.read import Table
-from dropper_jax.decks.reading.bodies import free_body, free_rod, spar
+from dropper_jax.decks.reading.bodies import free_body, free_rod
 from dropper_jax.decks.reading.sections import Deck, Row
+from dropper_jax.decks.reading.spars import spar
 
 FIXED = ("fixed", "fix", "anchor")
 COUPLED = ("coupled", "vessel", "cpld", "ves")
@@ -117,7 +118,9 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
     for rod in connectors:
         position = rod.values(3, 6, "Xa, Ya, Za")
         attached |= _rod_ends(rod, {"from": position, "to": position}, found, used)
-    found.bodies.append({**body, **({"attachments": attached} if attached else {})})
+    if attached:
+        body = {**body, "attachments": attached}
+    found.bodies.append(body)
 
 
 def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, bool]:
@@ -132,7 +135,7 @@ def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> dict[str,
 def _is_connector(row: Row) -> bool:
     """Whether a rod has a direction but neither length nor mass: `NumSegs 0`."""
     row.need(10, "rod")
-    return not row.whole(9, "NumSegs", 0)
+    return not row.integer(9, "NumSegs", 0)
 
 
 def _rod_ends(rod: Row, shape: Table, found: Ends, used: set[str]) -> dict[str, list[float]]:
@@ -243,7 +246,8 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
         return ""
     if holder.lower() in (*COUPLED, *FIXED):
         row.need(10, "rod")
-        a, b = (row.values(first, first + 3, "Xa to Zb") for first in (3, 6))
+        a = row.values(3, 6, "Xa to Zb")
+        b = row.values(6, 9, "Xa to Zb")
         connector = _is_connector(row)
         for word, position, sign in ((f"R{key}A", a, -1.0), (f"R{key}B", a if connector else b, 1.0)):
             if word in used:

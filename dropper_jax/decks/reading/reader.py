@@ -75,20 +75,22 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     inside = {name for name in ends.joints if name not in at_ends}
     left = [point["name"] for point in ends.points if point["name"] not in {*at_ends, *inside}]
     notes += [f"point {name!r} is not represented: no line ends there" for name in left]
-    scene = {
+    scene: Table = {
         "name": path.stem,
         "description": "",
         "run": _run(options, notes),
         "line_type": [types[name] for name in types if name in used],
         "point": [point for point in ends.points if point["name"] in at_ends],
         "line": lines,
-        **({"buoy": ends.buoys} if ends.buoys else {}),
-        **({"body": ends.bodies} if ends.bodies else {}),
+        "buoy": ends.buoys,
+        "body": ends.bodies,
         "effects": _effects(options, path.parent, bending),
-        **({"failure": broken} if broken else {}),
-        **({"start": {"kind": "points"}} if options.values["tmaxic"] == 0.0 else {}),
+        "failure": broken,
         **_sea(deck, options, notes),
     }
+    scene = {key: value for key, value in scene.items() if value or key not in ("buoy", "body", "failure")}
+    if options.values["tmaxic"] == 0.0:
+        scene["start"] = {"kind": "points"}
     density = options.values["rho"]
     floats = [p["name"] for p in scene["point"] if density * p.get("volume", 0.0) > p.get("mass", 0.0)]
     if floats:
@@ -101,11 +103,14 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     if "duration" not in scene["run"]:
         scene["run"]["duration"] = max(DEFAULT_DURATION, scene["run"]["dt"])
         notes.append(f"the file has no duration: {scene['run']['duration']:g} s are used")
+    all_notes = [f"{path.name}: {note}" for note in notes]
     earlier = scene.get("notes")  # of the source file of the scene
-    all_notes = [*(earlier if isinstance(earlier, list) else []), *(f"{path.name}: {note}" for note in notes)]
-    return LocatedValues(
-        {**scene, **({"notes": all_notes} if all_notes else {})}, str(path), _lines_of(deck, scene, ends, options)
-    )
+    if isinstance(earlier, list):
+        all_notes = earlier + all_notes
+    numbers = _lines_of(deck, scene, ends, options)
+    if all_notes:
+        scene["notes"] = all_notes
+    return LocatedValues(scene, str(path), numbers)
 
 
 def _lines_of(deck: Deck, scene: Table, ends: Ends, options: Options) -> dict[str, int]:
@@ -160,7 +165,7 @@ def _lines(deck: Deck, types: Table, names: dict[str, str], notes: list[str]) ->
             "to": by_upper[end.upper()],
             "type": row.words[1],
             "length": row.value(order[2], "UnstrLen", 0.0, open_low=True),
-            "links": row.whole(order[3], "NumSegs"),
+            "links": row.integer(order[3], "NumSegs"),
         }
     return list(found.values())
 
@@ -174,15 +179,19 @@ def line_parts(deck: Deck) -> dict[str, Part]:
 def _joint_notes(lines: list[Table], parts: dict[str, Part], as_given: bool) -> list[str]:
     """A note for each line that is joined of several, whose start may be `as_given` by the positions of points."""
     joined = [line["name"] for line in lines if "sections" in line]
-    own = {name: [key for key, part in parts.items() if part.line == name] for name in joined}
+    own = {}
+    for name in joined:
+        own[name] = [key for key, part in parts.items() if part.line == name]
     if as_given:
         start = "; it starts straight, without the rods' positions"
     else:
         start = ""
-    return [
-        f"lines {', '.join(keys)}, joined by rods without mass and length, are the sections of line {name!r}{start}"
-        for name, keys in own.items()
-    ]
+    found = []
+    for name, keys in own.items():
+        found.append(
+            f"lines {', '.join(keys)}, joined by rods without mass and length, are the sections of line {name!r}{start}"
+        )
+    return found
 
 
 def _link_of(part: Part, link: int) -> Table:
@@ -209,14 +218,18 @@ def _failures(deck: Deck, lines: list[Table], names: dict[str, str], notes: list
     for row in deck.rows.get("failure", []):
         row.need(5, "failure")
         point = by_upper.get(row.words[1].upper(), "")
-        time, load = (row.value(i, key, 0.0) for i, key in ((3, "FailTime"), (4, "FailTen")))
+        time = row.value(3, "FailTime", 0.0)
+        load = row.value(4, "FailTen", 0.0)
         given = {key: value for key, value in (("time", time), ("load", load)) if value > 0.0}
         for word in row.words[2].split(","):
             line = by_number.get(word, {})
             if point not in (line.get("from"), line.get("to")):
                 row.refuse(f"line {word} does not end at point {row.words[1]}")
             if given:
-                found.append({"line": line["name"], "link": 1 if line["from"] == point else line["links"], **given})
+                link = 1
+                if line["from"] != point:
+                    link = line["links"]
+                found.append({"line": line["name"], "link": link, **given})
         if load > 0.0 and "," in row.words[2]:
             notes.append(f"line {row.number}: the lines of a failure detach one by one, each at its own tension")
     return found
@@ -234,7 +247,9 @@ def _run(options: Options, notes: list[str]) -> Table:
         )
         dt = DEFAULT_STEP
     every = max(1, round(options.values["dtout"] / dt))
-    return {"dt": dt, **({"save_every": every} if every > 1 else {})}
+    if every > 1:
+        return {"dt": dt, "save_every": every}
+    return {"dt": dt}
 
 
 def _bending(lines: list[Table], types: Table, ends: Ends, notes: list[str]) -> Table | None:
@@ -343,7 +358,11 @@ def _join_pieces(lines: list[Table], given: Any) -> None:
         lists = [names for names in given if isinstance(names, list)]
     else:
         lists = []
-    whole = {name: names[0] for names in lists if all(isinstance(name, str) for name in names) for name in names[1:]}
+    whole = {}
+    for names in lists:
+        if all(isinstance(name, str) for name in names):
+            for name in names[1:]:
+                whole[name] = names[0]
     for line in lines:
         if line["name"] in whole:
             line["piece_of"] = whole[line["name"]]

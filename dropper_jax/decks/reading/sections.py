@@ -105,7 +105,7 @@ class Row:
         """The numbers of a word, which bars separate."""
         return [self.read(part, what) for part in self.words[at].split("|")]
 
-    def whole(self, at: int, what: str, low: int = 1) -> int:
+    def integer(self, at: int, what: str, low: int = 1) -> int:
         """The whole number of a word, at least `low`."""
         value = self.value(at, what, low)
         if value > MOST:

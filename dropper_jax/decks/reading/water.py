@@ -13,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import read_lines
 from dropper_jax.base.read import Table
-from dropper_jax.sea.waves import elevation_components
+from dropper_jax.sea.wave_files import elevation_components
 
 FREQUENCIES = "wave_frequencies.txt"
 ELEVATION = "wave_elevation.txt"
@@ -49,7 +49,10 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> Table:
     courses = [row[3] if len(row) > 3 else 0.0 for row in rows]
     if len(rows) == 1:
         return {"kind": "regular", "direction": courses[0], **{key: value[0] for key, value in found.items()}}
-    return {"kind": "components", "direction": courses if len(set(courses)) > 1 else courses[0], **found}
+    direction = courses
+    if len(set(courses)) <= 1:
+        direction = courses[0]
+    return {"kind": "components", "direction": direction, **found}
 
 
 def read_current(folder: Path) -> Table:

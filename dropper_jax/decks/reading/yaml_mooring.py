@@ -98,7 +98,9 @@ def _load(path: Path) -> Table:
         found = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
-        where = "" if mark is None else f"line {mark.line + 1}: "
+        where = ""
+        if mark is not None:
+            where = f"line {mark.line + 1}: "
         raise SceneError(f"{path}: {where}YAML syntax: {getattr(error, 'problem', None) or 'too deep'}") from None
     return _table(path, found, "the file")
 
@@ -181,7 +183,9 @@ def _line(path: Path, row: Table, at: str, types: Iterable[str], points: Iterabl
 def _number(path: Path, value: Plain, at: str, low: float = -math.inf, open_low: bool = False) -> float:
     """A finite number; PyYAML reads `1e8`, without a point, as text."""
     try:
-        found = math.nan if isinstance(value, bool) else float(value)
+        found = math.nan
+        if not isinstance(value, bool):
+            found = float(value)
     except (TypeError, ValueError):
         found = math.nan
     if not math.isfinite(found) or found < low or (open_low and found == low):

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dropper_jax.axial.tabulated import ForceTable
-from dropper_jax.base.errors import Check, raises_first
+from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.base.read import Plain
-from dropper_jax.decks.reading.bodies import SEGMENTS, UPRIGHT
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
-from dropper_jax.scene import BodySpec, FailureSpec
+from dropper_jax.scene import FailureSpec
 
 #: Digits of a value per metre that was stored per link: dividing by the link's length rounds the last ones.
 DIGITS = 12
@@ -71,10 +68,10 @@ def pieces(scene: Scene, index: int) -> list[Piece]:
     same = same & np.array([a == b for a, b in pairwise(tables)], bool)
     cuts = [0, *(np.flatnonzero(~same) + 1), line.links]
     rows[:, 1] = [short(mass) for mass in rows[:, 1]]
-    return [
-        Piece(tuple(rows[a, :-1].tolist()), int(b - a), short(np.sum(line.length[a:b])), tables[a])
-        for a, b in pairwise(cuts)
-    ]
+    found = []
+    for a, b in pairwise(cuts):
+        found.append(Piece(tuple(rows[a, :-1].tolist()), int(b - a), short(np.sum(line.length[a:b])), tables[a]))
+    return found
 
 
 def _rows(table: ForceTable) -> tuple[tuple[float, float], ...]:
@@ -111,99 +108,3 @@ def detachment(scene: Scene, failure: FailureSpec) -> Detachment | None:
             return Detachment(i, failure.link == begin + 1)
         begin += piece.links
     return None
-
-
-# Rigid bodies and upright buoys as MoorDyn's rod types, bodies and rods
-
-
-def body_numbers(scene: Scene) -> dict[str, int]:
-    """Number of each `[[body]]` among MoorDyn's bodies, by name; those of the buoys come first."""
-    return {body.name: len(scene.buoys) + i + 1 for i, body in enumerate(scene.bodies)}
-
-
-@raises_first
-def check_bodies(scene: Scene) -> Iterator[Check]:
-    """Reject bodies whose forces a file would lack.
-
-    Raises:
-        SceneError: products of inertia, several rotations, spheres other than one about the centre of mass.
-    """
-    for i, body in enumerate(scene.bodies):
-        yield (
-            np.count_nonzero(body.attitude) > 1,
-            f"body.{i}.attitude: {body.attitude.tolist()} is about several axes; MoorDyn's codes differ in their "
-            "order; allowed: about one of x, y and z",
-        )
-        yield (
-            len(body.spheres) > 1 or any(not np.allclose(s.centre, body.centre_of_mass) for s in body.spheres),
-            f"body.{i}.spheres: MoorDyn's bodies have one volume, at their centre of mass; allowed: one sphere there",
-        )
-        yield (
-            bool(np.any(body.inertia[3:])),
-            f"body.{i}.inertia: {body.inertia.tolist()}: MoorDyn's bodies have no products of inertia. Use axes in "
-            "which they are 0",
-        )
-
-
-def rule(words: str) -> str:
-    """The line that starts a section."""
-    return f"{'-' * 22} {words} {'-' * 40}"
-
-
-def section(title: str, head: str, units: str, rows: list[str]) -> list[str]:
-    """A section of a table."""
-    return [rule(title), head, units, *rows]
-
-
-def body_tables(scene: Scene) -> list[str]:
-    """The sections of rod types, bodies and rods; those of buoys first."""
-    types = []
-    bodies = []
-    rods = []
-    for i, b in enumerate(scene.buoys):
-        types.append(_row(f"buoy{i + 1}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
-        base = scene.point(b.point).position  # in MoorDyn lines end at the base
-        bodies.append(_row(i + 1, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0", f" ! name: {b.point}"))
-        rods.append(
-            _row(i + 1, f"buoy{i + 1}", f"Body{i + 1}", "0 0 0 0 0", b.height, SEGMENTS, "-", f" ! name: {b.name}")
-        )
-    for body, number in zip(scene.bodies, body_numbers(scene).values(), strict=True):
-        bodies.append(_body(number, body))
-        for c in body.cylinders:
-            key = f"rod{len(rods) + 1}"
-            types.append(_row(key, c.diameter, 0.0, c.cdn, c.can, c.cdt, c.cat))
-            rods.append(_row(len(rods) + 1, key, f"Body{number}", *c.start, *c.end, c.slices, "-"))
-    found = (
-        ("ROD TYPES", "TypeName Diam Mass/m Cd Ca CdEnd CaEnd", "(name) (m) (kg/m) (-) (-) (-) (-)", types),
-        (
-            "BODIES",
-            "ID Attachment X0 Y0 Z0 r0 p0 y0 Mass CG I Volume CdA Ca",
-            "(#) (word) (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)",
-            bodies,
-        ),
-        (
-            "RODS",
-            "ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs",
-            "(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)",
-            rods,
-        ),
-    )
-    return [row for title, head, units, rows in found if rows for row in section(title, head, units, rows)]
-
-
-def _body(number: int, body: BodySpec) -> str:
-    """A body with its mass, including that of its cylinders, which are written as massless rods."""
-    centre, moments = ("|".join(repr(float(x)) for x in values[:3]) for values in (body.centre_of_mass, body.inertia))
-    volume = 0.0
-    area = 0.0
-    added = 0.0
-    for s in body.spheres:
-        volume = np.pi * s.diameter**3 / 6.0
-        area = s.cd * np.pi * s.diameter**2 / 4.0
-        added = s.ca
-    pose = ("Pinned" if body.pinned else "Free", *body.position, *np.degrees(body.attitude))
-    return _row(number, *pose, body.mass, centre, moments, volume, area, added, f" ! name: {body.name}")
-
-
-def _row(*values: str | int | float) -> str:
-    return " ".join(repr(float(x)) if isinstance(x, float) else str(x) for x in values)

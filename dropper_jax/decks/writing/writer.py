@@ -14,19 +14,9 @@ import numpy as np
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
 from dropper_jax.decks.reading.water import CURRENT, FREQUENCIES
+from dropper_jax.decks.writing.bodies import body_numbers, body_tables, check_bodies, rule, section
 from dropper_jax.decks.writing.differences import differences, moved_points
-from dropper_jax.decks.writing.pieces import (
-    DIGITS,
-    Piece,
-    body_numbers,
-    body_tables,
-    check_bodies,
-    detachment,
-    line_types,
-    pieces,
-    rule,
-    section,
-)
+from dropper_jax.decks.writing.pieces import DIGITS, Piece, detachment, line_types, pieces
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.growth import overgrown
@@ -211,7 +201,7 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
 
 
 def _point(number: int, kind: str, position: Sequence[float], body: list[float | None], name: str) -> str:
-    return " ".join([str(number), kind, *(_value(x) for x in position), *(_value(x or 0.0) for x in body)]) + (
+    return " ".join([str(number), kind, *map(_value, position), *(_value(x or 0.0) for x in body)]) + (
         f"  ! name: {name}"
     )
 
@@ -295,7 +285,9 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
         current = make_current(sea.current)
         found[CURRENT] = current_text(sea.current, lambda z: np.asarray(current.profile(z, sea.depth)), sea.depth)
     if bed is not None and bed["bed_x"] is not None:
-        x, y, z = (np.asarray(bed[key], float) for key in ("bed_x", "bed_y", "bed_depth"))
+        x = np.asarray(bed["bed_x"], float)
+        y = np.asarray(bed["bed_y"], float)
+        z = np.asarray(bed["bed_depth"], float)
         rows = [f"{_value(a)} {_value(b)} {_value(-c)}" for (a, b), c in zip(product(x, y), z, strict=True)]
         head = [f"{len(x)} {len(y)}", *(" ".join(_value(v) for v in axis) for axis in (x, y))]
         found[f"{path.stem}-seafloor.txt"] = "\n".join([*head, *rows]) + "\n"

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.read import Table
-from dropper_jax.evaluation.tension import YEAR, damage
+from dropper_jax.evaluation.fatigue import YEAR, damage
+from fitting.farm.cases.anchors import anchor_found, anchor_row
 from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.farm.cases.one import Found
 from fitting.farm.cases.stored import Runs
-from fitting.farm.site import Anchor, Part, Site, Storm
+from fitting.farm.site import Part, Site, Storm
 
 
 def assess(site: Site, folder: str | Path, dt: float, step: Table | None = None) -> Table:
@@ -68,6 +69,9 @@ def assess(site: Site, folder: str | Path, dt: float, step: Table | None = None)
 
 
 def _labels(site: Site, storm: Storm) -> Table:
+    break_s = site.break_time
+    if storm.broken is None:
+        break_s = None
     return {
         "case": storm.number,
         "name": storm.name,
@@ -79,7 +83,7 @@ def _labels(site: Site, storm: Storm) -> Table:
         "crop": storm.crop,
         "return_periods": storm.periods,
         "state": storm.state,
-        "break_s": None if storm.broken is None else site.break_time,
+        "break_s": break_s,
     }
 
 
@@ -91,12 +95,12 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
         if not name.endswith(".max"):
             own = replace(own, characteristic="mean")
         values = [run[f"quantity:{name}"] for run in good]
-        found.setdefault("quantities", {})[name] = characteristic(np.array(values), own)
+        found.setdefault("quantities", {})[name] = asdict(characteristic(np.array(values), own))
     index = {name: i for i, name in enumerate(runs.links)}
     if site.exclusion is not None:
         rows = [index[name] for name in site.matching(site.exclusion.lines)]
         way = [run["excursion"][rows].max() for run in good]
-        found["excursion_m"] = characteristic(np.array(way), site.run_of(storm))
+        found["excursion_m"] = asdict(characteristic(np.array(way), site.run_of(storm)))
     if site.backbone is not None:
         rows = [index[name] for name in site.matching(site.backbone.lines)]
         depth = good[0]["depth"][rows]
@@ -109,27 +113,33 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[F
     factor = part.factor[storm.kind]
     run = site.run_of(storm)
     found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
-    share = np.array([load["value"] for load in found]) * factor / part.capacity
+    share = np.array([load.value for load in found]) * factor / part.capacity
     worst = int(np.argmax(share))
     load = found[worst]
     scale = factor / float(part.capacity[worst])
     links = runs.links[part.lines[worst]]
     first = good[0]
     at = links.start + int(np.argmax(first["largest"][links]))
+    utilisation_error = None
+    if load.error is not None:
+        utilisation_error = load.error * scale
+    after_break_s = None
+    if storm.broken is not None:
+        after_break_s = float(first["when"][at]) - site.break_time
     return {
         "case": storm.number,
         "line": part.lines[worst],
-        "load_n": load["value"],
-        "load_error_n": load["error"],
-        "interval_n": load["interval"],
-        "kind": load["kind"],
+        "load_n": load.value,
+        "load_error_n": load.error,
+        "interval_n": load.interval,
+        "kind": load.kind,
         "at_rest_n": float(first["rest"][links].max()),
         "mean_n": float(np.mean([run["mean"][links].max() for run in good])),
         "capacity_n": float(part.capacity[worst]),
         "factor": factor,
         "utilisation": float(share[worst]),
-        "utilisation_error": None if load["error"] is None else load["error"] * scale,
-        "after_break_s": float(first["when"][at]) - site.break_time if storm.broken is not None else None,
+        "utilisation_error": utilisation_error,
+        "after_break_s": after_break_s,
         "damage_per_hour": _damage(part, good, run.duration - run.skip),
     }
 
@@ -185,10 +195,13 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
     for state in given:
         own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state is state]
         yearly += state.hours * float(np.mean(own)) if own else 0.0
+    life_years = None
+    if yearly > 0.0:
+        life_years = 1.0 / yearly
     return {
         **found,
         "damage_per_year": yearly,
-        "life_years": 1.0 / yearly if yearly > 0.0 else None,
+        "life_years": life_years,
         "share_of_year": sum(state.hours for state in given) * 3600.0 / YEAR,
     }
 
@@ -234,59 +247,3 @@ def _passes(found: Table) -> bool:
         for a in found["anchors"]
     )
     return limits and backbone and uplift and not found["failed"] and bool(parts)
-
-
-def anchor_of(site: Site, name: str) -> Anchor | None:
-    """The anchor of a point, None if the site does not define one."""
-    return next((anchor for anchor in site.anchors if name in anchor.points), None)
-
-
-def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray]) -> Table:
-    """A fixed point in one case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima.
-
-    Args:
-        loads: horizontal and upward loads (k, 2) [N] of each seed.
-    """
-    run = site.run_of(storm)
-    anchor = anchor_of(site, name)
-    row: Table = {
-        "case": storm.number,
-        "total_n": characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run),
-        "upward_n": characteristic(np.array([load[:, 1].max() for load in loads]), run),
-        "uplift_deg": max(_uplift(load) for load in loads),
-        "utilisation": None,
-        "utilisation_error": None,
-    }
-    if anchor is not None:
-        factor = anchor.factor[storm.kind]
-        used = characteristic(np.array([anchor.utilisation(*load.T).max() for load in loads]), run)
-        error = None if used["error"] is None else factor * used["error"]
-        row |= {"factor": factor, "utilisation": factor * used["value"], "utilisation_error": error}
-    return row
-
-
-def _uplift(load: np.ndarray) -> float:
-    """Maximum angle [deg] above the horizontal of loads (k, 2), among those that have a direction."""
-    size = np.hypot(*load.T)
-    # below 1 % of its mean a load has no defined direction
-    loaded = size >= max(0.01 * size.mean(), 1e-12)
-    if loaded.any():
-        return float(np.degrees(np.arctan2(load[loaded, 1], load[loaded, 0]).max()))
-    return 0.0
-
-
-def anchor_found(site: Site, name: str, rows: list[Table]) -> Table:
-    """A fixed point over all cases: its rows, the worst of them, and the uplift with its limit [deg]."""
-    anchor = anchor_of(site, name)
-
-    def load(row: Table) -> float:
-        return row["total_n"]["value"] if anchor is None else row["utilisation"]
-
-    return {
-        "point": name,
-        "anchor": None if anchor is None else anchor.name,
-        "cases": rows,
-        "worst": max(rows, key=load, default=None),
-        "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
-        "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
-    }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from dropper_jax.base.read import Table
@@ -14,35 +16,45 @@ from fitting.farm.site.sections import RunValues
 FINAL_SEEDS = 10
 
 
-def characteristic(maxima: np.ndarray, run: RunValues) -> Table:
-    """Characteristic load of a case: mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
+@dataclass(frozen=True)
+class Characteristic:
+    """Characteristic load of a case.
+
+    Attributes:
+        error: standard error; None with one seed.
+        interval: None with fewer than three seeds or without a distribution.
+        kind: the computed quantity, `mean` or `most_probable`.
+    """
+
+    value: float
+    error: float | None
+    interval: tuple[float, float] | None
+    seeds: int
+    kind: str
+
+
+def characteristic(maxima: np.ndarray, run: RunValues) -> Characteristic:
+    """Mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
 
     The standard error of the mean is `s/sqrt(n)`. The interval of either is that of a Gumbel distribution (see
     `evaluation.extremes.storm_extreme`). The standard error of the most probable value is half of a 68 % interval.
-
-    Returns:
-        {value, error, interval, seeds, kind}: error: None with one seed; interval: None with fewer than three seeds
-        or without a distribution; `kind` is the computed quantity.
     """
     maxima = np.asarray(maxima, float)
     n = len(maxima)
     counted = run.duration - run.skip
-    error = float(maxima.std(ddof=1) / np.sqrt(n)) if n > 1 else None
-    found = {"value": float(maxima.mean()), "error": error, "interval": None, "seeds": n, "kind": "mean"}
+    error = None
+    if n > 1:
+        error = float(maxima.std(ddof=1) / np.sqrt(n))
+    mean = Characteristic(float(maxima.mean()), error, None, n, "mean")
     whole = storm_extreme(maxima, counted, counted, run.confidence)
     if "skipped" in whole:
-        return found
+        return mean
     if run.characteristic == "mean":
-        return {**found, "interval": whole["mean_interval"]}
+        return replace(mean, interval=whole["mean_interval"])
     storm = storm_extreme(maxima, counted, run.storm, run.confidence)
     low, high = storm_extreme(maxima, counted, run.storm, 0.6827)["most_probable_interval"]
-    return {
-        "value": storm["most_probable"],
-        "error": 0.5 * (high - low),
-        "interval": storm["most_probable_interval"],
-        "seeds": n,
-        "kind": "most_probable",
-    }
+    interval = storm["most_probable_interval"]
+    return Characteristic(storm["most_probable"], 0.5 * (high - low), interval, n, "most_probable")
 
 
 def flags_of(found: Table, site: Site) -> list[str]:
@@ -51,7 +63,9 @@ def flags_of(found: Table, site: Site) -> list[str]:
     if found["failed"]:
         rows = found["failed"]
         first = rows[0]
-        at = "" if first["time_s"] is None else f" at {first['time_s']:.4g} s"
+        at = ""
+        if first["time_s"] is not None:
+            at = f" at {first['time_s']:.4g} s"
         why = f": {first['why']}" if first["why"] else ""
         notes.append(
             f"{len(rows)} of {len(site.cases)} runs are missing or failed, the first in case {first['case']}, seed "

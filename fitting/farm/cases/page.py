@@ -275,8 +275,13 @@ def draw_utilisation(found: Table, path: Path) -> Path:
     states = {case["case"]: case["state"] for case in found["cases"]}
     for i, (_, cases, worst, step) in enumerate(rows):
         y = len(rows) - 1 - i
-        axes.barh(y, worst["utilisation"], height=0.55, color=WEAK if worst["utilisation"] > 1.0 else HOLDS, zorder=1)
-        share = 0.0 if step is None else step.get("relative", 0.0)
+        color = HOLDS
+        if worst["utilisation"] > 1.0:
+            color = WEAK
+        axes.barh(y, worst["utilisation"], height=0.55, color=color, zorder=1)
+        share = 0.0
+        if step is not None:
+            share = step.get("relative", 0.0)
         error = np.hypot(worst["utilisation_error"] or 0.0, share * worst["utilisation"])
         axes.errorbar(worst["utilisation"], y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
         for broken in sorted({state != "intact" for state in states.values()}):

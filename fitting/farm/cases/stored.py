@@ -1,18 +1,16 @@
-"""Stored runs, and the step error of maximum loads: worst cases are repeated with halved steps."""
+"""The stored runs of a site, load case by load case."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress
 from dropper_jax.base.read import Table
 from dropper_jax.scene import whole_lines
+from fitting.farm.cases.case_store import CaseStore
 from fitting.farm.cases.one import STATUS, Found
-from fitting.farm.cases.run import CaseStore, run_cases
 from fitting.farm.site import Case, Site, Storm
 
 
@@ -30,11 +28,15 @@ class Runs:
         bad = []
         for seed in self.site.seeds if seeds is None else seeds:
             found = self.store.read(Case(storm, seed)) or {}
-            code = STATUS[int(found["status"])] if found else "missing"
+            code = "missing"
+            if found:
+                code = STATUS[int(found["status"])]
             if code == "ok":
                 good.append(found)
                 continue
-            at = float(found["failed_at"]) if "failed_at" in found else None
+            at = None
+            if "failed_at" in found:
+                at = float(found["failed_at"])
             why = str(found.get("message", ""))
             bad.append({"case": storm.number, "seed": seed, "status": code, "time_s": at, "why": why})
         return good, bad
@@ -42,55 +44,3 @@ class Runs:
     def maxima(self, runs: Sequence[Found], line: str) -> np.ndarray:
         """Maximum tension (seeds,) [N] of a line."""
         return np.array([run["largest"][self.links[line]].max() for run in runs])
-
-
-def step_errors(
-    site: Site,
-    folder: str | Path,
-    dt: float,
-    found: Table,
-    *,
-    workers: int = 1,
-    scheduler: Any = None,
-    progress: Progress | None = None,
-) -> Table:
-    """Error of the load of each part in its worst case, by runs with half the step (and a quarter, `halvings` = 2).
-
-    Let q be the mean over the first `step_seeds` seeds of the worst line's maxima. After k halvings the error is
-    `2^k/(2^k - 1) |q(h) - q(h/2^k)|`, that of a scheme of first order: contact and slack reduce one of second order to
-    this.
-
-    Returns:
-        by part {value_n, error_n, relative, by_step} or {skipped}.
-    """
-    if not site.run.halvings:
-        return {part["part"]: {"skipped": "run.halvings is 0"} for part in found["parts"]}
-    worst = {part["part"]: part["worst"] for part in found["parts"] if part["worst"] is not None}
-    storms = {site.storms[row["case"]].number: site.storms[row["case"]] for row in worst.values()}
-    seeds = site.seeds[: site.run.step_seeds]
-    cases = [Case(storm, seed) for storm in storms.values() for seed in seeds]
-    steps = [dt / 2**i for i in range(min(site.run.halvings, 2) + 1)]
-    for finer in steps[1:]:
-        run_cases(site, folder, cases=cases, dt=finer, workers=workers, scheduler=scheduler, progress=progress)
-    return {name: _error(site, folder, row, steps, seeds) for name, row in worst.items()}
-
-
-def _error(site: Site, folder: str | Path, row: Table, steps: list[float], seeds: Sequence[int]) -> Table:
-    means = []
-    for dt in steps:
-        runs = Runs(site, folder, dt)
-        good, bad = runs.of(site.storms[row["case"]], seeds)
-        if bad:
-            return {"skipped": f"a run with a step of {dt:g} s ended with {bad[0]['status']}"}
-        means.append(float(np.mean(runs.maxima(good, row["line"]))))
-    gain = 2.0 ** (len(means) - 1)
-    error = gain / (gain - 1.0) * abs(means[0] - means[-1])
-    return {
-        "case": row["case"],
-        "line": row["line"],
-        "value_n": means[0],
-        "error_n": error,
-        "relative": error / max(means[0], 1e-300),
-        "by_step": {f"{dt:g}": value for dt, value in zip(steps, means, strict=True)},
-        "seeds": len(seeds),
-    }

@@ -8,31 +8,23 @@ until windows are chosen again. Cases with a broken line have loads of parts and
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.memory import available_cores
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
+from fitting.farm.optimise.broken_link import link_of, masked_still
+from fitting.farm.optimise.full_storm import Storms, full_storm
 from fitting.farm.optimise.goals import Goals, check_depths
-from fitting.farm.optimise.models import (
-    ASSUMPTIONS,
-    Still,
-    designs_beside,
-    idle,
-    in_assumed,
-    link_of,
-    masked_still,
-    sea_of,
-    still,
-)
-from fitting.farm.optimise.quantities import Quantity, check_seeds, weights
-from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, Storms, full_storm, peaks
+from fitting.farm.optimise.maxima_weights import check_seeds, weights
+from fitting.farm.optimise.models import ASSUMPTIONS, Still, designs_beside, idle, in_assumed, sea_of, still
+from fitting.farm.optimise.parallel_runs import run_parallel
+from fitting.farm.optimise.quantities import Quantity
+from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, peaks
 from fitting.farm.optimise.values import RunStart, Values, Window, rest
 from fitting.farm.optimise.variables import Variable, with_design
 from fitting.farm.site import Case, Part, Site
@@ -110,10 +102,9 @@ class Design:
         """
         key = np.asarray(x, float).tobytes()
         if key != self._scene_cache[0]:
-            slopes = [
-                (self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance
-                for distance, higher, lower in designs_beside(self.variables, x)
-            ]
+            slopes = []
+            for distance, higher, lower in designs_beside(self.variables, x):
+                slopes.append((self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance)
             self._scene_cache = key, (self._evaluate_scene(x), np.stack(slopes, axis=1))
         return self._scene_cache[1]
 
@@ -265,7 +256,9 @@ class Design:
         stills = {case.storm.still: cache[case.storm.still] for case in self.cases if case.storm.still in cache}
         for key, start in stills.items():
             level = float(key[2])
-            label = "" if len(stills) == 1 else f": {key[0] or ''} level {level:+g} m"
+            label = ""
+            if len(stills) != 1:
+                label = f": {key[0] or ''} level {level:+g} m"
             for depth in self.goals.depths:
                 own = depth.over(start.still.model, np.asarray(start.rest.state.r), start.rest.dr, level)
                 rows += [(name + label, near, by) for name, near, by in own]
@@ -293,39 +286,3 @@ def strength_of(part: Part, scene: Scene) -> float:
     if any(load is None for load in loads) or not part.of_scene:
         return 1.0
     return float(np.mean([np.min(load) for load in loads]))
-
-
-# Parallel runs of one design: the first alone, because it compiles the shared programs, the others on threads.
-#
-# A compiled run does not hold Python's lock, so that threads suffice, and they share programs and models.
-
-A = TypeVar("A")
-B = TypeVar("B")
-
-
-def run_parallel(
-    one: Callable[[A], B], items: Sequence[A], say: Callable[[int], None], workers: int | None = None, alone: int = 1
-) -> list[B]:
-    """`one` of each item, in order.
-
-    Args:
-        say: called with the number of finished items, on the calling thread.
-        workers: number of threads; default: one per core.
-        alone: number of items that run before the others start.
-
-    Raises:
-        The first exception of `one`, in the order of the items; items that have not started are cancelled.
-    """
-    found: list[B] = []
-    with ThreadPoolExecutor(workers or available_cores()) as pool:
-        head = [one(item) for item in items[:alone]]
-        futures = [pool.submit(one, item) for item in items[alone:]]
-        try:
-            for i, value in enumerate([*head, *futures]):
-                found.append(value if i < len(head) else value.result())
-                say(i + 1)
-        except BaseException:
-            for future in futures:
-                future.cancel()
-            raise
-    return found

@@ -155,7 +155,9 @@ def _nodes(model: Model, lines: Sequence[str]) -> tuple[int, ...]:
 def _pairs(model: Model, lines: Sequence[str]) -> tuple[tuple[int, int], ...]:
     """Nodes of each line with those of the next one, without ends and shared nodes."""
     inner = int(model.geometry.inner)
-    nodes = [[int(i) for i in own if i < inner] for own in line_nodes(model, lines).values()]
+    nodes = []
+    for own in line_nodes(model, lines).values():
+        nodes.append([int(i) for i in own if i < inner])
     return tuple((a, b) for one, other in zip(nodes[:-1], nodes[1:], strict=True) for a in one for b in other)
 
 

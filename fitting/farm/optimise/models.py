@@ -22,7 +22,6 @@ from dropper_jax.sea import Sea
 from dropper_jax.sea.make import make_sea
 from fitting.farm.optimise.variables import Variable, with_design
 from fitting.farm.site import Case, Site, Storm
-from fitting.farm.site.case import Break
 
 #: Step of the differences relative to the range of a variable.
 DIFFERENCE_STEP = 1e-4
@@ -111,7 +110,11 @@ def designs_beside(variables: Sequence[Variable], values: np.ndarray) -> Iterato
 
 def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
     """Names of variables without effect on the model."""
-    return [v.name for k, v in enumerate(variables) if not any(np.any(slope[k]) for slope in found.slopes.values())]
+    rows = []
+    for k, v in enumerate(variables):
+        if not any(np.any(slope[k]) for slope in found.slopes.values()):
+            rows.append(v.name)
+    return rows
 
 
 def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:
@@ -160,37 +163,3 @@ def in_assumed(found: Still) -> Still:
         if name in (".sea.current.speed", ".sea.current.velocities"):
             slopes.setdefault(i, np.zeros((count, *np.shape(leaf))))[count - 1] = np.asarray(leaf)
     return Still(found.model, slopes, assumed=True)
-
-
-# Windows of storms in which a line breaks: the first third intact while the waves rise, then without its link.
-#
-#     s_1 = run(intact, s_0),    s_2 = run(parted, s_1)
-#
-# The backward pass includes both runs, so the impact of the break is in the derivatives. The peak load of a whole run
-# may occur long after the break, when the farm has drifted to another position. The window then starts from the
-# equilibrium without that link (`settled`), which is solved again and follows the variables by its own stiffness.
-
-
-def link_of(model: Model, broken: Break) -> int:
-    """Number of the link that breaks."""
-    spans = zip(model.geometry.members, model.geometry.spans, strict=True)
-    own = next(span for member, span in spans if member.name == broken.line)
-    return int(np.arange(model.line.links)[own][broken.link - 1])
-
-
-def with_link_mask(model: Model, broken_link: int | None) -> Model:
-    """The model with a mask of intact links, without `broken_link`; with None all are intact."""
-    intact = jnp.ones(model.line.links, model.dtype)
-    if broken_link is None:
-        intact = intact
-    else:
-        intact = intact.at[broken_link].set(0.0)
-    return dataclasses.replace(
-        model, lines=(dataclasses.replace(model.line, axial=model.line.axial.with_broken_links(intact)),)
-    )
-
-
-def masked_still(found: Still, broken_link: int | None) -> Still:
-    """The same for a model, including the derivatives of its leaves with respect to the variables."""
-    model = with_link_mask(found.model, broken_link)
-    return Still(model, slopes_of(model, found), found.assumed)

@@ -16,12 +16,13 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
-from dropper_jax.evaluation.extremes import EULER, LEAST_RUNS
 from dropper_jax.model import Model
 from dropper_jax.run import quantities as named
 from dropper_jax.run.end_links import load_on_fixed_point
 from fitting.farm.site import Anchor, Part
-from fitting.farm.site.sections import RunValues
+
+#: Width of soft peaks over their height: they exceed the hard ones by 2 to 6 %, which a factor compensates.
+PEAK_WIDTH = 0.01
 
 
 class Quantity:
@@ -39,8 +40,7 @@ class Quantity:
 
     def soft(self, model: Model, r: jax.Array, tension: jax.Array, height: jax.Array) -> jax.Array:
         """The soft peak for hard ones of about `height`, which is fixed; differentiable."""
-        # soft peaks exceed the hard ones by 2 to 6 %, which a factor compensates
-        width = 0.01 * height
+        width = PEAK_WIDTH * height
         return width * jax.scipy.special.logsumexp(self.signal(model, r, tension) / width)
 
 
@@ -151,10 +151,10 @@ def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Numbers of the free nodes of each line, including free ends."""
     links = model.geometry.line_links(names)
     graph = model.geometry
-    return {
-        name: np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
-        for name, own in links.items()
-    }
+    found = {}
+    for name, own in links.items():
+        found[name] = np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
+    return found
 
 
 def part_load(model: Model, part: Part, kind: str = "intact") -> Load:
@@ -173,7 +173,8 @@ def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[Anc
     names = [point.name for point in model.points]
     for name in anchor.points:
         node = graph.point_node[names.index(name)]
-        first, last = (tuple(map(int, np.flatnonzero(side == node))) for side in (graph.first, graph.last))
+        first = tuple(map(int, np.flatnonzero(graph.first == node)))
+        last = tuple(map(int, np.flatnonzero(graph.last == node)))
         signs = (1.0,) * len(first) + (-1.0,) * len(last)
         load = AnchorLoad(name, first + last, signs, factor / horizontal, factor / upward, any_direction)
         found.append(load)
@@ -181,48 +182,3 @@ def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[Anc
             tangent = float(np.tan(np.radians(anchor.table.uplift)))
             found.append(dataclasses.replace(load, name=f"{name} uplift", uplift=tangent))
     return found
-
-
-# The characteristic value of seeds' maxima as a weighted sum of them, so that it has a derivative.
-#
-#     sum_i w_i x_(i),    x_(1) <= ... <= x_(n)
-#
-# The mean has w = 1/n. The most probable maximum of a storm of duration D is the mode of a Gumbel distribution by
-# probability-weighted moments (see `evaluation.extremes`), shifted by scale log(D/T), with T the counted time
-# of a run: mode = b0 - gamma s, s = (2 b1 - b0)/ln 2, b1 = sum (i - 1)/(n - 1) x_(i)/n, all linear in the ordered
-# maxima:
-#
-#     w_i = 1/n + (log(D/T) - gamma) (2 (i - 1)/(n - 1) - 1)/(n ln 2)
-
-
-def weights(maxima: np.ndarray, run: RunValues) -> np.ndarray:
-    """Weights (n, q) of maxima (n, q), in the order of the seeds; for a signal without spread, those of the mean.
-
-    A load that is absent for some seeds has no single distribution of maxima, and also uses the mean, as in
-    `fitting.farm.cases.flags`.
-    """
-    maxima = np.asarray(maxima, float)
-    n = len(maxima)
-    mean = np.full_like(maxima, 1.0 / n)
-    if run.characteristic == "mean":
-        return mean
-    slope = (2.0 * np.arange(n) / (n - 1) - 1.0) / (n * np.log(2.0))
-    ordered = 1.0 / n + (np.log(run.storm / (run.duration - run.skip)) - EULER) * slope
-    rank = np.argsort(np.argsort(maxima, axis=0, kind="stable"), axis=0)
-    largest = np.abs(maxima).max(axis=0)
-    spread = np.abs(slope @ np.sort(maxima, axis=0)) > 1e-9 * largest
-    known = np.min(np.abs(maxima), axis=0) > 1e-9 * largest
-    return np.where(spread & known, ordered[rank], mean)
-
-
-def check_seeds(run: RunValues) -> None:
-    """Reject a most probable value with too few seeds.
-
-    Raises:
-        SceneError: with the given and the required number.
-    """
-    if run.characteristic == "most_probable" and run.seeds < LEAST_RUNS:
-        raise SceneError(
-            f"run.seeds: {run.seeds} for the most probable largest value of a storm. Use {LEAST_RUNS} or more, or "
-            'run.characteristic = "mean"'
-        )

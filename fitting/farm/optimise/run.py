@@ -14,15 +14,14 @@ from dropper_jax.base.errors import SceneError, silent
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
-from dropper_jax.plots.style import DARK, FAINT, FIRST, SECOND, new_figure, plot_style
-from dropper_jax.plots.style import save as save_figure
 from dropper_jax.study.gradient_check import NOT_TRUSTED, TRUSTED, GradientCheck, check_gradient
 from fitting.farm.optimise.design import Design, Say
 from fitting.farm.optimise.goals import read_goals
-from fitting.farm.optimise.models import ASSUMPTIONS, still_model
+from fitting.farm.optimise.models import ASSUMPTIONS
+from fitting.farm.optimise.prices import prices
 from fitting.farm.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
 from fitting.farm.optimise.storm import Peaks, Settings
-from fitting.farm.optimise.values import Dominated, Values, Window, dominated_slopes, near_rest, prices
+from fitting.farm.optimise.values import Dominated, Values, Window, dominated_slopes
 from fitting.farm.optimise.variables import Variable, bounds, read_variables
 from fitting.farm.site import Site
 
@@ -177,11 +176,10 @@ def _possible(design: Design) -> None:
     """Reject depths at rest that no design within the bounds meets to first order, before any storm is run."""
     for case in {c.storm.still: c for c in design.cases}.values():
         found, own, _ = design.still(design.start, case)
-        rows = [
-            row
-            for depth in design.goals.depths
-            for row in depth.over(found.model, np.asarray(own.state.r), own.dr, float(case.storm.level))
-        ]
+        rows = []
+        for depth in design.goals.depths:
+            for row in depth.over(found.model, np.asarray(own.state.r), own.dr, float(case.storm.level)):
+                rows.append(row)
         if not rows:
             continue
         names, value, slopes = zip(*rows, strict=True)
@@ -365,37 +363,3 @@ def first_windows(design: Design) -> list[Window]:
         heights = design.window(design.start, begin, start, slopes=False).hard
         windows.append(dataclasses.replace(begin, height=heights))
     return windows
-
-
-# A picture of a design: the layout from the side, and the utilisation of constraints, before and after
-
-
-@plot_style()
-def design_picture(site: Site, found: Optimum, file: Path) -> Path:
-    """Write the picture."""
-    figure = new_figure(10.0, 7.4)
-    above, below = figure.subplots(2, 1, height_ratios=(1.2, 1.0))
-    storm = site.cases[0].storm
-    for values, colour, label in ((found.before, FAINT, "before"), (found.after, FIRST, "after")):
-        model = still_model(site, found.variables, np.asarray(values), storm)
-        s = near_rest(model, None)
-        nodes = np.asarray(model.nodes(s.r, model.ends(s.t)))
-        begin = 0
-        for member in model.geometry.members:
-            own = nodes[begin : begin + member.links + 1]
-            above.plot(own[:, 0], own[:, 2], color=colour, linewidth=1.0, label=label if begin == 0 else None)
-            begin += member.links + 1
-    above.axhline(storm.level, color=SECOND, linewidth=0.8)
-    above.axhline(-site.scene.sea.depth, color=DARK, linewidth=0.8)
-    above.set(xlabel="x [m], not to the scale of z", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
-    above.margins(y=0.08)
-    above.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    rows = sorted(found.constraints.items(), key=lambda item: -max(item[1]))[:14][::-1]
-    row = np.arange(len(rows))
-    below.barh(row + 0.2, [row[1][0] for row in rows], 0.38, color=FAINT, label="before")
-    below.barh(row - 0.2, [row[1][1] for row in rows], 0.38, color=FIRST, label="after")
-    below.axvline(1.0, color=SECOND, linewidth=1.0)
-    below.set_yticks(row, [row[0] for row in rows], fontsize=7)
-    below.set(xlabel="utilisation (limit 1)")
-    below.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    return save_figure(figure, file)

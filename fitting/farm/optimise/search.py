@@ -19,7 +19,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from fitting.farm.optimise.design import Design, Say
-from fitting.farm.optimise.storm import Storms
+from fitting.farm.optimise.full_storm import Storms
 from fitting.farm.optimise.values import Values, Window
 from fitting.farm.optimise.variables import bounds
 
@@ -100,6 +100,10 @@ def violation(values: Values, limit: float) -> float:
     return float(np.sum(np.maximum(values.value - limit, 0.0)))
 
 
+#: Minimum reach at the start of a round, as a fraction of the first one.
+LEAST_REACH = 0.25
+
+
 def run_round(
     search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Say
 ) -> Values:
@@ -107,9 +111,10 @@ def run_round(
     settings = design.settings
     say(0.0, f"round {search.round + 1}: derivatives")
     one = _Round(search, design, windows, save, say, design.values(search.x, windows, say))
-    renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
-    # every round starts with at least a quarter of the first reach
-    search.reach = max(search.reach, 0.25 * settings.reach)
+    renew = 1
+    if (search.residual or 0.0) <= RESIDUAL:
+        renew = settings.renew
+    search.reach = max(search.reach, LEAST_REACH * settings.reach)
     while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
         first = last = one.attempt(one.here)
         if first is None:
@@ -168,7 +173,9 @@ class _Round:
         """The step of a model's linear programme within the reach, run; None if it predicts no gain."""
         search = self.search
         settings = self.design.settings
-        fixed = False if search.fixed is None else search.fixed
+        fixed = False
+        if search.fixed is not None:
+            fixed = search.fixed
         step_range = np.where(fixed, 0.0, search.reach * self.span)
         bounds = np.maximum(self.low - search.x, -step_range), np.minimum(self.high - search.x, step_range)
         step = programme(model, *bounds, search.scale, self.limit)

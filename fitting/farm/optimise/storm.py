@@ -16,22 +16,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Check, raises_first, silent
+from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.read import DeclaredSection
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.load.scene import Scene
-from dropper_jax.model import Model, State, state
+from dropper_jax.model import Model
 from dropper_jax.residual import Stepper
-from dropper_jax.run.build import build_model, shift_model, stepper_of
-from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
+from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.sea import Sea
 from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record
 from dropper_jax.stepping.stepper import make_stepper
-from fitting.farm.optimise.models import Still, in_waves, leaf_numbers, sea_of, still_scene
+from fitting.farm.optimise.models import Still, in_waves, leaf_numbers
 from fitting.farm.optimise.quantities import Quantity
-from fitting.farm.optimise.values import Rest, near_rest
-from fitting.farm.site import Case, Site
+from fitting.farm.optimise.values import Rest
 
 #: Time [s] in which the waves of a window rise; it is not counted.
 WINDOW_RAMP = 10.0
@@ -104,7 +101,9 @@ def peaks(
             runs.append(_record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps))
             s = runs[-1].last
         if all(float(run.residual) <= stepper.limit(model) for run, model in zip(runs, models, strict=True)):
-            numbers = leaf_numbers(models[-1], stills[-1]) if slopes else None
+            numbers = None
+            if slopes:
+                numbers = leaf_numbers(models[-1], stills[-1])
             return _peaks(stepper, models, runs, numbers, rest, tuple(quantities), h, heights)
     none = np.full(len(quantities), np.nan)
     return Peaks(none, none, np.full((len(quantities), rest.dr.shape[0]), np.nan) if slopes else None, none, False)
@@ -128,7 +127,8 @@ def _peaks(
         first = steps
     else:
         first = max(0, min(round(WINDOW_RAMP / h), steps - 1))
-    r, tension = (jnp.concatenate([getattr(run, key) for run in runs])[first:] for key in ("r", "tension"))
+    r = jnp.concatenate([run.r for run in runs])[first:]
+    tension = jnp.concatenate([run.tension for run in runs])[first:]
     hard, when = (np.asarray(a) for a in _hard(quantities, model, r, tension))
     when = (when + first + 1) * h
     heights = jnp.asarray(hard if heights is None else heights, model.dtype)
@@ -161,7 +161,7 @@ def _hard(
     quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Hard peaks (q,), and the indices of their times (q,)."""
-    highest = _signals(quantities, model, r, tension)
+    highest = highest_signals(quantities, model, r, tension)
     return jnp.stack([jnp.max(x) for x in highest]), jnp.stack([jnp.argmax(x) for x in highest])
 
 
@@ -195,49 +195,9 @@ def _by_signals(
     return jnp.stack(soft), jnp.stack(by_shift), jnp.stack(by_r, axis=1), jnp.stack(by_t, axis=1)
 
 
-# Full storms of a design: hard peaks over the whole run with the scene's own law, and their times
-
-
-@dataclasses.dataclass(frozen=True)
-class Storms:
-    """Hard peaks of one case (q,) and their times (q,) [s]; NaN if the run failed, with `message`."""
-
-    hard: np.ndarray
-    when: np.ndarray
-    message: str = ""
-
-
-def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None) -> Storms:
-    """The whole run of a case of a design; steps that do not converge are halved.
-
-    The time before `skip`, or before a line breaks, is not counted.
-    """
-    none = np.full(len(quantities), np.nan)
-    own = still_scene(site, scene, case.storm, calm=False)
-    model = build_model(own)
-    if near is not None:
-        near = state(model, near.r, tension=near.tension)
-    start = near_rest(model, near)
-    model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
-    run = dataclasses.replace(own.run, save_every=1)
-    stepper = stepper_of(model, run, track_work=False)
-    pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run)
-    outcome = run_chunks(pieces, run.saves, silent)
-    found = outcome.trajectory
-    if int(found.first_bad[-1]) >= 0:
-        return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
-    first = int(np.floor(site.run_of(case.storm).skip / run.step))
-    hard = []
-    when = []
-    for part in np.array_split(np.arange(first, len(found.r)), max(1, (len(found.r) - first) // 1000)):
-        peaks = _signals(tuple(quantities), model, jnp.asarray(found.r[part]), jnp.asarray(found.tension[part]))
-        hard.append([float(jnp.max(x)) for x in peaks])
-        when.append([(part[0] + int(jnp.argmax(x)) + 1) * run.step for x in peaks])
-    best = np.argmax(hard, axis=0)
-    return Storms(np.max(hard, axis=0), np.array(when)[best, np.arange(len(best))])
-
-
-def _signals(quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array) -> list[jax.Array]:
+def highest_signals(
+    quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array
+) -> list[jax.Array]:
     """The largest value of each quantity at every time (q lists of k)."""
     return [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
 

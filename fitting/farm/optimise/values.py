@@ -12,11 +12,11 @@ import numpy as np
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State, state
-from dropper_jax.run.build import shift_model
+from dropper_jax.run.model_slopes import shift_model
+from dropper_jax.statics.host_stiffness import stiffness
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
 from dropper_jax.statics.static_pose import equilibrium
 from dropper_jax.statics.system import find_rest
-from dropper_jax.statics.tangent import stiffness
 from fitting.farm.optimise.models import Still
 from fitting.farm.site import Case
 
@@ -182,57 +182,6 @@ def dominated_slopes(values: Values, span: np.ndarray, limit: float) -> list[Dom
         off = np.abs(rows - median)
         seed = off.argmax(axis=0)
         dominated = (off.max(axis=0) / len(rows) > 0.25 * size) & (size * span > 0.05 * np.max(size * span))
-        found += [
-            Dominated(name, int(k), int(seed[k]), float(mean[k]), float(median[k])) for k in np.flatnonzero(dominated)
-        ]
+        for k in np.flatnonzero(dominated):
+            found.append(Dominated(name, int(k), int(seed[k]), float(mean[k]), float(median[k])))
     return found
-
-
-# Shadow prices of an optimum: the cost of its active constraints, and the distance of the design from an optimum.
-#
-# At an optimum the slope of the objective is balanced by active constraints and by bounds:
-#
-#     c + sum_j lambda_j J_j - mu_low + mu_high = 0,    all >= 0
-#
-# found by non-negative least squares over the variables that may still move, in units of their ranges. A linear
-# programme within a reach also has prices, but those of its corner. With fewer active constraints than variables the
-# reach itself balances the rest, and the prices are arbitrary.
-
-
-class Prices(NamedTuple):
-    """Decrease of the objective for a limit that is higher by 1, by constraint (m,), and the unbalanced fraction of the
-    objective's slope: 0 at an optimum."""
-
-    of: np.ndarray
-    left: float
-
-
-def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fixed: np.ndarray, limit: float) -> Prices:
-    """Prices at a design.
-
-    Args:
-        low, high: bounds (p,); fixed: variables on a size of their catalogue (p,), which stay there.
-        limit: upper limit of the constraints.
-    """
-    # fraction of a variable's range from a bound within which the bound counts as active
-    at_bound = 1e-3
-    from scipy.optimize import nnls  # noqa: PLC0415
-
-    p = len(x)
-    span = high - low
-    free = ~fixed
-    cost = values.slope[:p] * span
-    rows = values.slopes[:, :p] * span
-    active = active_constraints(values, limit)
-    axes = np.eye(p)
-    walls = np.hstack([-axes[:, x - low <= at_bound * span], axes[:, high - x <= at_bound * span]])
-    of = np.zeros(len(values.value))
-    size = float(np.linalg.norm(cost[free]))
-    if size == 0.0:
-        return Prices(of, 0.0)
-    matrix = np.hstack([rows[active].T, walls])[free]
-    if not matrix.shape[1]:
-        return Prices(of, 1.0)
-    found, left = nnls(matrix, -cost[free])
-    of[active] = found[: len(active)]
-    return Prices(of, float(left) / size)

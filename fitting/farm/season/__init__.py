@@ -7,6 +7,7 @@ sink with `n >= reserve B/lift` floats, with B the maximum over the currents. It
 tide and in every current, then give the depth of the backbone.
 """
 
-from fitting.farm.season.season import schedule, season, write_season
+from fitting.farm.season.report import write_season
+from fitting.farm.season.season import schedule, season
 
 __all__ = ["schedule", "season", "write_season"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,8 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
-from dropper_jax.run.growth import fixed_point_loads, overgrown, wet_weights
+from dropper_jax.run.growth import overgrown
+from dropper_jax.run.line_weights import fixed_point_loads, wet_weights
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.farm.site import Site
@@ -30,7 +32,9 @@ class Water(NamedTuple):
 def waters(site: Site) -> tuple[Water, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     own = site.season
-    levels = site.lists.levels if own.levels is None else own.levels
+    levels = site.lists.levels
+    if own.levels is not None:
+        levels = own.levels
     speeds = own.currents
     if speeds is None:
         speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
@@ -66,7 +70,10 @@ CHANGING = ("time", "factor", "amplitude", "period", "phase")
 def bare_points(site: Site, names: Sequence[str]) -> dict[str, Table]:
     """The points as specified, without the fields that floats give them."""
     points = {point["name"]: point for point in site.scene.as_written()["point"]}
-    return {name: {k: v for k, v in points[name].items() if k not in BODY} for name in names}
+    found = {}
+    for name in names:
+        found[name] = {k: v for k, v in points[name].items() if k not in BODY}
+    return found
 
 
 def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[np.ndarray, dict[str, float]]:
@@ -87,12 +94,19 @@ def needs(site: Site, month: str, water: Water, names: Sequence[str]) -> tuple[n
     return np.array([-loads[name][2] for name in names]), by_line
 
 
-def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> Table:
-    """The equilibrium on its floats: depths [m] of the backbone below the level, status.
+@dataclass(frozen=True)
+class Floating:
+    """An equilibrium on floats: its status, and depths of the lines of `[backbone]`, otherwise of the points."""
 
-    Returns:
-        {level_m, speed_m_per_s, status, shallowest_m, deepest_m}: of the lines of `[backbone]`, otherwise the points.
-    """
+    level_m: float
+    speed_m_per_s: float | None
+    status: str
+    shallowest_m: float
+    deepest_m: float
+
+
+def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> Floating:
+    """The equilibrium on its floats; depths are below the level."""
     points = bare_points(site, list(floats))
     for name, count in floats.items():
         points[name] |= _body(site, count)
@@ -106,13 +120,7 @@ def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> Ta
     else:
         height = np.array([z[line.nodes[stop]] for line in lines for stop, at in line.stops.items() if at in floats])
     below = water.level - height
-    return {
-        "level_m": water.level,
-        "speed_m_per_s": water.speed,
-        "status": pose.status,
-        "shallowest_m": float(below.min()),
-        "deepest_m": float(below.max()),
-    }
+    return Floating(water.level, water.speed, pose.status, float(below.min()), float(below.max()))
 
 
 def _body(site: Site, count: int) -> Table:

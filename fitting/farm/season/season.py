@@ -2,29 +2,53 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.files import atomic_write
-from dropper_jax.base.markdown import cell, table
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.library import FAMILIES, PREFIX
-from dropper_jax.plots import style
-from fitting.farm.season.poses import Water, floating, needs, waters
+from fitting.farm.season.poses import Floating, Water, floating, needs, waters
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, short
 
 #: Visits, moved floats, and the floats of each month so far.
 Plan = tuple[int, int, list[int]]
+
+
+#: Times that the bounds on the number of floats are tightened.
+TIGHTENED = 4
+
+
+@dataclass(frozen=True)
+class Month:
+    """What a month needs: weights in water [N], forces on the points (points,) [N], bounds on the number of floats."""
+
+    month: str
+    wet_weight_n: float
+    mussels_wet_n: float
+    need_n: float
+    least_need_n: float
+    need_by_point_n: np.ndarray
+    least: int
+    most: int
+
+
+@dataclass(frozen=True)
+class Lying:
+    """The farm on a number of floats: the equilibria in every water, and the distance [m] from its limits."""
+
+    floats: int
+    by_point: dict[str, int]
+    poses: list[Floating]
+    deepest_m: float
+    shallowest_m: float
+    sinking_m: float | None
+    lifting_m: float | None
+    holds: bool
 
 
 def schedule(low: Sequence[int], high: Sequence[int], start: int | None = None) -> list[int]:
@@ -92,7 +116,9 @@ def season(site: Site, progress: Progress | None = None) -> Table:
     months = list(site.growth)
     rows = []
     # at the scene's water level, for which its points are placed: floats at the surface follow the tide, others stay
-    held = [Water(0.0, speed) for speed in dict.fromkeys(water.speed for water in all_waters)]
+    held = []
+    for speed in dict.fromkeys(water.speed for water in all_waters):
+        held.append(Water(0.0, speed))
     for i, month in enumerate(months):
         pulls = []
         for j, water in enumerate(held):
@@ -100,23 +126,26 @@ def season(site: Site, progress: Progress | None = None) -> Table:
             force, weights = needs(site, month, water, names)
             pulls.append(force)
         rows.append(_month(site, month, weights, np.array(pulls), lift))
-    low = [row["least"] for row in rows]
-    high = [row["most"] for row in rows]
-    known: dict[tuple[str, int], list[Table]] = {}
-    # bounds are tightened at most four times
-    for _ in range(4):
+    low = [row.least for row in rows]
+    high = [row.most for row in rows]
+    known: dict[tuple[str, int], list[Floating]] = {}
+    for _ in range(TIGHTENED):
         plan = schedule(low, high, site.season.start)
+        lying = []
         again = False
         for i, (row, count) in enumerate(zip(rows, plan, strict=True)):
-            say(0.5 + 0.5 * i / len(rows), f"{row['month']}: equilibria, floats: {count}")
-            row |= _lying(site, row, names, count, all_waters, known)
-            if row["sinking_m"] is not None and row["sinking_m"] < 0.0 and low[i] <= high[i]:
-                low[i], again = max(low[i], count + 1), True
-            elif row["lifting_m"] is not None and row["lifting_m"] < 0.0 and low[i] < high[i]:
-                high[i], again = min(high[i], count - 1), True
+            say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {count}")
+            found = _lying(site, row, names, count, all_waters, known)
+            lying.append(found)
+            if found.sinking_m is not None and found.sinking_m < 0.0 and low[i] <= high[i]:
+                low[i] = max(low[i], count + 1)
+                again = True
+            elif found.lifting_m is not None and found.lifting_m < 0.0 and low[i] < high[i]:
+                high[i] = min(high[i], count - 1)
+                again = True
         if not again:
             break
-    return _season_table(site, names, lift, rows)
+    return _season_table(site, names, lift, rows, lying)
 
 
 def _lift(site: Site) -> float:
@@ -130,7 +159,7 @@ def _lift(site: Site) -> float:
     return lift
 
 
-def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> Table:
+def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> Month:
     """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
     own = site.season
@@ -138,57 +167,62 @@ def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray,
         most = math.floor(max(total.min(), 0.0) / (own.least_share * lift) + 1e-9)
     else:
         most = 10**6
-    return {
-        "month": month,
-        "wet_weight_n": sum(weights.values()),
-        "mussels_wet_n": sum(weights[name] for name in site.growth[month]),
-        "need_n": float(total.max()),
-        "least_need_n": float(total.min()),
-        "need_by_point_n": pulls.max(axis=0),
-        "least": math.ceil(own.reserve * max(total.max(), 0.0) / lift - 1e-9),
-        "most": most,
-    }
+    return Month(
+        month=month,
+        wet_weight_n=sum(weights.values()),
+        mussels_wet_n=sum(weights[name] for name in site.growth[month]),
+        need_n=float(total.max()),
+        least_need_n=float(total.min()),
+        need_by_point_n=pulls.max(axis=0),
+        least=math.ceil(own.reserve * max(total.max(), 0.0) / lift - 1e-9),
+        most=most,
+    )
 
 
 def _lying(
-    site: Site, row: Table, names: list[str], count: int, all_waters: tuple[Water, ...], cache: dict[Any, Any]
-) -> Table:
+    site: Site,
+    row: Month,
+    names: list[str],
+    count: int,
+    all_waters: tuple[Water, ...],
+    cache: dict[tuple[str, int], list[Floating]],
+) -> Lying:
     """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
-    floats = dict(zip(names, spread(count, row["need_by_point_n"]), strict=True))
-    key = (row["month"], count)
+    floats = dict(zip(names, spread(count, row.need_by_point_n), strict=True))
+    key = (row.month, count)
     if key not in cache:
-        cache[key] = [floating(site, row["month"], water, floats) for water in all_waters]
+        cache[key] = [floating(site, row.month, water, floats) for water in all_waters]
     poses = cache[key]
-    deepest = max(p["deepest_m"] for p in poses)
-    shallowest = min(p["shallowest_m"] for p in poses)
+    deepest = max(p.deepest_m for p in poses)
+    shallowest = min(p.shallowest_m for p in poses)
     own = site.backbone
-    if own is None or own.deepest is None:
-        sinking = None
-    else:
+    sinking = None
+    lifting = None
+    if own is not None and own.deepest is not None:
         sinking = own.deepest - deepest
-    if own is None or own.shallowest is None:
-        lifting = None
-    else:
+    if own is not None and own.shallowest is not None:
         lifting = shallowest - own.shallowest
     inside = all(margin is None or margin >= 0.0 for margin in (sinking, lifting))
-    return {
-        "floats": count,
-        "by_point": floats,
-        "poses": poses,
-        "deepest_m": deepest,
-        "shallowest_m": shallowest,
-        "sinking_m": sinking,
-        "lifting_m": lifting,
-        "holds": inside and all(p["status"] == "ok" for p in poses) and row["least"] <= count <= row["most"],
-    }
+    return Lying(
+        floats=count,
+        by_point=floats,
+        poses=poses,
+        deepest_m=deepest,
+        shallowest_m=shallowest,
+        sinking_m=sinking,
+        lifting_m=lifting,
+        holds=inside and all(p.status == "ok" for p in poses) and row.least <= count <= row.most,
+    )
 
 
-def _season_table(site: Site, names: list[str], lift: float, rows: list[Table]) -> Table:
+def _season_table(site: Site, names: list[str], lift: float, months: list[Month], lying: list[Lying]) -> Table:
     before = site.season.start
-    for row in rows:
-        row["change"] = 0 if before is None else row["floats"] - before
-        row["reserve"] = row["floats"] * lift / row["need_n"] if row["need_n"] > 0.0 else None
-        before = row["floats"]
+    rows = []
+    for month, found in zip(months, lying, strict=True):
+        change = 0 if before is None else found.floats - before
+        reserve = found.floats * lift / month.need_n if month.need_n > 0.0 else None
+        before = found.floats
+        rows.append({**asdict(month), **asdict(found), "change": change, "reserve": reserve})
     return {
         "schema": 1,
         "status": "ok",
@@ -209,12 +243,14 @@ def _season_table(site: Site, names: list[str], lift: float, rows: list[Table]) 
 def double_crops(site: Site) -> list[str]:
     """A line about lines with mussels of `[[growth]]` whose type is a crop of the library already; none without any."""
     crops = tuple(f"{PREFIX}{name}-" for name, kind in FAMILIES.items() if kind.spread)
-    types = {
-        line["name"]: [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
-        for line in site.scene.as_written()["line"]
-    }
+    types = {}
+    for line in site.scene.as_written()["line"]:
+        types[line["name"]] = [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
     grown = dict.fromkeys(name for lines in site.growth.values() for name in lines)
-    both = [name for name in grown if any(kind.startswith(crops) for kind in types.get(name, ()))]
+    both = []
+    for name in grown:
+        if any(kind.startswith(crops) for kind in types.get(name, ())):
+            both.append(name)
     if not both:
         return []
     return [
@@ -238,101 +274,3 @@ def _flags(row: Table) -> list[str]:
         if row[key] is not None and row[key] < 0.0:
             flags.append(f"{month}: the backbone lies {-row[key]:.2g} m {what} (floats: {row['floats']})")
     return flags
-
-
-# The report of a season: a Markdown page with a picture, a CSV file of the months, and plain values
-
-COLUMNS = (
-    *("month", "wet_weight_n", "mussels_wet_n", "need_n", "least_need_n", "least", "most", "floats", "change"),
-    *("reserve", "deepest_m", "shallowest_m", "sinking_m", "lifting_m", "holds"),
-)
-
-
-def write_season(found: Table, folder: str | Path) -> dict[str, Path]:
-    """Write season.md, season.csv, season.json and season.png into a folder; returns their paths by name."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return {
-        "picture": draw(found, folder / "season.png"),
-        "csv": atomic_write(folder / "season.csv", _csv(found)),
-        "json": atomic_write(folder / "season.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"),
-        "page": atomic_write(folder / "season.md", page(found)),
-    }
-
-
-def page(found: Table) -> str:
-    """The page's text."""
-    if found["holds"]:
-        verdict = "The schedule holds in every month."
-    else:
-        verdict = "The schedule does not hold: see below."
-    rows = [
-        [
-            row["month"],
-            f"{row['wet_weight_n']:.0f}",
-            f"{row['need_n']:.0f}",
-            f"{row['least']} to {row['most']}",
-            str(row["floats"]),
-            f"{row['change']:+d}" if row["change"] else "-",
-            cell(row["reserve"], ".2f"),
-            f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
-            _margin(row["sinking_m"]),
-            _margin(row["lifting_m"]),
-        ]
-        for row in found["months"]
-    ]
-    head = ["month", "wet weight [N]", "to carry [N]", "allowed", "floats", "change", "reserve", "backbone [m]"]
-    parts = [
-        f"# Season: {found['site']}",
-        f"{verdict} Visits: {found['visits']}, floats moved: {found['handled']}. A float lifts "
-        f"{found['lift_n']:.0f} N. The required reserve is {found['wanted_reserve']:g}, and floats carry at least "
-        f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
-        "and currents.",
-        "\n".join(f"- {flag}" for flag in found["flags"]),
-        table([*head, "to sinking [m]", "to lifting [m]"], rows),
-        "![Floats and their bounds](season.png)",
-    ]
-    return "\n\n".join(part for part in parts if part) + "\n"
-
-
-def _margin(value: float | None) -> str:
-    if value is None:
-        return "no limit"
-    return f"{value:+.2f}"
-
-
-def _csv(found: Table) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
-    writer.writeheader()
-    writer.writerows(found["months"])
-    return text.getvalue()
-
-
-@style.plot_style()
-def draw(found: Table, path: Path) -> Path:
-    """Floats of each month between their bounds, and the depths of the backbone."""
-    months = found["months"]
-    at = range(len(months))
-    figure = style.new_figure(7.5, 4.6)
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    most = max(max(row["floats"], row["least"]) for row in months)
-    top = [max(row["least"], min(row["most"], int(1.5 * most) + 1)) for row in months]
-    upper.fill_between(at, [row["least"] for row in months], top, step="mid", color="#E3E5E8", label="allowed")
-    upper.step(at, [row["floats"] for row in months], where="mid", color=style.FIRST, lw=2, label="floats")
-    upper.set(ylabel="floats", ylim=(0.0, None))
-    upper.locator_params(axis="y", integer=True)
-    upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
-    for key, margin, sign, colour in (
-        ("shallowest_m", "lifting_m", -1, style.CYCLE[5]),
-        ("deepest_m", "sinking_m", 1, style.DARK),
-    ):
-        lower.plot(at, [row[key] for row in months], "o-", ms=3.5, color=colour, label=key.removesuffix("_m"))
-        if months[0][margin] is not None:
-            lower.axhline(months[0][key] + sign * months[0][margin], color=colour, lw=1, ls="--", label="its limit")
-    lower.invert_yaxis()
-    # half a name of a month on either side
-    lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
-    lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
-    lower.set_xticks(list(at), [row["month"] for row in months], rotation=30 if len(months) > 6 else 0)
-    return style.save(figure, path)

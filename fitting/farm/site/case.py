@@ -65,7 +65,9 @@ def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: 
         own = [name for name in names if fnmatchcase(name, pattern)]
         if not own:
             hint = nearest(pattern, names)
-            known = f"known: {short(names)}" if hint.startswith("known:") else hint
+            known = hint
+            if hint.startswith("known:"):
+                known = f"known: {short(names)}"
             raise SceneError(f"{path}: {pattern!r} matches no {what}; {known}")
         found.update(own)
     return tuple(name for name in names if name in found)
@@ -76,7 +78,9 @@ def short(names: Sequence[str]) -> str:
     # maximum number of names in an error message
     most_names = 6
     names = list(names)
-    more = f", ... ({len(names)} in total)" if len(names) > most_names else ""
+    more = ""
+    if len(names) > most_names:
+        more = f", ... ({len(names)} in total)"
     return (", ".join(names[:most_names]) or "none") + more
 
 
@@ -148,7 +152,9 @@ class Storm:
     @property
     def still(self) -> tuple[Any, ...]:
         """The values that the equilibrium depends on."""
-        heading = None if self.current is None else self.current["direction"]
+        heading = None
+        if self.current is not None:
+            heading = self.current["direction"]
         return self.current_name, heading, self.level, self.month, self.crop
 
     @property
@@ -175,28 +181,29 @@ def storms(site: Any) -> tuple[Storm, ...]:
     """
     lists = site.lists
     standard = site.lists.standard
-    combined = [
-        Storm(
-            0,
-            sea,
-            way,
-            *_current(site, current, way),
-            level,
-            month,
-            state,
-            crop,
-            (sea.return_period, (current or {}).get("return_period")),
+    combined = []
+    for sea, way, current, level, month, crop, state in itertools.product(
+        site.sea_states,
+        np.radians(lists.directions).tolist(),
+        lists.currents or (None,),
+        lists.levels,
+        lists.months or (None,),
+        lists.crops or tuple(site.crop) or (None,),
+        site.states,
+    ):
+        combined.append(
+            Storm(
+                0,
+                sea,
+                way,
+                *_current(site, current, way),
+                level,
+                month,
+                state,
+                crop,
+                (sea.return_period, (current or {}).get("return_period")),
+            )
         )
-        for sea, way, current, level, month, crop, state in itertools.product(
-            site.sea_states,
-            np.radians(lists.directions).tolist(),
-            lists.currents or (None,),
-            lists.levels,
-            lists.months or (None,),
-            lists.crops or tuple(site.crop) or (None,),
-            site.states,
-        )
-    ]
     if standard is not None:
         for waves, current in standard["pairs"]:
             if (waves, current) not in {storm.periods for storm in combined}:

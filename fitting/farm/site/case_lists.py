@@ -8,16 +8,7 @@ from typing import Any, Self
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import (
-    Plain,
-    Table,
-    plain,
-    read_list,
-    read_number,
-    read_table,
-    read_text,
-    refuse,
-)
+from dropper_jax.base.read import Plain, Table, plain, read_list, read_number, read_table, read_text, refuse
 from fitting.farm.site.sections import Section, read_years, standards
 
 
@@ -49,7 +40,9 @@ class CaseLists(Section):
         else:
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, "'waves', or a number in deg")
         found = super().read(own, path)
-        numbers = {key: [float(x) for x in getattr(found, key)] for key in ("directions", "levels")}
+        numbers = {}
+        for key in ("directions", "levels"):
+            numbers[key] = [float(x) for x in getattr(found, key)]
         for key, values in {**numbers, "states": found.states}.items():
             if len(values) == 0:
                 raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
@@ -103,7 +96,9 @@ def _current(item: Plain, path: str) -> Table:
         return {"name": f"{speed:g} m/s", "speed": speed}
     found: Table = dict(plain(item))
     speed = found.get("speed")
-    own = f"{speed:g} m/s" if isinstance(speed, int | float) else "given"
+    own = "given"
+    if isinstance(speed, int | float):
+        own = f"{speed:g} m/s"
     if "return_period" in found:
         found["return_period"] = read_years(found["return_period"], f"{path}.return_period")
     return {**found, "name": read_text(found.get("name", own), f"{path}.name")}

@@ -18,7 +18,8 @@ from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.growth import overgrown
-from dropper_jax.run.quantities import PERIOD, quantity
+from dropper_jax.run.quantities import quantity
+from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
@@ -54,7 +55,9 @@ def read_site(source: str | Path | Mapping[str, Any]) -> Site:
     Raises:
         SceneError: one line with the section, the value and the allowed range.
     """
-    file = None if isinstance(source, Mapping) else Path(source)
+    file = None
+    if not isinstance(source, Mapping):
+        file = Path(source)
     table = read_table(source if file is None else parse_toml(site_text(file), str(file)), "site")
     if "line" in table:
         raise SceneError(
@@ -264,7 +267,10 @@ def _parts(
         )
     _unique("part.name", [part.name for part in found])
     refuse_overlap(groups, "line")
-    left = [name for name in lines if not any(name in names for _, names in groups)]
+    left = []
+    for name in lines:
+        if not any(name in names for _, names in groups):
+            left.append(name)
     if left:
         raise SceneError(f"part: no part has the lines {short(left)}. Use a [[part]] with them, or `unchecked`")
     return tuple(found)

@@ -161,8 +161,8 @@ class Site:
 
     def break_changes(self, storm: Storm) -> Table:
         """Time of a break in this case, for each line that breaks in any case."""
-        return {
-            f"failure.{state.entry}.time": self.break_time if state == storm.broken else NEVER
-            for state in self.states
-            if state is not None
-        }
+        found = {}
+        for state in self.states:
+            if state is not None:
+                found[f"failure.{state.entry}.time"] = self.break_time if state == storm.broken else NEVER
+        return found

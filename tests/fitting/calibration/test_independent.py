@@ -10,8 +10,9 @@ import pytest
 from dropper_jax import SceneError
 from fitting import bootstrap, fit, predict, profile
 from fitting.calibration.comparison import Law, compare_laws, with_bic
-from fitting.calibration.fit import estimate, summarise
+from fitting.calibration.fit import estimate
 from fitting.calibration.prediction import PARTED
+from fitting.calibration.summarise import summarise
 from fitting.estimate.descent import ARRIVED, GradientDescent
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import drop_wild

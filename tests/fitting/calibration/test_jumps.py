@@ -10,9 +10,11 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import integrate
 from fitting import Camera, FitSettings, Motion, observe, prepare
-from fitting.calibration.estimating import estimate, with_sound_windows
-from fitting.calibration.fit import summarise
-from fitting.calibration.kicks import alone, best_jump, without_kicks
+from fitting.calibration.estimating import estimate
+from fitting.calibration.kicks import without_kicks
+from fitting.calibration.lost_frames import alone, best_jump
+from fitting.calibration.lost_windows import with_sound_windows
+from fitting.calibration.summarise import summarise
 
 
 def swinging(count):

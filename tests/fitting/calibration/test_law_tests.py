@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fitting.calibration.fit import estimate, summarise
+from fitting.calibration.fit import estimate
 from fitting.calibration.laws import with_law
+from fitting.calibration.summarise import summarise
 from fitting.parameters.missing_forces import UNITS
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"

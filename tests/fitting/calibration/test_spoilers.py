@@ -15,9 +15,10 @@ from dropper_jax import build_model
 from fitting import Convention, FitSettings, StudentT, Trace, fit, fit_and_free, prepare
 from fitting.calibration.advice import groups, score_candidates, wide
 from fitting.calibration.candidate import Candidate
-from fitting.calibration.fit import estimate, summarise
+from fitting.calibration.fit import estimate
 from fitting.calibration.freeing import promising
 from fitting.calibration.result import window_length
+from fitting.calibration.summarise import summarise
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 

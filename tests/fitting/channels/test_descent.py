@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from fitting.channels.problem import FACTOR, Problem, is_axial_stiffness
-from fitting.parameters.parameter import Direction, Parameter
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.targets import Direction
 
 EA = Parameter("line_type.rope.EA", Direction({}, 1e6, linear=False), 1e6, 0.0, np.inf)
 DRAG = Parameter("line_type.rope.cdn", Direction({}, 1.2, linear=True), 1.2, 0.0, np.inf)

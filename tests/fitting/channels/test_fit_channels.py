@@ -14,8 +14,9 @@ from dropper_jax import SceneError, as_toml
 from dropper_jax.cli import main
 from fitting import fit_channels
 from fitting.channels.fit import growth, pose
+from fitting.channels.observe import differentiate_channels, observe_channels, shift_setup
 from fitting.channels.sensors import projection
-from fitting.channels.setup import differentiate_channels, observe_channels, setup_with_directions, shift_setup
+from fitting.channels.setup import setup_with_directions
 from fitting.estimate.scene_fit import bootstrap, profiles
 
 MASS, LENGTH, DAMPING, DELAY, START = 0.2, 0.5, 0.04, 0.021, 0.8

@@ -10,7 +10,7 @@ from dropper_jax.base.constants import GRAVITY
 from fitting import fit_channels
 from fitting.channels.channel import SavedMotion
 from fitting.channels.inertial import Accelerometer, Gyro
-from fitting.channels.setup import at_times
+from fitting.channels.observe import at_times
 
 MASS, LENGTH, B_L, B_Q, START = 0.2, 0.5, 0.04, 0.05, 0.8
 POSITION, TURN, LATE = 0.31, 0.05, 0.013

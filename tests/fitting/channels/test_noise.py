@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from fitting import Huber, StudentT
-from fitting.channels.channel import Data, Run, Sensor
+from fitting.channels.data import Data, Run, Sensor
 from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.sensors import Angle
 from fitting.estimate.least_squares import first_solution
 from fitting.estimate.loss import LEAST_SQUARES
 from fitting.estimate.noise import Noise, lag_one
 from fitting.estimate.residual_noise import ResidualNoiseModel
-from fitting.parameters.parameter import Direction, Parameter
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.targets import Direction
 
 N = 4000
 T = np.arange(N) * 0.1

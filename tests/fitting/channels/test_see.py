@@ -3,9 +3,10 @@
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.channels.channel import Node, SavedMotion
+from fitting.channels.channel import SavedMotion
+from fitting.channels.observe import at_times
+from fitting.channels.position import Node
 from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, projection
-from fitting.channels.setup import at_times
 
 NODES = jnp.array([[[0.0, 0.0, 0.0], [1.0, 1.0, -2.0], [4.0, 5.0, -2.0]]] * 2)
 SEEN = SavedMotion(NODES, NODES[1:], jnp.array([[3.0, 5.0]]))

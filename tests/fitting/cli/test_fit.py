@@ -8,7 +8,7 @@ import pytest
 from dropper_jax import load_scene
 from dropper_jax.cli import main
 from fitting import Camera, observe, simulate_truth, write_trace
-from fitting.cli.fit import held_out_spans
+from fitting.cli.fit_options import held_out_spans
 
 PENDULUM = {
     "run": {"dt": 0.01, "duration": 10.0},

@@ -15,7 +15,8 @@ from scipy.optimize import least_squares
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model
 from fitting import Camera, FitSettings, Huber, bootstrap, observe, prepare, profile, simulate_truth
-from fitting.calibration.fit import estimate, summarise
+from fitting.calibration.fit import estimate
+from fitting.calibration.summarise import summarise
 from fitting.estimate import shooting
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import bounded_step

@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from fitting import Convention, FitSettings, Trace, prepare
-from fitting.calibration.fit import estimate, summarise
+from fitting.calibration.fit import estimate
+from fitting.calibration.summarise import summarise
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.windows import Starts
 

@@ -13,7 +13,8 @@ from dropper_jax import SceneError
 from fitting import Camera, FitSettings, Trace, observe, prepare, simulate_truth
 from fitting.calibration.comparison import compare_laws
 from fitting.calibration.cross_validation import blocks, fair
-from fitting.calibration.fit import estimate, summarise
+from fitting.calibration.fit import estimate
+from fitting.calibration.summarise import summarise
 
 #: Two links, the lower one held aside by a force at the free end.
 SCENE = {

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from fitting import Trace
+from fitting.estimate.blocks import Pieces, memory, resample
+from fitting.estimate.factors import Factor
 from fitting.estimate.noise import Noise, log_volume, whiten
-from fitting.estimate.normal_equations import Evaluation, Factor
-from fitting.estimate.uncertainty import Pieces, memory, resample
+from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.windows import Windows
 
 SIGMA, STEP, SLOTS = np.array([0.004, 0.01]), 0.02, 40

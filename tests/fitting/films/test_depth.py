@@ -6,7 +6,7 @@ import pytest
 import dropper_jax as dj
 from fitting import Convention, Motion, View, film, read_trace, write_trace, write_video
 from fitting.films import track
-from fitting.films.flattening import OUT_OF_PLANE, out_of_plane
+from fitting.films.out_of_plane import OUT_OF_PLANE, out_of_plane
 from fitting.traces.conventions import settle_convention
 
 POLAR = np.array([1.2, 0.9, 0.6])

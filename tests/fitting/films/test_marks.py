@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from fitting import Convention, Trace, View, read_trace, write_trace
-from fitting.films.flattening import Flat, flatten, four_quadrant, scatter
+from fitting.films.flattening import Flat, flatten
 from fitting.films.hindsight import exposure_share, second_differences
+from fitting.films.link_angles import four_quadrant, scatter
 from fitting.films.marks import find_marks
 
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from fitting.films.detection import Circles, MarkerAppearance, detect, learn_appearance
-from fitting.films.flattening import Flat, angle_errors, four_quadrant
+from fitting.films.flattening import Flat
 from fitting.films.following import follow_film
 from fitting.films.identity import Follower
+from fitting.films.link_angles import angle_errors, four_quadrant
 from fitting.films.ordering import Chain
 from fitting.films.video import Video
 

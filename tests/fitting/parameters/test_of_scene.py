@@ -10,8 +10,10 @@ import pytest
 from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.run.quantities import quantity
 from fitting import Camera, fit, fitted_scene, observe, simulate_truth
-from fitting.parameters.of_scene import find_parameters, free_of_traces, full_names, scene_parameter
-from fitting.parameters.parameter import Direction, apply, resolve
+from fitting.parameters.names import full_names
+from fitting.parameters.of_scene import find_parameters, free_of_traces, scene_parameter
+from fitting.parameters.parameter import apply, resolve
+from fitting.parameters.targets import Direction
 from fitting.sensitivity import Study, ranges
 
 SCENE = "paper-case-4"

@@ -6,8 +6,11 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import Scene, SceneError, build_model
 from fitting.estimate.normal_equations import prior_of
-from fitting.parameters.of_scene import default_free, find_parameters, power_of_mass, rig_priors
-from fitting.parameters.parameter import camera_offset, resolve
+from fitting.parameters.names import default_free
+from fitting.parameters.observation import camera_offset
+from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.parameter import resolve
+from fitting.parameters.rig_priors import power_of_mass, rig_priors
 
 NAME = "measured-double-pendulum"
 

@@ -13,7 +13,8 @@ from rope_cases import slack_rope
 
 from dropper_jax import SceneError, load_scene
 from dropper_jax.cli import main
-from dropper_jax.run.quantities import STATISTICS, excess_kurtosis, quantity, statistic
+from dropper_jax.run.quantities import quantity
+from dropper_jax.run.statistics import STATISTICS, excess_kurtosis, statistic
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows

@@ -7,11 +7,12 @@ import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Convention, Trace, read_trace, write_trace
 from fitting.estimate.windows import local_motion
-from fitting.parameters.of_scene import full_names
+from fitting.parameters.names import full_names
 from fitting.parameters.parameter import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import settle_convention
-from fitting.traces.trace import convention, noise
+from fitting.traces.noise import noise
+from fitting.traces.trace import convention
 
 ANY = Convention()
 

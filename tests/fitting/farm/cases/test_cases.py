@@ -18,16 +18,16 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError, cli
 from dropper_jax.cli import OK, main
-from dropper_jax.cli.options import INVALID_INPUT
+from dropper_jax.cli.printing import INVALID_INPUT
 from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.tension import anchors
 from dropper_jax.scene import line_slices
 from fitting.farm.cases import assess, run_cases, write_page
+from fitting.farm.cases.case_store import CaseStore as Store
 from fitting.farm.cases.flags import characteristic
 from fitting.farm.cases.one import Runner
 from fitting.farm.cases.page import page
-from fitting.farm.cases.run import CaseStore as Store
-from fitting.farm.cases.stored import step_errors
+from fitting.farm.cases.step_errors import step_errors
 from fitting.farm.site import Case, read_site
 from fitting.farm.site.sections import RunValues, standards
 
@@ -282,12 +282,12 @@ def test_the_mean_of_many_maxima_lies_in_its_interval_and_a_longer_storm_is_high
     draw = np.random.default_rng(1).gumbel(100.0, 10.0, 20)
     run = RunValues(duration=630.0, skip=30.0)
     mean = characteristic(draw, run)
-    np.testing.assert_allclose(mean["value"], draw.mean())
-    assert mean["interval"][0] < 100.0 + 0.5772 * 10.0 < mean["interval"][1]
+    np.testing.assert_allclose(mean.value, draw.mean())
+    assert mean.interval[0] < 100.0 + 0.5772 * 10.0 < mean.interval[1]
     storm = characteristic(draw, RunValues(duration=630.0, skip=30.0, characteristic="most_probable"))
     # mode + scale ln(18) of the distribution that was drawn from
-    assert storm["interval"][0] < 100.0 + 10.0 * math.log(18.0) < storm["interval"][1]
-    assert storm["value"] > mean["value"]
+    assert storm.interval[0] < 100.0 + 10.0 * math.log(18.0) < storm.interval[1]
+    assert storm.value > mean.value
 
 
 def test_the_page_and_the_table_name_parts_by_group(found, tmp_path):

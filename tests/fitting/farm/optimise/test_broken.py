@@ -5,7 +5,7 @@ import pytest
 
 from dropper_jax import build, load_scene
 from dropper_jax.statics.rest_problem import unbalanced
-from fitting.farm.optimise.models import link_of, with_link_mask
+from fitting.farm.optimise.broken_link import link_of, with_link_mask
 from fitting.farm.optimise.run import check_derivatives, read_problem
 from fitting.farm.site import read_site
 

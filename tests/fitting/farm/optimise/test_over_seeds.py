@@ -5,7 +5,7 @@ import pytest
 
 from dropper_jax import SceneError
 from fitting.farm.cases.flags import characteristic
-from fitting.farm.optimise.quantities import check_seeds, weights
+from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.site.sections import RunValues
 
 
@@ -18,7 +18,7 @@ def run(kind, seeds=10):
 def test_weights_give_what_load_cases_say(kind, seeds):
     maxima = np.random.default_rng(seeds).gumbel(5.0, 1.0, (seeds, 4))
     found = np.sum(weights(maxima, run(kind)) * maxima, axis=0)
-    expected = [characteristic(column, run(kind))["value"] for column in maxima.T]
+    expected = [characteristic(column, run(kind)).value for column in maxima.T]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from fitting.farm.optimise.values import Values, prices
+from fitting.farm.optimise.prices import prices
+from fitting.farm.optimise.values import Values
 
 FREE = np.zeros(2, bool)
 LOW, HIGH = np.full(2, -2.0), np.full(2, 2.0)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fitting.farm.optimise.models import ASSUMPTIONS
+from fitting.farm.optimise.prices import prices
 from fitting.farm.optimise.run import read_problem
 from fitting.farm.optimise.search import Search, run_round
-from fitting.farm.optimise.values import prices
 from fitting.farm.site import read_site
 
 SITE = {

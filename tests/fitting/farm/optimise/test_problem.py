@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError, packaged_scene
-from dropper_jax.run.growth import fixed_point_loads
+from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.scene import line_slices
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model

@@ -1,0 +1,131 @@
+"""Tension tabulated over strain: reading, checking, and the slopes of the curve through the rows."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Plain, plain, read_list, read_number, refuse
+
+ROWS = "two or more rows of rising strain; tension starting at 0, never falling, rising at the end"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ForceTable:
+    """Rows of strain (k,) [-], `(|d| - L)/L`, and tension (k,) [N]; the line is slack up to the first strain."""
+
+    strain: np.ndarray
+    tension: np.ndarray
+
+    @classmethod
+    def read(cls, strain: Plain, tension: Plain, path: str) -> ForceTable:
+        """A checked table.
+
+        Raises:
+            SceneError: an entry is not a number, the numbers of rows differ, strain does not rise, the first strain is
+                negative, the first tension is not 0, tension falls, or does not rise at the end.
+        """
+
+        def column(values: Plain, where: str, unit: str) -> np.ndarray:
+            items = read_list(values, where, None, ROWS)
+            return np.array([read_number(x, f"{where}.{i}", {"unit": unit}) for i, x in enumerate(items)], float)
+
+        e = column(strain, f"{path}.strain", "-")
+        force = column(tension, f"{path}.tension", "N")
+        if len(e) < 2:
+            raise refuse(f"{path}.strain", plain(e), "has too few rows", ROWS)
+        if len(force) != len(e):
+            raise refuse(f"{path}.tension", plain(force), f"has {len(force)} rows", f"{len(e)}, as many as `strain`")
+        if e[0] < 0.0 or np.any(np.diff(e) <= 0.0):
+            raise refuse(f"{path}.strain", plain(e), "does not rise from 0 or above", ROWS)
+        if force[0] != 0.0 or np.any(np.diff(force) < 0.0) or force[-1] == force[-2]:
+            raise refuse(f"{path}.tension", plain(force), "does not rise from 0", ROWS)
+        return cls(e, force)
+
+    @classmethod
+    def straight(cls, EA: float) -> ForceTable:
+        """The table of a rope of constant stiffness [N]."""
+        return cls(np.array([0.0, 1.0]), np.array([0.0, EA]))
+
+    @property
+    def secants(self) -> np.ndarray:
+        return np.diff(self.tension) / np.diff(self.strain)
+
+    @property
+    def stiffness(self) -> float:
+        """Maximum slope between two rows [N]: the reference of a damping ratio and the scale of residuals."""
+        return float(np.max(self.secants))
+
+    def slopes(self) -> np.ndarray:
+        """Slopes of the curve at its rows (k,) [N]: monotone, once continuously differentiable.
+
+        Inside the table, the weighted harmonic mean of both secants, and 0 next to a level interval (Fritsch and
+        Butland 1984). At the ends, the secant there, so that the curve continues straight beyond the last row.
+        """
+        width = np.diff(self.strain)
+        secant = self.secants
+        first = 2 * width[1:] + width[:-1]
+        second = width[1:] + 2 * width[:-1]
+        level = (secant[1:] == 0.0) | (secant[:-1] == 0.0)
+        before = np.where(level, 1.0, secant[:-1])
+        after = np.where(level, 1.0, secant[1:])
+        inner = np.where(level, 0.0, (first + second) / (first / before + second / after))
+        return np.concatenate([secant[:1], inner, secant[-1:]])
+
+    def __eq__(self, other: object) -> bool:
+        same = isinstance(other, ForceTable) and len(self.strain) == len(other.strain)
+        return same and np.array_equal(self.strain, other.strain) and np.array_equal(self.tension, other.tension)
+
+    __hash__ = None
+
+
+def read_tables(table: Mapping[str, Any], path: str, links: int) -> tuple[ForceTable, ...]:
+    """One table per link from `strain` and `tension`: lists of numbers for all links, or one such list per link."""
+    for key in ("strain", "tension"):
+        if key not in table:
+            raise SceneError(f"{path}.{key}: missing; needed: {ROWS}")
+    strain = plain(table["strain"])
+    tension = plain(table["tension"])
+    nested = []
+    for x in (strain, tension):
+        nested.append(isinstance(x, list) and any(isinstance(row, list) for row in x))
+    if not any(nested):
+        return (ForceTable.read(strain, tension, path),) * links
+    for key, column in (("strain", strain), ("tension", tension)):
+        read_list(column, f"{path}.{key}", links, f"{links} lists, one per link")
+    found = []
+    for i, (e, force) in enumerate(zip(strain, tension, strict=True)):
+        found.append(ForceTable.read(e, force, f"{path}.{i}"))
+    return tuple(found)
+
+
+def tables_of(tables: Sequence[ForceTable]) -> dict[str, Any]:
+    """Plain values from which `read_tables` reconstructs the tables."""
+    if all(t == tables[0] for t in tables):
+        tables = tables[0]
+        return {"strain": plain(tables.strain), "tension": plain(tables.tension)}
+    found = {}
+    for key in ("strain", "tension"):
+        found[key] = [plain(getattr(t, key)) for t in tables]
+    return found
+
+
+def stack_tables(tables: Sequence[ForceTable]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Strain, tension and slope, each (n, k), of tables extended to equal numbers of rows along their last slope."""
+    rows = max(len(t.strain) for t in tables)
+    found = []
+    for table in tables:
+        more = np.arange(1, rows - len(table.strain) + 1)
+        slope = table.slopes()
+        found.append(
+            (
+                np.concatenate([table.strain, table.strain[-1] + more]),
+                np.concatenate([table.tension, table.tension[-1] + slope[-1] * more]),
+                np.concatenate([slope, np.full(len(more), slope[-1])]),
+            )
+        )
+    return tuple(map(np.stack, zip(*found, strict=True)))

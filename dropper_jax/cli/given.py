@@ -1,0 +1,95 @@
+"""Values on the command line: numbers, ranges, files and folders that a command writes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from dropper_jax.base.errors import SceneError
+
+#: Value of `--dt` for the suggested step, which `run` shortens as its check advises.
+AUTO = "auto"
+
+
+def output_file(
+    text: str | Path | None, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()
+) -> Path | None:
+    """A file to write; a wrong suffix or folder is rejected early. `folders` are suffixes of folders."""
+    if text is None:
+        return None
+    path = Path(text)
+    if path.suffix.lower() not in suffixes:
+        raise SceneError(f"{option}: {text!r} has no known suffix; allowed: {', '.join(suffixes)}")
+    if not path.parent.is_dir():
+        raise SceneError(f"{option}: the folder {str(path.parent)!r} does not exist; allowed: an existing one")
+    if path.is_dir() and path.suffix.lower() not in folders:
+        raise SceneError(f"{option}: {text!r} is a folder; allowed: a file")
+    return path
+
+
+def output_folder(text: str | Path | None, option: str) -> Path | None:
+    """A folder to write to, which need not exist; a file is rejected before the work starts."""
+    if text is None:
+        return None
+    path = Path(text)
+    if path.exists() and not path.is_dir():
+        raise SceneError(f"{option}: {text!r} is a file; allowed: a folder")
+    above = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    if not (above.is_dir() and os.access(above, os.W_OK)):
+        raise SceneError(f"{option}: {text!r} cannot be made in {str(above)!r}; allowed: a writable folder")
+    return path
+
+
+def number(text: str) -> float:
+    """A number on the command line; its range is checked with the scene."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+
+
+def step_length(text: str) -> float | str:
+    """A time step on the command line: a number, or `auto`."""
+    if text == AUTO:
+        return AUTO
+    return number(text)
+
+
+def read_numbers(
+    text: str, option: str, reason: str, mark: str = ",", count: int | None = None, given: str | None = None
+) -> list[float]:
+    """Numbers separated by `mark`, this many if `count` is given, such as those of `LO:HI:N`.
+
+    Raises:
+        SceneError: `OPTION: TEXT REASON`, where TEXT is `given` if the numbers are a part of it.
+    """
+    try:
+        found = [float(part) for part in text.split(mark)]
+    except ValueError:
+        found = []
+    if not found or count not in (None, len(found)):
+        raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
+    return found
+
+
+def read_spaced(text: str, option: str, reason: str, given: str | None = None) -> tuple[float, float, int]:
+    """Ends and whole number, at least 1, of values of `LO:HI:N`."""
+    low, high, count = read_numbers(text, option, reason, ":", 3, given)
+    if not count.is_integer() or count < 1:
+        raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
+    return low, high, int(count)
+
+
+def read_named_range(text: str, option: str, reason: str) -> tuple[str, float, float]:
+    """Name and ends of `NAME=LO:HI`."""
+    name, _, limits = text.partition("=")
+    low, high = read_numbers(limits, option, reason, ":", 2, given=text)
+    return name.strip(), low, high
+
+
+def positive_integer(text: str) -> int:
+    """A whole number on the command line, at least 1."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number >= 1")
+    return int(text)

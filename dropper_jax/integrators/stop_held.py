@@ -1,0 +1,157 @@
+"""Friction at the end of a step, on joints that were stuck at its middle: it stops them.
+
+A law on the mid-step rate holds a joint by `w_mid = 0`, which turns its rate w0 into `-w0` at every step. The end
+velocities of such a step are therefore changed by impulses P of the stuck joints (and pi of the tensions), within
+the limit of friction over the step:
+
+    M delta = B' P + G' pi,    B (v1 + delta) = 0 on stuck joints,    |h z + P| <= h tau
+
+In the mass metric this is a projection, so it takes kinetic energy and never adds any (Moreau 1988). The energy
+that it takes is work of the law. If the bound is reached, the impulse stays on it and the joint keeps moving.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jax.scipy.linalg import lu_factor, lu_solve
+
+from dropper_jax.base.numerics import dot
+from dropper_jax.integrators.consistent import Joints
+from dropper_jax.model import Kinematics, Law, Model
+from dropper_jax.residual import Unknowns
+
+
+def stop_held_joints(
+    model: Model, z: tuple[jax.Array, ...], middle: Kinematics, after: Kinematics, h: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """End velocities (nodes, 3) [m/s] with stuck joints at rest, and the work of that (<= 0) [J].
+
+    Args:
+        z: the laws' unknowns over the step.
+        middle, after: the middle and the end of the step.
+        h: the step [s].
+    """
+    held = tuple(law.holding(middle, torque, h) for law, torque in zip(model.laws, z, strict=True))
+    some = jnp.any(jnp.stack([jnp.any(one) for one in held]))
+    # most steps have no stuck joint, and then none of this is executed
+    stopped = partial(_stop_nodes, model, held, z, after.with_velocity(after.v), h)
+    return jax.lax.cond(some, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
+
+
+def _stop_nodes(model: Model, held: Joints, z: Joints, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
+    # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
+    # derivative of the solution, at the cost of a few operations
+    u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
+    rows = ravel_pytree(_rows(model, held, after, z, h, over, aim, u))[0]
+    flat, unravel = ravel_pytree(u)
+    return _falling(model, after, unravel(flat - lu_solve(factor, rows)).x)
+
+
+def stop_held_nodes(
+    model: Model, z: tuple[jax.Array, ...], middle: Kinematics, after: Kinematics, h: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    """The same for laws that hold nodes individually (`node_local`): each simply stops, as its `stop` defines."""
+    v1 = after.v
+    for law, held in zip(model.laws, z, strict=True):
+        v1 = law.stop(middle, v1, held, h)
+    return v1, model.kinetic_energy(after.with_velocity(v1)) - model.kinetic_energy(after)
+
+
+@jax.jit  # traced once, not at each of the half dozen positions of a differentiated step
+def _solve(
+    model: Model, held: Joints, v: jax.Array, r: jax.Array, t: jax.Array, z: Joints, h: jax.Array
+) -> tuple[Unknowns, Joints, Joints, Joints]:
+    """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and the direction of their
+    impulses."""
+    after = model.kinematics(r, v, t)
+    zero = Unknowns(jnp.zeros_like(v), jnp.zeros_like(model.line.length), tuple(map(jnp.zeros_like, z)))
+    flat, unravel = ravel_pytree(zero)
+
+    def correct(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
+        x, _, over, aim = carry
+        plain = lambda x: ravel_pytree(_rows(model, held, after, z, h, over, aim, unravel(x)))[0]  # noqa: E731
+        factor = lu_factor(jax.jacfwd(plain)(x))
+        x = x - lu_solve(factor, plain(x))
+        found = tuple(zip(model.laws, held, over, unravel(x).z, z, strict=True))
+        beyond = tuple(one & ~o & _beyond(law, p, q, h) for law, one, o, p, q in found)
+        # doubled, so that its nearest allowed torque is on the bound despite rounding
+        aim = tuple(jnp.where(b, 2.0 * (p / h + q), a) for b, a, (*_, p, q) in zip(beyond, aim, found, strict=True))
+        return (x, factor, tuple(o | b for o, b in zip(over, beyond, strict=True)), aim), None
+
+    nothing = tuple(map(jnp.zeros_like, held))
+    start = flat, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), nothing, zero.z
+    # Newton corrections: the first is exact if no impulse reaches its bound. A joint that reaches its bound in the last
+    # one keeps more than its part of one step. That affects the accuracy of this event, never the energy
+    x, factor, over, aim = jax.lax.scan(correct, start, None, length=3)[0]
+    return unravel(x), factor, over, aim
+
+
+def _beyond(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
+    """Joints (joints, 1) whose impulse exceeds its bound; within the bound both differ by rounding of p and h q.
+
+    A joint wrongly classified as exceeding its bound would have a row of zeros.
+    """
+    size = jnp.max(jnp.abs(p) + jnp.abs(h * q), axis=-1, keepdims=True)
+    # the impulse nearest to p that keeps `h q + p`, friction's impulse over the full step, within its bound
+    nearest = h * law.admissible(p / h + q) - h * q
+    return jnp.max(jnp.abs(p - nearest), axis=-1, keepdims=True) > 1e-9 * size
+
+
+#: Relative compliance of the impulses: there may be more stuck joints than motions that they stop (8 joints, 5 motions
+#: of a plane loop of 7 links), and the distribution of the load is then arbitrary.
+IMPULSE_COMPLIANCE = 1e-10
+
+
+def _rows(
+    model: Model, held: Joints, after: Kinematics, z: Joints, h: jax.Array, over: Joints, aim: Joints, u: Unknowns
+) -> Unknowns:
+    """Rows of the system above for velocity changes, impulses of tensions and of joints.
+
+    An impulse that exceeds its bound stays on it and keeps its direction. Otherwise all points of the bound would be
+    solutions, and a row with free direction would be singular.
+    """
+    line = model.line
+    scale = jnp.mean(line.mass * line.length**2)
+    moved = after.with_velocity(after.v + u.x)
+    force = model.inertia(after, u.x) - model.tension_force(u.y, after.tangents)
+    for law, p in zip(model.laws, u.z, strict=True):
+        force = force - law.law_force(after, p)
+    along = u.y
+    if not line.axial.elastic:
+        rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, model.rates(u.x, None))
+        along = jnp.mean(line.mass) * dot(after.tangents, rate)
+    rest = tuple(scale * law.rates(moved) + IMPULSE_COMPLIANCE * p for law, p in zip(model.laws, u.z, strict=True))
+    bound = tuple(p - h * (law.admissible(a) - q) for law, p, q, a in zip(model.laws, u.z, z, aim, strict=True))
+    joints = tuple(
+        jnp.where(one & ~o, a, jnp.where(o, b, p)) for one, o, a, b, p in zip(held, over, rest, bound, u.z, strict=True)
+    )
+    return Unknowns(force, along, joints)
+
+
+def _both_held(model: Model, held: tuple[jax.Array, ...]) -> jax.Array:
+    """Links (n,) whose two joints are stuck by one law: they stop completely, including their rate of length."""
+    links = model.line.links
+    both = jnp.zeros(links, bool)
+    for one in held:
+        if one.shape[0] > links:
+            both = both | (one[:-1, 0] & one[1:, 0])
+    return both
+
+
+#: Below the normal numbers a quotient is 0/0 if the processor flushes them; nothing moves any more at that scale.
+NORMAL_NUMBERS = 1e3
+
+
+def _falling(model: Model, after: Kinematics, delta: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """`v + s delta` with the s in [0, 1] of minimum kinetic energy (1 if delta is a projection), and its change."""
+    weight = jnp.sum(delta * model.inertia(after, delta))
+    slope = jnp.sum(delta * model.inertia(after, after.v))
+    moves = weight > NORMAL_NUMBERS * jnp.finfo(weight.dtype).tiny
+    share = jnp.clip(-slope / jnp.where(moves, weight, 1.0), 0.0, 1.0)
+    share = jnp.where(moves, share, 0.0)
+    return after.v + share * delta, share * (slope + 0.5 * share * weight)

@@ -1,0 +1,132 @@
+"""The state from which a run continues, saved as named arrays and restored.
+
+The last carry holds the whole state and all data of the stepping. These are positions, velocities, tensions,
+unknowns of joint forces and constraints (joints that stick), accelerations, work, broken links and internal states
+of effects. Runs that choose their step add it; runs that control their error add their last steps. Leaves are named
+by their path in the carry, such as `last_carry_state_r`. The scene and the scheme determine which leaves there are,
+so a file is compared with a carry of the same kind.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Plain
+from dropper_jax.base.store import differences
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Frozen, Parted, State
+from dropper_jax.stepping.adaptive import Adaptive
+from dropper_jax.stepping.integrate import Progress, Trajectory
+
+#: Prefix of the names of all leaves.
+LAST = "last_"
+#: Units of leaves by the last part of their names; others have no unit.
+UNITS = {"r": "m", "v": "m s-1", "tension": "N", "t": "s", "acceleration": "m s-2", "work": "J", "h": "s", "a": "m s-2"}
+UNITS |= {"wanted": "s", "before": "s", "level": "N", "speed": "m s-1"}
+#: Name of the run in error messages.
+RUN = "the run to continue"
+#: Keys of `[run]` that may change when a run continues.
+FREE = ("dt", "duration", "save_every", "solver", "accuracy")
+#: Keys of a scene that do not affect the motion.
+WORDS = ("name", "description", "notes")
+
+
+class Row(NamedTuple):
+    """One saved instant: the first row of a run that continues from it."""
+
+    r: jax.Array
+    v: jax.Array
+    tension: jax.Array
+    work: jax.Array
+    parted: Parted | None
+    own: dict[str, Frozen]
+
+
+class Last(NamedTuple):
+    """The end of a run: its last row and its last carry."""
+
+    row: Row
+    carry: Progress | Adaptive
+
+
+def last_row(trajectory: Trajectory) -> Row:
+    """The last row of a trajectory."""
+    t = jax.tree.map(lambda a: a[-1], trajectory)
+    return Row(t.r, t.v, t.tension, t.work, t.parted, t.own or {})
+
+
+def first_row(s: State, work: int) -> Row:
+    """The row of the initial state of a run, with this number of contributions to the work."""
+    return Row(s.r, s.v, s.tension, jnp.zeros(work, s.r.dtype), s.parted, s.own)
+
+
+def name_leaves(last: Last) -> dict[str, np.ndarray]:
+    """The leaves by name."""
+    return {_name(way): np.asarray(leaf) for way, leaf in jax.tree_util.tree_flatten_with_path(last)[0]}
+
+
+def units(name: str) -> str:
+    """The unit of a leaf of that name."""
+    return UNITS.get(name.rpartition("_")[2], "1")
+
+
+def restore_carry(kind: Last, last: dict[str, np.ndarray]) -> Last:
+    """The end of a run restored from saved leaves; `kind` is any end of the same scene and scheme.
+
+    Raises:
+        SceneError: leaves that are missing or are not those of such a run.
+    """
+    if not last:
+        raise SceneError(f"{RUN} has no final state, as files of earlier versions. Use a run made by this version")
+    leaves, tree = jax.tree_util.tree_flatten_with_path(kind)
+    return jax.tree.unflatten(tree, [jnp.asarray(_check_leaf(_name(way), like, last)) for way, like in leaves])
+
+
+def _check_leaf(name: str, like: jax.ShapeDtypeStruct, last: dict[str, np.ndarray]) -> np.ndarray:
+    if name not in last:
+        raise SceneError(f"{RUN} lacks {name!r} of its final state. Use a file that was not changed")
+    found = last[name]
+    if found.shape != like.shape or found.dtype != like.dtype:
+        has = f"{found.dtype}{list(found.shape)}"
+        needs = f"{like.dtype}{list(like.shape)}"
+        raise SceneError(f"{RUN} has {name!r} as {has}; allowed: {needs}, which its scene determines")
+    if not np.all(np.isfinite(found)):
+        raise SceneError(f"{RUN} has non-finite values in {name!r}; allowed: finite values")
+    return found
+
+
+def _name(key_path: tuple[Any, ...]) -> str:
+    return LAST + jax.tree_util.keystr(key_path, simple=True, separator="_")
+
+
+def same_scene(scene: Scene, before: Scene) -> None:
+    """Reject a scene that differs from that of the run, with the first key that differs.
+
+    Raises:
+        SceneError: one line.
+    """
+    found = differences(*(_moving(one) for one in (scene, before)))
+    if found:
+        what = f"is of another scene, {before.name!r}, which differs from {scene.name!r} in {found[0]}"
+        free = ", ".join(f"run.{name}" for name in FREE)
+        raise SceneError(f"{RUN} {what}. Use the same scene; only {free} may change")
+
+
+def _moving(scene: Scene) -> dict[str, Plain]:
+    plain = {key: value for key, value in scene.to_dict().items() if key not in WORDS}
+    return {**plain, "run": {key: value for key, value in plain["run"].items() if key not in FREE}}
+
+
+def may_go_on(status: str, failure: str) -> None:
+    """Reject a run that failed.
+
+    Raises:
+        SceneError: one line.
+    """
+    if status not in ("ok", "interrupted"):
+        raise SceneError(f"{RUN} failed, {failure}. Use a run with status ok or interrupted")

@@ -1,0 +1,38 @@
+"""Scenes and models whose points are fixed: the lines alone, and lines without the body that carries them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.model import Displacement, Model, State
+
+
+def with_points_fixed(model: Model) -> Model:
+    """The lines alone, with all points fixed at their positions in the scene."""
+    graph = replace(model.geometry, held=(True,) * len(model.points))
+    carried = ("point_bodies", "spar_buoys")
+    effects = tuple(e for e in model.without_slot(Displacement).effects if not (e.name in carried or e.bodily))
+    return replace(model, lines=(replace(model.line, geometry=graph),), effects=effects)
+
+
+def without_body(scene: Scene, body: str, model: Model, pose: State) -> tuple[Scene, list[str]]:
+    """The scene with the points on a body fixed where they rest, in place of the body, and the names of the points."""
+    names = [point.name for point in scene.points if point.on == body]
+    if not names:
+        raise SceneError(f"body {body!r}: no line is attached to it")
+    places = {}
+    for name in names:
+        point = next(i for i, other in enumerate(model.points) if other.name == name)
+        places[name] = np.asarray(pose.r)[model.geometry.node_of_point(point)].tolist()
+    table = scene.to_dict()
+    table["body"] = [other for other in table["body"] if other["name"] != body]
+    table["point"] = [
+        *table.get("point", []),
+        *({"name": name, "position": place} for name, place in places.items()),
+    ]
+    table["start"] = {"kind": "static"}
+    return load_scene(table), names

@@ -1,0 +1,185 @@
+"""Doubtful positions of fixed points, and lines that nothing holds up or down."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from dropper_jax.load.checks_water import bed_height
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.line_weights import lines_in_words, wet_weights
+from dropper_jax.scene import BodySpec, LineSpec, PointSpec, line_slices
+from dropper_jax.sea.spec import SeaSpec
+
+#: Height of an anchor above the seabed that a block or a screw may have: at least 1 m, or this fraction of the depth.
+ANCHOR_HEIGHT = 1.0
+ANCHOR_SHARE = 0.05
+#: Fraction of the given height of a float over its anchor at which it must at least float.
+GUESSED_HEIGHT = 0.5
+#: Height above the surface, as a fraction of the depth, that fairleads of ships and platforms do not reach.
+HIGH_IN_THE_AIR = 0.5
+
+
+class Connected(NamedTuple):
+    """Lines that are joined at free points and bodies, and the fixed points that hold them.
+
+    Attributes:
+        lines: numbers of the lines.
+        held, free: the fixed points at their ends, and the free ones.
+        bodies: the rigid bodies to which they are attached.
+    """
+
+    lines: list[int]
+    held: list[PointSpec]
+    free: list[PointSpec]
+    bodies: list[BodySpec]
+
+
+def _connected(scene: Scene) -> list[Connected]:
+    """The systems of lines that only fixed points have in common."""
+    points = {point.name: point for point in scene.points}
+    label = {name: point.on if point.on and point.is_free else name for name, point in points.items()}
+    parent = {name: name for name in label.values()}
+
+    def root(name: str) -> str:
+        while parent[name] != name:
+            name = parent[name]
+        return name
+
+    for line in scene.lines:
+        if points[line.start].is_free and points[line.end].is_free:
+            parent[root(label[line.start])] = root(label[line.end])
+    bodies = {body.name: body for body in scene.bodies}
+    found: dict[str, Connected] = {}
+    for i, line in enumerate(scene.lines):
+        ends = [points[line.start], points[line.end]]
+        free = next((point for point in ends if point.is_free), None)
+        key = f"line {i}" if free is None else root(label[free.name])
+        system = found.setdefault(key, Connected([], [], [], []))
+        system.lines.append(i)
+        for point in ends:
+            own = system.held
+            if point.is_free:
+                own = system.free
+            if point not in own:
+                own.append(point)
+            body = bodies.get(point.on)
+            if body is not None and body not in system.bodies:
+                system.bodies.append(body)
+    return list(found.values())
+
+
+def _lifts(scene: Scene, sea: SeaSpec, system: Connected) -> list[tuple[float, float]]:
+    """Height [m] and lift under water, buoyancy less weight [N], of each float, mass, buoy and body of a system."""
+    names = {point.name: point for point in system.free}
+    items = [(p.position[2], p.volume or 0.0, p.mass or 0.0) for p in system.free if p.body]
+    for buoy in scene.buoys:
+        if buoy.point in names:
+            items.append((names[buoy.point].position[2], 0.25 * np.pi * buoy.diameter**2 * buoy.height, buoy.mass))
+    for body in system.bodies:
+        volume = sum(0.25 * np.pi * c.diameter**2 * c.length for c in body.cylinders)
+        volume += sum(np.pi / 6.0 * s.diameter**3 for s in body.spheres)
+        items.append((body.position[2], volume, body.mass))
+    return [(float(z), sea.gravity * (sea.density * float(volume) - float(mass))) for z, volume, mass in items]
+
+
+def _moved_points(scene: Scene) -> set[str]:
+    """Names of fixed points that an effect or a vessel moves."""
+    moved = {point.name for point in scene.points if point.on}
+    for values in scene.effects.values():
+        names = [values.get("point"), *(values.get("also") or ()), *(values.get("points") or ())]
+        moved |= {name for name in names if isinstance(name, str)}
+    return moved
+
+
+def check_fixed_points(scene: Scene) -> Iterator[str]:
+    """Anchors that are not on the seabed: by their name or `[[anchor]]`, or because they alone hold floats."""
+    if scene.sea is None:
+        return
+    moved = _moved_points(scene)
+    held = {point.name: point for point in scene.points if not point.is_free and point.name not in moved}
+    depth = scene.sea.depth
+    heights = _heights(scene, list(held.values()), -depth)
+    allowed = max(ANCHOR_HEIGHT, ANCHOR_SHARE * depth)
+    high = {name for name, height in heights.items() if height > allowed}
+    entries = {anchor.point for anchor in scene.anchors}
+    doubtful = {name for name in high if "anchor" in name.lower() or name in entries}
+    for system in _connected(scene):
+        names = [point.name for point in system.held]
+        if not any(lift > 0.0 for _, lift in _lifts(scene, scene.sea, system)) or not set(names) <= set(held):
+            continue
+        doubtful |= {name for name in names if held[name].position[2] > HIGH_IN_THE_AIR * depth}
+        if set(names) <= high:  # floats on mooring lines from mid-water
+            doubtful |= {name for name in names if held[name].position[2] < -0.5 * depth}
+    above = [name for name in held if name in doubtful and held[name].position[2] > 0.0]
+    below = [name for name in held if name in doubtful and name not in above]
+    if above:
+        yield (
+            f"{lines_in_words(above)}: fixed {_range([held[name].position[2] for name in above])} m above the surface "
+            f"of water {depth:.4g} m deep; z is upwards from the surface, check the sign"
+        )
+    if below:
+        yield (
+            f"{lines_in_words(below)}: fixed {_range([heights[name] for name in below])} m above the seabed; check the "
+            "positions and the depth"
+        )
+
+
+def _heights(scene: Scene, points: list[PointSpec], flat: float) -> dict[str, float]:
+    """Height [m] of points above the seabed, by name; without [effects.seabed] it is flat at that z [m]."""
+    positions = np.array([point.position for point in points]).reshape(-1, 3)
+    bed = bed_height(scene, positions)
+    bed = np.full(len(points), flat) if bed is None else bed
+    return {point.name: float(z) for point, z in zip(points, positions[:, 2] - bed, strict=True)}
+
+
+def _range(values: list[float]) -> str:
+    low = f"{min(values):.3g}"
+    high = f"{max(values):.3g}"
+    if low == high:
+        return low
+    return f"{low} to {high}"
+
+
+def check_lift(scene: Scene) -> Iterator[str]:
+    """Floats that cannot carry what hangs on them: masses, lines without a fixed end, and parts of the moorings."""
+    if scene.sea is None or "weight" not in scene.effects:
+        return
+    depth = scene.sea.depth
+    weights = wet_weights(scene)
+    whole = [float(np.sum(weights[where.links])) for where in line_slices(scene)]
+    sinking = []
+    for system in _connected(scene):
+        lifts = _lifts(scene, scene.sea, system)
+        floats = [z for z, lift in lifts if lift > 0.0]
+        # those near the seabed may be meant to rest on it, and those below a fixed point hang on it
+        if not floats or max(floats) < -0.5 * depth or any(p.position[2] > -0.5 * depth for p in system.held):
+            continue
+        own = sum(lift for _, lift in lifts)
+        lines = sum(whole[i] * _carried_share(scene, scene.lines[i], whole[i]) for i in system.lines)
+        if own < lines:
+            sinking.append((own, lines))
+    if sinking:
+        own, lines = min(sinking, key=lambda pair: pair[0] - pair[1])
+        if len(sinking) > 1:
+            more = f" (and {len(sinking) - 1} more systems)"
+        else:
+            more = ""
+        yield (
+            f"floats: their net lift with all masses is {own:.4g} N, and lines of {lines:.4g} N hang on them{more}: "
+            "the system sinks until it lies on the seabed; check volumes and masses"
+        )
+
+
+def _carried_share(scene: Scene, line: LineSpec, weight: float) -> float:
+    """Fraction of a line of that weight in water [N] that floats carry at least."""
+    ends = [scene.point(line.start), scene.point(line.end)]
+    if weight <= 0.0 or all(point.is_free for point in ends):
+        return 1.0
+    # a mooring hangs at least straight down from its float, whose depth is a first guess
+    height = abs(float(ends[1].position[2] - ends[0].position[2]))
+    if any(point.is_free for point in ends):
+        return GUESSED_HEIGHT * min(height / line.total, 1.0)
+    return 0.0

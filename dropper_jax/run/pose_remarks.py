@@ -1,0 +1,135 @@
+"""Quality checks of a pose at rest: strains, breaking loads, bends and sunken buoys."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.line_weights import lines_in_words
+from dropper_jax.run.plausibility import fastest_current, with_cause
+from dropper_jax.scene import WholeLine, line_slices, whole_lines
+from dropper_jax.scene.data import point_nodes
+
+#: Static strain of a line above which it is warned of, and above which a scene is an error: a rope breaks before.
+STRETCHED = 0.1
+TORN = 0.5
+
+
+def pose_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> tuple[str, ...]:
+    """Warnings of lines above their breaking load, stretched by 10 % or of too few links, and of sunken buoys.
+
+    Args:
+        positions: all nodes (n + 1, 3) [m]; tension: (n,) [N].
+    """
+    return (
+        *_check_loads(scene, tension),
+        *_check_stretch(scene, positions),
+        *_check_bends(scene, positions, tension),
+        *_check_buoys(scene, positions),
+    )
+
+
+def check_stretch(scene: Scene, positions: np.ndarray) -> None:
+    """Reject lines that break at rest.
+
+    Raises:
+        SceneError: a strain of 50 % or more.
+    """
+    for line, strain in _strains(scene, positions):
+        if strain >= TORN:
+            speed = fastest_current(scene)
+            flow = ""
+            if speed:
+                flow = f", and the current of {speed:.4g} m/s"
+            error = SceneError(
+                f"line {line!r}: is stretched by {strain:.0%} at rest, more than {TORN:.0%}. Check its length "
+                f"and EA and the positions of its ends{flow}"
+            )
+            raise with_cause(error, scene)
+
+
+def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]:
+    """Maximum strain of a link of each elastic line."""
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        if not line.rigid:
+            size = np.linalg.norm(np.diff(np.asarray(positions)[where.nodes], axis=0), axis=1)
+            yield line.name, float(np.max(size / line.length - 1.0))
+
+
+def _check_stretch(scene: Scene, positions: np.ndarray) -> Iterator[str]:
+    """One warning of all lines that are stretched by more than 10 %, with the largest strain."""
+    strains = {line: strain for line, strain in _strains(scene, positions) if strain > STRETCHED}
+    if strains:
+        names = sorted(strains, key=lambda name: -strains[name])
+        yield f"{lines_in_words(names)}: is stretched by {strains[names[0]]:.0%} at rest; check its length and EA"
+
+
+def _check_bends(scene: Scene, positions: np.ndarray, tension: np.ndarray) -> Iterator[str]:
+    """One warning of all elastic lines whose links are too few for the forces at their ends."""
+    bends = {}
+    for line in whole_lines(scene):
+        if line.spec.rigid:
+            continue
+        bend = _largest_bend(line, positions[line.nodes], tension[line.links])
+        if bend >= _allowed_bend(line.spec.links):
+            bends[line.name] = bend
+    if bends:
+        yield (
+            f"{lines_in_words(list(bends))}: too few links: neighbouring links turn by up to {max(bends.values()):.0f} "
+            "degrees at rest, and end forces can be off by more than 5%. Take four times the links; see --errors"
+        )
+
+
+def _allowed_bend(links: int) -> float:
+    """Angle [degrees] between neighbouring links with which the end forces of a line are off by about 5 %.
+
+    A sag of N links has a tension that is off by 1/(2 N^2). Loads on a sharp bend add to it, less so with more links:
+    the limit follows 340 single lines of 3 to 12 links against 32 and 48.
+    """
+    if links <= 3:
+        return 5.0
+    return 12.0 * (links + 2)
+
+
+def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -> float:
+    """Maximum angle [degrees] between neighbouring links that carry tension, without attached points."""
+    along = np.diff(positions, axis=0)
+    along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+    turns = np.degrees(np.arccos(np.clip(np.sum(along[1:] * along[:-1], axis=1), -1.0, 1.0)))
+    turns[[node - 1 for node in line.stops if 0 < node < line.spec.links]] = 0.0
+    return float(np.max(turns * (np.maximum(tension[1:], tension[:-1]) > 0.01 * np.max(tension)), initial=0.0))
+
+
+def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
+    """One warning of all lines above their breaking load, with the one that is most above it."""
+    above = {}
+    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+        if line.breaking_load is None:
+            continue
+        share = tension[where.links] / line.breaking_load
+        worst = int(np.argmax(share))
+        if share[worst] > 1.0:
+            above[line.name] = share[worst], tension[where.links][worst], line.breaking_load[worst]
+    if above:
+        names = sorted(above, key=lambda name: -above[name][0])
+        _, load, limit = above[names[0]]
+        yield f"{lines_in_words(names)}: {load:.4g} N at rest, above its breaking load of {limit:.4g} N"
+
+
+#: A buoy whose base is within this distance [m] of the seabed is on it.
+NEAR_BED = 0.05
+
+
+def _check_buoys(scene: Scene, positions: np.ndarray) -> Iterator[str]:
+    if scene.sea is None:
+        return
+    nodes = point_nodes(scene)
+    for buoy in scene.buoys:
+        base = float(positions[nodes[buoy.point], 2]) - buoy.attachment
+        if base + buoy.height < 0.0:
+            yield f"{buoy.name}: at rest its top is {-base - buoy.height:.3g} m under water"
+        if base < -scene.sea.depth + NEAR_BED:
+            yield f"{buoy.name}: at rest its base is on the seabed"

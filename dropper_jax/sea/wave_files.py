@@ -1,0 +1,118 @@
+"""Readers of component tables, measured elevations and directional spectra, as values of `[sea.waves]`."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+
+#: Values of components that a table has in addition to periods or frequencies, and their units.
+UNITS = {"amplitude": "m", "phase": "rad", "direction": "rad"}
+COLUMNS = "period_s or frequency_hz, amplitude_m, phase_rad and, optionally, direction_rad"
+
+
+def read_components(file: str | Path, path: str = "file") -> dict[str, Any]:
+    """Components from a CSV with a header; periods are preferred to frequencies, since they are rounded less.
+
+    Raises:
+        SceneError: missing file, wrong columns, a cell that is not a number, or a period that is not positive.
+    """
+    names, rows = _read_csv(file, path)
+    known = {"period_s", "frequency_hz", *(f"{name}_{unit}" for name, unit in UNITS.items())}
+    if set(names) - known or "amplitude_m" not in names or not {"period_s", "frequency_hz"} & set(names):
+        raise SceneError(f"{path}: {str(file)!r} has the columns {', '.join(names)}; allowed: {COLUMNS}")
+    column = dict(zip(names, rows.T, strict=True))
+    key = "frequency_hz"
+    if "period_s" in column:
+        key = "period_s"
+    if np.any(column[key] <= 0):
+        worst = int(np.argmin(column[key]))
+        raise SceneError(f"{path}: {key} of component {worst + 1} is {column[key][worst]:g}; allowed: > 0")
+    column = {"phase_rad": np.zeros(len(rows)), **column}
+    values = {name: column[f"{name}_{unit}"] for name, unit in UNITS.items() if f"{name}_{unit}" in column}
+    if key == "period_s":
+        period = column["period_s"]
+    else:
+        period = 1.0 / column["frequency_hz"]
+    return {**values, "period": period}
+
+
+def read_elevation(file: str | Path, path: str = "file") -> dict[str, Any]:
+    """Fourier series of an elevation measured at x = y = 0, evenly sampled, columns t_s and elevation_m.
+
+    The mean is left out. The series repeats after its length; between the samples it is band-limited.
+    """
+    names, rows = _read_csv(file, path)
+    if names != ["t_s", "elevation_m"]:
+        raise SceneError(f"{path}: {str(file)!r} has the columns {', '.join(names)}; allowed: t_s, elevation_m")
+    t, eta = rows.T
+    step = np.diff(t)
+    if len(t) < 4 or np.any(step <= 0) or np.ptp(step) > 1e-3 * np.mean(step):
+        raise SceneError(f"{path}: {str(file)!r} is not evenly sampled over at least 4 times; allowed: a constant step")
+    return elevation_components(t, eta)
+
+
+def elevation_components(t: np.ndarray, eta: np.ndarray) -> dict[str, Any]:
+    """Amplitudes, periods and phases (`a cos(p - w t)`) of an evenly sampled elevation (k,) [m] at times (k,) [s]."""
+    count = len(t)
+    step = (t[-1] - t[0]) / (count - 1)
+    line = np.fft.rfft(eta)[1:]
+    frequency = np.fft.rfftfreq(count, step)[1:]
+    amplitude = 2.0 * np.abs(line) / count
+    if count % 2 == 0:
+        amplitude[-1] *= 0.5
+    phase = -np.angle(line) + 2 * np.pi * frequency * t[0]
+    kept = amplitude > 1e-9 * amplitude.max()
+    return {"amplitude": amplitude[kept], "period": 1.0 / frequency[kept], "phase": np.mod(phase[kept], 2 * np.pi)}
+
+
+def from_wavespectra(dataset: Any, seed: int = 0) -> dict[str, Any]:
+    """`[sea.waves]` of a wavespectra-style dataset: `efth` [m^2/Hz/degree] over `freq` [Hz] and `dir` [degree].
+
+    `dir` is where waves come from, clockwise from north (their convention); here +x is east and +y north. One component
+    per bin, phases from the seed. Only the dataset itself needs xarray (extra `io`). Select one time and site first.
+    """
+    missing = [name for name in ("efth", "freq", "dir") if name not in dataset]
+    if missing:
+        raise SceneError(f"dataset: has no {missing[0]!r}; allowed: a wavespectra dataset with efth, freq and dir")
+    density = dataset["efth"].squeeze().transpose("freq", "dir")
+    if density.ndim != 2:
+        raise SceneError(f"dataset.efth: has the dimensions {density.dims}; allowed: freq and dir, of one time")
+    frequency = np.asarray(dataset["freq"], float)
+    coming = np.asarray(dataset["dir"], float)
+    energy = np.asarray(density, float) * np.gradient(frequency)[:, None] * (360.0 / len(coming))
+    kept = energy > 1e-9 * energy.max()
+    return {
+        "kind": "components",
+        "amplitude": np.sqrt(2.0 * energy[kept]),
+        "period": np.broadcast_to(1.0 / frequency[:, None], energy.shape)[kept],
+        "direction": np.broadcast_to(np.deg2rad(270.0 - coming), energy.shape)[kept],
+        "phase": np.random.default_rng(seed).uniform(0.0, 2 * np.pi, int(kept.sum())),
+    }
+
+
+def _read_csv(file: str | Path, path: str) -> tuple[list[str], np.ndarray]:
+    try:
+        with open(file, newline="", encoding="utf-8") as opened:
+            lines = []
+            for row in csv.reader(line for line in opened if not line.startswith("#")):
+                if row:
+                    lines.append(row)
+    except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:
+        raise SceneError(f"{path}: cannot read {str(file)!r}: {getattr(error, 'strerror', None) or error}") from None
+    if len(lines) < 2:
+        raise SceneError(f"{path}: {str(file)!r} has no rows; allowed: a header and one row per component or time")
+    names = [name.strip() for name in lines[0]]
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        try:
+            rows.append([float(cell) for cell in line])
+        except ValueError:
+            raise SceneError(f"{path}: {str(file)!r} line {number}: {','.join(line)!r} is not all numbers") from None
+        if len(line) != len(names) or not np.all(np.isfinite(rows[-1])):
+            raise SceneError(f"{path}: {str(file)!r} line {number}: needs {len(names)} finite numbers, as the header")
+    return names, np.array(rows)

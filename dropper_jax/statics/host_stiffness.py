@@ -1,0 +1,105 @@
+"""Tangent stiffness as a sparse matrix on the host: derivatives by parameters, and the softest and free motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
+
+import jax
+import numpy as np
+
+from dropper_jax.backend.programs import cached_jit
+from dropper_jax.model import Model, State
+from dropper_jax.statics.pattern import pattern_of
+from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale
+from dropper_jax.statics.tangent import LEFT, NodeMoves, stiffness_matrix
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import SuperLU
+
+
+@cached_jit()
+def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
+    return stiffness_matrix(NodeMoves(model), s, loads)
+
+
+def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
+    """Minus the derivative of all forces by all positions (3 free, 3 free) [N/m], including drag and contact. On the
+    host."""
+    return pattern_of(model).sparse(np.asarray(_blocks(model, s, loads)))
+
+
+def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
+    """Factors of a stiffness, a little stiffer, so that it need not be regular. On the host."""
+    from scipy.sparse import eye_array  # noqa: PLC0415
+    from scipy.sparse.linalg import splu  # noqa: PLC0415
+
+    return splu((matrix + SMALLEST * float(soft_scale(model, np)) * eye_array(matrix.shape[0])).tocsc())
+
+
+#: Number of inverse iterations for the softest motion; of several soft ones any may result.
+INVERSE_ITERATIONS = 12
+
+
+def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:
+    """Minimum stiffness [N/m] of an equilibrium and its motion (free, 3), maximum 1. On the host.
+
+    It does not raise: an equilibrium with a free motion has the stiffness 0 to rounding.
+    """
+    matrix = stiffness(model, s, loads)
+    factor = factor_softened(model, matrix)
+    x = np.random.default_rng(0).normal(size=matrix.shape[0])
+    for _ in range(INVERSE_ITERATIONS):
+        x = factor.solve(x / np.linalg.norm(x))
+    x /= np.linalg.norm(x)
+    way = x.reshape(-1, 3)
+    return float(np.linalg.norm(matrix @ x)), way / np.max(np.abs(way))
+
+
+#: Stiffness, over the weight of a link per its length, below which a motion counts as free.
+FREE_STIFFNESS = 1e-7
+
+
+def free_motion(model: Model, s: State, loads: jax.Array) -> str:
+    """A note on the node that can move freely about an equilibrium; empty without any, and for inextensible links."""
+    model = rest(model)
+    if model.constraints or not model.line.axial.elastic:
+        return ""
+    least, way = softest_motion(model, s, loads)
+    if least > FREE_STIFFNESS * float(soft_scale(model, np)):
+        return ""
+    node = int(np.argmax(np.max(np.abs(way), axis=1)))
+    along = ", ".join(f"{x:.2f}" for x in way[node])
+    return f"{name_of(model, node)} is unconstrained along ({along}), with a stiffness of {least:.1e} N/m"
+
+
+Tree = TypeVar("Tree")
+
+
+def follow_parameters(
+    model: Model, count: int, slopes: Callable[[np.ndarray, np.ndarray], tuple[jax.Array, Tree]]
+) -> tuple[Tree, np.ndarray]:
+    """Derivatives of an equilibrium by `count` parameters, `dx = -K^-1 dR/dp`, solved on the host.
+
+    Args:
+        slopes: derivatives of the unbalanced forces R (k, free, 3) [N] and of a tree along k directions of parameters
+            (k, count) and positions (k, free, 3) [m]. One program serves K and R.
+
+    Returns:
+        the tree, whose last `count` directions are those of the parameters, and where there is no solution (count,).
+    """
+    near = pattern_of(model)
+    by_position = np.concatenate([near.seeds.reshape(-1, model.free_nodes, 3), np.zeros((count, model.free_nodes, 3))])
+    by_value = np.concatenate([np.zeros((len(by_position) - count, count)), np.eye(count)])
+    rows, found = slopes(by_value, by_position)
+    blocks = near.blocks(np.asarray(rows[:-count]).reshape(near.colours, 3, -1, 3))
+    factor = factor_softened(model, near.sparse(blocks))
+    right = rows[-count:]
+    for _ in range(2):  # the second correction reduces the rounding error, and the error by the softening
+        dx = factor.solve(np.asarray(rows[-count:]).reshape(count, -1).T)
+        by_position[-count:] -= dx.T.reshape(count, -1, 3)
+        rows, found = slopes(by_value, by_position)
+    left = np.max(np.abs(rows[-count:]), axis=(1, 2))
+    size = np.max(np.abs(right), axis=(1, 2))
+    return found, left > LEFT * size

@@ -1,0 +1,76 @@
+"""The thesis' claims on Euler's methods, measured: explicit Euler gains energy, implicit Euler loses it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.base.constants import GRAVITY
+from dropper_jax.load.scene import Scene, load_scene
+from dropper_jax.run.build import build
+from dropper_jax.study.march import Scheme, grid_run, status_of
+from dropper_jax.study.work_precision import energy_loss
+
+#: Scheme, claim of the thesis (sections 2.3, 4.3.1 and its conclusion), and the corresponding sign.
+CLAIMS = (
+    (Scheme("theta", 0.0), "explicit Euler gains energy", 1),
+    (Scheme("theta", 1.0), "implicit Euler loses energy", -1),
+    (Scheme("semi_implicit_euler"), "semi-implicit Euler does neither", 0),
+)
+EULER_DURATION = 5.0
+
+
+def single_pendulum() -> Scene:
+    """A pendulum of 1 m and 1 kg released at 45 degrees, in a plane."""
+    side = float(np.sqrt(0.5))
+    return load_scene(
+        {
+            "name": "single-pendulum",
+            "run": {"dt": 0.01, "duration": EULER_DURATION},
+            "point": [
+                {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+                {"name": "bob", "kind": "free", "position": [side, 0.0, -side]},
+            ],
+            "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
+            "effects": {"weight": {}},
+            "start": {"kind": "angles", "zero": "down", "polar": [float(np.pi / 4)]},
+        }
+    )
+
+
+#: A change smaller than this fraction of the mean of the other two is neither gain nor loss.
+SMALL_CHANGE = 0.1
+
+
+def euler_claims(
+    dts: tuple[float, ...] = (0.01, 0.005, 0.0025), duration: float = EULER_DURATION
+) -> list[dict[str, Any]]:
+    """Energy gained over `duration` [s] by the three schemes at each step, over the energy scale, and whether the claim
+    holds.
+
+    Returns:
+        rows of {scene, label, claim, dt, status, energy_gained, holds}; energies over the potential energy released.
+    """
+    rows = []
+    for scene in (single_pendulum(), load_scene("double-pendulum-periodic")):
+        for dt in dts:
+            gained = [_gain(scene, scheme, dt, duration) for scheme, _, _ in CLAIMS]
+            typical = SMALL_CHANGE * 0.5 * (abs(gained[0][1]) + abs(gained[1][1]))
+            for (scheme, claim, sign), (status, gain) in zip(CLAIMS, gained, strict=True):
+                holds = status == "ok" and (abs(gain) < typical if sign == 0 else sign * gain > 0)
+                row = {"scene": scene.name, "label": scheme.label, "claim": claim, "dt": dt, "status": status}
+                rows.append({**row, "energy_gained": gain, "holds": bool(holds)})
+    return rows
+
+
+def _gain(scene: Scene, scheme: Scheme, dt: float, duration: float) -> tuple[str, float]:
+    model, s = build(scene)
+    stepper = scheme.stepper(model, halvings=0)
+    steps = round(duration / dt)
+    run = grid_run(stepper, model, s, steps * dt, steps, 1)
+    lost = energy_loss(model, s, run, np.array([duration]))[-1]
+    lowest = jnp.sum(model.line.mass * GRAVITY * -jnp.cumsum(model.line.length))
+    start = model.potential_energy(model.kinematics(s.r, s.v, s.t))
+    return status_of(run, stepper), -float(lost) / float(start - lowest)

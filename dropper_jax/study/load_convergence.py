@@ -1,0 +1,130 @@
+"""Loads of a scene over its accuracy or step: which of them give mean, deviation and maximum within their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from dropper_jax.base.errors import Progress, silent
+from dropper_jax.evaluation.record import Record, record
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.samples import is_finished
+from dropper_jax.run.simulate import simulate
+from dropper_jax.study.load_errors import line_loads
+from dropper_jax.study.work_precision import Each
+
+#: Default accuracies of the runs for the loads.
+LOAD_ACCURACIES = (0.1, 0.01, 1e-3, 1e-4)
+#: Maximum relative error of each load for the advice.
+WANTED = {"mean": 0.01, "deviation": 0.02, "window_maximum": 0.05, "maximum": 0.08}
+
+
+#: Maximum duration of the comparison of loads [s].
+LONGEST_LOADS = 60.0
+
+
+def load_convergence(
+    scene: Scene,
+    steps: Sequence[Mapping[str, float]],
+    skip: float = 0.0,
+    say: Progress = silent,
+    each: Each = lambda row: None,
+) -> dict[str, Any]:
+    """Errors of the loads of each line, relative to a run with half the finest step, by the scheme of the scene.
+
+    Args:
+        steps: {accuracy} or {dt [s]} of each run.
+        each: gets each row as soon as the next finer one was run, with its errors relative to that.
+
+    Returns:
+        `rows`: {accuracy or None, dt, status, us_per_step, errors: by load the maximum relative error over the lines,
+        or None}, dt the mean step of an accuracy; `reference_dt`, `loads` of the reference by line; `advice`: {load,
+        within, accuracy, dt, text}: the coarsest row for which it and all finer ones are within the limit, or None. If
+        the motion is chaotic, errors do not decrease below the random difference of two runs.
+    """
+    scene = scene.with_values({"run.duration": min(scene.run.duration, LONGEST_LOADS)})
+    (key,) = steps[0]
+    values = sorted((step[key] for step in steps), reverse=True)
+    # errors of the second order: a quarter of the accuracy takes half of the step
+    finest = values[-1] * (0.25 if key == "accuracy" else 0.5)
+    runs: list[_LoadRun] = []
+    for i, value in enumerate([*values, finest]):
+        say(i / (len(values) + 1), f"loads, {key} {value:.4g}")
+        runs.append(_LoadRun.of(scene, {key: value}, skip))
+        if i > 0:
+            each(runs[-2].row(runs[-1].loads()))
+    *coarser, reference_run = runs
+    right = reference_run.loads()
+    reference_dt = reference_run.dt
+    if right is None:
+        return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": reference_run.failure}
+    rows = [run.row(right) for run in coarser]
+    advice = [_advice(rows, name, within) for name, within in WANTED.items()]
+    loads = []
+    for row in right:
+        loads.append({"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}})
+    return {"rows": rows, "reference_dt": reference_dt, "loads": loads, "advice": advice}
+
+
+@dataclass(frozen=True)
+class _LoadRun:
+    """A run for its loads: its record, None if it failed or is too short; `dt` is the mean step of an accuracy."""
+
+    accuracy: float | None
+    dt: float
+    status: str
+    us_per_step: float
+    failure: str
+    record: Record | None
+
+    @classmethod
+    def of(cls, scene: Scene, step: Mapping[str, float], skip: float) -> _LoadRun:
+        """The run with an accuracy or equal steps, without its first `skip` seconds."""
+        solution = simulate(scene, **step)
+        if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
+            raise KeyboardInterrupt
+        good = is_finished(solution) and len(solution.t) > 3
+        kept = record(solution, skip) if good else None
+        dt = float(solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
+        return cls(step.get("accuracy"), dt, solution.status, solution.us_per_step, solution.failure, kept)
+
+    def loads(self, right: list[dict[str, Any]] | None = None) -> list[dict[str, Any]] | None:
+        """Loads of each line, at the positions of `right`."""
+        if self.record is None:
+            return None
+        return line_loads(self.record, right)
+
+    def row(self, right: list[dict[str, Any]] | None) -> dict[str, Any]:
+        """Its errors relative to the loads of a finer run."""
+        loads = None if right is None else self.loads(right)
+        errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
+        return {
+            "accuracy": self.accuracy,
+            "dt": self.dt,
+            "status": self.status,
+            "us_per_step": self.us_per_step,
+            "errors": errors,
+        }
+
+
+def _worst(loads: list[dict[str, Any]], right: list[dict[str, Any]], name: str) -> float:
+    """Maximum relative error over the lines; that of a standard deviation is relative to the mean if this is larger."""
+    scale = [max(abs(row[name][0]), 1e-3 * abs(row["mean"][0]), 1e-300) for row in right]
+    return max(abs(a[name][0] - b[name][0]) / s for a, b, s in zip(loads, right, scale, strict=True))
+
+
+def _advice(rows: list[dict[str, Any]], name: str, within: float) -> dict[str, Any]:
+    best: dict[str, Any] = {"accuracy": None, "dt": None}
+    for row in reversed(rows):  # from the finest upwards: an accurate run above an inaccurate one does not count
+        error = row["errors"][name]
+        if error is None or error > within or row["status"] != "ok":
+            break
+        best = row
+    found = "not reached with the tested steps"
+    if best["accuracy"] is not None:
+        found = f"accuracy {best['accuracy']:.2g} or less"
+    elif best["dt"] is not None:
+        found = f"steps of {best['dt']:.4g} s or less"
+    text = f"{name.replace('_', ' ')} within {within:.0%}: {found}"
+    return {"load": name, "within": within, "accuracy": best["accuracy"], "dt": best["dt"], "text": text}

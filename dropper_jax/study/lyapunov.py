@@ -1,0 +1,116 @@
+"""Divergence of neighbouring motions: the exact tangent map of the step, and the largest Lyapunov exponent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.dtypes import float0
+
+from dropper_jax.backend.programs import cached_jit
+from dropper_jax.model import Model, State
+from dropper_jax.residual import GRAVITY_SCALE, Stepper
+from dropper_jax.stepping.control import advance_over
+from dropper_jax.stepping.integrate import begin, consistent_velocity
+
+
+class Lyapunov(NamedTuple):
+    """Divergence of neighbouring motions.
+
+    Attributes:
+        exponent: largest Lyapunov exponent over the second half of the run, scalar [1/s].
+        growth: logarithm of the size of the perturbation over its first size, after each step (steps,) [-].
+        converged: whether every step was solved, scalar.
+    """
+
+    exponent: jax.Array
+    growth: jax.Array
+    converged: jax.Array
+
+
+def lyapunov(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, steps: int, seed: int = 0) -> Lyapunov:
+    """Follow one perturbation through the exact tangent map of the step, scaled back to size one after each.
+
+        w_k = DS(s_k) w_{k-1} / |w_{k-1}|,    growth_k = sum_{i <= k} log |w_i|,    exponent: slope of its second half
+
+    with `|w|^2 = sum (|dr|^2 / L^2 + |dv|^2 / (g L)) `, L the mean link length. The perturbation starts as a velocity
+    that keeps the links' lengths, drawn from `seed`: the same call gives the same numbers.
+
+    Args:
+        model, s: as for `integrate`; s is the start.
+        stepper: from `make_stepper`.
+        dt: time step [s].
+        steps: number of steps, at least 2.
+        seed: of the first perturbation.
+
+    Returns:
+        `Lyapunov(exponent, growth, converged)`. The exponent of a short run is a mean growth rate, not yet the limit.
+
+    Source: Benettin, Galgani, Giorgilli, Strelcyn, Meccanica 15 (1980) 9-20.
+    """
+    return _measure_growth(model, s, stepper, dt, steps, seed)
+
+
+@cached_jit(static=("stepper", "steps"))
+def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Array, steps: int, seed: int) -> Lyapunov:
+    dt = jnp.asarray(dt, model.dtype)
+    carry = begin(stepper, model, s).state
+    dv = unit_perturbation(model, s, seed)
+    tangent = jax.jvp(lambda v: begin(stepper, model, replace(s, v=v)).state, (s.v,), (dv,))[1]
+
+    def one(carry: tuple[State, Any], _: None) -> tuple[tuple[State, Any], tuple[jax.Array, jax.Array]]:
+        s, ds = carry
+
+        def advance(s: State) -> tuple[State, jax.Array]:
+            taken = advance_over(stepper, model, s, dt)
+            return taken.state, taken.failed
+
+        s, ds, failed = jax.jvp(advance, (s,), (ds,), has_aux=True)
+        size = perturbation_size(model, ds.r, ds.v)
+        return (s, _only_motion(ds, size)), (jnp.log(size), failed)
+
+    _, (logs, bad) = jax.lax.scan(one, (carry, tangent), None, length=steps)
+    growth = jnp.cumsum(logs)
+    half = steps // 2
+    return Lyapunov((growth[-1] - growth[half - 1]) / ((steps - half) * dt), growth, ~jnp.any(bad))
+
+
+@cached_jit()
+def unit_perturbation(model: Model, s: State, seed: int) -> jax.Array:
+    """A velocity (nodes, 3) [m/s] of size 1, drawn from `seed`, that does not stretch rigid links."""
+    v = jax.random.normal(jax.random.key(seed), s.v.shape, model.dtype)
+    still = jax.tree.map(jnp.zeros_like, s.v)
+    change = partial(consistent_velocity, model)
+    dv = jax.jvp(lambda x: change(replace(s, v=x)), (still,), (v,))[1]
+    return dv / perturbation_size(model, jnp.zeros_like(dv), dv)
+
+
+def perturbation_size(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:
+    """Size |w| [-] of a perturbation, as above."""
+    length = jnp.mean(model.line.length)
+    square = jnp.sum(dr * dr) / length**2 + jnp.sum(dv * dv) / (GRAVITY_SCALE * length)
+    return jnp.sqrt(jnp.maximum(square, jnp.finfo(model.dtype).tiny))
+
+
+def _only_motion(ds: State, size: jax.Array) -> State:
+    """The scaled perturbation, without bookkeeping and time."""
+
+    def scale_leaf(x: Any) -> Any:
+        if getattr(x, "dtype", None) == float0:
+            return x
+        return x / size
+
+    ds = jax.tree.map(scale_leaf, ds)
+    return replace(ds, work=jnp.zeros_like(ds.work), t=jnp.zeros_like(ds.t))
+
+
+def horizon(result: Lyapunov, dt: float, amplification: float) -> float:
+    """Time [s] up to which a perturbation has grown less than `amplification` times; the whole run if it never does."""
+    growth = np.asarray(result.growth)
+    known = np.isfinite(growth)
+    over = np.flatnonzero(~known | (growth > np.log(amplification)))
+    return float((over[0] if over.size else len(growth)) * dt)

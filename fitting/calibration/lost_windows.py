@@ -1,0 +1,282 @@
+"""Windows that a free start cannot reduce to the noise: detected, restarted, split and finally left out.
+
+A chaotic motion has wrong branches: a link that turns over in the other direction leaves its window far from the
+samples, and one such window biases all estimates. A window is lost if
+
+    chi2_k/(N_k - m) > FAR max(1, median)     and beyond chance, with its own start fitted and the parameters fixed
+
+(m numbers of a start; chi2_k bounds each sample's contribution, so that outliers do not decide). It is restarted from
+the end of the previous window and from the samples at several reaches. If nothing helps it is split, down to the
+minimum number of frames that determine a start. Windows that stay lost are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from dropper_jax.base.errors import Progress, part_of, silent
+from fitting.calibration.lost_frames import lost_frames, starts_from_previous_windows
+from fitting.calibration.preparation import Prepared
+from fitting.estimate.least_squares import fit_starts, fit_windows, window_costs
+from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
+from fitting.estimate.noise import Noise
+from fitting.estimate.residuals import Problem, Solution
+from fitting.estimate.shooting import gaps
+from fitting.estimate.uncertainty import start_covariances
+from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts, pick, with_rows
+
+#: Ratio of a window's mean square residual to that of most windows above which it is lost, and the probability of such
+#: a ratio by noise alone.
+FAR = 4.0
+CHANCE = 1e-7
+#: RMS error [rad] below which no window is lost, and the same if the model itself misses most windows: a wrong branch
+#: of a link deviates much more, rounding and the friction of a bearing less.
+SMALLEST = 2e-3
+BRANCH = 0.05
+#: Ratio of a gap's mean square to its expectation, and of its size to the median gap, above which windows are not
+#: joined; maximum fraction of such gaps, and minimum number of gaps that define what is usual.
+FAR_GAP = 25.0
+LARGE_GAP = 5.0
+MOST_BREAKS = 0.03
+FEWEST_GAPS = 6
+#: Rounds of restarts and fits, and evaluations for the starts alone.
+ROUNDS = 4
+ITERATIONS = 12
+
+
+#: Maximum contribution of a sample, as a multiple of the mean square of most windows: one outlier cannot make a window
+#: lost. 10 % of the samples must deviate by more than five standard deviations, as on a wrong branch.
+LARGEST_SQUARE = 30.0
+
+
+def lost_windows(solution: Solution) -> np.ndarray:
+    """Windows (K,) bool that miss their samples by far more than the noise and than the other windows."""
+    windows = solution.windows
+    known = (windows.weight > 0).sum(axis=(1, 2))
+    freedom = np.maximum(known - np.where(windows.released, 0, solution.problem.freedoms), 1)
+    square = solution.evaluation.residual.reshape(windows.count, -1) ** 2
+    usual = lambda size: max(1.0, float(np.median(size[known > 0]))) if known.any() else 1.0  # noqa: E731
+    unit = usual(square.sum(axis=1) / freedom)
+    size = np.minimum(square, LARGEST_SQUARE * unit).sum(axis=1) / freedom
+    size = np.where(np.isfinite(size), size, np.inf)
+    typical = usual(size)
+    limit = typical * np.maximum(FAR, chdtri(freedom, CHANCE) / freedom)
+    rms = np.sqrt(np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1))
+    noise = solution.problem.noise
+    assumed = 1.0
+    if noise is not None:
+        assumed = float(np.mean(noise.factor**2))
+    explained = typical * assumed < FAR / 2
+    return (known > 0) & (size > limit) & ~(rms < (SMALLEST if explained else BRANCH))
+
+
+def recover_windows(
+    prepared: Prepared,
+    solution: Solution,
+    fit_again: Callable[[Problem, Solution], Solution],
+    keep_jumps: bool = False,
+) -> tuple[Prepared, Solution]:
+    """A fit of separate windows whose lost windows were restarted, split or left out.
+
+    Args:
+        solution: of the separate windows, converged or not.
+        fit_again: fits a problem with changed windows, started from a solution with these windows.
+        keep_jumps: leave windows with missing frames unchanged: a split would hide the missing frames in a gap.
+
+    Returns:
+        The preparation with the fitted windows and with `left_out` set, and their solution.
+    """
+    jump: tuple[int, float] | None = None
+    for last in (False,) * ROUNDS + (True,):
+        if solution.status != "ok":
+            solution = refit_starts(solution)
+        lost = lost_windows(solution) & ~_windows_at(solution.windows, jump)
+        if not lost.any():
+            break
+        if last:
+            prepared, solution = _leave_out(prepared, solution, lost)
+        else:
+            solution = restart(prepared, solution, lost)
+            lost &= lost_windows(solution)
+            if keep_jumps and jump is None and lost.any():
+                jump = _jump(prepared, solution, lost)
+                lost &= ~_windows_at(solution.windows, jump)
+            prepared, solution = _split(prepared, solution, lost)
+        solution = fit_again(solution.problem, solution)
+    return prepared, solution
+
+
+def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int, float] | None:
+    """Run and time [s] at which frames are missing, if any; lost windows (K,) bool start at the end of the previous."""
+    problem = replace(solution.problem, windows=solution.windows.without_samples(lost))
+    found = lost_frames(prepared, replace(solution, problem=problem))
+    if found is None:
+        return None
+    return (found.run, float(prepared.traces[found.run].t[found.frame]))
+
+
+def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
+    """The windows (K,) bool that contain a given time of a run, and those that start or end there."""
+    run, time = jump or (-1, 0.0)
+    return (windows.run == run) & (windows.begin - windows.dt <= time) & (time <= windows.ends + windows.dt)
+
+
+def refit_starts(solution: Solution) -> Solution:
+    """The solution with the start of each window fitted alone with fixed parameters."""
+    return _with_starts(solution, np.ones(solution.windows.count, bool), solution.starts)
+
+
+def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solution:
+    """The solution with better starts of lost windows (K,) bool, if any are found."""
+    windows = solution.windows.pick(lost)
+    model = solution.problem.simulator.model_at(solution.values)
+    ahead = pick(starts_from_previous_windows(solution, lost), lost)
+    # noise assumed for the starts of lost windows relative to the true one: polynomials of short reach, of the reach
+    # that the noise allows, and of long reach
+    sigmas = []
+    for share in (0.2, 1.0, 5.0):
+        sigmas.append([share * s for s in prepared.sigma])
+    for starts in [ahead, *(first_starts(model, prepared.traces, windows, sigma) for sigma in sigmas)]:
+        solution = _with_starts(solution, lost, starts)
+    return solution
+
+
+def _with_starts(solution: Solution, which: np.ndarray, starts: Starts) -> Solution:
+    """The solution with other starts of some windows, fitted alone first, if these are better."""
+    problem = solution.problem
+    few = replace(problem, windows=solution.windows.pick(which))
+    starts, evaluation = fit_starts(few, solution.values, starts, ITERATIONS)
+    better = window_costs(problem, evaluation.residual) < window_costs(problem, solution.evaluation.residual[which])
+    if not better.any():
+        return solution
+    replaced = np.flatnonzero(which)[better]
+    every = with_rows(solution.starts, replaced, pick(starts, better))
+    whole = with_rows(solution.evaluation, replaced, pick(evaluation, better))
+    return replace(solution, starts=every, evaluation=whole, weights=problem.weights(whole))
+
+
+def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
+    """The solution with lost windows cut in two if enough frames remain; the halves start from the samples."""
+    windows = solution.windows
+    pieces: list[Piece] = []
+    for k in range(windows.count):
+        pieces += _halves(prepared, windows, k) if lost[k] and not windows.released[k] else [windows.piece(k)]
+    if len(pieces) == windows.count:
+        return prepared, solution
+    prepared = prepared.with_pieces(pieces)
+    # windows without enough samples are dropped; the others are matched by their start time
+    kept_at = {(int(r), round(float(b), 9)): i for i, (r, b) in enumerate(zip(windows.run, windows.begin, strict=True))}
+    new = prepared.windows
+    origin = np.array([kept_at.get((int(r), round(float(b), 9)), -1) for r, b in zip(new.run, new.begin, strict=True)])
+    same = (origin >= 0) & (new.step_counts == np.where(origin >= 0, windows.step_counts[origin], 0))
+    starts = with_rows(prepared.starts, same, pick(solution.starts, origin[same]))
+    problem = replace(solution.problem, windows=replace(prepared.first_windows, substeps=windows.substeps))
+    evaluation = problem.evaluate(solution.values, starts)
+    found = replace(solution, problem=problem, starts=starts, evaluation=evaluation, status="not_converged")
+    found.weights = problem.weights(evaluation)
+    return prepared, restart(prepared, found, ~same) if (~same).any() else found
+
+
+def _halves(prepared: Prepared, windows: Windows, k: int) -> list[Piece]:
+    """Window k in two pieces, cut at a whole frame; uncut if one of them would have too few frames."""
+    piece = windows.piece(k)
+    frame = max(1, round(prepared.traces[piece.run].interval / windows.dt))
+    frames = piece.steps // frame
+    if frames < 2 * fewest_frames(prepared.traces[piece.run].links, prepared.simulator.freedoms):
+        return [piece]
+    first = (frames // 2) * frame
+    second = Piece(piece.run, piece.begin + first * windows.dt, piece.steps - first, True)
+    return [piece._replace(steps=first), second]
+
+
+def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
+    """The preparation without joins over isolated gaps far above the others, such as a kick or lost frames."""
+    windows = solution.windows
+    if windows.follows.sum() < FEWEST_GAPS or solution.status != "ok":
+        return prepared
+    found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
+    covariance, _ = start_covariances(solution)
+    spread = found.before @ covariance[found.left] @ np.swapaxes(found.before, 1, 2)
+    spread += found.after @ covariance[found.left + 1] @ np.swapaxes(found.after, 1, 2)
+    distance = np.mean(found.value * np.linalg.solve(spread, found.value[..., None])[..., 0], axis=1)
+    size = np.linalg.norm(found.value, axis=1)
+    far = (distance > FAR_GAP * max(1.0, np.median(distance))) & (size > LARGE_GAP * np.median(size))
+    if not 0 < far.sum() <= max(1, MOST_BREAKS * len(far)):
+        return prepared
+    right = found.left[far] + 1
+    follows = prepared.windows.follows.copy()
+    follows[right] = False
+    breaks = zip(windows.run[right].tolist(), windows.begin[right].tolist(), strict=True)
+    return replace(prepared, windows=replace(prepared.windows, follows=follows), breaks=(*prepared.breaks, *breaks))
+
+
+def _leave_out(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Prepared, Solution]:
+    """The preparation without the lost windows, whose times and samples are recorded."""
+    windows = solution.windows
+    removed = zip(*(a[lost].tolist() for a in (windows.run, windows.begin, windows.ends)), strict=True)
+    prepared = replace(prepared, windows=prepared.windows.exclude(lost), left_out=(*prepared.left_out, *removed))
+    problem = replace(solution.problem, windows=windows.exclude(lost))
+    found = replace(
+        solution,
+        problem=problem,
+        starts=pick(solution.starts, ~lost),
+        evaluation=pick(solution.evaluation, ~lost),
+        weights=solution.weights[~lost],
+        status="not_converged",
+    )
+    return prepared, found
+
+
+#: Maximum iterations of a first fit before links are weighted by their misfit and windows are inspected one by one.
+EARLY = 5
+FIRST = 15
+
+
+def with_sound_windows(
+    prepared: Prepared,
+    loss: Loss = LEAST_SQUARES,
+    iterations: int = 40,
+    progress: Progress = silent,
+    keep_jumps: bool = False,
+) -> Prepared:
+    """The preparation with windows that a fit can follow, started from the end of their fit.
+
+    Lost windows are restarted, split or left out, see `lost_windows`.
+
+    Args:
+        keep_jumps: leave windows with missing frames unchanged, so that `freeing` can report them.
+    """
+    say = part_of(progress, 0.05, 0.35)
+
+    def fit_again(problem: Problem, before: Solution) -> Solution:
+        found = fit_windows(problem, before.values, before.starts, iterations=min(FIRST, iterations), progress=say)
+        return replace(found, iterations=before.iterations + found.iterations)
+
+    problem = prepared.problem(initial_loss(loss))
+    solution = fit_windows(problem, prepared.values, prepared.starts, iterations=min(EARLY, iterations), progress=say)
+    if solution.status != "ok" and iterations > EARLY:
+        prepared = replace(prepared, first_noise=uneven_noise(prepared, solution))
+        solution = fit_again(prepared.problem(initial_loss(loss)), solution)
+    prepared, solution = recover_windows(prepared, solution, fit_again, keep_jumps)
+    if not keep_jumps:
+        prepared = break_far_gaps(prepared, solution)
+    return replace(prepared, begin=solution.values, starts=solution.starts, iterations=solution.iterations)
+
+
+def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:
+    """The noise scaled to each link's residuals, if the ratios of residuals to claimed noise differ between links.
+
+    The claimed noise of an encoder is 1 % of the model error caused by its bearing. With the claimed noise alone, one
+    link would have many times the weight of another.
+    """
+    windows = prepared.windows
+    floor = np.ones((len(prepared.traces), windows.theta.shape[2]))
+    noise = Noise.of_misfit(solution.errors * windows.weight, windows.weight > 0, windows.run, floor)
+    # ratio of two links' misfits, in units of their noise, above which links are weighted by misfit
+    if (noise.factor.max(axis=1) > 3.0 * noise.factor.min(axis=1)).any():
+        return noise
+    return None

@@ -1,0 +1,147 @@
+"""From a solution to a result: errors, held-out scores, and warnings that a user must know before trusting it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.calibration.disagreement import disagreement_warnings, disagreements
+from fitting.calibration.laws import law_warnings, test_laws
+from fitting.calibration.preparation import Prepared
+from fitting.calibration.result import FitResult, direction_text, score_held_out
+from fitting.estimate.residuals import CHI2_RANGE, CORRELATION_FLOOR, Solution
+from fitting.estimate.scene_fit import common_warnings
+from fitting.estimate.shooting import lyapunov
+from fitting.estimate.uncertainty import Uncertainty, degrees_of_freedom, uncertainty
+
+#: Standard deviations beyond which a sample is an outlier (one in 2 million of normal noise), and how many are listed.
+STANDS_OUT = 5.0
+NAMED_SAMPLES = 5
+
+#: Warnings for noise that is not white.
+NAMED = {
+    "correlated": "the noise is correlated: a sample keeps part of the previous one; weights and errors allow for it",
+    "jitter": "frame times have random errors, the same for all links; weights and errors allow for it",
+}
+
+
+#: Absolute correlation of two estimates above which they are reported as hard to distinguish.
+HARD_TO_DISTINGUISH = 0.98
+
+
+def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: float) -> list[str]:
+    """One line each: active bounds, parameters that are not identifiable, correlated residuals, failed steps."""
+    values = solution.by_name
+    names = list(values)
+    found = common_warnings(solution, u)
+    for direction in u.undetermined:
+        found.append(f"not identifiable from the data: direction ({direction_text(direction)}) in relative changes")
+    close = np.argwhere(np.abs(np.triu(u.correlation, 1)) > HARD_TO_DISTINGUISH)
+    for i, j in close:
+        found.append(f"{names[i]} and {names[j]} are hard to distinguish (correlation {u.correlation[i, j]:.3f})")
+    for name, error, on in zip(names, u.std_error, u.at_bound, strict=True):
+        if not on and error > abs(values[name]) and name.startswith("effects."):
+            found.append(f"{name} is not determined: {values[name]:.3g} with standard error {error:.2g}")
+    for run, low, high in prepared.left_out:
+        found.append(
+            f"left out: {prepared.traces[run].name} {low:.3f} to {high:.3f} s, no start of this window explains "
+            "its samples"
+        )
+    for run, at in prepared.breaks:
+        found.append(
+            f"the motion of {prepared.traces[run].name} jumps at {at:.3f} s, as after a kick, a contact or lost frames"
+            "; windows are not joined there"
+        )
+    if u.inflation > 1 or abs(u.correlation_1) > 4 * CORRELATION_FLOOR:
+        found.append(
+            f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were multiplied "
+            f"by up to {u.inflation:.2g}"
+        )
+    noise = solution.problem.noise
+    if noise is not None and noise.kind != "white":
+        found.append(NAMED[noise.kind])
+    elif chi2 > CHI2_RANGE[1]:
+        found.append(
+            f"chi-square per degree of freedom is {chi2:.3g}: the noise of the samples does not explain the residuals"
+        )
+    elif chi2 < CHI2_RANGE[0] and any(trace.se is not None for trace in prepared.traces):
+        found.append(f"chi-square per degree of freedom is {chi2:.3g}: the stated standard errors are too large")
+    found += outliers(prepared, solution)
+    failed = int(solution.evaluation.failed.sum())
+    if failed:
+        found.append(f"{failed} steps of the final simulation are above the solver's tolerance or have no derivative")
+    if solution.status != "ok":
+        found.append(f"not converged: {solution.message}; the best point found is reported")
+    elif solution.message:
+        found.append(f"the cost is non-smooth here: {solution.message}")
+    return found
+
+
+def outliers(prepared: Prepared, solution: Solution) -> list[str]:
+    """A line on outlying samples, with run, link and time, if there are any."""
+    windows = solution.windows
+    size = np.ma.array(np.abs(solution.evaluation.residual), mask=windows.weight == 0)
+    # relative to the residuals' own spread, which outliers do not widen
+    size = np.ma.filled(size / np.maximum(np.ma.median(size, axis=(0, 1)) / 0.6745, 1e-300), 0.0)
+    out = np.argwhere(size > STANDS_OUT)
+    if not len(out):
+        return []
+    largest = out[np.argsort(-size[tuple(out.T)])[:NAMED_SAMPLES]]
+    positions = []
+    for window, slot, column in largest:
+        positions.append(
+            f"{prepared.traces[windows.run[window]].column_name(column)} at {windows.times()[window, slot]:.3f} s"
+        )
+    if len(out) > len(positions):
+        more = f" and {len(out) - len(positions)} more"
+    else:
+        more = ""
+    if solution.problem.loss.redescends:
+        advice = ""
+    else:
+        advice = ". Use --student to reduce their weight"
+    return [
+        f"{len(out)} samples stand out by more than {STANDS_OUT:g} standard deviations: "
+        f"{', '.join(positions)}{more}{advice}"
+    ]
+
+
+def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
+    """The result of a solution: errors, held-out scores, warnings."""
+    simulator = prepared.simulator
+    windows = solution.windows
+    rate = lyapunov(simulator, windows, solution.evaluation, solution.values)
+    u = uncertainty(solution)
+    expected = prepared.windows.weight
+    claimed = float(np.sqrt(np.mean(1 / expected[expected > 0] ** 2)))
+    chi2 = float(np.sum(solution.weights * (solution.errors * expected) ** 2)) / degrees_of_freedom(solution)
+    # held-out stretches use the same step size as the fit
+    finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
+    scored = finer.noisy(solution.problem.noise)
+    laws = test_laws(prepared, solution, u)
+    rows = disagreements(prepared, solution)
+    compiled = simulator.compile_s - prepared.compiled_before
+    return FitResult(
+        scene=prepared.scene,
+        method=method,
+        uncertainty=u,
+        noise=claimed,
+        chi2_per_dof=chi2,
+        seconds={"compile": compiled, "run": time.perf_counter() - prepared.started - compiled},
+        solution=solution,
+        traces=prepared.traces,
+        lyapunov=rate,
+        laws=laws,
+        recordings=rows,
+        prepared=prepared,
+        left_out=prepared.left_out,
+        held_out=[score_held_out(scored, solution.values, span) for span in prepared.held_out],
+        warnings=[
+            *prepared.warnings,
+            *warnings_of(prepared, solution, u, chi2),
+            *law_warnings(laws),
+            *disagreement_warnings(rows),
+        ],
+    )

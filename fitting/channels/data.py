@@ -1,0 +1,142 @@
+"""Measured data: runs with the samples of every channel, their sensors, and the cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from fitting.channels.channel import Channel
+from fitting.traces.noise import noise_by_differences
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """`[[camera]]`: its projection (3, 4) and its clock: stamp t is taken at `rate t - delay` of the scene's time."""
+
+    name: str
+    matrix: tuple[tuple[float, ...], ...]
+    delay: float = 0.0
+    rate: float = 1.0
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A channel and its assumed sensor: `measured(t) = offset + gain * true(t - delay)` [SI].
+
+    Attributes:
+        noise: standard deviation [SI], or a fraction of the value if `relative`; None: estimated from the samples.
+    """
+
+    channel: Channel
+    noise: float | None = None
+    relative: bool = False
+    offset: float = 0.0
+    gain: float = 1.0
+    delay: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run: times (k,) [s] and values (k, m) [SI] of every channel, NaN if missing, and its own scene values."""
+
+    name: str
+    t: tuple[np.ndarray, ...]
+    values: tuple[np.ndarray, ...]
+    own: dict[str, Any] = field(default_factory=dict)
+
+
+#: Values (k, m) of every run and channel, or (k, m, ...) of derivatives.
+ByChannel = Sequence[Sequence[np.ndarray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Samples in blocks, one for every column of every channel of every run; empty slots are at a block's end.
+
+    Attributes:
+        run, source: number of the run, and of the sensor, whose noise is the same in all runs (K,).
+        t: times (K, S) [s].
+        weight: 1/sigma (K, S, 1), 0 in empty slots.
+        decay: decay rate of the noise's autocorrelation (K, 1) [1/s]; None if it is white.
+        follows: no block continues another one (K,).
+    """
+
+    run: np.ndarray
+    source: np.ndarray
+    t: np.ndarray
+    weight: np.ndarray
+    follows: np.ndarray
+    decay: np.ndarray | None = None
+    jitter: ClassVar[None] = None
+
+    def times(self) -> np.ndarray:
+        """Times of all slots (K, S) [s]."""
+        return self.t
+
+
+@dataclass(frozen=True)
+class Data:
+    """What was measured."""
+
+    sensors: tuple[Sensor, ...]
+    cameras: tuple[CameraSpec, ...]
+    runs: tuple[Run, ...]
+
+    def columns(self) -> list[tuple[int, int, np.ndarray, int]]:
+        """Run, channel, existing samples (k,) and column of every block."""
+        found = []
+        for r, run in enumerate(self.runs):
+            for c, y in enumerate(run.values):
+                for j, known in enumerate(np.isfinite(y).T):
+                    found.append((r, c, known, j))
+        return found
+
+    def in_blocks(self, values: ByChannel) -> np.ndarray:
+        """The values where there are samples (K, S, ...), 0 in empty slots."""
+        parts = [values[r][c][known, j] for r, c, known, j in self.columns()]
+        slots = max(map(len, parts))
+        return np.stack([np.pad(a, [(0, slots - len(a)), *[(0, 0)] * (a.ndim - 1)]) for a in parts])
+
+    def deviations(self, shown: ByChannel) -> np.ndarray:
+        """Predicted minus measured values (K, S) [SI]."""
+        found = self.in_blocks(shown) - self.in_blocks([run.values for run in self.runs])
+        turns = np.array([self.sensors[c].channel.turns for _, c, *_ in self.columns()])
+        return found - 2 * np.pi * np.round(found / (2 * np.pi)) * turns[:, None]
+
+    def series(self, sizes: np.ndarray, shown: ByChannel) -> Series:
+        """The samples with white noise of these sizes (c,) [SI], relative ones as fractions of predicted values."""
+        run, source, *_ = zip(*self.columns(), strict=True)
+        t = [[np.tile(t[:, None], y.shape[1]) for t, y in zip(one.t, one.values, strict=True)] for one in self.runs]
+        scaled = [list(map(_scale, self.sensors, one)) for one in shown]
+        weight = self.in_blocks([[1 / (size * y) for size, y in zip(sizes, one, strict=True)] for one in scaled])
+        return Series(np.array(run), np.array(source), self.in_blocks(t), weight[..., None], np.zeros(len(run), bool))
+
+    def first_noise(self) -> np.ndarray:
+        """Noise of each channel (c,) from the data's file, otherwise from differences of high order."""
+        return np.array([s.noise or self._difference_noise(c) for c, s in enumerate(self.sensors)])
+
+    def _difference_noise(self, channel: int) -> float:
+        """Standard deviation of white noise on a smooth motion, by differences of high order."""
+        values = [run.values[channel] for run in self.runs]
+        sizes = np.concatenate([noise_by_differences(y) for y in values])
+        level = max(float(np.nanmax(np.abs(y))) for y in values)
+        spread = max(float(np.nanstd(y, axis=0).max()) for y in values)
+        if np.isfinite(sizes).any():
+            found = float(np.nanmedian(sizes))
+        else:
+            found = 0.1 * spread
+        return max(found, 1e-6 * level, 1e-12)
+
+
+#: A reading of 0 is not exact: at least 5 % of the channel's RMS.
+LEAST_READING = 0.05
+
+
+def _scale(sensor: Sensor, values: np.ndarray) -> np.ndarray:
+    """Scale of a sensor's noise at these values (k, m): 1, or the value if the noise is a fraction of it."""
+    if not sensor.relative:
+        return np.ones_like(values)
+    return np.maximum(np.abs(values), LEAST_READING * np.sqrt(np.nanmean(values**2)))

@@ -1,0 +1,71 @@
+"""Entries of the tables in a channels file: names, numbers, units, columns; errors give the path of the entry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Plain, read_list, read_number, read_text, refuse
+from dropper_jax.scene.fit import PRIOR_UNITS
+
+
+def check_once(names: Sequence[str], section: str) -> None:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise SceneError(f"{section}.{i}: duplicate name {name!r}; names must be unique")
+
+
+def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> str:
+    if "name" not in table and default is None:
+        raise SceneError(f"{path}.name: missing; needed: a name without a point")
+    name = read_text(table.get("name", default), f"{path}.name")
+    if not name.strip() or ("name" in table and "." in name):
+        raise refuse(f"{path}.name", name, "cannot be used in the path of a parameter", "a name without a point")
+    return name.replace(".", "_")
+
+
+def value_of(table: Mapping[str, Any], path: str, key: str, needed: str) -> Plain:
+    """The value of a key.
+
+    Raises:
+        SceneError: the table does not have it.
+    """
+    if key not in table:
+        raise SceneError(f"{path}.{key}: missing; needed: {needed}")
+    return table[key]
+
+
+def number_of(table: Mapping[str, Any], path: str, key: str, default: float | None, **limits: Any) -> float | None:
+    unit = {"at": "m", "delay": "s", "from": "s", "until": "s", "focal": "px"}.get(key, "-")
+    if key in table:
+        return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits})
+    return default
+
+
+def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.ndarray:
+    items = read_list(value_of(table, path, key, f"{count} numbers"), f"{path}.{key}", count, f"{count} numbers")
+    return np.array([read_number(x, f"{path}.{key}.{i}", {"unit": "-"}) for i, x in enumerate(items)])
+
+
+def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str:
+    fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == measures]
+    unit = read_text(value_of(table, path, key, ", ".join(fitting)), f"{path}.{key}")
+    if unit not in fitting:
+        raise SceneError(f"{path}.{key}: {unit!r} is not a unit of this quantity; allowed: {', '.join(fitting)}")
+    return unit
+
+
+def columns_of(table: Mapping[str, Any], path: str) -> tuple[str, ...]:
+    if ("column" in table) == ("columns" in table):
+        raise SceneError(
+            f"{path}: names its columns {'twice' if 'column' in table else 'nowhere'}; allowed: column or columns"
+        )
+    if "column" in table:
+        return (read_text(table["column"], f"{path}.column"),)
+    items = read_list(table["columns"], f"{path}.columns", None, "a list of names of columns")
+    if not items:
+        raise SceneError(f"{path}.columns: is empty; allowed: names of columns")
+    return tuple(read_text(name, f"{path}.columns.{i}") for i, name in enumerate(items))

@@ -1,0 +1,252 @@
+"""Options of `dropper fit`: parameters, method, convention of the traces, and their values."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.given import number, read_numbers
+from dropper_jax.cli.options import (
+    add_json,
+    add_quiet,
+)
+from dropper_jax.cli.outputs import add_out
+from fitting.cli.fit_file import add_file_options
+
+if TYPE_CHECKING:
+    from fitting.calibration.estimating import Method
+    from fitting.estimate.loss import Loss
+
+
+METHODS = ("windows", "shooting", "gradient")
+
+
+def add_parameters(parser: argparse.ArgumentParser) -> None:
+    """What is fitted: parameters, their start values, bounds and priors, and the samples."""
+    parser.add_argument(
+        "--free",
+        metavar="NAMES",
+        help="parameters, such as b_l,line.0.inertia,release.time (default: those listed in [fit], else damping)",
+    )
+    parser.add_argument(
+        "--fixed", action="store_true", help="without --free and [fit]: keep the lengths and the zero of the angles"
+    )
+    parser.add_argument(
+        "--start", action="append", default=[], metavar="NAME=VALUE", help="start value of a free parameter"
+    )
+    parser.add_argument(
+        "--bounds", action="append", default=[], metavar="NAME=LOW:HIGH", help="bounds of a free parameter"
+    )
+    parser.add_argument(
+        "--prior",
+        action="append",
+        default=[],
+        metavar="NAME=MEAN+-SD",
+        help="prior of a free parameter, such as line.0.inertia=1.1e-4+-1e-6",
+    )
+    parser.add_argument(
+        "--own", metavar="NAMES", help="of channels: parameters fitted separately for each run; reports mean and spread"
+    )
+    parser.add_argument("--from", dest="since", type=number, metavar="T", help="fit only samples from this time on [s]")
+    parser.add_argument("--until", type=number, metavar="T", help="fit only samples before this time [s]")
+    parser.add_argument("--held-out", metavar="LO:HI,...", help="score these stretches [s] without fitting them")
+    parser.add_argument(
+        "--rest", metavar="LO:HI,...", help="stretches [s] in which the line is at rest: their poses are fitted too"
+    )
+    add_method(parser)
+
+
+def add_method(parser: argparse.ArgumentParser) -> None:
+    """How it is fitted: estimator, windows, files, loss."""
+    parser.add_argument("--method", choices=METHODS, default="shooting", help="estimator (default: shooting)")
+    parser.add_argument("--optimizer", metavar="NAME", help="of --method gradient: lbfgs (default), adam or sgd")
+    parser.add_argument(
+        "--learning-rate",
+        type=number,
+        metavar="RATE",
+        help="of --method gradient: fraction of the predicted distance per step (default: lbfgs 1, adam 0.3, sgd 0.5)",
+    )
+    parser.add_argument(
+        "--steps",
+        type=int,
+        metavar="N",
+        help="of --method gradient: maximum steps over separate windows, and at each gap weight (default: 100)",
+    )
+    parser.add_argument("--window", type=number, metavar="S", help="length of a window [s] (default: from the motion)")
+    parser.add_argument(
+        "--dt",
+        type=number,
+        help="time step [s], at most the samples' interval (default: 1/75 of the shortest link's period)",
+    )
+    parser.add_argument(
+        "--integrator", help="scheme of the windows, such as tsit5 (default: rattle_4 for point masses)"
+    )
+    add_convention(parser)
+    add_file_options(parser)
+    parser.add_argument("--huber", type=number, metavar="K", help="robust loss beyond K standard deviations")
+    parser.add_argument("--robust", metavar="NAME", help="robust loss by name: huber or student")
+    parser.add_argument("--student", action="store_true", help="Student's t loss with 4 degrees, for outliers")
+    parser.add_argument(
+        "--iterations", type=int, default=40, help="maximum iterations over separate windows (default: 40)"
+    )
+    parser.add_argument("--static-start", action="store_true", help="release every run at t = 0 as defined in [start]")
+    add_judging(parser)
+
+
+def add_judging(parser: argparse.ArgumentParser) -> None:
+    """What judges the result, and where it is written."""
+    parser.add_argument("--advice", action="store_true", help="test what else may be wrong: lengths, roll, clock")
+    parser.add_argument("--auto-free", action="store_true", help="add free parameters while the fit improves")
+    parser.add_argument("--compare-models", action="store_true", help="also fit a ladder of damping laws")
+    parser.add_argument(
+        "--profile", nargs="?", const="", metavar="NAMES", help="intervals by profile likelihood too (default: of all)"
+    )
+    parser.add_argument(
+        "--bootstrap", nargs="?", const=400, type=int, metavar="DRAWS", help="resample blocks of time (default: 400)"
+    )
+    parser.add_argument(
+        "--accept-misfit",
+        action="store_true",
+        help="exit code 0 even if the model misses the trace or its law is wrong",
+    )
+    parser.add_argument("--plot", metavar="DIR", help="write only the pictures of the fit")
+    add_out(parser)
+    parser.add_argument("--report", metavar="DIR", help="write a report with pictures")
+    add_quiet(parser)
+    add_json(parser)
+
+
+def add_convention(parser: argparse.ArgumentParser) -> None:
+    """--zero, --sign, --unit, --columns."""
+    parser.add_argument("--zero", help="zero direction of the traces' angles: horizontal or down")
+    parser.add_argument("--sign", help="1 or -1")
+    parser.add_argument("--unit", help="rad or deg")
+    parser.add_argument(
+        "--columns",
+        metavar="NAME=COLUMN,...",
+        help="the traces' columns if they have other names, such as time=timestamp,theta_1=angle",
+    )
+
+
+def check_without_scene(args: argparse.Namespace) -> None:
+    """Reject what only a scene can explain.
+
+    Raises:
+        SceneError: channels, or options of a scene.
+    """
+    if any(name.lower().endswith(".toml") for name in args.traces):
+        raise SceneError("--scene: missing; channels named in a TOML file need a scene")
+    for key in ("set", "static_start", "auto_free", "effects"):
+        if getattr(args, key):
+            raise SceneError(f"--{key.replace('_', '-')}: only with --scene; the scene of a file is proposed")
+
+
+def chosen_loss(args: argparse.Namespace) -> Loss:
+    """The loss of --huber, --student and --robust."""
+    from fitting.estimate.loss import LEAST_SQUARES, Huber, as_loss
+
+    name = "student" if args.student else args.robust
+    if name is not None:
+        return as_loss(name, "robust")
+    if args.huber is None:
+        return LEAST_SQUARES
+    return Huber(args.huber)
+
+
+def chosen_method(args: argparse.Namespace) -> Method:
+    """The method with its settings.
+
+    Raises:
+        SceneError: settings of a descent for another method.
+    """
+    from fitting.calibration.estimating import Method
+
+    given = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
+    if args.method != "gradient":
+        for name, value in sorted(given.items()):
+            raise SceneError(f"{name}: {value!r} is not a setting of method {args.method!r}. Use method gradient")
+        return Method(args.method, iterations=args.iterations)
+    from fitting.estimate.descent import GradientDescent
+
+    return Method("gradient", iterations=args.iterations, descent=GradientDescent(**given))
+
+
+#: Beginnings of names of parameters that belong to a file of channels, not to the scene.
+OF_DATA = ("start.", "channel.", "camera.")
+#: Options of `--method gradient`.
+OF_DESCENT = ("optimizer", "learning_rate", "steps")
+#: Options without a meaning in a fit to channels, and their values if not given.
+OF_TRACES = {
+    **dict.fromkeys(
+        (
+            *("since", "until", "held_out", "window", "zero", "sign", "unit", "columns", "rest"),
+            *OF_DESCENT,
+        )
+    ),
+    **dict.fromkeys(("rate", "counts", "lengths", "mass")),
+    **dict.fromkeys(
+        (*("static_start", "fixed", "advice", "auto_free", "compare_models", "accept_misfit"), "same_motion"), False
+    ),
+    "method": "shooting",
+}
+
+
+def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:
+    """Spans [s] of `lo:hi,lo:hi`."""
+    reason = "is not lo:hi; allowed: spans in s such as 40:45,45:50"
+    parts = filter(None, (text or "").split(","))
+    return [tuple(read_numbers(part, option, reason, ":", 2)) for part in parts]
+
+
+def _pairs(option: str, texts: list[str]) -> list[tuple[str, str]]:
+    """Names and texts of several `NAME=TEXT`."""
+    found = []
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value):
+            raise SceneError(f"--{option}: {text!r} has no value; allowed: NAME={ALLOWED[option]}")
+        if name in [known for known, _ in found]:
+            raise SceneError(f"--{option}: {name!r} is given twice; allowed: every parameter once")
+        found.append((name, value))
+    return found
+
+
+#: Form of the text after the name.
+ALLOWED = {"start": "VALUE", "bounds": "LOW:HIGH", "prior": "MEAN+-SD"}
+
+
+def _number(option: str, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise SceneError(f"--{option}: {name}={text!r} is not a finite number; allowed: NAME={ALLOWED[option]}")
+    return value
+
+
+def _bounds(name: str, text: str) -> tuple[float | None, float | None]:
+    """Ends of `LOW:HIGH`; an omitted one keeps the value declared by the scene's fields."""
+    low, colon, high = text.partition(":")
+    if not colon:
+        raise SceneError(f"--bounds: {name}={text!r} is not a range; allowed: NAME=LOW:HIGH, one end may be omitted")
+    return tuple(_number("bounds", name, end) if end.strip() else None for end in (low, high))
+
+
+def _prior(name: str, text: str) -> tuple[float, float]:
+    mean, sign, width = text.replace("\u00b1", "+-").partition("+-")
+    if not sign:
+        raise SceneError(f"--prior: {name}={text!r} has no width; allowed: NAME=MEAN+-SD")
+    return _number("prior", name, mean), _number("prior", name, width)
+
+
+def _check_numbers(args: argparse.Namespace) -> None:
+    for key in ("until", "window", "dt", "huber", "iterations", "bootstrap"):
+        value = getattr(args, key)
+        if value is not None and not value > 0:
+            unit = ""
+            if key in ("until", "window", "dt"):
+                unit = " s"
+            raise SceneError(f"--{key}: {value:g} is not positive; allowed: > 0{unit}")

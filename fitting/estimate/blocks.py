@@ -1,0 +1,206 @@
+"""Scatter of blocks of scores: errors of estimates whose model is partly wrong, not from the noise's size.
+
+Let g_b be the contribution of a stretch of time to the parameters' gradient, with its window starts eliminated, and S_b
+its contribution to the information S. Both include the gaps of joined windows, each counted with the next window.
+Leaving the block out moves the estimate by `d_b = (S - S_b)^-1 g_b` to first order, and
+
+    cov = (B - 1)/B sum_b (d_b - mean d)(d_b - mean d)'        (jackknife over blocks: Tukey 1958, Kuensch 1989)
+
+holds for any residuals, as long as blocks are independent: each is at least two correlation times of the scores long.
+Priors count as separate measurements.
+
+A wrong model has no single best value: it changes with the amplitude, of which each block sees only a part. Let d be
+the difference between the estimates from the first and the second half of the time. The variance grows by the larger of
+`d^2/4` (the distance of each half from the whole) and `d^2 - 4 var` (the excess over independent blocks).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from fitting.estimate.factors import solve_spd
+from fitting.estimate.normal_equations import Evaluation, Step
+from fitting.estimate.residuals import Solution
+from fitting.estimate.shooting import gaps
+
+#: Minimum number of blocks, for any memory of the scores.
+FEWEST = 4
+
+
+class Pieces(NamedTuple):
+    """Gradients (P, k) and information (P, k, k) of pieces of time, in the order of their runs (P,)."""
+
+    gradient: np.ndarray
+    information: np.ndarray
+    run: np.ndarray
+
+
+class Scatter(NamedTuple):
+    """Covariance (k, k) of the parameters by the scatter of this many blocks."""
+
+    covariance: np.ndarray
+    blocks: int
+
+
+def scores(evaluation: Evaluation, step: Step | Solution) -> np.ndarray:
+    """Derivative of every residual by the parameters along the optimum of the starts (K, S, n, k)."""
+    m2 = step.eliminated.shape[1]
+    jacobian = evaluation.jacobian
+    return jacobian[..., m2:] + np.einsum("ksnj,kjp->ksnp", jacobian[..., :m2], step.eliminated)
+
+
+#: Target number of pieces of time; a small number of windows is cut into them.
+PIECES = 60
+
+
+def pieces(solution: Solution, free: np.ndarray) -> Pieces:
+    """Parts of the gradient and the information of the free parameters (their numbers), of equal duration."""
+    timing = solution.problem.timing()
+    weights = solution.weights
+    score = scores(solution.evaluation, solution)[..., free]
+    weighted_score = np.einsum("ksnp,ksn->ksp", score, weights * solution.evaluation.residual)
+    square = np.einsum("ksnp,ksn,ksnq->kspq", score, weights, score, optimize=True)
+    duration = timing.duration / max(PIECES, timing.blocks) * (1 + 1e-9)
+
+    def number(t: np.ndarray, run: np.ndarray) -> np.ndarray:
+        """Run and piece of these times of runs, combined in one number."""
+        since = np.floor((t - timing.begin[run]) / duration + 1e-6).astype(int)
+        return run * 10**9 + np.maximum(since, 0)
+
+    known = timing.known
+    rows = [(number(timing.t, timing.run)[known], weighted_score[known], square[known])]
+    if solution.gap_weight and solution.windows.follows.any():
+        windows = solution.windows
+        found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
+        left = found.left
+        right = found.left + 1
+        along = solution.eliminated
+        slope = (found.shared + found.before @ along[left] + found.after @ along[right])[..., free]
+        slope = slope / solution.gap_weight
+        gradient = np.einsum("gip,gi->gp", slope, found.value / solution.gap_weight)
+        square = np.einsum("gip,giq->gpq", slope, slope)
+        rows.append((number(windows.begin[right], windows.run[right]), gradient, square))
+    numbers, gradients, squares = (np.concatenate(column) for column in zip(*rows, strict=True))
+    names, index = np.unique(numbers, return_inverse=True)
+    gradient = np.zeros((len(names), *gradients.shape[1:]))
+    information = np.zeros((len(names), *squares.shape[1:]))
+    np.add.at(gradient, index, gradients)
+    np.add.at(information, index, squares)
+    return Pieces(gradient, information, names // 10**9)
+
+
+def memory(series: np.ndarray, run: np.ndarray) -> float:
+    """Integrated correlation time of a series (P,) over several runs, in its steps: `1 + 2 sum rho_l` up to the first
+    non-positive sum of a pair of neighbouring lags (Geyer 1992); two correlation times for an exponential decay."""
+    series = series - series.mean()
+    size = max(float(series @ series), 1e-300)
+    count = len(series)
+
+    def rho(lag: int) -> float:
+        earlier = series[: count - lag] * (run[lag:] == run[: count - lag])
+        return float(series[lag:] @ earlier) / size
+
+    total = 0.0
+    for lag in range(0, max(2, count // 2) - 1, 2):
+        pair = rho(lag) + rho(lag + 1)
+        if pair <= 0:
+            break
+        total += pair
+    return max(1.0, 2 * total - 1)
+
+
+def block_of(parts: Pieces, information: np.ndarray) -> int:
+    """Pieces, of this total information (k, k), per block: two correlation times of the parameters' scores, if `FEWEST`
+    blocks remain."""
+    influence = solve_spd(information, parts.gradient.T).T
+    longest = max((memory(column, parts.run) for column in influence.T), default=1.0)
+    return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
+
+
+def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
+    """Covariance of the free parameters by the scatter of blocks; None with too few pieces of time."""
+    parts = pieces(solution, free)
+    information = solution.information[np.ix_(free, free)]
+    prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
+    if len(parts.gradient) < FEWEST or not len(free):
+        return None
+    length = block_of(parts, information)
+    # a run's last block includes the remainder
+    part = [np.minimum(np.arange(n) // length, max(n // length - 1, 0)) for n in np.bincount(parts.run)]
+    names, block = np.unique(np.stack([parts.run, np.concatenate(part)]), axis=1, return_inverse=True)
+    blocks = names.shape[1]
+    if blocks < 2:
+        return None
+    inner = solve_spd(information, np.eye(len(information)))
+    covariance = jackknife(parts, [np.flatnonzero(block.ravel() == b) for b in range(blocks)], information)
+    covariance = covariance + inner @ prior @ inner
+    own = np.diag(covariance)
+    drift = _half_difference(parts, information) ** 2
+    # independent blocks explain four times the variance
+    more = np.maximum(0.25 * drift, drift - 4 * own)
+    return Scatter(raised_to(covariance, own + more), blocks)
+
+
+def jackknife(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
+    """Covariance (k, k) of the estimates by leaving out each block of pieces."""
+    moved = moves_without(parts, blocks, information)
+    return (len(blocks) - 1) / len(blocks) * moved.T @ moved
+
+
+def raised_to(covariance: np.ndarray, minimum: np.ndarray) -> np.ndarray:
+    """The covariance with these minimum variances (k,) and the same correlations."""
+    grow = np.sqrt(np.maximum(minimum / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    return covariance * np.outer(grow, grow)
+
+
+def moves_without(parts: Pieces, blocks: Sequence[np.ndarray], information: np.ndarray) -> np.ndarray:
+    """Change of the estimates (B, k) without each block of pieces, to first order, minus their mean."""
+    rests = [_positive(information - parts.information[mine].sum(0), information) for mine in blocks]
+    moved = [solve_spd(rest, parts.gradient[mine].sum(0)) for rest, mine in zip(rests, blocks, strict=True)]
+    return np.array(moved) - np.mean(moved, axis=0)
+
+
+def resample(
+    parts: Pieces, information: np.ndarray, block: int, draws: int, rng: np.random.Generator
+) -> tuple[np.ndarray, float]:
+    """Moves of the estimates (draws, k) by blocks of `block` pieces drawn with replacement, and effective block count.
+
+    Each block contributes the move `d_b = (S - S_b)^-1 g_b` of leaving it out. S^-1 g_b would be too small by the
+    block's fraction of the information, because the fit has followed its noise. With B blocks drawn, the factor
+    `sqrt((B - 1)/B)` gives the right size, exactly so for equal fractions. For blocks with different fractions h of the
+    variance of an estimate, the effective count is 1/sum h^2, and the minimum over all estimates is used.
+    """
+    count = len(parts.run)
+    number = int(np.ceil(count / block))
+    blocks = (np.arange(count)[:, None] + np.arange(block)) % count  # any piece may be the first of a block
+    moved = moves_without(parts, list(blocks), information)
+    moved *= np.sqrt((number - 1) / number * count / (number * block))
+    found = moved[rng.integers(0, count, size=(draws, number))].sum(axis=1)
+    apart = np.array([parts.information[i : i + block].sum(axis=0) for i in range(0, count, block)])
+    inner = solve_spd(information, np.eye(len(information)))
+    share = np.einsum("ij,bjk,ki->bi", inner, apart, inner)
+    share = share / np.maximum(share.sum(axis=0), 1e-300)
+    return found, float(np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number))
+
+
+def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
+    """Difference between the estimates (k,) of the first and the second half of the time, to first order."""
+    middle = len(parts.run) // 2
+
+    def estimate(half: slice) -> np.ndarray:
+        rest = _positive(parts.information[half].sum(0), information)
+        return solve_spd(rest, parts.gradient[half].sum(0))
+
+    return estimate(slice(middle)) - estimate(slice(middle, None))
+
+
+def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:
+    """The remaining information, at least 10 % of the whole in every direction: beyond that a step is not linear."""
+    size = 1 / np.sqrt(np.maximum(np.diag(full), 1e-300))
+    root = np.linalg.cholesky(full * np.outer(size, size) + 1e-12 * np.eye(len(full)))
+    inverse = np.linalg.inv(root)
+    share, turn = np.linalg.eigh(inverse @ (rest * np.outer(size, size)) @ inverse.T)
+    return (root @ (turn * np.maximum(share, 0.1)) @ turn.T @ root.T) / np.outer(size, size)

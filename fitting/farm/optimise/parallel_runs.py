@@ -1,0 +1,43 @@
+"""Parallel runs of one design: the first alone, because it compiles the shared programs, the others on threads.
+
+A compiled run does not hold Python's lock, so that threads suffice, and they share programs and models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from dropper_jax.base.memory import available_cores
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+
+def run_parallel(
+    one: Callable[[A], B], items: Sequence[A], say: Callable[[int], None], workers: int | None = None, alone: int = 1
+) -> list[B]:
+    """`one` of each item, in order.
+
+    Args:
+        say: called with the number of finished items, on the calling thread.
+        workers: number of threads; default: one per core.
+        alone: number of items that run before the others start.
+
+    Raises:
+        The first exception of `one`, in the order of the items; items that have not started are cancelled.
+    """
+    found: list[B] = []
+    with ThreadPoolExecutor(workers or available_cores()) as pool:
+        head = [one(item) for item in items[:alone]]
+        futures = [pool.submit(one, item) for item in items[alone:]]
+        try:
+            for i, value in enumerate([*head, *futures]):
+                found.append(value if i < len(head) else value.result())
+                say(i + 1)
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            raise
+    return found

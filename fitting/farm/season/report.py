@@ -1,0 +1,110 @@
+"""The report of a season: a Markdown page with a picture, a CSV file of the months, and plain values."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+from dropper_jax.base.files import atomic_write
+from dropper_jax.base.markdown import cell, table
+from dropper_jax.base.read import Table
+from dropper_jax.base.toml_text import jsonable
+from dropper_jax.plots import style
+
+COLUMNS = (
+    *("month", "wet_weight_n", "mussels_wet_n", "need_n", "least_need_n", "least", "most", "floats", "change"),
+    *("reserve", "deepest_m", "shallowest_m", "sinking_m", "lifting_m", "holds"),
+)
+
+
+def write_season(found: Table, folder: str | Path) -> dict[str, Path]:
+    """Write season.md, season.csv, season.json and season.png into a folder; returns their paths by name."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return {
+        "picture": draw(found, folder / "season.png"),
+        "csv": atomic_write(folder / "season.csv", _csv(found)),
+        "json": atomic_write(folder / "season.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"),
+        "page": atomic_write(folder / "season.md", page(found)),
+    }
+
+
+def page(found: Table) -> str:
+    """The page's text."""
+    if found["holds"]:
+        verdict = "The schedule holds in every month."
+    else:
+        verdict = "The schedule does not hold: see below."
+    rows = []
+    for row in found["months"]:
+        rows.append(
+            [
+                row["month"],
+                f"{row['wet_weight_n']:.0f}",
+                f"{row['need_n']:.0f}",
+                f"{row['least']} to {row['most']}",
+                str(row["floats"]),
+                f"{row['change']:+d}" if row["change"] else "-",
+                cell(row["reserve"], ".2f"),
+                f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
+                _margin(row["sinking_m"]),
+                _margin(row["lifting_m"]),
+            ]
+        )
+    head = ["month", "wet weight [N]", "to carry [N]", "allowed", "floats", "change", "reserve", "backbone [m]"]
+    parts = [
+        f"# Season: {found['site']}",
+        f"{verdict} Visits: {found['visits']}, floats moved: {found['handled']}. A float lifts "
+        f"{found['lift_n']:.0f} N. The required reserve is {found['wanted_reserve']:g}, and floats carry at least "
+        f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
+        "and currents.",
+        "\n".join(f"- {flag}" for flag in found["flags"]),
+        table([*head, "to sinking [m]", "to lifting [m]"], rows),
+        "![Floats and their bounds](season.png)",
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _margin(value: float | None) -> str:
+    if value is None:
+        return "no limit"
+    return f"{value:+.2f}"
+
+
+def _csv(found: Table) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows(found["months"])
+    return text.getvalue()
+
+
+@style.plot_style()
+def draw(found: Table, path: Path) -> Path:
+    """Floats of each month between their bounds, and the depths of the backbone."""
+    months = found["months"]
+    at = range(len(months))
+    figure = style.new_figure(7.5, 4.6)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    most = max(max(row["floats"], row["least"]) for row in months)
+    top = [max(row["least"], min(row["most"], int(1.5 * most) + 1)) for row in months]
+    upper.fill_between(at, [row["least"] for row in months], top, step="mid", color="#E3E5E8", label="allowed")
+    upper.step(at, [row["floats"] for row in months], where="mid", color=style.FIRST, lw=2, label="floats")
+    upper.set(ylabel="floats", ylim=(0.0, None))
+    upper.locator_params(axis="y", integer=True)
+    upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+    for key, margin, sign, colour in (
+        ("shallowest_m", "lifting_m", -1, style.CYCLE[5]),
+        ("deepest_m", "sinking_m", 1, style.DARK),
+    ):
+        lower.plot(at, [row[key] for row in months], "o-", ms=3.5, color=colour, label=key.removesuffix("_m"))
+        if months[0][margin] is not None:
+            lower.axhline(months[0][key] + sign * months[0][margin], color=colour, lw=1, ls="--", label="its limit")
+    lower.invert_yaxis()
+    # half a name of a month on either side
+    lower.set(ylabel="backbone, depth [m]", xlim=(-0.4, len(months) - 0.6))
+    lower.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
+    lower.set_xticks(list(at), [row["month"] for row in months], rotation=30 if len(months) > 6 else 0)
+    return style.save(figure, path)

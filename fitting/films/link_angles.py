@@ -1,0 +1,79 @@
+"""Angles of links from the nodes' positions, in the thesis' four-quadrant convention, continuous in time.
+
+With x to the left and y upwards, as the thesis counts from the lower right corner of the picture, its (7.1)-(7.4)
+are the four quadrants of one function,
+
+    theta_k = atan2(up, right),    (right, up) = node k + 1 minus node k,
+
+zero for a link that points right, positive counter-clockwise, in (-pi, pi]. The four cases omit links along an axis
+and jump by a full turn. `atan2` covers the former; the latter are removed along time. In the convention of traces
+this is zero=horizontal, sign=-1, unit=rad (the simulator counts positive downwards).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fitting.films.flattening import link_lengths
+from fitting.traces.trace import Convention, Trace
+
+
+def four_quadrant(positions: np.ndarray) -> np.ndarray:
+    """Angles (k, n - 1) [rad] of positions (k, n, 2) (right, up), without jumps of a full turn; first in (-pi, pi]."""
+    link = np.diff(positions, axis=1)
+    return np.unwrap(np.arctan2(link[..., 1], link[..., 0]), axis=0)
+
+
+def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Standard errors (k, n - 1) [rad] from those of the positions (k, n), in the same unit: across the link."""
+    return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(link_lengths(positions), 1e-12)
+
+
+def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Standard errors (k, n - 1) [rad] of the angles, estimated from the errors of the links' lengths.
+
+    An error that moves a node across its link also moves it along the link, where the truth is known: the length is
+    constant. One part of the variance is the scatter of each circle's edge, `fit_error` (k, n), squared: v. The other
+    part, a, is the same for all samples of a link. It follows from the deviations x of its length from its mean,
+
+        sum of (x^2 - v - a)/(v + a)^2 = 0.
+
+    It contains all errors that vary with position and direction: vibration, and residual errors of lens and slant.
+
+    Args:
+        positions: (k, n, 2), in one unit with `fit_error`; seen: (k, n).
+        used: (k, n - 1) valid samples.
+    """
+    link = link_lengths(positions)
+    both = detected[:, 1:] & detected[:, :-1]
+    expected = angle_errors(positions, np.where(detected, fit_error, 0.0))
+    found = np.full(link.shape, np.nan)
+    for j in range(link.shape[1]):
+        good = both[:, j] & used[:, j]
+        # at least ten samples for the scatter of a link
+        good = good if good.sum() >= 10 else both[:, j]
+        if good.sum() < 2:
+            found[:, j] = expected[:, j]
+            continue
+        variance = expected[good, j] ** 2
+        off = (link[good, j] / np.median(link[good, j]) - 1) ** 2
+        more = float(np.mean(off))
+        for _ in range(20):
+            weight = 1 / (variance + max(more, 0.0)) ** 2
+            more = float(np.sum(weight * (off - variance)) / np.sum(weight))
+        # edges that scatter more than the lengths share pixels: the lengths are right
+        if more < 0:
+            scale = max(0.3, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0)))))
+        else:
+            scale = 1.0
+        found[:, j] = np.sqrt((scale * expected[:, j]) ** 2 + max(more, 0.0))
+    return np.where(both, found, np.nan)
+
+
+def to_trace(name: str, t: np.ndarray, positions: np.ndarray, error: np.ndarray, valid: np.ndarray) -> Trace:
+    """The trace of positions (k, n, 2); samples that are not `valid` (k, n - 1) are empty, and so is their `error`.
+
+    The bridged positions keep the angle continuous across a gap; they are not passed on as measurements.
+    """
+    theta = np.where(valid, four_quadrant(positions), np.nan)
+    return Trace(name, t, theta, se=np.where(valid, error, np.nan), convention=Convention("horizontal", -1, "rad"))

@@ -1,0 +1,47 @@
+"""A scene with fitted values, ready to simulate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import ScenePath
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.targets import ModelPlace
+
+
+def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], values: np.ndarray) -> Scene:
+    """The scene with the values (k,) of those parameters that belong to it, without sensors' and cameras'.
+
+    One entry of a number that the scene gives once for all links is written together with the other entries.
+
+    Args:
+        model: the fitted one.
+    """
+    for p, value in zip(parameters, values, strict=True):
+        if scene.branched and p.in_model and p.where.section == "lines":
+            scene = _of_all_lines(scene, p.where, float(value))
+            continue
+        try:
+            scene.value(p.name)
+        except SceneError:
+            if p.in_model:
+                whole = np.asarray(getattr(getattr(model, p.where.section)[p.where.index], p.where.field), float)
+                scene = scene.with_values({ScenePath(p.name).stem: whole.tolist()})
+        else:
+            scene = scene.with_values({p.name: float(value)})
+    return scene
+
+
+def _of_all_lines(scene: Scene, where: ModelPlace, value: float) -> Scene:
+    """The scene with a value of one link, counted among those of all lines, as in the model of a system."""
+    ends = np.cumsum([line.links for line in scene.lines])
+    i = int(np.searchsorted(ends, where.entry or 0, side="right"))
+    line = scene.lines[i]
+    each = np.array(np.broadcast_to(np.asarray(getattr(line, where.field), float), line.links))
+    each[(where.entry or 0) - ends[i]] = value
+    return scene.with_values({f"line.{i}.{where.field}": each.tolist()})

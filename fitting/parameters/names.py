@@ -1,0 +1,100 @@
+"""Names of free parameters: full paths, unique short names, or by default the scene's damping."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import ScenePath
+from dropper_jax.load.scene import Scene
+from dropper_jax.run.build import build_model
+from fitting.parameters.parameter import Bounds, Priors, StartValues, given_effect, paths
+from fitting.parameters.targets import CAMERA, SCALE
+
+#: Damping fields by effect.
+DAMPING = {
+    "linear_damping": ("b_l",),
+    "quadratic_damping": ("b_q",),
+    "joint_friction": ("viscous", "dry"),
+}
+#: Paths of them.
+DAMPING_PATHS = tuple(f"effects.{effect}.{key}" for effect, keys in DAMPING.items() for key in keys)
+
+
+def default_free(scene: Scene) -> list[str]:
+    """The parameters listed in the scene's `[fit] free`, otherwise every damping parameter that it has.
+
+    Raises:
+        SceneError: a scene without damping.
+    """
+    if scene.fit is not None and scene.fit.free:
+        return full_names(scene, scene.fit.free, "fit.free")
+    found = [path for path in DAMPING_PATHS if given_effect(scene, path) is not None]
+    if not found:
+        raise SceneError("free: the scene has no damping to fit. Use --free with paths such as b_l, b_q")
+    return found
+
+
+def default_rig(scene: Scene) -> list[str]:
+    """What a ruler and a hand leave open: a factor of all lengths and the zero of the angles; none if `[fit]` lists
+    what is free, or without weight, which shows the lengths.
+    """
+    if (scene.fit is not None and scene.fit.free) or "weight" not in scene.effects:
+        return []
+    return [SCALE, CAMERA]
+
+
+def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list[str]:
+    """Full paths of names that may be short: `b_l`, `dry`, `dry.1` if only one field has this name.
+
+    Error messages use `option` as their heading.
+    """
+    names = [name.strip() for name in names]
+    known = None
+    if not all(map(_is_full, names)):
+        known = [*paths(build_model(scene)), *scene.parameter_paths]
+    return [name if _is_full(name) else _full(name, known, option) for name in names]
+
+
+def free_option(names: Sequence[str], more: Sequence[str]) -> str:
+    """The option that frees parameters of these names and the paths `more`."""
+    fields = {ScenePath(path).key for path in DAMPING_PATHS}
+    short = [ScenePath(name).key if ScenePath(name).key in fields else name for name in names]
+    return f"--free {','.join(dict.fromkeys([*short, *more]))}"
+
+
+def by_full_path(
+    scene: Scene, start: StartValues | None, bounds: Bounds | None, priors: Priors | None, of_data: Sequence[str] = ()
+) -> list[dict[str, Any]]:
+    """Start values, bounds and priors by full paths; names of the sections `of_data` are full already."""
+    given = (("start", start), ("bounds", bounds), ("prior", priors))
+    found = []
+    for option, values in given:
+        found.append(
+            {
+                name if ScenePath(name).section in of_data else full_names(scene, [name], option)[0]: value
+                for name, value in (values or {}).items()
+            }
+        )
+    return found
+
+
+def _is_full(name: str) -> bool:
+    sections = ("camera", "clock", "marker", "parameters", "release", "rig")
+    return name.count(".") >= 2 or (ScenePath(name).section in sections and "." in name)
+
+
+def _full(name: str, names: Sequence[str], option: str) -> str:
+    if not name:
+        raise SceneError(f"{option}: an empty name; allowed: names of parameters, separated by commas")
+    stem, _, entry = name.partition(".")
+    names = [p for p in names if not p.startswith("line.") or p.split(".")[1].isdecimal()]
+    own = [p for p in names if ScenePath(p).section != "parameters"]
+    found: list[str] = []
+    for group in (own, DAMPING_PATHS, names):
+        found = found or [p for p in group if ScenePath(p).key == stem]
+    if len(found) != 1:
+        short = sorted({ScenePath(p).key for p in [*names, *DAMPING_PATHS]})
+        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(stem, short + names)}")
+    return found[0] + (f".{entry}" if entry else "")

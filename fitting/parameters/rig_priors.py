@@ -1,0 +1,106 @@
+"""Priors of the free parameters from the rig's known numbers (`[fit]` of a scene)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import ScenePath
+from dropper_jax.load.scene import Scene
+from dropper_jax.model import Model
+from dropper_jax.scene import PriorSpec
+from fitting.parameters.names import full_names
+from fitting.parameters.of_scene import find_parameters
+from fitting.parameters.parameter import Parameter, resolve
+
+
+@dataclass(frozen=True)
+class Common:
+    """A prior of a mean relative change: `share . values` is 1 with standard deviation `sigma`."""
+
+    share: np.ndarray
+    sigma: float
+
+
+@dataclass(frozen=True)
+class JointPrior:
+    """Joint prior knowledge of the parameters.
+
+    Attributes:
+        common: priors of several of them.
+        carried: standard deviation of the scale of mass, which traces of angles cannot determine.
+        massive: power of mass in every parameter's unit (k,).
+        doubt: moves of the parameters (k,) by indistinguishable candidates, each one standard deviation.
+    """
+
+    common: tuple[Common, ...] = ()
+    carried: float = 0.0
+    massive: np.ndarray | None = None
+    doubt: tuple[np.ndarray, ...] = ()
+
+    def carried_covariance(self, values: np.ndarray) -> np.ndarray:
+        """Covariance (k, k) of the parameters by `carried` and `doubt`."""
+        moves = [np.zeros(len(values)), *self.doubt]
+        if self.massive is not None and self.carried:
+            moves.append(self.carried * self.massive * values)
+        return np.sum([np.outer(move, move) for move in moves], axis=0)
+
+
+def rig_priors(scene: Scene, model: Model, parameters: Sequence[Parameter]) -> tuple[tuple[Parameter, ...], JointPrior]:
+    """The parameters with the rig's priors, unless the caller gave some, and their joint prior.
+
+    Raises:
+        SceneError: the prior of a number that the scene does not have, or with another unit than the number's.
+    """
+    found = list(parameters)
+    common = []
+    carried = 0.0
+    for i, prior in enumerate([] if scene.fit is None else scene.fit.priors):
+        option = f"fit.prior.{i}.of"
+        known = _resolve_prior(scene, model, prior.of, option)
+        names = {p.name for p in known}
+        mine = [j for j, p in enumerate(found) if p.name in names]
+        if not prior.common:
+            for j in mine:
+                if found[j].prior is None:
+                    found[j] = replace(found[j], prior=(found[j].value, _width(prior, found[j], f"fit.prior.{i}")))
+        elif mine:
+            share = np.zeros(len(found))
+            share[mine] = [1 / (len(mine) * _nonzero(found[j], option)) for j in mine]
+            common.append(Common(share, prior.si[0]))
+        elif all(p.unit == "kg" for p in known):
+            carried = float(np.hypot(carried, prior.si[0]))
+    massive = np.array([float(power_of_mass(p.unit)) for p in found])
+    return tuple(found), JointPrior(tuple(common), carried, massive)
+
+
+def _resolve_prior(scene: Scene, model: Model, of: str, option: str) -> Sequence[Parameter]:
+    """The numbers that a prior applies to: of the model, otherwise of the scene, such as `sea.current.speed`."""
+    name = full_names(scene, [of], option)[0]
+    if ScenePath(name).section in ("point", "line", "effects") and scene.written is None:
+        return resolve(model, [name], option=option)
+    return find_parameters(scene, model, [name], option)
+
+
+def power_of_mass(unit: str) -> int:
+    """1 for a unit proportional to the unit of mass, such as `kg/s` and `N m`; otherwise 0."""
+    above = unit.split("/")[0].split()
+    return int(any(word.split("^")[0] in ("kg", "N", "Pa", "J") for word in above))
+
+
+def _width(prior: PriorSpec, p: Parameter, path: str) -> float:
+    sigma, unit = prior.si
+    if unit == "%":
+        return sigma * abs(_nonzero(p, path))
+    if unit != p.unit:
+        raise SceneError(f"{path}.unit: {prior.unit!r} is not a unit of {p.name!r}; allowed: {p.unit}, %")
+    return sigma
+
+
+def _nonzero(p: Parameter, path: str) -> float:
+    if p.value == 0:
+        raise SceneError(f"{path}: {p.name!r} is 0, which has no relative error; allowed: sigma in {p.unit}")
+    return p.value

@@ -1,0 +1,97 @@
+"""The packaged example: synthetic traces of scenarios A, B and C, fitted jointly from values wrong by a factor 10.
+
+The traces are synthetic: the measured ones of the thesis exist as figures only. `dropper demo` runs it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from dropper_jax import load_scene
+from dropper_jax.base.errors import Progress, part_of, silent
+from fitting.calibration.fit import fit
+from fitting.calibration.result import FitResult
+from fitting.report.report import write_report
+from fitting.traces.synthetic import Camera, synthetic_traces
+from fitting.traces.trace import write_trace
+
+LABEL = "the traces are synthetic: simulated with known damping and artificial noise"
+
+
+@dataclass(frozen=True)
+class Example:
+    """Settings of the synthetic data: scenes, true damping, observation, and error of the start values.
+
+    Attributes:
+        duration: of each trace [s].
+        noise: of the angles [rad].
+        times_off: ratio of start values to true values.
+    """
+
+    scenes: tuple[str, ...] = ("dropper-release-a", "dropper-release-b", "dropper-release-c")
+    b_l: float = 0.002
+    b_q: float = 0.001
+    duration: float = 48.0
+    noise: float = 0.005
+    times_off: float = 10.0
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """True values by path."""
+        return {"effects.linear_damping.b_l": self.b_l, "effects.quadratic_damping.b_q": self.b_q}
+
+    @property
+    def start(self) -> dict[str, float]:
+        """Start values by path."""
+        return {name: self.times_off * value for name, value in self.truth.items()}
+
+
+EXAMPLE = Example()
+
+
+def calibrate_synthetic(
+    folder: str | Path,
+    example: Example = EXAMPLE,
+    method: str = "shooting",
+    progress: Progress | None = None,
+) -> FitResult:
+    """Make the traces, fit them together, write traces and report to `folder`; `method` as in `fitting.fit`."""
+    # fractions of the progress at which the traces are made, and the fit has ended
+    making = 0.4
+    fitted = 0.91
+    say = progress or silent
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    scenes = [load_scene(name).with_values(example.truth) for name in example.scenes]
+    traces = synthetic_traces(
+        scenes,
+        example.duration,
+        Camera(angle_noise=example.noise),
+        progress=part_of(say, 0.0, making),
+    )
+    for trace in traces:
+        write_trace(folder / f"{trace.name}.csv", trace)
+    result = fit(
+        traces,
+        example.scenes[0],
+        list(example.truth),
+        method=method,
+        start=example.start,
+        progress=part_of(say, making, fitted),
+    )
+    result.warnings.insert(0, LABEL)
+    say(fitted, "report")
+    write_report(result, folder)
+    say(1.0, result.status)
+    return result
+
+
+def calibrated_rows(result: FitResult, example: Example) -> list[tuple[str, ...]]:
+    """Truth, start, estimate and 90 % interval of every parameter, with a heading."""
+    u = result.uncertainty
+    rows = [("parameter", "truth", "start", "fitted", "std error", "90 % low", "high", "unit")]
+    for i, p in enumerate(result.parameters):
+        numbers = (example.truth[p.name], p.value, result.values[i], u.std_error[i], u.low[i], u.high[i])
+        rows.append((p.name, *(f"{x:.4g}" for x in numbers), p.unit))
+    return rows

@@ -1,0 +1,130 @@
+"""Noise of a trace: smoothing, single spikes, and the size of the noise from differences of neighbouring samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fitting.traces.trace import FEWEST, Trace
+
+#: Degree of the polynomials through samples that give angles and rates.
+DEGREE = 3
+
+
+def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and rates (N, n) by cubics through `width` samples around each (Savitzky and Golay 1964); at both ends by
+    the last full one."""
+    from scipy.signal import savgol_filter  # noqa: PLC0415 - slow to import
+
+    rates = savgol_filter(theta, width, DEGREE, deriv=1, delta=step, axis=0)
+    return savgol_filter(theta, width, DEGREE, axis=0), rates
+
+
+#: Minimum number of samples of a run.
+FEWEST_SAMPLES = 120
+
+
+def smooth_stretch(
+    trace: Trace, span: tuple[float, float], reach: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Equidistant times (k,), smoothed angles and rates (k, n) of a stretch of a trace; None if it is too short.
+
+    Args:
+        reach: half width of the smoother [s].
+    """
+    part = trace.between(*span)
+    if len(part.t) < FEWEST_SAMPLES:
+        return None
+    t = np.arange(part.t[0], part.t[-1] + 0.5 * part.interval, part.interval)
+    width = 2 * max(2, round(reach / part.interval)) + 1
+    return t, *smooth(part.at(t), width, part.interval)
+
+
+#: The neighbours of a spike deviate half as much.
+ABOVE_NEIGHBOURS = 1.5
+
+
+def without_spikes(trace: Trace) -> Trace:
+    """The trace with isolated outliers marked as missing: they are far from both their neighbours."""
+    theta = trace.theta.copy()
+    for column in theta.T:
+        off = np.abs(column[1:-1] - 0.5 * (column[:-2] + column[2:]))
+        known = off[np.isfinite(off)]
+        near = np.nan_to_num(np.r_[0.0, off, 0.0])
+        # distance of a spike from the mean of its neighbours, in typical distances of all samples
+        far = np.inf
+        if len(known):
+            far = 10.0 * np.median(known) / 0.6745
+        column[1:-1][(off > far) & (off > ABOVE_NEIGHBOURS * np.maximum(near[:-2], near[2:]))] = np.nan
+    return replace(trace, theta=theta)
+
+
+#: Orders of differences tried for the noise; high ones suppress faster motions.
+ORDERS = (3, 4, 6, 8)
+
+
+def noise(trace: Trace) -> np.ndarray:
+    """Standard deviation of the noise of each link (n,) [rad], from differences of high order, robust to outliers.
+
+    It is at least the rounding of the samples. Of several recordings of one motion, that of each one's links in turn.
+    """
+    if trace.recordings:
+        return np.concatenate([noise(one) for one in trace.recordings])
+    if len(trace.t) < FEWEST:
+        return np.full(trace.links, 1e-3)
+    found = noise_by_differences(trace.theta, trace.t)
+    found = np.maximum(np.where(np.isfinite(found), found, 1e-3), 1e-6)
+    return np.maximum(found, [_rounding(column) / np.sqrt(12) for column in trace.theta.T])
+
+
+def noise_by_differences(values: np.ndarray, t: np.ndarray | None = None) -> np.ndarray:
+    """Standard deviation (n,) of white noise on samples (N, n) of a smooth motion; NaN with too few.
+
+    White noise of standard deviation s gives divided differences of unit weights and standard deviation s; those of a
+    smooth motion nearly vanish. The minimum over the orders is used, in the calmest blocks of time, and compared with
+    the result of the same procedure for white noise of known size. Default for the times t (N,): equidistant.
+    """
+    if len(values) <= max(ORDERS):
+        return np.full(values.shape[1], np.nan)
+    t = np.arange(len(values)) if t is None else t
+    white = np.random.default_rng(0).standard_normal((len(values), 16))
+    return _calm_difference(values, t) / float(np.nanmean(_calm_difference(white, t)))
+
+
+#: Frames of a block of differences.
+BLOCK_FRAMES = 24
+#: The calmest blocks determine the noise: links that whip are fast for only part of the time.
+CALMEST = 0.35
+
+
+def _calm_difference(theta: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Size (n,) of the differences in the calmest blocks, the minimum over `ORDERS`; NaN with too few samples."""
+    best = np.full(theta.shape[1], np.nan)
+    for order in ORDERS:
+        x = np.lib.stride_tricks.sliding_window_view(t - t[0], order + 1, axis=0)
+        y = np.lib.stride_tricks.sliding_window_view(theta, order + 1, axis=0)
+        weight = 1 / np.prod(x[:, :, None] - x[:, None] + np.eye(order + 1), axis=2)
+        size = np.abs(np.einsum("kni,ki->kn", y, weight / np.linalg.norm(weight, axis=1, keepdims=True)))
+        median = np.array([_median(block) for block in np.array_split(size, max(1, round(len(size) / BLOCK_FRAMES)))])
+        calm = np.sort(median, axis=0)  # NaN is sorted to the end
+        count = np.maximum(1, np.round(CALMEST * np.isfinite(median).sum(axis=0))).astype(int)
+        best = np.fmin(best, [np.mean(column[:k]) for column, k in zip(calm.T, count, strict=True)])
+    return best
+
+
+def _median(block: np.ndarray) -> np.ndarray:
+    """Medians (n,) of a block's columns; NaN for one with fewer than half of its samples."""
+    enough = np.isfinite(block).sum(axis=0) * 2 >= len(block)
+    found = np.full(block.shape[1], np.nan)
+    if enough.any():
+        found[enough] = np.nanmedian(block[:, enough], axis=0)
+    return found
+
+
+def _rounding(column: np.ndarray) -> float:
+    """Minimum difference [rad] that the sensor resolves: of the sorted values; nearly zero for unrounded ones."""
+    steps = np.diff(np.unique(column[np.isfinite(column)]))
+    if (steps > 1e-9).any():
+        return float(np.min(steps[steps > 1e-9], initial=np.inf))
+    return 0.0

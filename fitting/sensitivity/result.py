@@ -214,7 +214,7 @@ def local_text(found: Local) -> str:
         columns["error of dQ/dp"] = _cells(found, found.error, ".2g", "")
     if found.unclear:
         columns["status"] = [status.replace("_", " ") for status in found.slope_status]
-    if found.window is not None:
+    if found.window_mean is not None and found.window_error is not None:
         columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
         columns["std error"] = [f"{x:.2g}" for x in found.window_error]
     rows = [list(columns), *([column[i] for column in columns.values()] for i in order)]

@@ -199,7 +199,7 @@ def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) ->
             "deviation_n": float(run.deviation[link]),
             "deviation_error_n": factor * _difference(run.deviation, other.deviation, line.links, link),
             "maximum_n": float(run.top[link]),
-            "maximum_error_n": _difference(run.top, other.top, line.links, link),
+            "maximum_error_n": float(abs(run.top[link] - other.top[link])),
         }
 
 

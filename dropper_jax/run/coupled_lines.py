@@ -112,7 +112,7 @@ class CoupledLines:
         positions, rates, bends = (jnp.stack(both) for both in zip(since, to, strict=True))
         if self._motion.accelerations is None:
             bends = None
-        values = {"begin": jnp.asarray(t, rates.dtype), "width": jnp.asarray(dt, rates.dtype), "places": positions}
+        values = {"begin": jnp.asarray(t, rates.dtype), "width": jnp.asarray(dt, rates.dtype), "positions": positions}
         motion = replace(self._motion, velocities=rates, accelerations=bends, **values)
         return replace(self, model=replace(self.model, effects=(*self.model.effects[:-1], motion)))
 

@@ -200,6 +200,7 @@ def test_run_prints_one_object_and_writes_what_was_asked(tmp_path, capsys):
 ELASTIC = ["--set", "line.0.axial.law=elastic", "--set", "line.0.axial.EA=50.0", "--set", "line.0.axial.damping=0.05"]
 
 
+@pytest.mark.check
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "more",
@@ -350,6 +351,7 @@ def test_a_reader_that_stops_early_is_no_error() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.check
 def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text(GOOD, encoding="utf-8")

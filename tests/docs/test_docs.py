@@ -47,6 +47,7 @@ def run_page(page, folder, monkeypatch, heading=""):
     return names
 
 
+@pytest.mark.check
 @pytest.mark.slow
 def test_the_section_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypatch, registry, capsys):
     names = run_page("python.md", tmp_path, monkeypatch, "## Add an effect")

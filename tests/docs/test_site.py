@@ -22,6 +22,9 @@ from dropper_jax.base.toml_text import prose
 from dropper_jax.cli import find_commands
 from dropper_jax.effects import EFFECTS
 
+#: The site takes 15 s to build, and no change of the packages breaks it unless a page or a docstring changes.
+pytestmark = pytest.mark.check
+
 ROOT = Path(__file__).parents[2]
 
 

@@ -85,7 +85,7 @@ def test_steps_of_some_links_are_drawn_by_their_numbers(tmp_path, monkeypatch):
     found |= {"polar": np.c_[rows, rows, rows[:, :1]], "azimuth": None}
     drawn = []
     monkeypatch.setattr(source_figures, "_compared_steps", lambda *_: [found])
-    monkeypatch.setattr(source_figures.pictures, "marks", lambda link: drawn.append(link) or {"marker": "o"})
+    monkeypatch.setattr(source_figures.accuracy_pictures, "marks", lambda link: drawn.append(link) or {"marker": "o"})
     (file,) = draw_figure(figure_of("thesis-C.2"), [], tmp_path / "steps.png")
     assert file.stat().st_size > 10_000
     assert drawn == [0, 1, 2, 3]  # links 4 to 7

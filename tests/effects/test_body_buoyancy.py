@@ -103,6 +103,7 @@ def test_metacentric_height_of_a_flat_cylinder(afloat):
     assert righting(scene) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.check
 def test_metacentric_heights_of_a_lying_drum(afloat):
     """Half under water: across GM = a - KG from the axis (its sections are circles), along BM = I_y/V."""
     radius, length, below = 0.5, 2.0, 0.1

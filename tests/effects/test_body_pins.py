@@ -59,6 +59,7 @@ def test_a_pinned_arm_swings_as_a_compound_pendulum_about_its_pin():
     np.testing.assert_allclose(solution.body("arm")["body_position"], [[1.0, 2.0, 3.0]] * len(solution.t), atol=1e-9)
 
 
+@pytest.mark.check
 def test_a_pinned_body_hangs_below_its_pin_and_has_three_modes_of_the_closed_form():
     model = build_model(dj.load_scene(pendulum(0.5) | {"start": {"kind": "static"}}))
     pose = equilibrium(model)

@@ -85,6 +85,7 @@ def test_a_cantilever_that_is_shaken_and_turned_follows_its_modes(shaken):
     assert np.max(np.abs(shaken.positions[:, -1, 2] - exact)) < 4e-3 * np.max(np.abs(exact))
 
 
+@pytest.mark.check
 def test_its_moment_at_the_wall_is_that_of_the_bent_rod(shaken):
     """The moment of the inertia of the whole rod about the wall, from the heights of its nodes."""
     every = 10

@@ -31,6 +31,7 @@ def rod(links=LINKS, dt=0.005, duration=0.6, system=False, **torsion):
     }
 
 
+@pytest.mark.check
 def test_a_moment_twists_a_rod_by_t_l_over_gj():
     solution = dj.simulate(rod(torque=MOMENT, duration=0.1))
     assert solution.status == "ok"

@@ -1,6 +1,6 @@
 """Damaged files of every kind: each is read or refused in one line, without a traceback, a hang or a silent NaN.
 
-30 files by default; `make fuzz` and `make check` set FUZZ_FILES.
+15 files by default; `make fuzz` and `make check` set FUZZ_FILES.
 """
 
 import json
@@ -14,7 +14,7 @@ import pytest
 for package in ("xarray", "h5netcdf", "zarr", "cv2"):
     pytest.importorskip(package)
 
-FILES = int(os.environ.get("FUZZ_FILES", "30"))
+FILES = int(os.environ.get("FUZZ_FILES", "15"))
 #: More files than the default are others each time; the seed is told where one fails.
 SEED = 1 if FILES <= 60 else int.from_bytes(os.urandom(3))
 

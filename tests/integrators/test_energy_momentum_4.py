@@ -16,6 +16,7 @@ def test_it_follows_lagranges_equations_to_a_micrometre(motion_error, name):
     assert motion_error("energy_momentum_4", name, 10_000) < 1e-6
 
 
+@pytest.mark.check
 def test_on_lines_that_stretch_it_has_its_order():
     x = np.linspace(0.0, 3.0, 5)
     nodes = np.stack([x, 0.1 * x, -0.4 * np.sin(np.pi * x / 3.0)], axis=1)

@@ -61,6 +61,7 @@ def statics_of_moordyn(path: Path) -> list[np.ndarray]:
     return found
 
 
+@pytest.mark.check
 @pytest.mark.slow
 @pytest.mark.parametrize("name", INPUTS)
 def test_static_tensions_are_those_of_moordyn_within_one_percent(name, deck):

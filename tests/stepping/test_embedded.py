@@ -224,6 +224,7 @@ def test_an_accuracy_is_the_tolerance_of_a_step():
     assert runs[0].settings["steps"] < runs[1].settings["steps"]
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_damping_that_holds_the_steps_is_named_with_what_to_take(scheme):
     scene = dj.load_scene(PENDULUM).with_values({"effects.linear_damping.b_l": 300.0})

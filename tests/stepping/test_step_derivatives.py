@@ -93,7 +93,7 @@ CASES = {
     "rk4, breaking system": (BREAKING, "rk4", {}),
 }
 #: What `make test` takes of them; `make check` takes all.
-OFTEN = ("energy_momentum", "energy_momentum, system", "rattle")
+OFTEN = ("energy_momentum", "rattle")
 
 
 def cases(*names, often=OFTEN):

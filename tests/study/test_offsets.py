@@ -88,6 +88,7 @@ def called(*words):
     return command.run(parser.parse_args(["chains.toml", "--quiet", *words]))
 
 
+@pytest.mark.check
 def test_command_prints_writes_and_draws_the_curves(tmp_path, capsys, monkeypatch, curves):
     monkeypatch.setattr(command, "read_scene", lambda args: dj.load_scene(CHAINS))
     words = ["--points", "middle", "--direction", "0:360:90", "--distance", "0:4:2"]

@@ -66,6 +66,7 @@ def test_a_rig_that_swings_is_never_said_to_rest(two, ready, motion, how):
     assert not [line for line in ready(trace, **options).warnings if "rest" in line]
 
 
+@pytest.mark.check
 def test_a_pose_held_before_the_release_is_found_and_is_no_part_of_the_fit(two, ready, motion):
     """Two seconds held by hand before the release: the fit and its errors are those of the motion alone."""
     t, phi = motion

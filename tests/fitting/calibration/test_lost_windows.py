@@ -14,7 +14,7 @@ from fitting.calibration.lost_windows import lost_windows, recover_windows, with
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.windows import Starts, fill
 
-pytestmark = pytest.mark.usefixtures("optimised")
+pytestmark = [pytest.mark.usefixtures("optimised"), pytest.mark.check]
 NAMES = ("effects.linear_damping.b_l", "effects.quadratic_damping.b_q")
 TRUTH, NOISE, RATE = np.array([0.0015, 0.001]), 0.004, 100.0
 
@@ -59,7 +59,6 @@ def result(trace, prepared):
     return fit_by(prepared.simulator, [trace], rig(), 5 * TRUTH)
 
 
-@pytest.mark.check
 def test_the_fit_of_a_lifted_dropper_finds_its_damping(result):
     assert result.status == "ok"
     assert np.all(np.abs(result.values - TRUTH) < 3.5 * result.uncertainty.std_error)
@@ -163,7 +162,6 @@ def swapped(trace):
     return replace(trace, theta=theta)
 
 
-@pytest.mark.check
 def test_a_stretch_that_no_start_explains_is_left_out_and_listed(swapped, prepared):
     result = fit_by(prepared.simulator, [swapped], rig(), 2 * TRUTH)
     table = result.to_json()
@@ -174,7 +172,6 @@ def test_a_stretch_that_no_start_explains_is_left_out_and_listed(swapped, prepar
     assert np.all(np.abs(result.values - TRUTH) < 4 * result.uncertainty.std_error)
 
 
-@pytest.mark.check
 def test_a_model_that_misses_its_trace_is_no_ok_until_its_error_is_stated(trace):
     heavy = {"mass": [0.02, 0.02, 0.025, 0.02]}
     missed = fit_by(None, [trace], rig(**heavy), TRUTH)
@@ -186,7 +183,6 @@ def test_a_model_that_misses_its_trace_is_no_ok_until_its_error_is_stated(trace)
     assert stated.chi2_per_dof < 2
 
 
-@pytest.mark.check
 def test_angles_of_a_run_are_explained_up_to_the_error_of_its_step(tmp_path, prepared):
     path = write_angles(simulate(rig(), save_every=5, companion="coarser"), tmp_path / "angles.csv")
     result = fit_by(prepared.simulator, [path], rig(), 2 * TRUTH)

@@ -215,6 +215,7 @@ def test_outliers_pull_a_fit_by_students_loss_less_and_are_named(two, ready, mot
     assert off[np.argmin(np.abs(trace.t - float(named[2]))), int(named[1])]
 
 
+@pytest.mark.check
 def test_held_out_spans_are_scored_by_the_same_windows_however_the_fit_is_cut(rods, two, ready, motion):
     """Shorter windows of the fit alone must not lower the score; the span itself is cut where errors grow too far."""
     trace = two.seen(motion, 6)

@@ -130,6 +130,7 @@ def test_what_a_user_can_mend_is_one_line_and_exit_code_2(files, capsys, more, w
     assert words in lines[0]
 
 
+@pytest.mark.check
 @pytest.mark.slow
 def test_a_gradient_fit_lists_its_descent_and_draws_it(files, capsys):
     options = ["--method", "gradient", "--optimizer", "adam", "--learning-rate", "0.4", "--steps", "80", "--until", "8"]

@@ -35,6 +35,7 @@ def test_point_masses_keep_their_lengths_and_swing_as_a_pendulum_does(films):
     np.testing.assert_allclose(np.linalg.norm(np.diff(loop, axis=1), axis=-1), 0.1, atol=1e-8)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     "name",
     [pytest.param("loop, post in the first second", marks=pytest.mark.check), "loop, first circles missing"],

@@ -109,6 +109,7 @@ def test_scores_are_those_of_sines():
     assert part_ends(t, None) == pytest.approx((2.4, 5.0, 10.0))
 
 
+@pytest.mark.check
 def test_the_command_prints_scores_and_draws_them(scene, truth, scored, tmp_path, capsys):
     found, file = scored(3), write_trace(tmp_path / "truth.csv", truth(3))
     (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))

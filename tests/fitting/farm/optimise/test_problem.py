@@ -182,6 +182,7 @@ def test_capacities_that_are_the_scene_s_follow_the_design(site):
     np.testing.assert_allclose(slope[0] * design.start, [legs, 2 * legs, floats], rtol=1e-4)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize("characteristic", ["mean", "most_probable"])
 def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characteristic, monkeypatch):
     design = read_problem(changed(run={**SITE["run"], "seeds": 4, "characteristic": characteristic}))

@@ -84,6 +84,12 @@ SHORT: dict[str, list[tuple[str, str | None]]] = {
         ("[0.0, 0.5]", "[0.0]"),
         ('dj.load_scene("longline-rows")', 'dj.load_scene("longline-rows").with_values({"parameters.columns": 1})'),
     ],
+    "11-winch-in-a-storm": [
+        ("DT, SECONDS = 0.05, 60.0", "DT, SECONDS = 0.05, 22.0"),
+        ("for seed in (4, 5, 6)]", "for seed in (4,)]"),
+        ("STEPS = 24", "STEPS = 1"),
+        ("for seed in (4, 5, 6, 7, 8, 9, 10):", "for seed in (4, 7, 8, 9):"),
+    ],
 }
 
 

@@ -209,7 +209,7 @@ ELASTIC = ["--set", "line.0.axial.law=elastic", "--set", "line.0.axial.EA=50.0",
         pytest.param(["--integrator", "rattle", "--dt", "0.004"], marks=pytest.mark.check),
         ["--integrator", "theta_midpoint", "--gamma", "0.6", "--solver", "dense"],
         ["--integrator", "rk4", "--dt", "0.001", *ELASTIC],
-        pytest.param(["--dtype", "float32", "--set", "run.save_every=5"], marks=pytest.mark.check),
+        pytest.param(["--dtype", "float32", "--set", "run.save_interval=0.05"], marks=pytest.mark.check),
     ],
 )
 def test_rerun_from_provenance_gives_the_same_numbers_to_the_bit(tmp_path, capsys, more):

@@ -176,7 +176,7 @@ def _tensions(rows: Trajectory, beside: Any) -> Tensions:
         top = rows.tension
     else:
         top = rows.extremes.largest[:, :links]
-    return Tensions(np.mean(rows.tension, axis=0), np.mean(square, axis=0), np.max(top, axis=0))
+    return Tensions(*map(np.asarray, (np.mean(rows.tension, axis=0), np.mean(square, axis=0), np.max(top, axis=0))))
 
 
 def _weighted(parts: list[tuple[int, Tensions]]) -> Tensions:
@@ -189,25 +189,40 @@ def _weighted(parts: list[tuple[int, Tensions]]) -> Tensions:
 
 def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) -> Iterator[dict[str, Any]]:
     run, other = both
-    for line in whole_lines(solution.scene):
-        link = line.links.start + int(np.argmax(run.top[line.links]))
+    lines = list(whole_lines(solution.scene))
+    along = [line.links for line in lines]
+    links = np.array([one.start + int(np.argmax(run.top[one])) for one in along])
+    size = np.abs(run.mean[links]) + run.deviation[links]
+    size = np.maximum(size, max(SMALL_TENSION * float(np.max(run.top)), np.finfo(float).tiny))
+    means = _differences(run.mean - other.mean, along, links, size)
+    deviations = _differences(run.deviation - other.deviation, along, links, size)
+    for i, (line, link) in enumerate(zip(lines, links, strict=True)):
         yield {
             "line": line.name,
-            "link": link - line.links.start + 1,
+            "link": int(link) - line.links.start + 1,
             "mean_n": float(run.mean[link]),
-            "mean_error_n": factor * _difference(run.mean, other.mean, line.links, link),
+            "mean_error_n": factor * float(means[i]),
             "deviation_n": float(run.deviation[link]),
-            "deviation_error_n": factor * _difference(run.deviation, other.deviation, line.links, link),
+            "deviation_error_n": factor * float(deviations[i]),
             "maximum_n": float(run.top[link]),
             "maximum_error_n": float(abs(run.top[link] - other.top[link])),
         }
 
 
-def _difference(run: np.ndarray, other: np.ndarray, links: slice, link: int) -> float:
-    """Difference [N] of two runs at a link, at least the RMS over the links of its line: that of one link may vanish by
-    chance."""
-    apart = np.abs(run - other)
-    return float(max(apart[link], np.sqrt(np.mean(apart[links] ** 2))))
+def _differences(apart: np.ndarray, along: list[slice], links: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Difference (lines,) [N] of two runs at a link of each line.
+
+    That of one link may vanish by chance: it is at least the RMS over the links of its line, and as a fraction of the
+    tension at least the RMS over the lines.
+
+    Args:
+        apart: differences (n,) [N] at all links.
+        along, links: links of each line, and the one that counts.
+        size: tension (lines,) [N] of that one.
+    """
+    over_line = [np.sqrt(np.mean(apart[one] ** 2)) for one in along]
+    fraction = np.maximum(np.abs(apart[links]), over_line) / size
+    return size * np.maximum(fraction, np.sqrt(np.mean(fraction**2)))
 
 
 def finer_values(run: RunSpec) -> dict[str, float]:

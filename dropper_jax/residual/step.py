@@ -80,7 +80,8 @@ class Newton:
         least: minimum number of corrections. With 0 a guess below the tolerance is left alone.
         renew: the matrix is taken again if a correction leaves more than this fraction of the rows, or of the tolerance
             where that is larger; 0: every time.
-        shortened: how often in turn a correction is halved that does not make the rows smaller.
+        shortened: how often in turn a correction is halved that does not make the rows smaller. The second half of
+            `iterations` is full corrections: a link that changes between slack and taut may make rows larger first.
     """
 
     solver: Solver | None
@@ -203,7 +204,8 @@ def correct_until_enough(
         after = Corrections(u, rows, largest_row(rows, scale), c.now, c.count + 1, jnp.zeros_like(c.halved), c.filtered)
         if not method.shortened:
             return after
-        worse = ~((after.now < c.now) | (after.now <= tolerance)) & (c.halved < method.shortened)
+        may_shorten = (c.halved < method.shortened) & (2 * c.count < method.iterations)
+        worse = may_shorten & ~((after.now < c.now) | (after.now <= tolerance))
         shorter = c._replace(count=c.count + 1, halved=c.halved + 1)
         return jax.tree.map(partial(jnp.where, worse), shorter, after)
 

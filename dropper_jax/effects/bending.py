@@ -152,11 +152,14 @@ class Bending(Effect):
         return jnp.sum(stiffness * dot(bend, bend))
 
 
-def common_ends(pair: tuple[str, str], ends: Mapping[str, tuple[Any, Any]]) -> tuple[int, int]:
+def common_ends(
+    pair: tuple[str, str], ends: Mapping[str, tuple[Any, Any]], path: str = "effects.bending.joined"
+) -> tuple[int, int]:
     """0 for the first end of each of two lines, 1 for its last, at their common point.
 
     Args:
         ends: first and last point of lines by name.
+        path: of the pair in the scene.
 
     Raises:
         SceneError: no common point, or two of them.
@@ -164,7 +167,5 @@ def common_ends(pair: tuple[str, str], ends: Mapping[str, tuple[Any, Any]]) -> t
     first, second = (ends[name] for name in pair)
     found = [(i, j) for i in (0, 1) for j in (0, 1) if first[i] == second[j]]
     if pair[0] == pair[1] or len(found) != 1:
-        raise SceneError(
-            f"effects.bending.joined: {pair[0]!r} and {pair[1]!r} do not meet in one point; allowed: two lines that do"
-        )
+        raise SceneError(f"{path}: {pair[0]!r} and {pair[1]!r} do not meet in one point; allowed: two lines that do")
     return found[0]

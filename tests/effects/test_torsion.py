@@ -1,5 +1,6 @@
 """Twist of rods against closed forms, and the tension it brings."""
 
+import re
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -148,3 +149,70 @@ def test_derivatives_are_those_of_differences_both_ways(both_modes):
 def test_what_makes_no_sense_is_refused(more, told):
     with pytest.raises(SceneError, match=told):
         Scene.from_dict(rod(**more))
+
+
+def two_pieces(turned_round, pairs=True, **torsion):
+    """The hanging rod in two lines of 3 and 5 links; `turned_round`: the second line runs upwards."""
+    law = {"EA": EA, "law": "elastic", "damping": 200.0}
+    own = {"mass": 0.1 * LENGTH / 8, "length": LENGTH / 8, "diameter": 0.02, "axial": law}
+    ends = {"from": "b", "to": "middle"} if turned_round else {"from": "middle", "to": "b"}
+    points = [
+        {"name": "a", "position": [0.0, 0.0, 0.0]},
+        {"name": "middle", "position": [0.0, 0.0, -LENGTH * 3 / 8], "kind": "free"},
+        {"name": "b", "position": [0.0, 0.0, -LENGTH], "kind": "free", "mass": MASS},
+    ]
+    pair = {"joined": [["upper", "lower"]]} if pairs else {}
+    torsion = {"GJ": GJ, "polar_inertia": POLAR, **pair, **torsion}
+    return {
+        "run": {"dt": 0.005, "duration": 0.2},
+        "point": points,
+        "line": [
+            {"name": "upper", "from": "a", "to": "middle", "links": 3, **own},
+            {"name": "lower", **ends, "links": 5, **own},
+        ],
+        "effects": {"weight": {}, "torsion": torsion},
+    }
+
+
+def test_joined_lines_twist_as_one_rod():
+    both = dj.simulate(two_pieces(False, torque=MOMENT, begins="untwisted", damping=0.01, coupling=COUPLING))
+    one = dj.simulate(
+        rod(links=8, duration=0.2, system=True, torque=MOMENT, begins="untwisted", damping=0.01, coupling=COUPLING)
+    )
+    assert both.status == one.status == "ok"
+    np.testing.assert_allclose(np.delete(both.twist, 4, axis=1), one.twist, atol=1e-9)
+    np.testing.assert_allclose(both.torque, one.torque, atol=1e-7)
+    assert np.ptp(one.twist[:, -1]) > 0.1
+
+
+def test_a_joined_line_that_runs_the_other_way_passes_the_same_torque():
+    scene = two_pieces(True, last="held", first="held", turn=0.0, coupling=COUPLING, torque=0.0)
+    scene["line"][0] |= {"from": "middle", "to": "a"}  # last points: the rod's upper end, and `middle`
+    scene["effects"]["torsion"] |= {"turn": 0.5}
+    run = dj.simulate(scene)
+    straight = dj.simulate(two_pieces(False, last="held", turn=0.5, coupling=COUPLING))
+    # turned by 0.5 about the upward axis at the top, or about the downward one at the bottom: the same twist
+    np.testing.assert_allclose(run.torque[:, 2::-1], straight.torque[:, :3], rtol=1e-9)
+    np.testing.assert_allclose(run.torque[:, :2:-1], straight.torque[:, 3:], rtol=1e-9)
+
+
+def test_lines_that_are_not_joined_pass_no_torque():
+    apart = dj.simulate(two_pieces(False, pairs=False, torque=MOMENT))
+    np.testing.assert_allclose(apart.torque[-1], MOMENT, rtol=1e-9)  # each has the moment at its own last point
+    shared = dj.simulate(two_pieces(False, torque=MOMENT))
+    np.testing.assert_allclose(shared.twist[-1, -1], MOMENT * LENGTH / GJ, rtol=1e-9)
+    np.testing.assert_allclose(apart.twist[-1, -1], MOMENT * LENGTH * 5 / 8 / GJ, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"joined": [["upper", "lover"]]}, "joined.0: 'lover' is not a line with torsion"),
+        ({"joined": [["upper", "lower"], ["lower", "upper"]]}, "joined.1: 'lower' is joined to another line"),
+        ({"joined": [["upper", "lower"]], "first": "free"}, "lets lines spin freely (upper, lower)"),
+        ({"joined": [["upper", "lower"]], "lines": ["upper"]}, "'lower' is not a line with torsion"),
+    ],
+)
+def test_pairs_that_cannot_twist_as_one_are_refused(change, words):
+    with pytest.raises(SceneError, match=re.escape(words)):
+        dj.build(two_pieces(False, **change))

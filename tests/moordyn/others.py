@@ -19,8 +19,8 @@ import numpy as np
 DECKS = Path(__file__).parent / "decks"
 #: Time [s] in which MoorDyn's lines come to rest, after its own search for a start.
 REST = 60.0
-#: A nearly weightless rope in a current takes longer.
-LONGER = {"current.txt": 300.0}
+#: A nearly weightless rope in a current and a cable in a lazy wave take longer.
+LONGER = {"current.txt": 300.0, "lazy_wave_cable.txt": 600.0}
 #: Depth [m] of the deck that has none.
 DEPTH = 30.0
 BESIDE = ("rope_table.dat", "sloped_bed.bath", "current_profile.txt")

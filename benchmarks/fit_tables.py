@@ -58,6 +58,39 @@ def sensor_plan(found: Found) -> Rows:
     )
 
 
+@table_of("flume_test")
+def flume_test(found: Found) -> Rows:
+    """Drag and added mass of a dropper from a test in waves: their means, scatter, errors and intervals."""
+    rows = found["rows"]
+    values, errors, inside = (np.array([row[key] for row in rows]) for key in ("values", "std_errors", "inside"))
+    planned = found["planned"][-1]["errors"]
+    cells = []
+    for i, (name, truth) in enumerate(found["truth"].items()):
+        cells.append(
+            {
+                "name": name,
+                "truth": truth,
+                "exact": found["exact"]["values"][i],
+                "mean": np.mean(values[:, i]),
+                "scatter": np.std(values[:, i], ddof=1),
+                "error": np.median(errors[:, i]),
+                "planned": planned[i],
+                "inside": f"{np.sum(inside[:, i])} of {len(rows)}",
+            }
+        )
+    return columns(
+        cells,
+        ("value", "`{name}`"),
+        ("true, in MoorDyn", "{truth}"),
+        ("fitted, no noise", "{exact:.4f}"),
+        ("mean", "{mean:.4f}"),
+        ("scatter", "{scatter:.4f}"),
+        ("standard error, median", "{error:.4f}"),
+        ("planned error", "{planned:.4f}"),
+        ("intervals of 90 % that hold the truth", "{inside}"),
+    )
+
+
 #: Faults that leave one coefficient without a true value.
 OTHER_LAW = ("only_linear", "only_quadratic")
 

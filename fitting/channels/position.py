@@ -10,6 +10,10 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.scene import SceneData, WholeLine, whole_lines
 
 
+#: Relative rounding of a line's length, which is a sum of links.
+ROUNDING = 1e-9
+
+
 class Node(NamedTuple):
     """A position between nodes `first` and `second` of all nodes, at the fraction `share` [-]."""
 
@@ -123,7 +127,7 @@ def _end(end: str, first: int, last: int, path: str) -> int:
 
 
 def _inside(at: float, length: float, line: str, path: str) -> None:
-    if not 0 <= at <= length:
+    if not 0 <= at <= length * (1.0 + ROUNDING):
         raise SceneError(f"{path}.at: {at:g} m is outside line {line!r}; allowed: 0 to {length:g} m")
 
 

@@ -108,11 +108,12 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 def how(run: Run) -> tuple[str, str]:
     """Integrator, step and, if the run failed, its status, and the colour of this text."""
-    text = run.integrator
-    if run.accuracy is not None:
-        text = f"{text}, accuracy {run.accuracy:g}"
-    elif run.dt:  # an equilibrium has no step
-        text = f"{text}, dt = {run.dt:g} s"
+    used = run.settings
+    text = used["integrator"]
+    if used.get("accuracy") is not None:
+        text = f"{text}, accuracy {used['accuracy']:g}"
+    elif used["dt"]:  # an equilibrium has no step
+        text = f"{text}, dt = {used['dt']:g} s"
     if run.status == "ok":
         return (text, FAINT)
     return (f"{text}, ended with {run.status}", ALERT)
@@ -121,7 +122,7 @@ def how(run: Run) -> tuple[str, str]:
 def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     """Write the figure with its title, and integrator and step at the bottom."""
     text, colour = how(run)
-    figure.suptitle(f"{run.name}: {what}", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    figure.suptitle(f"{run.scene.name}: {what}", fontsize=12, fontweight="bold", x=0.01, ha="left")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
     # one line of text at the bottom and one at the top, for any height of the figure
     foot = 0.17 / figure.get_figheight()

@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style, view
-from dropper_jax.plots.run import SIDES, Bodies, Run
+from dropper_jax.plots.run import SIDES, Bodies, Run, elevations
 
 COLOUR = style.CYCLE[4]
 EDGE = "#A87400"
@@ -135,7 +135,7 @@ def right_of(axes: Axes, flat: bool) -> np.ndarray:
 
 def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> np.ndarray | None:
     """The surface (k, lines, points, 3) [m] at times (k,): a line in a plane, a net in space; None without water."""
-    if run.surface is None:
+    if run.scene.sea is None:
         return None
     x = np.linspace(*box[0], 161)
     y = np.linspace(*box[1], 161)
@@ -147,7 +147,7 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
         along = [np.stack([np.full_like(y, one), y, np.zeros_like(y)], axis=-1) for one in rows]
         lines = np.stack(along + [np.stack([x, np.full_like(x, one), np.zeros_like(x)], axis=-1) for one in columns])
     found = np.tile(lines, (len(times), 1, 1, 1))
-    found[..., 2] = run.surface(lines.reshape(-1, 3), times).reshape(found.shape[:-1])
+    found[..., 2] = elevations(run.scene, lines.reshape(-1, 3), times).reshape(found.shape[:-1])
     return found
 
 

@@ -182,7 +182,7 @@ def response(run: Run, scene: Scene, path: str | Path) -> Path:
 
     It is the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
-    angles = run.angles()
+    angles = run.angles
     index = _lively(run)
     eta = elevations(scene, np.zeros((1, 3)), run.t)[:, 0]
     turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from dropper_jax import plots
 from dropper_jax.base.markdown import first_names
+from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.plots import style, view
+from dropper_jax.run.samples import Samples
 from dropper_jax.scene import line_slices
 from dropper_jax.statics import Equilibrium
 from dropper_jax.statics.modes import Modes
@@ -23,7 +23,7 @@ from dropper_jax.statics.modes import Modes
 def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
     """The equilibrium, with links coloured by tension [N]."""
     once = np.zeros(1)
-    solution = SimpleNamespace(
+    solution = Samples(
         scene=scene,
         settings={"integrator": "static pose", "dt": 0.0},
         status=found.status,
@@ -31,15 +31,12 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
         positions=np.asarray(found.positions)[None],
         velocities=np.zeros((1, *np.shape(found.positions))),
         tension=np.asarray(found.tension)[None],
-        tension_min=None,
-        tension_max=None,
         t_tension=once,
         kinetic=once,
         potential=once,
         work=np.zeros((1, 0)),
         work_names=(),
-        lines=line_slices(scene),
-        body_position=None,
+        step_status=once,
     )
     return plots.snapshot(solution, path)
 
@@ -87,7 +84,7 @@ def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
 
 
 @style.plot_style()
-def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+def responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Amplitude, mean and phase of the first link over the period of the waves; dashed, in waves that are 10 %
     higher."""
     figure = style.new_figure(7.5, 6.2)
@@ -113,7 +110,7 @@ def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Pa
 
 
 @style.plot_style()
-def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+def mussels(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Layer and wet weight over depth, a curve for each month, a column for each rope.
 
     Dashes: below the last depth of the table values are constant.
@@ -146,7 +143,7 @@ def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path
 
 
 @style.plot_style()
-def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Current, level, excursion and force on the fixed points through a cycle."""
     figure = style.new_figure(7.5, 6.2)
     water, moved, tension = figure.subplots(3, 1, sharex=True)
@@ -167,7 +164,7 @@ def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
 MARKERS = "osD^v<>PX*hp"
 
 
-def marks(index: int) -> dict[str, Any]:
+def marks(index: int) -> Table:
     """Colour, marker and dash of a series by number, all different."""
     colours = style.CYCLE
     dash = ("-", "--", ":")[index // len(colours) % 3]
@@ -175,7 +172,7 @@ def marks(index: int) -> dict[str, Any]:
 
 
 @style.plot_style()
-def costs(report: dict[str, Any], path: str | Path) -> Path:
+def costs(report: Table, path: str | Path) -> Path:
     """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
     rows = report["rows"]
     figure = style.new_figure(11.0, 1.6 + 0.42 * len(rows))
@@ -206,7 +203,7 @@ def save_titled(figure: Figure, text: str, path: str | Path) -> Path:
 
 
 @style.plot_style()
-def offsets(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+def offsets(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Restoring force and maximum tension over the offset, a curve for each direction."""
     figure = style.new_figure(9.5, 4.4)
     restoring, tension = figure.subplots(1, 2, sharex=True)

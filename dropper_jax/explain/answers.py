@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.explain.catenary import Hanging, Shape, hanging_length, offset_until_uplift, solve
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.run.build import build_model, equilibrium
@@ -319,8 +320,8 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
     return found
 
 
-def _worn_values(scene: Scene) -> dict[str, Any]:
-    values: dict[str, Any] = {}
+def _worn_values(scene: Scene) -> Table:
+    values: Table = {}
     for i, line in enumerate(scene.lines):
         values[f"line.{i}.mass"] = (WORN**2 * line.mass).tolist()
         values[f"line.{i}.axial.EA"] = (WORN**2 * _stiffness_of(line)).tolist()

@@ -21,7 +21,7 @@ from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.simulate import Solution
-from dropper_jax.scene import BuoySpec, whole_lines
+from dropper_jax.scene import BuoySpec, sliced_lines, whole_lines
 from dropper_jax.scene.data import point_nodes
 
 NO_COEFFICIENTS = {"skipped": "the scene has no flow-dependent coefficients"}
@@ -223,9 +223,9 @@ def line_bending(record: Record) -> list[Table]:
     moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))
     summary = bending_summary(scene, record.t, kappa, moment)
     found = []
-    for line, where in zip(scene.lines, record.lines, strict=True):
+    for line, where in sliced_lines(scene):
         own = moment[:, where.nodes]
-        along = {"length_m": np.concatenate([[0.0], np.cumsum(line.length)]), "max_n_m": own.max(axis=0)}
+        along = {"length_m": node_arc(line.length), "max_n_m": own.max(axis=0)}
         found.append({"line": line.name, **summary[line.name], **along, "mean_n_m": own.mean(axis=0)})
     return found
 

@@ -118,7 +118,7 @@ def pair_page(first: Solution, second: Solution) -> str:
     norms = [style.tension_norm(run.tension) for run in both]
     shared = (min(float(norm.vmin) for norm in norms), max(float(norm.vmax) for norm in norms))
     pages = [html.escape(view_page(solution, shared)) for solution in (first, second)]
-    title = html.escape(" and ".join(dict.fromkeys(run.name for run in both)))
+    title = html.escape(" and ".join(dict.fromkeys(run.scene.name for run in both)))
     return _fill_page("two.html", TITLE=title, FIRST=pages[0], SECOND=pages[1])
 
 
@@ -133,7 +133,9 @@ def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> 
     run = readable(solution)
     # `<` would let a scene's name end the script element
     data = json.dumps(_data(solution, run, limits), allow_nan=False).replace("<", "\\u003c")
-    return _fill_page("view.html", TITLE=html.escape(run.name), STYLE=_part("view.css"), DATA=data, SCRIPT=_script())
+    return _fill_page(
+        "view.html", TITLE=html.escape(run.scene.name), STYLE=_part("view.css"), DATA=data, SCRIPT=_script()
+    )
 
 
 def _fill_page(name: str, **parts: str) -> str:
@@ -170,7 +172,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         water = _water(sea, run, part.surface)
         flows = _flows(solution, sea)
     return {
-        "name": run.name,
+        "name": run.scene.name,
         "description": solution.scene.description,
         "how": style.how(run)[0],
         "ok": run.status == "ok",
@@ -184,7 +186,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         "notes": list(part.notes),
         "diameter": _diameter(solution),
         "lines": [{"name": line.name, "node": int(line.nodes[len(line.nodes) // 2])} for line in run.written_lines],
-        "colours": [[round(255 * float(c)) for c in shade] for shade in shades],
+        "colours": np.rint(255 * shades).astype(int).tolist(),
         "held": list(run.held),
         "first": run.first.tolist(),
         "labels": run.labels,

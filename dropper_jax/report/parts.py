@@ -12,7 +12,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, spread
 from dropper_jax.report.sections import Cells, empty_unless_rows, largest_table, newton, table_of, with_position
 from dropper_jax.run.growth import overgrown
-from dropper_jax.scene import line_slices
+from dropper_jax.scene import sliced_lines
 
 
 def parts(
@@ -132,9 +132,9 @@ def crops(record: Record) -> list[Table] | dict[str, str]:
     if season is None and all(line.growth is None for line in scene.lines):
         return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
     full = overgrown(scene)
-    size = np.linalg.norm(np.gradient(record.velocities, record.t, axis=0), axis=-1)
+    size = record.acceleration
     found = []
-    for bare, line, where in zip(scene.lines, full.lines, line_slices(scene), strict=True):
+    for bare, (line, where) in zip(scene.lines, sliced_lines(full), strict=True):
         crop = line.mass - bare.mass
         if bare.growth is None and not (season is not None and season.on(bare.name, bare.piece_of)):
             continue
@@ -149,7 +149,7 @@ def crops(record: Record) -> list[Table] | dict[str, str]:
         if season is not None and season.attachment is not None and np.any(volume > 0.0):
             limit = season.holding(float(np.sum(crop) / np.sum(volume)), scene.sea.density, scene.sea.gravity)
             beyond = size[:, where.nodes] > limit
-            hit = beyond.any(axis=0)
+            hit = np.any(beyond, axis=0)
             row["drop_off"] = {
                 "limit_m_per_s2": limit,
                 "largest_m_per_s2": float(size[:, where.nodes].max()),

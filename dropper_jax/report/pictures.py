@@ -75,7 +75,7 @@ def _tension_range(part: Record, found: Table, folder: Path) -> Path:
     for axes, line in zip(panels, lines, strict=True):
         s = np.asarray(line["arc_length_m"])
         percentiles = line["percentiles_n"]
-        mark: dict[str, Any] = {}
+        mark: Table = {}
         if len(s) <= 60:
             mark = {"marker": "o", "ms": 3}
         axes.fill_between(s, line["min_n"] / scale, line["max_n"] / scale, color=BAND, label="minimum to maximum")

@@ -98,12 +98,7 @@ def _tension_row(line: Table) -> Cells:
         "mean, first link [N]": newton(line["mean_first_link_n"]),
         "mean, last link [N]": newton(line["mean_last_link_n"]),
         **{f"force on {end} point, mean / max [N]": _mean_and_peak(line, end) for end in ("first", "last")},
-        **{
-            f"angle up at {end} point, mean / max [deg]": " / ".join(
-                f"{line[f'{what}_{end}_angle_deg']:.1f}" for what in ("mean", "max")
-            )
-            for end in ("first", "last")
-        },
+        **{f"angle up at {end} point, mean / max [deg]": _angles_up(line, end) for end in ("first", "last")},
         "99 % [N]": newton(max(line["percentiles_n"]["99"])),
         "largest [N]": with_position(line["largest"], newton(line["largest"]["n"])),
         "largest mean over 0.2 s [N]": newton(line["sustained_n"]),
@@ -126,6 +121,10 @@ def _mean_and_peak(line: Table, end: str) -> str:
     mean = newton(line[f"mean_{end}_force_n"])
     most = newton(line[f"max_{end}_force_n"])
     return f"{mean} / {most} at {line[f'max_{end}_force_s']:.2f} s"
+
+
+def _angles_up(line: Table, end: str) -> str:
+    return f"{line[f'mean_{end}_angle_deg']:.1f} / {line[f'max_{end}_angle_deg']:.1f}"
 
 
 def with_position(found: Table, value: str, when: str = "t_s") -> str:

@@ -7,14 +7,14 @@ import json
 import math
 from functools import cached_property
 from operator import methodcaller
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 
-from dropper_jax.analysis.angles import link_angles
+from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.axial import AXIAL_RINGING
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Plain, Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
 from dropper_jax.run.line_weights import end_angles
@@ -54,7 +54,7 @@ class Samples:
     """Result of a run. `run.simulate.Solution` describes every array and number, saves the run and continues it."""
 
     scene: Scene
-    settings: dict[str, Any]
+    settings: Table
     t: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
@@ -68,17 +68,17 @@ class Samples:
     status: str = "ok"
     failed_steps: int = 0
     retried_steps: int = 0
-    first_bad: dict[str, Any] | None = None
+    first_bad: Table | None = None
     max_residual: float = 0.0
     max_closure_error: float = 0.0
     compile_s: float = 0.0
     run_s: float = 0.0
     versions: dict[str, str] = dataclasses.field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    broken: tuple[dict[str, Any], ...] = ()
+    broken: tuple[Table, ...] = ()
     own: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     last: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    continues: dict[str, Any] | None = None
+    continues: Table | None = None
     tension_min: np.ndarray | None = None
     tension_max: np.ndarray | None = None
     tension_min_time: np.ndarray | None = None
@@ -124,7 +124,7 @@ class Samples:
             raise SceneError(f"body: {name!r} is not a body; {nearest(name, names)}")
         return {key: getattr(self, key)[:, names.index(name)] for key in BODIES}
 
-    def body_summary(self) -> dict[str, dict[str, Any]]:
+    def body_summary(self) -> dict[str, Table]:
         """Minimum, mean, maximum and final x, y, z [m], roll, pitch and yaw [rad] of each body."""
         moved = {body.name: self.body(body.name) for body in self.scene.bodies}
         return {name: body_extents(one["body_position"], one["body_attitude"]) for name, one in moved.items()}
@@ -188,6 +188,12 @@ class Samples:
     def azimuth(self) -> np.ndarray:
         """Azimuths (k, n) [rad]."""
         return self.angles[1]
+
+    def angle_rates(self, zero: str = "horizontal") -> tuple[np.ndarray, np.ndarray]:
+        """Rates of the angles (k, n) [rad/s]."""
+        nodes = [line.nodes for line in self.lines]
+        parts = [angle_rates(self.positions[:, own], self.velocities[:, own], zero) for own in nodes]
+        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
 
     @cached_property
     def curvature(self) -> np.ndarray | None:
@@ -271,10 +277,9 @@ class Samples:
         extremes = self._extremes_or("end_force", rows)
         found = {}
         for i, line in enumerate(whole_lines(self.scene)):
-            found[line.name] = {
-                end: extent(rows[:, i, [j]], Extremes(*(a[:, i, [j]] for a in extremes)))
-                for j, end in enumerate(("first", "last"))
-            }
+            own = found[line.name] = {}
+            for j, end in enumerate(("first", "last")):
+                own[end] = extent(rows[:, i, [j]], Extremes(*(a[:, i, [j]] for a in extremes)))
         return found
 
     def end_angles(self) -> dict[str, dict[str, dict[str, float]]]:
@@ -329,7 +334,7 @@ class Samples:
             rows[name] = extent(self.tension[:, links], Extremes(*(a[:, links] for a in found)))
         return rows
 
-    def provenance(self) -> dict[str, Any]:
+    def provenance(self) -> Table:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
         arrays = (*ARRAYS, *WITHIN, *BODIES, "own", "last")
         names = [f.name for f in dataclasses.fields(self) if f.name not in (*arrays, "scene")]
@@ -337,7 +342,7 @@ class Samples:
         return json.loads(json.dumps(meta, default=methodcaller("tolist")))
 
     @classmethod
-    def restore(cls, meta: Plain, arrays: dict[str, Any]) -> Self:
+    def restore(cls, meta: Plain, arrays: Table) -> Self:
         """The run restored from saved provenance and arrays.
 
         Raises:

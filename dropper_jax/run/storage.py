@@ -280,7 +280,8 @@ def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], array
     """
     held = DeferredErrorFile(file, lambda: release_pages(arrays))
     names = [name for name in dataset.data_vars if str(name).startswith(LAST)]
-    inside, own = ({key: value for key, value in packed.items() if (key in names) == last} for last in (True, False))
+    inside = {key: packed[key] for key in packed if key in names}
+    own = {key: packed[key] for key in packed if key not in names}
     dataset.drop_vars(names).to_netcdf(held, engine="h5netcdf", encoding=own)
     if names:
         dataset[names].drop_attrs(deep=False).reset_coords(drop=True).to_netcdf(

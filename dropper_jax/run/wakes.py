@@ -8,12 +8,12 @@ the lines; the resulting fractions multiply the profile. Waves are not reduced.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import steady_drag
 from dropper_jax.effects.morison_drag import relative_roughness
@@ -58,7 +58,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     if drag is None or scene.sea is None or scene.sea.current is None:
         raise SceneError(f"effects.morison_drag.wakes: scene {scene.name!r} lacks morison_drag or [sea.current]")
     lines = line_slices(scene)
-    if sum(line.links for line in scene.lines) > most:
+    if scene.line.links > most:
         raise SceneError(f"effects.morison_drag.wakes: more than {most} links; allowed: at most {most}")
     bare = dataclasses.replace(scene, effects={**scene.effects, "morison_drag": {**drag, "wakes": "none"}})
     model = bare_model(bare, "float64")
@@ -102,7 +102,7 @@ def _coefficient(scene: Scene) -> np.ndarray:
     return np.asarray(drag["cdn"], float)
 
 
-def wake_facts(found: SceneWakes) -> dict[str, Any]:
+def wake_facts(found: SceneWakes) -> Table:
     """Fractions of the current by line, total drag over that without wakes, and the momentum balance."""
     e = found.wakes.elements
     wakes = found.wakes

@@ -88,7 +88,8 @@ class Linearised:
         u = moved.ravel()
         if not (np.all(np.isfinite(omega)) and np.all(omega >= 0.0)):
             raise SceneError("omega: is out of range; allowed: angular frequencies of at least 0 rad/s")
-        x, tension = (np.array(part) for part in zip(*(self._at(w, u) for w in omega), strict=True))
+        each = [self._at(w, u) for w in omega]
+        x, tension = map(np.array, zip(*each, strict=True))
         return Response(omega, x.reshape(len(omega), -1, 3), tension)
 
     def _at(self, w: float, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from dropper_jax.run.line_weights import end_angles, end_forces, wet_weights
 from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.rigid_group import stiffness_of_group
-from dropper_jax.statics.static_pose import nodal_loads, settle
+from dropper_jax.statics.static_pose import release_loads, settle
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -335,7 +335,7 @@ def _worn_values(scene: Scene) -> Table:
 def _along(scene: Scene, worn: Scene, state: State) -> np.ndarray:
     """Change (n,) [N] of the tensions from the scene to the worn one, by the derivative at the scene's equilibrium."""
     model = build_model(scene)
-    loads = nodal_loads(model, scene.start.release_nodes or (), scene.start.release_force)
+    loads = release_loads(model, scene.start)
     pairs = zip(jax.tree.leaves(model), jax.tree.leaves(build_model(worn)), strict=True)
     change = {}
     for i, (a, b) in enumerate(pairs):

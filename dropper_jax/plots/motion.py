@@ -165,7 +165,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
     spectra = [_spectra(panel) for panel in (ends_panel(run), *motion_panels(run))]
     shown = [*spectra, *_heave_ratio(spectra)]
     figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
-    all_axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    all_axes = style.panels(figure, len(shown), sharex=True)
     for axes, panel in zip(all_axes, shown, strict=True):
         draw_panel(axes, panel)
         axes.set_ylabel(panel.label)

@@ -16,7 +16,7 @@ from dropper_jax.plots import view
 from dropper_jax.run.samples import ARRAYS, BODIES, WITHIN, Samples
 from dropper_jax.scene import WholeLine, whole_lines
 from dropper_jax.scene.body import rotation
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.scene.data import first_nodes, point_nodes
 
 #: Number of corners of a circle.
 SIDES = 28
@@ -180,10 +180,10 @@ class Run(Samples):
         shapes = [Shape(i, tuple(start), tuple(end), float(wide)) for i, start, end, wide in (*cylinders, *spheres)]
         return Bodies(tuple(body.name for body in specs), tuple(shapes), self.body_position, self.body_attitude)
 
-    @property
+    @cached_property
     def first(self) -> np.ndarray:
         """First node of each link (n,); the next node is its last."""
-        return np.concatenate([np.arange(line.nodes.start, line.nodes.stop - 1) for line in self.lines])
+        return first_nodes(self.scene)
 
     @property
     def peak(self) -> int:
@@ -198,6 +198,11 @@ class Run(Samples):
     def segments(self, nodes: np.ndarray) -> np.ndarray:
         """Both ends of each link (n, 2, d) from the positions of all nodes (nodes, d)."""
         return np.stack([nodes[self.first], nodes[self.first + 1]], axis=1)
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Lengths of the links (n,) [m] at the first sample."""
+        return np.linalg.norm(np.diff(self.segments(self.positions[0]), axis=1)[:, 0], axis=-1)
 
     @property
     def written_lines(self) -> tuple[WholeLine, ...]:

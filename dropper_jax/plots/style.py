@@ -119,10 +119,23 @@ def how(run: Run) -> tuple[str, str]:
     return (f"{text}, ended with {run.status}", ALERT)
 
 
+def title(figure: Figure, text: str) -> None:
+    """The title of a picture."""
+    figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
+
+
+def panels(figure: Figure, count: int, columns: int = 1, **options: Any) -> np.ndarray:
+    """Panels in rows of `columns`, filled row by row."""
+    axes = figure.subplots(-(-count // columns), columns, squeeze=False, **options).ravel()
+    for spare in axes[count:]:
+        spare.set_visible(False)
+    return axes[:count]
+
+
 def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     """Write the figure with its title, and integrator and step at the bottom."""
     text, colour = how(run)
-    figure.suptitle(f"{run.scene.name}: {what}", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    title(figure, f"{run.scene.name}: {what}")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
     # one line of text at the bottom and one at the top, for any height of the figure
     foot = 0.17 / figure.get_figheight()

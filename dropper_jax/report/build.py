@@ -16,6 +16,7 @@ from dropper_jax.evaluation.tension import anchors, line_tensions
 from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.report.motion import accelerations, line_distances, node_arc, watch_circles
 from dropper_jax.report.parts import body_motions, crops, parts
+from dropper_jax.report.sections import Rows
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
 from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import overgrown
@@ -188,7 +189,7 @@ def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table
     return found
 
 
-def bed_contact(record: Record, settings: Settings) -> list[Table] | dict[str, str]:
+def bed_contact(record: Record, settings: Settings) -> Rows:
     """Per line: length on the seabed [m] over time, and fraction of time of each node.
 
     A node is on the seabed if it is at most `contact` above it, a link if both its ends are. The length is a number of

@@ -203,7 +203,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
 def part_names(run: Run) -> list[str]:
     """A name for each link: its line as written in the scene, arc length of its middle at the start, and number."""
     names = list(run.labels)
-    length = np.linalg.norm(np.diff(run.segments(run.positions[0]), axis=1)[:, 0], axis=-1)
+    length = run.lengths
     for line in run.written_lines:
         own = length[line.links]
         middle = np.cumsum(own) - 0.5 * own

@@ -14,6 +14,8 @@ from dropper_jax.base.markdown import cells, first_names, table
 from dropper_jax.base.read import Table
 from dropper_jax.run.statistics import NOT_GAUSSIAN
 
+#: The rows of a section, or why it is left out.
+Rows = list[Table] | dict[str, str]
 #: Cells of a row by the headings of their columns.
 Cells = dict[str, str]
 #: Maximum number of lines in one table, those with the largest values; report.json has all.
@@ -24,7 +26,7 @@ GIVE_LOAD = "give `breaking_load` in the scene, or --breaking-load"
 SHOWN_ROUNDING = 1e-6
 
 
-def section(values: list[Table] | dict[str, str], write: Callable[[list[Table]], str]) -> str:
+def section(values: Rows, write: Callable[[list[Table]], str]) -> str:
     """The table that `write` makes of a section, or the reason why it is left out."""
     if isinstance(values, dict):
         return f"Left out: {values['skipped']}."
@@ -35,7 +37,7 @@ def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list
     """A section of rows that is empty where the run has none of them."""
 
     @wraps(write)
-    def section_of(found: list[Table] | dict[str, str] | None) -> list[str]:
+    def section_of(found: Rows | None) -> list[str]:
         if isinstance(found, list):
             return write(found)
         return []

@@ -15,7 +15,7 @@ from dropper_jax.model import Failures, Graph, Line, Member, Model, Parted, Poin
 from dropper_jax.scene import LineSpec, SceneData, attitude, join_lines, line_slices, sliced_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.statics.search import Equilibrium
-from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+from dropper_jax.statics.static_pose import equilibrium, release_loads
 
 
 def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarray]:
@@ -114,7 +114,7 @@ def _law(line: LineSpec) -> AxialLaw:
 
 def static_pose(scene: SceneData, model: Model) -> Equilibrium:
     """The equilibrium of a scene's model, under its release force if it has one."""
-    return equilibrium(model, nodal_loads(model, scene.start.release_nodes, scene.start.release_force))
+    return equilibrium(model, release_loads(model, scene.start))
 
 
 def make_failures(scene: SceneData) -> Failures | None:

@@ -24,6 +24,7 @@ from dropper_jax.load.checks_water import mean_period
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.scene import line_slices
+from dropper_jax.scene.data import first_nodes
 from dropper_jax.sea import Sea
 
 #: Effects whose coefficients may depend on the flow, and these coefficients.
@@ -64,12 +65,11 @@ def link_flow(scene: Scene) -> Flow:
     """
     model = bare_model(scene, "float64")
     nodes = static_pose(scene, model).positions
-    slices = line_slices(scene)
-    starts = np.concatenate([nodes[line.nodes][:-1] for line in slices])
-    ends = np.concatenate([nodes[line.nodes][1:] for line in slices])
-    tangent = (ends - starts) / np.maximum(np.linalg.norm(ends - starts, axis=1, keepdims=True), 1e-12)
+    first = first_nodes(scene)
+    along = nodes[first + 1] - nodes[first]
+    tangent = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     diameter = drag_diameter(scene.line, scene) * np.ones(len(tangent))
-    sigma, current = _across(model.sea, 0.5 * (starts + ends), tangent)
+    sigma, current = _across(model.sea, 0.5 * (nodes[first] + nodes[first + 1]), tangent)
     speed = np.sqrt(2.0) * sigma
     if model.sea.waves is None:
         kc = np.full(len(sigma), np.inf)

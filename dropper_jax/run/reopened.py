@@ -13,6 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.base.read import Plain, Table, Values
+from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import BODIES, RUN_FORMAT, WITHIN, Kind, Samples
 from dropper_jax.run.step_extremes import ARRAYS_OF, signal_shapes
 from dropper_jax.scene import line_slices
@@ -71,7 +72,10 @@ def reopen_run(path: str | Path, meta: Plain, arrays: Table, kind: type[Kind]) -
     if wrong := next(_wrong_about(meta), None):
         raise SceneError(f"{path}: not a saved run: {wrong}")
     try:
-        solution = kind.restore(meta, arrays)
+        given = {key: value for key, value in meta.items() if key != "format"}
+        scene = Scene.from_dict(given.pop("scene"))
+        tuples = {key: tuple(given.pop(key, ())) for key in ("work_names", "warnings", "broken")}
+        solution = kind(scene=scene, **arrays, **tuples, **given)
     except SceneError as error:
         raise SceneError(f"{path}: not a saved run: its scene: {error}") from None
     except (TypeError, ValueError, KeyError, AttributeError, IndexError, RecursionError) as error:

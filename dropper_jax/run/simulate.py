@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -190,7 +189,7 @@ def simulate(
     save_every: int | None = None,
     save_interval: float | None = None,
     accuracy: float | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
     throw: bool = False,
     errors: bool = False,
     skip: float = 0.0,
@@ -346,9 +345,7 @@ def restore_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, n
     return restore_carry(jax.eval_shape(anywhere, model), saved)
 
 
-def _with_errors(
-    solution: Solution, scene: Scene, skip: float, settings: Table, say: Callable[[float, str], None]
-) -> Solution:
+def _with_errors(solution: Solution, scene: Scene, skip: float, settings: Table, say: Progress) -> Solution:
     """The solution with its loads and their errors, and a warning for each line with unresolved peaks."""
     from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
 

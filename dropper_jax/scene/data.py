@@ -210,6 +210,11 @@ def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
     return tuple(found)
 
 
+def first_nodes(scene: SceneData) -> np.ndarray:
+    """First node of each link (n,); the next node is its last."""
+    return np.concatenate([np.arange(line.nodes.start, line.nodes.stop - 1) for line in line_slices(scene)])
+
+
 def sliced_lines(scene: SceneData) -> list[tuple[LineSpec, LineSlice]]:
     """The lines of a scene, each with its index ranges."""
     return list(zip(scene.lines, line_slices(scene), strict=True))

@@ -21,6 +21,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns, largest_row
+from dropper_jax.scene import StartSpec
 from dropper_jax.statics.bodies import moves_of
 from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
 from dropper_jax.statics.search import Equilibrium, outward, search
@@ -41,6 +42,11 @@ def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None)
     else:
         values = np.asarray(forces, model.dtype)
     return scatter_add(index, values, model.free_nodes)
+
+
+def release_loads(model: Model, start: StartSpec) -> jax.Array:
+    """The loads (free nodes, 3) [N] under which a start is in equilibrium, until it is released."""
+    return nodal_loads(model, start.release_nodes, start.release_force)
 
 
 def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None) -> Equilibrium:

@@ -42,8 +42,7 @@ def work_precision(report: Table, path: str | Path) -> Path:
             "error of the reference", (0.02, floor), (0, 2), ("axes fraction", "data"), "offset points", fontsize=7
         )
     _slopes(axes[1], rows)
-    handles, names = axes[1].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=5, fontsize=8)
+    figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8)
     return save_titled(
         figure, f"{report['scene']}: accuracy against time, first {report['reference']['horizon_s']:.3g} s", path
     )
@@ -84,8 +83,7 @@ def convergence(report: Table, path: str | Path) -> Path:
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
-    handles, names = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=7, fontsize=8)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=7, fontsize=8)
     return save_titled(figure, f"{report['scene']}: each step against its half", path)
 
 

@@ -12,6 +12,7 @@ from dropper_jax.effects import EFFECTS
 from dropper_jax.evaluation.extremes import line_snaps
 from dropper_jax.evaluation.record import Record, arc, record
 from dropper_jax.evaluation.settings import Settings
+from dropper_jax.load.periods import periods
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.companion import error_factor, finer_values, parts_at
 from dropper_jax.run.samples import Samples, is_finished
@@ -257,15 +258,9 @@ def _windows(found: Record, values: np.ndarray) -> np.ndarray:
 
 def _period(scene: Scene) -> float:
     """Period of the waves with the most energy [s], else the length of a window without waves, 10 s."""
-    waves = None if scene.sea is None else scene.sea.waves
-    if waves is None:
+    if scene.sea is None or scene.sea.waves is None:
         return 10.0
-    if waves.tp is not None:
-        return float(waves.tp)
-    if waves.period is None:
-        return main_period(scene.sea)
-    period, amplitude = np.broadcast_arrays(np.atleast_1d(waves.period), waves.size)
-    return float(period[np.argmax(amplitude)])
+    return periods(scene).get("waves") or main_period(scene.sea)
 
 
 def _row(i: int, made: dict[str, list[Table]], factor: float) -> Table:

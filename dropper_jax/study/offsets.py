@@ -21,7 +21,7 @@ from dropper_jax.run.build import build_model
 from dropper_jax.run.line_weights import end_force_vectors
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.search import search
-from dropper_jax.statics.static_pose import nodal_loads
+from dropper_jax.statics.static_pose import release_loads
 
 
 def offset_curves(
@@ -51,7 +51,7 @@ def offset_curves(
     """
     moved = _fixed_points(scene, points)
     model = build_model(scene)
-    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    loads = release_loads(model, scene.start)
     rows: list[Table] = []
     base: State | None = None
     for i, direction in enumerate(directions):

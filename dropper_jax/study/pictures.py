@@ -58,10 +58,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     low = np.ptp(rest[:, 2]) < LOW_AND_LONG * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
     columns = 1 if low else min(count, 3)
     figure = style.new_figure(3.6 * columns + (4.4 if low else 0.6), (1.5 if low else 2.9) * -(-count // columns) + 0.8)
-    grid = np.atleast_1d(figure.subplots(-(-count // columns), columns, squeeze=False)).ravel()
-    for axes in grid[count:]:
-        axes.axis("off")
-    for i, axes in enumerate(grid[:count]):
+    for i, axes in enumerate(style.panels(figure, count, columns)):
         shape = np.asarray(modes.shape[i])
         shape = shape * SHAPE_SIZE * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
         ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
@@ -137,8 +134,7 @@ def mussels(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     grid[0, 0].invert_yaxis()
     for axes in grid[:, 0]:
         axes.set_ylabel("depth [m]")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper")
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside right upper")
     return save_titled(figure, f"{name}: mussels by depth and month", path)
 
 
@@ -192,13 +188,9 @@ def costs(report: Table, path: str | Path) -> Path:
     )
 
 
-def title(figure: Figure, text: str) -> None:
-    figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
-
-
 def save_titled(figure: Figure, text: str, path: str | Path) -> Path:
     """Write a figure to a file, with a title."""
-    title(figure, text)
+    style.title(figure, text)
     return style.save(figure, path)
 
 
@@ -214,6 +206,5 @@ def offsets(name: str, rows: Sequence[Table], path: str | Path) -> Path:
             axes.plot([row["distance_m"] for row in shown], values, label=f"{direction:g}", **marks(i))
     restoring.set(xlabel="offset [m]", ylabel="restoring force [kN]")
     tension.set(xlabel="offset [m]", ylabel="maximum tension [kN]")
-    handles, labels = restoring.get_legend_handles_labels()
-    figure.legend(handles, labels, title="direction [deg]", loc="outside right upper")
+    figure.legend(*restoring.get_legend_handles_labels(), title="direction [deg]", loc="outside right upper")
     return save_titled(figure, f"{name}: restoring force and tension over the offset", path)

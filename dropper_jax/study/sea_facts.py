@@ -23,7 +23,7 @@ from dropper_jax.sea.make import finite_wave, make_sea
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest, second_harmonic
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+from dropper_jax.statics.static_pose import equilibrium, release_loads
 
 
 def sea_facts(scene: Scene) -> Table:
@@ -159,7 +159,7 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
         displacements from there of all nodes and of the nodes of each line.
     """
     model = build_model(scene)
-    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    loads = release_loads(model, scene.start)
     times = cycle_times(scene, count)
     slack = equilibrium(replace(model, sea=replace(model.sea, current=None, level=None)), loads)
     rows = []

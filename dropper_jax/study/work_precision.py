@@ -125,37 +125,48 @@ def _scheme_rows(
         started = time.perf_counter()
         run = grid_run(stepper, own, start, target.grid, every, saves)
         seconds = time.perf_counter() - started
-        status = status_of(run, stepper)
         wall = None
-        if status == "ok":
+        if status_of(run, stepper) == "ok":
             again = partial(grid_run, stepper, own, start, target.grid, every, saves)
             # the first row compiles
             wall = pick(walls(again, before=seconds if compiled else 0.0))
         compiled = True
-        us_per_step = None
-        wall_s_per_simulated_s = None
-        if wall:
-            us_per_step = 1e6 * wall / steps
-            wall_s_per_simulated_s = wall / target.horizon
-        yield {
-            **_row_labels(scheme, stepper),
-            "dt": target.grid / every,
-            **(row_errors(model, s, run, stepper, target) if status == "ok" else NOTHING),
-            "us_per_step": us_per_step,
-            "wall_s_per_simulated_s": wall_s_per_simulated_s,
-            "operations_per_simulated_s": per_step * steps / target.horizon,
-            "status": status,
-            "retried_steps": int(run.retried[-1]),
-        }
+        yield _row(model, s, scheme, stepper, target, run, wall, steps, per_step) | {"dt": target.grid / every}
 
 
-def _row_labels(scheme: Scheme, stepper: Stepper) -> Table:
+def _row(
+    model: Model,
+    s: State,
+    scheme: Scheme,
+    stepper: Stepper,
+    target: Reference,
+    run: Marched,
+    wall: float | None,
+    steps: int,
+    per_step: float,
+) -> Table:
+    """The row of a run with so many steps, which took `wall` [s]; without its step."""
+    status = status_of(run, stepper)
+    errors = NOTHING
+    if status == "ok":
+        errors = row_errors(model, s, run, stepper, target)
+    us_per_step = None
+    wall_s_per_simulated_s = None
+    if wall:
+        us_per_step = 1e6 * wall / steps
+        wall_s_per_simulated_s = wall / target.horizon
     return {
         "integrator": scheme.integrator,
         "gamma": scheme.gamma,
         "solver": stepper.solver_name,
         "dtype": scheme.dtype,
         "label": scheme.label,
+        **errors,
+        "us_per_step": us_per_step,
+        "wall_s_per_simulated_s": wall_s_per_simulated_s,
+        "operations_per_simulated_s": per_step * steps / target.horizon,
+        "status": status,
+        "retried_steps": int(run.retried[-1]),
     }
 
 
@@ -173,27 +184,16 @@ def _row_of_accuracy(
     walls, pick = timing
     again = partial(march_with_accuracy, stepper, model, s, target.grid, accuracy, len(target.t))
     found = jax.tree.map(np.asarray, again())
-    status = status_of(found.run, stepper)
-    ok = status == "ok"
-    wall = pick(walls(again)) if ok else None
+    wall = None
+    if status_of(found.run, stepper) == "ok":
+        wall = pick(walls(again))
     tries = int(found.taken + found.refused)
-    us_per_step = None
-    wall_s_per_simulated_s = None
-    if ok:
-        us_per_step = 1e6 * wall / tries
-        wall_s_per_simulated_s = wall / target.horizon
-    return {
-        **_row_labels(scheme, stepper),
+    return _row(model, s, scheme, stepper, target, found.run, wall, tries, per_step) | {
         "label": f"{scheme.label}, accuracy",
         "dt": target.horizon / max(int(found.taken), 1),
         "accuracy": accuracy,
         "refused_steps": int(found.refused),
-        **(row_errors(model, s, found.run, stepper, target) if ok else NOTHING),
         "rms_tension_error_n": None,  # means between saved times
-        "us_per_step": us_per_step,
-        "wall_s_per_simulated_s": wall_s_per_simulated_s,
-        "operations_per_simulated_s": per_step * tries / target.horizon,
-        "status": status,
         "retried_steps": 0,
     }
 

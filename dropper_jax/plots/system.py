@@ -151,6 +151,12 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
     return found
 
 
+def bed_grid(run: Run, x: np.ndarray, y: np.ndarray) -> tuple[list[np.ndarray], np.ndarray | None]:
+    """Positions of a grid and the height [m] of the seabed there; None without a seabed."""
+    grid = np.meshgrid(x, y, indexing="ij")
+    return grid, bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
+
+
 def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
     """The seabed: a filled strip in a plane, a faint sheet in space; nothing if no seabed is in the picture."""
     x = np.linspace(*box[0], 41)
@@ -160,8 +166,7 @@ def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
         if z is not None and z.max() > box[2, 0]:
             axes.fill_between(x, box[2, 0], z, color=BED, lw=0, zorder=0.5)
         return
-    grid = np.meshgrid(x, y, indexing="ij")
-    z = bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
+    grid, z = bed_grid(run, x, y)
     if z is not None and z.max() > box[2, 0]:
         axes.plot_surface(
             *grid, np.maximum(z, box[2, 0]), color=BED, alpha=0.35, lw=0, shade=False, rcount=20, ccount=20

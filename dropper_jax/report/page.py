@@ -20,10 +20,10 @@ import numpy as np
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
-from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.panels import cycle
 from dropper_jax.plots.run import Bodies, Run, readable
+from dropper_jax.plots.system import bed_grid
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.body import rotation
@@ -224,8 +224,7 @@ def _bed_grid(run: Run) -> Table | None:
     step = _round_step(2 * BED_REACH * max(float((high - low).max()), 1.0) / (bed_points - 1))
     around = np.arange(bed_points) - bed_points // 2
     x, y = (step * (np.rint(m / step) + around) for m in 0.5 * (low + high)[:2])
-    grid = np.meshgrid(x, y, indexing="ij")
-    z = bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
+    _, z = bed_grid(run, x, y)
     if z is None:
         return None
     return {"points": bed_points, "x": x.tolist(), "y": y.tolist(), "z": z.ravel().tolist()}

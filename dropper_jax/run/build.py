@@ -138,7 +138,7 @@ def _under_tension(model: Model, s: State) -> State:
     acting = model.with_internal_state(s.own).with_lengths(s.t)
     if acting.constraints:  # lines in scenes with bodies stretch, so their lengths determine their tensions
         k = acting.kinematics(s.r, s.v, s.t)
-        return replace(s, tension=acting.line.axial.tension(k.links, k.link_velocities, acting.line.length))
+        return replace(s, tension=acting.tension_by_law(k))
     moved = None
     if acting.moving:
         moved = acting.end_acceleration(s.t)

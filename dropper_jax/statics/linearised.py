@@ -144,7 +144,7 @@ def _matrices(model: Model, pose: State) -> tuple[tuple[jax.Array, jax.Array] | 
         dv, dw = at(v)
         da, db = at(a)
         k = model.instant(pose.r + dr, dv, pose.t, Ends(positions + du, dw))
-        tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+        tension = model.tension_by_law(k)
         direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)
         left = model.inertia(k, da, db) - model.force(k) - model.tension_force(tension, direction)
         return left.ravel(), tension

@@ -24,7 +24,7 @@ from dropper_jax.residual import Unknowns, largest_row
 from dropper_jax.scene import StartSpec
 from dropper_jax.statics.bodies import moves_of
 from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
-from dropper_jax.statics.search import Equilibrium, outward, search
+from dropper_jax.statics.search import Equilibrium, given_loads, outward, search
 from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
@@ -33,7 +33,7 @@ from dropper_jax.statics.tangent import Linear, solve_linear
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
     """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; zero without `nodes`."""
     if nodes is None or len(nodes) == 0:
-        return jnp.zeros((model.free_nodes, 3), model.dtype)
+        return given_loads(model, None)
     index = np.asarray(nodes, int) - 1
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
@@ -88,10 +88,7 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
     there = near is None
     near = found.state if near is None else near
     near = replace(near, t=jnp.asarray(t, model.dtype))
-    if loads is None:
-        loads = jnp.zeros((model.free_nodes, 3), model.dtype)
-    else:
-        loads = jnp.asarray(loads, model.dtype)
+    loads = given_loads(model, loads)
     s, acting = _settle(model, near, loads, there)
     residual, tolerance = _remaining_residual(acting, s, loads)
     status = "traced"

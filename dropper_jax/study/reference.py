@@ -179,7 +179,7 @@ def _tensions(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Arr
     def one(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
         k = model.instant(r, v, t)
         if model.line.axial.elastic:  # accelerations are not needed
-            return model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+            return model.tension_by_law(k)
         return instant(k, model.end_acceleration(t) if model.moving else None)[1]
 
     return jax.vmap(one)(r, v, t)

@@ -182,6 +182,11 @@ def _in_unit(declared: Values) -> str:
     return f"in {unit}"
 
 
+def rises(values: Sequence[float] | np.ndarray, least: int = 1) -> bool:
+    """Whether there are at least so many numbers, each above the one before."""
+    return len(values) >= least and bool(np.all(np.diff(values) > 0))
+
+
 def read_integer(value: Plain, path: str, low: int | None = None, high: int | None = None) -> int:
     """A whole number from `low` to `high`."""
     allowed = "a whole number" + ("" if low is None else f" >= {low}")

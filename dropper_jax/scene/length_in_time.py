@@ -10,7 +10,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import DeclaredSection, Plain, part, plain, read_table, refuse, short_text
+from dropper_jax.base.read import DeclaredSection, Plain, part, plain, read_table, refuse, rises, short_text
 
 #: Relative difference between the first row of a table and the length of the links in the scene that is rounding.
 SAME_LENGTH = 1e-6
@@ -94,7 +94,7 @@ class LengthInTimeSpec(DeclaredSection):
             return
         rows = len(self.time)
         yield (
-            rows < 2 or bool(np.any(np.diff(self.time) <= 0.0)),
+            not rises(self.time, 2),
             f"{path}.time: {short_text(plain(self.time))} does not rise; allowed: two or more rising times [s]",
         )
         yield (

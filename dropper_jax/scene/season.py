@@ -22,6 +22,7 @@ from dropper_jax.base.read import (
     read_list,
     read_rows,
     read_table,
+    rises,
     short_text,
 )
 
@@ -84,7 +85,7 @@ class SeasonSpec(SectionValues):
         for key in ("months", "depth"):
             values = getattr(self, key)
             yield (
-                len(values) == 0 or bool(np.any(np.diff(values) <= 0)),
+                not rises(values),
                 f"growth.{key}: {short_text(plain(values))} does not rise; allowed: one or more rising numbers",
             )
         many = np.size(self.density)

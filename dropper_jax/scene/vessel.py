@@ -22,6 +22,7 @@ from dropper_jax.base.read import (
     read_positions,
     read_rows,
     read_table,
+    rises,
     section_keys,
     short_text,
 )
@@ -65,7 +66,7 @@ class RaoSpec(DeclaredSection):
         for key in ("frequency", "headings"):
             values = getattr(self, key)
             yield (
-                len(values) == 0 or bool(np.any(np.diff(values) <= 0)),
+                not rises(values),
                 f"{path}.{key}: {short_text(values)} does not rise; allowed: one or more rising numbers",
             )
         yield (
@@ -171,7 +172,7 @@ class VesselSpec(DeclaredSection):
             f"{path}: give either `rao`, or `time` and `motion`",
         )
         yield (
-            time is not None and (len(time) != len(self.motion) or len(time) < 2 or bool(np.any(np.diff(time) <= 0))),
+            time is not None and (len(time) != len(self.motion) or not rises(time, 2)),
             f"{path}.time: needs at least 2 increasing times, one for each row of `motion`",
         )
 

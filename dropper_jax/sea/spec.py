@@ -28,6 +28,7 @@ from dropper_jax.base.read import (
     read_fields,
     read_table,
     read_text,
+    rises,
     short_text,
 )
 from dropper_jax.base.read import count as whole_number
@@ -234,7 +235,7 @@ def _check_pair(values: Table, path: str, axis: str, other: str, needed: bool) -
         f"{path}: `{axis}` and `{other}` belong together (kind 'table' for heights); one is missing",
     )
     yield (
-        a is not None and (len(a) != len(b) or len(a) < 2 or bool(np.any(np.diff(a) <= 0))),
+        a is not None and (len(a) != len(b) or not rises(a, 2)),
         f"{path}.{axis}: needs at least 2 rising values, as many as `{other}`",
     )
 

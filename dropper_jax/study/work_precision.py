@@ -126,30 +126,27 @@ def _scheme_rows(
         run = grid_run(stepper, own, start, target.grid, every, saves)
         seconds = time.perf_counter() - started
         wall = None
+        errors = NOTHING
         if status_of(run, stepper) == "ok":
+            errors = row_errors(model, s, run, stepper, target)
             again = partial(grid_run, stepper, own, start, target.grid, every, saves)
             # the first row compiles
             wall = pick(walls(again, before=seconds if compiled else 0.0))
         compiled = True
-        yield _row(model, s, scheme, stepper, target, run, wall, steps, per_step) | {"dt": target.grid / every}
+        yield _row(scheme, stepper, target, run, errors, wall, steps, per_step) | {"dt": target.grid / every}
 
 
 def _row(
-    model: Model,
-    s: State,
     scheme: Scheme,
     stepper: Stepper,
     target: Reference,
     run: Marched,
+    errors: Table,
     wall: float | None,
     steps: int,
     per_step: float,
 ) -> Table:
     """The row of a run with so many steps, which took `wall` [s]; without its step."""
-    status = status_of(run, stepper)
-    errors = NOTHING
-    if status == "ok":
-        errors = row_errors(model, s, run, stepper, target)
     us_per_step = None
     wall_s_per_simulated_s = None
     if wall:
@@ -165,7 +162,7 @@ def _row(
         "us_per_step": us_per_step,
         "wall_s_per_simulated_s": wall_s_per_simulated_s,
         "operations_per_simulated_s": per_step * steps / target.horizon,
-        "status": status,
+        "status": status_of(run, stepper),
         "retried_steps": int(run.retried[-1]),
     }
 
@@ -185,10 +182,12 @@ def _row_of_accuracy(
     again = partial(march_with_accuracy, stepper, model, s, target.grid, accuracy, len(target.t))
     found = jax.tree.map(np.asarray, again())
     wall = None
+    errors = NOTHING
     if status_of(found.run, stepper) == "ok":
+        errors = row_errors(model, s, found.run, stepper, target)
         wall = pick(walls(again))
     tries = int(found.taken + found.refused)
-    return _row(model, s, scheme, stepper, target, found.run, wall, tries, per_step) | {
+    return _row(scheme, stepper, target, found.run, errors, wall, tries, per_step) | {
         "label": f"{scheme.label}, accuracy",
         "dt": target.horizon / max(int(found.taken), 1),
         "accuracy": accuracy,

@@ -213,7 +213,7 @@ class _Stage:
         self.links.set_segments(self.run.segments(nodes))
         self.links.set_array(self.tension[frame])
         self.nodes.set_data(*nodes.T)
-        self.held.set_data(*nodes[list(self.run.held)].T)
+        self.held.set_data(*nodes[list(self.run.fixed_nodes)].T)
         self.surface.set_segments(self.surfaces.get(frame, []))
         self.buoys.set_verts(self.floats.get(frame, []))
         self.clock.set_text(f"t = {self.t[frame]:.2f} s")

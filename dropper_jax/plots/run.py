@@ -156,7 +156,7 @@ class Run(Samples):
         return point_nodes(self.scene)
 
     @cached_property
-    def held(self) -> tuple[int, ...]:
+    def fixed_nodes(self) -> tuple[int, ...]:
         """Nodes of the fixed points."""
         return tuple(self.point_names[p.name] for p in self.scene.points if not p.is_free)
 

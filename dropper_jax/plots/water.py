@@ -160,7 +160,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
             own = nodes[line.nodes]
             axes.plot(own[:, axis], own[:, 2], "-o", color=style.DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
             label = None
-        ends = nodes[list(run.held)]
+        ends = nodes[list(run.fixed_nodes)]
         axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label="fixed points")
         draw_buoys(axes, run, nodes, flat=True, axis=axis, grow=True)
         draw_bodies(axes, run.bodies, index, flat=True, axis=axis, grow=True)

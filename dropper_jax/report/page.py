@@ -187,7 +187,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         "diameter": _diameter(solution),
         "lines": [{"name": line.name, "node": int(line.nodes[len(line.nodes) // 2])} for line in run.written_lines],
         "colours": np.rint(255 * shades).astype(int).tolist(),
-        "held": list(run.held),
+        "held": list(run.fixed_nodes),
         "first": run.first.tolist(),
         "labels": run.labels,
         "parts": part_names(run),

@@ -122,10 +122,10 @@ def make_failures(scene: SceneData) -> Failures | None:
     if not scene.failures:
         return None
     load = np.full((len(scene.failures), scene.line.links), np.inf)
-    places = {line.name: (line, where.links) for line, where in sliced_lines(scene)}
+    by_name = {line.name: (line, where.links) for line, where in sliced_lines(scene)}
     named = []
     for row, spec in zip(load, scene.failures, strict=True):
-        line, links = places[spec.line]
+        line, links = by_name[spec.line]
         own = spec.load
         if spec.load is None and spec.time is None:
             own = line.breaking_load

@@ -265,7 +265,7 @@ def test_links_and_angles_of_a_system_stay_within_their_lines(longline):
     length = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     assert length.max() < 12.0  # a link from one line's end to the next one's start would be 30 m or more
     np.testing.assert_array_equal(run.angles[0], solution.polar)
-    places = run.positions[7][list(run.held)]
+    places = run.positions[7][list(run.fixed_nodes)]
     np.testing.assert_array_equal(places, [[-40, 0, -20], [40, 0, -20]])
 
 

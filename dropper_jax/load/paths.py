@@ -58,6 +58,8 @@ MORE_KEYS: dict[str, Iterable[str]] = {
 }
 #: Tables that have paths only for the keys that are given.
 BY_NAME = ("vessel.*.rao", "vessel.*.attachments", "body.*.attachments")
+#: Sections of whose tables only the keys have paths, not the tables themselves.
+KEYS_ALONE = ("line.*",)
 #: Sections of templates, of lines with types and of fits, whose values have no path in a scene with one value per link.
 WITHOUT_PATHS = ("point_type.*", "line_type.*", "fit", "fit.sensor.*", "fit.prior.*", "parameters", "unit.*", "array.*")
 #: Keys of a section of a line, or of a line without sections.
@@ -128,7 +130,8 @@ def locate(table: Values, paths: Iterable[str] | None = None) -> dict[str, Steps
         effects = {*table.get("effects", ()), *(word[1] for word in words if word[0] == "effects" and len(word) > 1)}
     for pattern, _, cls in declared_sections(effects):
         if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
-            found |= _steps(table, pattern, (*(section_keys(cls) if cls else ()), *MORE_KEYS.get(pattern, ())))
+            keys = declared_fields if pattern in KEYS_ALONE else section_keys
+            found |= _steps(table, pattern, (*(keys(cls) if cls else ()), *MORE_KEYS.get(pattern, ())))
     for pattern in BY_NAME:
         found |= _steps(table, pattern)
     return found

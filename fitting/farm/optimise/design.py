@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
@@ -28,6 +28,8 @@ from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, peaks
 from fitting.farm.optimise.values import RunStart, Values, Window, rest
 from fitting.farm.optimise.variables import Variable, with_design
 from fitting.farm.site import Case, Part, Site
+
+Say = Callable[[float, str], None]
 
 
 class Design:
@@ -133,7 +135,7 @@ class Design:
         own = start.still, start.rest, sea, quantities, self.dt, self.settings.window
         return peaks(*own, slopes, window.height, start.after)
 
-    def renew_windows(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], list[Storms]]:
+    def renew_windows(self, x: np.ndarray, say: Say) -> tuple[tuple[Window, ...], list[Storms]]:
         """Windows around the peak loads of the whole runs of a design, and these runs' hard peaks.
 
         Raises:
@@ -180,7 +182,7 @@ class Design:
             return replace(window, begin=max(broke, 0.0))
         return replace(window, polished=True)
 
-    def _run_parallel(self, one: Callable[[int], Any], what: str, say: Progress) -> list[Any]:
+    def _run_parallel(self, one: Callable[[int], Any], what: str, say: Say) -> list[Any]:
         """`one` of every case; a program that is not yet compiled runs alone the first time."""
         count = len(self.cases)
         found = {}
@@ -193,7 +195,7 @@ class Design:
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
-    def values(self, x: np.ndarray, windows: Sequence[Window], say: Progress, slopes: bool = True) -> Values:
+    def values(self, x: np.ndarray, windows: Sequence[Window], say: Say, slopes: bool = True) -> Values:
         """Objective and constraints of a design by its windows."""
         cache: dict[object, RunStart] = {}
         stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]

@@ -20,7 +20,7 @@ from study import RESULTS, Found, command, describe, say, store, versions
 from dropper_jax import Model, Scene, State, build, load_scene
 from dropper_jax.plots import style
 from dropper_jax.study.march import Scheme, runnable
-from dropper_jax.study.pictures import marks, title
+from dropper_jax.study.pictures import marks
 from dropper_jax.study.reference import Reference, reference
 from dropper_jax.study.work_precision import measure
 
@@ -137,7 +137,9 @@ def picture(result: Found, path: Path) -> Path:
     axes.set(xscale="log", yscale="log", xlabel="wall time per simulated second [s], one thread")
     axes.set_ylabel("RMS position error [m]")
     figure.legend(loc="outside right center", fontsize=8)
-    title(figure, f"{result['scene']}: the same motion by other simulators, {result['reference']['horizon_s']:g} s")
+    style.title(
+        figure, f"{result['scene']}: the same motion by other simulators, {result['reference']['horizon_s']:g} s"
+    )
     return style.save(figure, path)
 
 

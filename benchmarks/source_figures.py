@@ -64,7 +64,7 @@ def draw_figure(
         return CONFIGURATIONS[figure.kind](figure, runs[0].solution, path)
     if figure.kind in HISTORIES:
         solution = runs[0].solution
-        run = dataclasses.replace(readable(solution), name=figure.name)
+        run = readable(dataclasses.replace(solution, scene=dataclasses.replace(solution.scene, name=figure.name)))
         panels = HISTORIES[figure.kind](figure, solution, measured)
         if figure.span is not None:
             panels = [panel._replace(curves=[_part(curve, *figure.span) for curve in panel.curves]) for panel in panels]

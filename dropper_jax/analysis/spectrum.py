@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from dropper_jax.analysis.angles import angle_rates, check_choice, link_angles
+from dropper_jax.base.read import Table
 
 WINDOWS = ("hann", "none")
 
@@ -129,7 +130,7 @@ def effect_power(solution: Energies, t: np.ndarray) -> dict[str, np.ndarray]:
     return dict(zip(solution.work_names, power.T, strict=True))
 
 
-def energy_table(solution: Energies) -> dict[str, Any]:
+def energy_table(solution: Energies) -> Table:
     """Energies at both ends of a run, work by contribution, and how well the balance closes.
 
     Returns:

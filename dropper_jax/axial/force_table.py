@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain, plain, read_list, read_number, refuse
+from dropper_jax.base.read import Plain, Table, Values, plain, read_list, read_number, refuse
 
 ROWS = "two or more rows of rising strain; tension starting at 0, never falling, rising at the end"
 
@@ -83,7 +82,7 @@ class ForceTable:
     __hash__ = None
 
 
-def read_tables(table: Mapping[str, Any], path: str, links: int) -> tuple[ForceTable, ...]:
+def read_tables(table: Values, path: str, links: int) -> tuple[ForceTable, ...]:
     """One table per link from `strain` and `tension`: lists of numbers for all links, or one such list per link."""
     for key in ("strain", "tension"):
         if key not in table:
@@ -103,7 +102,7 @@ def read_tables(table: Mapping[str, Any], path: str, links: int) -> tuple[ForceT
     return tuple(found)
 
 
-def tables_of(tables: Sequence[ForceTable]) -> dict[str, Any]:
+def tables_of(tables: Sequence[ForceTable]) -> Table:
     """Plain values from which `read_tables` reconstructs the tables."""
     if all(t == tables[0] for t in tables):
         tables = tables[0]

@@ -34,6 +34,8 @@ LISTS = {
 Plain = str | bool | float | Sequence | Mapping | np.ndarray | None
 #: Plain values by key: a table of a TOML file, or the object that `--json` prints.
 Table = dict[str, Any]
+#: Values by key that are only read: those of a table, or what a field declares of its value.
+Values = Mapping[str, Any]
 
 #: Maximum of any count: counts in compiled programs have 32 bits.
 MOST = 2**31 - 1
@@ -60,9 +62,11 @@ def short_text(value: Plain) -> str:
 
 
 def plain(value: Plain) -> Plain:
-    """Arrays and tuples as lists, also inside tables; everything else unchanged."""
+    """Arrays and tuples as lists and sections as tables, also inside tables; everything else unchanged."""
     if hasattr(value, "tolist"):
         return value.tolist()
+    if isinstance(value, SectionValues):
+        return value.table()
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -70,14 +74,14 @@ def plain(value: Plain) -> Plain:
     return value
 
 
-def read_table(value: Plain, path: str) -> Mapping[str, Any]:
+def read_table(value: Plain, path: str) -> Values:
     """A table with text keys."""
     if not isinstance(value, Mapping):
         raise refuse(path, value, "is not a table", "keys with values")
     return value
 
 
-def check_keys(table: Mapping[str, Any], allowed: Iterable[str], path: str) -> None:
+def check_keys(table: Values, allowed: Iterable[str], path: str) -> None:
     """Reject an unknown key and suggest the nearest known one."""
     allowed = list(allowed)
     for key in table:
@@ -87,9 +91,7 @@ def check_keys(table: Mapping[str, Any], allowed: Iterable[str], path: str) -> N
 
 
 @raises_first
-def check_kind_keys(
-    table: Mapping[str, Any], kind: str, keys: Mapping[str, Sequence[str]], path: str
-) -> Iterator[Check]:
+def check_kind_keys(table: Values, kind: str, keys: Mapping[str, Sequence[str]], path: str) -> Iterator[Check]:
     """Reject keys of a table that its `kind` does not take."""
     for key in table:
         takes = f"not used by kind {kind!r}, which takes {', '.join(keys[kind])}"
@@ -138,7 +140,7 @@ class ScenePath(str):
         return stem, entries
 
 
-def limits(declared: Mapping[str, Any]) -> str:
+def limits(declared: Values) -> str:
     """The allowed range in words, with the unit, such as `> 0 kg`; empty if there are no limits."""
     low = declared.get("low")
     high = declared.get("high")
@@ -155,7 +157,7 @@ def limits(declared: Mapping[str, Any]) -> str:
     return ""
 
 
-def read_number(value: Plain, path: str, declared: Mapping[str, Any], allowed: str | None = None) -> float:
+def read_number(value: Plain, path: str, declared: Values, allowed: str | None = None) -> float:
     """A finite number within its range; a truth value is not a number."""
     allowed = allowed or f"a number {limits(declared) or _in_unit(declared)}".rstrip()
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
@@ -173,11 +175,16 @@ def read_number(value: Plain, path: str, declared: Mapping[str, Any], allowed: s
     return number
 
 
-def _in_unit(declared: Mapping[str, Any]) -> str:
+def _in_unit(declared: Values) -> str:
     unit = declared.get("unit", "-")
     if unit == "-":
         return ""
     return f"in {unit}"
+
+
+def rises(values: Sequence[float] | np.ndarray, least: int = 1) -> bool:
+    """Whether there are at least so many numbers, each above the one before."""
+    return len(values) >= least and bool(np.all(np.diff(values) > 0))
 
 
 def read_integer(value: Plain, path: str, low: int | None = None, high: int | None = None) -> int:
@@ -216,9 +223,7 @@ def read_list(value: Plain, path: str, count: int | None, allowed: str) -> list[
     return value
 
 
-def read_parameter(
-    value: Plain, path: str, declared: Mapping[str, Any], counts: Mapping[str, int]
-) -> float | np.ndarray:
+def read_parameter(value: Plain, path: str, declared: Values, counts: Mapping[str, int]) -> float | np.ndarray:
     """A number as float, anything longer as an array of the declared shape."""
     shape = declared["shape"]
     each = limits(declared) or _in_unit(declared)
@@ -239,18 +244,18 @@ def read_parameter(
     return _read_numbers(value, path, declared, count, f"{'3' if count else 'a list of'} numbers{each}")
 
 
-def read_rows(rows: Sequence[Plain], path: str, declared: Mapping[str, Any], count: int, allowed: str) -> np.ndarray:
+def read_rows(rows: Sequence[Plain], path: str, declared: Values, count: int, allowed: str) -> np.ndarray:
     """Rows of `count` numbers each (k, count)."""
     found = [_read_numbers(row, f"{path}.{i}", declared, count, allowed) for i, row in enumerate(rows)]
     return np.array(found).reshape(-1, count)
 
 
-def _read_numbers(value: Plain, path: str, declared: Mapping[str, Any], count: int | None, allowed: str) -> np.ndarray:
+def _read_numbers(value: Plain, path: str, declared: Values, count: int | None, allowed: str) -> np.ndarray:
     items = read_list(value, path, count, allowed)
     return np.array([read_number(item, f"{path}.{i}", declared, allowed) for i, item in enumerate(items)], float)
 
 
-def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | int | bool | tuple[Any, ...]:
+def read_option(value: Plain, path: str, declared: Values) -> str | int | bool | tuple[Any, ...]:
     """A text, whole number, truth value, or tuple of whole numbers, of texts (declared as `list`), or of pairs of
     texts."""
     kind = declared.get("type")
@@ -275,11 +280,11 @@ def read_option(value: Plain, path: str, declared: Mapping[str, Any]) -> str | i
     return read_text(value, path, choices)
 
 
-def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -> dict[str, Any]:
-    """All declared fields of `cls` from a table.
+def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -> Table:
+    """All declared fields of `cls` from a table, and those of its parts that are given.
 
     Args:
-        cls: a dataclass whose fields were declared with `parameter` or `option`; other fields are ignored.
+        cls: a dataclass whose fields were declared with `parameter`, `option` or `part`; other fields are ignored.
         table: the values; omitted ones take their defaults.
         path: path of the table within the scene.
         counts: number of entries of a list with one value per node, link or joint.
@@ -289,7 +294,7 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
     """
     table = read_table(table, path)
     declared = declared_fields(cls)
-    check_keys(table, declared, path)
+    check_keys(table, section_keys(cls), path)
     values = {}
     for key, field in declared.items():
         if key in table:
@@ -300,8 +305,13 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
             values[field.name] = read(table[key], join(path, key), field.metadata)
         elif field.default is dataclasses.MISSING:
             raise SceneError(f"{join(path, key)}: missing; needed: {_describe_missing(field)}")
+        elif field.metadata.get("shape") == "vector" and field.default is not None:
+            values[field.name] = np.array(field.default, float)
         else:
             values[field.name] = field.default
+    for key, field in _part_fields(cls).items():
+        if table.get(key) is not None:
+            values[field.name] = field.metadata["part"](table[key], join(path, key))
     return values
 
 
@@ -328,19 +338,67 @@ def count(meaning: str, low: int = 1, high: int = MOST, **kwargs: Any) -> Any:
     )
 
 
+def part(read: Callable[[Plain, str], Any], key: str | None = None, **kwargs: Any) -> Any:
+    """Declare a table, a list of tables or other values inside a section, which `read` reads at their path."""
+    return dataclasses.field(metadata={"part": read, "key": key}, **kwargs)
+
+
+def items(cls: type[DeclaredSection]) -> Callable[[Plain, str], tuple[DeclaredSection, ...]]:
+    """The reader of a part that is a list of tables."""
+    return partial(read_items, cls.read)
+
+
+def read_positions(value: Plain, path: str) -> dict[str, np.ndarray]:
+    """Positions (3,) [m] by name."""
+    found = {}
+    for name, position in read_table(value, path).items():
+        vector = {"unit": "m", "shape": "vector"}
+        found[read_text(name, path)] = read_parameter(position, f"{path}.{name}", vector, {})
+    return found
+
+
 def declared_fields(cls: type) -> dict[str, dataclasses.Field]:
-    """All declared fields by their names in a table."""
-    return {f.metadata.get("key") or f.name: f for f in dataclasses.fields(cls) if "kind" in f.metadata}
+    """All declared numbers, texts and choices by their names in a table."""
+    return _fields_with("kind", cls)
 
 
-def as_table(spec: Declared) -> dict[str, Any]:
-    """The given values of a section as plain values; None values are omitted."""
-    found = {key: plain(getattr(spec, field.name)) for key, field in declared_fields(type(spec)).items()}
-    return {key: value for key, value in found.items() if value is not None}
+def _part_fields(cls: type) -> dict[str, dataclasses.Field]:
+    return _fields_with("part", cls)
 
 
-class DeclaredSection:
-    """Base of a section of a scene: a dataclass with declared fields, which are all that it reads and writes."""
+def _fields_with(word: str, cls: type) -> dict[str, dataclasses.Field]:
+    return {f.metadata.get("key") or f.name: f for f in dataclasses.fields(cls) if word in f.metadata}
+
+
+def section_keys(cls: type) -> list[str]:
+    """Names of all values of a section in its table."""
+    return [*declared_fields(cls), *_part_fields(cls)]
+
+
+def as_table(spec: Declared) -> Table:
+    """The given values of a section as plain values; None values and empty parts are omitted."""
+    found = {}
+    for key, field in declared_fields(type(spec)).items():
+        value = plain(getattr(spec, field.name))
+        if value is not None:
+            found[key] = value
+    for key, field in _part_fields(type(spec)).items():
+        value = plain(getattr(spec, field.name))
+        if value:
+            found[key] = value
+    return found
+
+
+class SectionValues:
+    """Base of a section of a scene: a dataclass with declared fields."""
+
+    def table(self) -> Table:
+        """Plain values from which `read` recreates the section."""
+        return as_table(self)
+
+
+class DeclaredSection(SectionValues):
+    """A section whose declared fields are all that it reads and writes."""
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
@@ -351,7 +409,3 @@ class DeclaredSection:
 
     def check(self, path: str) -> None:
         """Raise `SceneError` for combinations of values that ranges of single fields cannot express."""
-
-    def table(self) -> dict[str, Any]:
-        """Plain values from which `read` recreates the section."""
-        return as_table(self)

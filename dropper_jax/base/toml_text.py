@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from typing import Any
 
-from dropper_jax.base.read import Plain, plain
+from dropper_jax.base.read import Plain, Table, Values, plain
 
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 #: Version of the JSON object that commands print.
@@ -30,7 +30,7 @@ def jsonable(value: Any) -> Json:
     return value
 
 
-def as_toml(table: Mapping[str, Any]) -> str:
+def as_toml(table: Values) -> str:
     """Plain values (text, numbers, truth values, lists, tables) as TOML; None is omitted."""
     import tomlkit  # noqa: PLC0415 - 30 ms that only writing needs
 
@@ -56,7 +56,7 @@ def _item(value: Plain) -> Plain:
 DEEPEST = 32
 
 
-def parsed_toml(text: str) -> dict[str, Any]:
+def parsed_toml(text: str) -> Table:
     """The tables of a TOML text.
 
     Raises:

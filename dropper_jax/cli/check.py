@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import cells
@@ -108,7 +109,7 @@ def text(scene: Scene, source: str, found: Table) -> str:
     keys = ("length_m", "mass_kg", "wet_weight_n")
     rows = [
         ("line", "links", "length [m]", "mass [kg]", "weight [N]" if scene.sea is None else "weight in water [N]"),
-        *((row["line"], str(row["links"]), *cells((row[key] for key in keys), ".5g")) for row in found["lines"]),
+        *((row["line"], str(row["links"]), *cells(itemgetter(*keys)(row), ".5g")) for row in found["lines"]),
     ]
     parts = found["compiled"]
     step = found["suggested_dt_s"]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
+from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number, read_named_range
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     found = solve_design(scene, paths, low, high, args.target, args.value, progress(args.quiet))
     values = [{"path": path, "value": value} for path, value in found.values.items()]
     targets = [{"target": name, "required": pair[0], "reached": pair[1]} for name, pair in found.targets.items()]
-    more: dict[str, Any] = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
+    more: Table = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
     text = [
         *((path, f"{value:.9g}") for path, value in found.values.items()),
         *((name, f"{pair[1]:.9g}, required {pair[0]:g}") for name, pair in found.targets.items()),

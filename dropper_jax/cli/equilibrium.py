@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     text = _text(lines, found, angles, bent)
     if not failed:
         loads = []
-        if scene.branched:
+        if "held_load_n" in values:
             loads = [_loads(values["held_load_n"])]
         last = f"ok: scaled residual {found.residual:.1e}"
         text = "\n".join([text, *loads, _end_forces(values), *weights_table(scene), last])
@@ -83,7 +83,8 @@ def _tide(scene: Scene, args: argparse.Namespace) -> int:
     from dropper_jax.study.sea_facts import tidal_cycle
 
     found = tidal_cycle(scene, args.times)
-    failed = next((s for s in (found["slack_status"], *(r["status"] for r in found["rows"])) if s != "ok"), None)
+    outcomes = [found["slack_status"], *(row["status"] for row in found["rows"])]
+    failed = next((status for status in outcomes if status != "ok"), None)
     if args.plot and not failed:
         from dropper_jax.study.pictures import tide
 

@@ -197,7 +197,6 @@ def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
     """Spectra of the tensions at the ends with the largest deviations, in the sea state with the maximum tension."""
     from dropper_jax.plots import style
     from dropper_jax.plots.panels import Curve, Panel, draw_panel
-    from dropper_jax.study.pictures import title
 
     state = int(np.argmax(np.max(found.maximum_tension, axis=1)))
     omega, tension, _ = found.spectra(state)
@@ -210,5 +209,5 @@ def _draw(name: str, found: FrequencyResponse, path: Path) -> None:
         axes.set(xlabel="frequency [rad/s]", ylabel="spectrum of the tension [kN$^2$ s/rad]", ylim=(0.0, None))
         figure.legend(loc="outside right upper")
         hs, tp = found.sea_states[state]
-        title(figure, f"{name}: tension in waves of {hs:.3g} m and {tp:.3g} s")
+        style.title(figure, f"{name}: tension in waves of {hs:.3g} m and {tp:.3g} s")
         style.save(figure, path)

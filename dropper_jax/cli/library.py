@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from operator import itemgetter
 
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
@@ -59,10 +60,8 @@ def _crops(crops: list[Table]) -> str:
     """The numbers of the crops; their sources are in the list above."""
     heads = ("mass [kg/m]", "in water [kg/m]", "displaced diameter [m]", "outer diameter [m]", "cdn", "can")
     keys = ("mass_kg_per_m", "mass_in_water_kg_per_m", "diameter_m", "outer_diameter_m", "cdn", "can", "EI_n_m2")
-    rows = [("crop", *heads, "EI [N m^2]", "spread")]
-    return table(
-        [*rows, *((crop["name"], *cells((crop[key] for key in keys), ".4g"), crop["spread"]) for crop in crops)]
-    )
+    rows = ((crop["name"], *cells(itemgetter(*keys)(crop), ".4g"), crop["spread"]) for crop in crops)
+    return table([("crop", *heads, "EI [N m^2]", "spread"), *rows])
 
 
 def _published_table(crops: list[Table]) -> str:
@@ -72,7 +71,7 @@ def _published_table(crops: list[Table]) -> str:
     ]
     keys = ("mass", "outer_diameter", "cdn", "can", "EI")
     for i, crop in enumerate(crops, 1):
-        rows.append((f"{i}. {crop['crop']}", *cells((crop[key] for key in keys), ".4g"), crop["like"]))
+        rows.append((f"{i}. {crop['crop']}", *cells(itemgetter(*keys)(crop), ".4g"), crop["like"]))
     sources = []
     for i, crop in enumerate(crops, 1):
         sources.append(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number, positive_integer
 from dropper_jax.cli.options import add_examples, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
@@ -91,7 +92,7 @@ def _number_of(name: str, scene: Scene) -> int:
     return names.index(name)
 
 
-def _text(scene: Scene, modes: Modes, found: dict[str, Any]) -> str:
+def _text(scene: Scene, modes: Modes, found: Table) -> str:
     ratios = {"damping ratio": modes.damping_ratio}
     if "amplitude_m" in found:
         ratios[f"at {found['amplitude_m']:g} m"] = found["damping_ratio_at_amplitude"]

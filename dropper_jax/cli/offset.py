@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.cli.given import read_numbers
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
@@ -75,7 +75,7 @@ def _values(text: str, option: str) -> np.ndarray:
     return low + step * np.arange(int((high - low) / step * (1.0 + 1e-9) + 1e-9) + 1)
 
 
-def _text(rows: list[dict[str, Any]]) -> str:
+def _text(rows: list[Table]) -> str:
     heads = ("direction [deg]", "distance [m]", "restoring [N]", "transverse [N]", "vertical [N]")
     lines = [(*heads, "tension at points [N]", "maximum tension [N]", "in line")]
     for row in rows:

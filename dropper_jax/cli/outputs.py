@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write, remove
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.cli.faults import defer_signals
 from dropper_jax.cli.given import output_file, output_folder
@@ -114,7 +115,7 @@ def out_file(text: str, option: str = "--out") -> Path | None:
     return output_file(text, option, (".json",))
 
 
-def deliver(args: argparse.Namespace, found: dict[str, Any], text: str, failure: Failure | None = None) -> int:
+def deliver(args: argparse.Namespace, found: Table, text: str, failure: Failure | None = None) -> int:
     """Print the result and write it to the file of --out, if one was requested; returns the exit code."""
     if args.out is not None:
         atomic_write(args.out, json.dumps(jsonable(with_failure(found, failure)), allow_nan=False, indent=1))

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any, Protocol
 
-from dropper_jax.base.errors import silent
+from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import SCHEMA, jsonable
 
@@ -111,7 +111,7 @@ def listing(pairs: Sequence[tuple[str, str]]) -> str:
     return "\n".join(f"{name.ljust(width)}  {value}" for name, value in pairs)
 
 
-def progress(quiet: bool = False) -> Callable[[float, str], None]:
+def progress(quiet: bool = False) -> Progress:
     """A function `(fraction, text)` that shows progress: a bar on a terminal, a few lines elsewhere, nothing if
     quiet."""
     if quiet:
@@ -141,7 +141,7 @@ def row_printer(head: Sequence[str], quiet: bool = False) -> Callable[[Sequence[
     return show
 
 
-def _bar() -> Callable[[float, str], None]:
+def _bar() -> Progress:
     last = 0.0
 
     def show(fraction: float, text: str = "") -> None:
@@ -158,7 +158,7 @@ def _bar() -> Callable[[float, str], None]:
     return show
 
 
-def _lines() -> Callable[[float, str], None]:
+def _lines() -> Progress:
     reached = 0
 
     def show(fraction: float, text: str = "") -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from dropper_jax.base.read import Table
 
 if TYPE_CHECKING:
     from dropper_jax.load.reference import Key, Section
@@ -39,7 +41,7 @@ def _lines(key: Key) -> str:
     return f"  {key.path}: {key.meaning}\n      {about}; default: {key.default}"
 
 
-def as_values(sections: Sequence[Section]) -> list[dict[str, Any]]:
+def as_values(sections: Sequence[Section]) -> list[Table]:
     """Sections as plain values."""
     found = [dataclasses.asdict(section) for section in sections]
     for section in found:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number, output_folder
 from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
 from dropper_jax.cli.outputs import Output
@@ -14,7 +15,7 @@ from dropper_jax.cli.printing import FAILED, OK, print_line, print_result
 from dropper_jax.evaluation.settings import Settings
 
 if TYPE_CHECKING:
-    from dropper_jax.run.simulate import Solution
+    pass
 
 help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact, extremes over seeds"
 
@@ -52,14 +53,17 @@ def run(args: argparse.Namespace) -> int:
     settings = Settings(**{key: value for key, value in given.items() if value is not None})
     if args.every < 1:
         raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")
-    solutions = _load(args.runs, args)
+    for i, file in enumerate(args.runs):
+        if file in args.runs[:i]:
+            raise SceneError(f"RUN: {file!r} is given twice; allowed: every run once")
+    solutions = {file: read_run(file, args) for file in args.runs}
 
     from dropper_jax.report.build import report_runs
     from dropper_jax.report.text import markdown
     from dropper_jax.report.vtk import write_vtk
     from dropper_jax.report.write import write_report
 
-    found: dict[str, Any] = report_runs(solutions, settings)
+    found: Table = report_runs(solutions, settings)
     failures = [f"{file}: {solution.failure}" for file, solution in solutions.items() if solution.failure]
     if failures:
         found["error"] = "; ".join(failures)
@@ -72,10 +76,3 @@ def run(args: argparse.Namespace) -> int:
     for failure in failures:
         print_line(f"error: {failure}")
     return FAILED if failures else OK
-
-
-def _load(files: list[str], args: argparse.Namespace) -> dict[str, Solution]:
-    for i, file in enumerate(files):
-        if file in files[:i]:
-            raise SceneError(f"RUN: {file!r} is given twice; allowed: every run once")
-    return {file: read_run(file, args) for file in files}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.cli.given import read_spaced
 from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
@@ -60,7 +60,7 @@ def _periods(text: str) -> np.ndarray:
     return np.linspace(low, high, count)
 
 
-def _text(rows: list[dict[str, Any]]) -> str:
+def _text(rows: list[Table]) -> str:
     lines = [("period [s]", "mean [rad]", "amplitude [rad]", "phase [rad]", "wet", "in waves 10 % higher")]
     for row in rows:
         more = row.get("amplitude_10_percent_more")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from contextlib import nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.files import unfinished_folder
-from dropper_jax.base.read import Table
+from dropper_jax.base.read import Table, Values
 from dropper_jax.cli.given import AUTO, output_file, output_folder
 from dropper_jax.cli.options import (
     add_examples,
@@ -186,7 +185,7 @@ def _further(args: argparse.Namespace, before: Solution) -> Scene:
     return read_scene(args, OVERRIDES, notes=False).with_values({"run.duration": values["run.duration"]})
 
 
-def report(solution: Solution, as_json: bool, more: Mapping[str, Any] | None = None) -> int:
+def report(solution: Solution, as_json: bool, more: Values | None = None) -> int:
     """Print the result, with `more` keys in the JSON object; returns the exit code."""
     if as_json:
         print_json({**solution.summary(), **_flow(solution), **(more or {})})

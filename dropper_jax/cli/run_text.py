@@ -80,17 +80,11 @@ def _errors(solution: Solution) -> list[str]:
         return []
     loads = {row["line"]: row for row in found["loads"]}
     names = {"mean": "mean", "deviation": "deviation", "window_maximum": "maxima in waves", "maximum": "maximum"}
-    rows: dict[str, list[Row]] = {
-        line: [
-            (
-                line,
-                f"{row['at_m']:.4g}",
-                *(f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names),
-                f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}",
-            )
-        ]
-        for line, row in loads.items()
-    }
+    rows: dict[str, list[Row]] = {}
+    for line, row in loads.items():
+        own = (f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names)
+        snaps = f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}"
+        rows[line] = [(line, f"{row['at_m']:.4g}", *own, snaps)]
     heads = ("line, loads [N]", "at [m]", *names.values(), "snaps")
     shown = most_loaded(loads, lambda row: row["maximum"]["value"])
     return ["", table([heads, *with_gaps(rows, shown)]), *_about_errors(found)]
@@ -129,7 +123,7 @@ def _tensions(solution: Solution) -> list[str]:
     rows: list[Row] = [("tension of links [N]", *heads)]
     rows += with_gaps({name: [(name, *_extent_cells(values))] for name, values in parts.items()}, shown)
     # a mean over lines that differ is the load of none
-    rows.append(("all links", *_extent_cells(whole["all"], mean=not solution.scene.branched)))
+    rows.append(("all links", *_extent_cells(whole["all"], mean=shown is None)))
     ends: list[Row] = [("force on end points [N]", *heads, "angle up [deg]", "min", "max")]
     ends += with_gaps(_end_rows(solution), shown)
     note = f"{solution.saved_rows}; min and max of tensions and forces are those of all steps, angles of saved ones"

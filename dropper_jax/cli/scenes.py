@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import references_of
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
 from dropper_jax.cli.given import number, output_file
 from dropper_jax.cli.options import (
@@ -138,7 +139,7 @@ def _one(args: argparse.Namespace) -> int:
     return _show(table, args.json)
 
 
-def _show(table: dict[str, Any], as_json: bool) -> int:
+def _show(table: Table, as_json: bool) -> int:
     if as_json:
         print_json(done_object(name=table["name"], scene=table))
     else:

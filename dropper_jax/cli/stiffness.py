@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     names, about = _requested_points(scene, args)
 
     from dropper_jax.run.build import build_model, equilibrium
-    from dropper_jax.statics.static_pose import nodal_loads
+    from dropper_jax.statics.static_pose import release_loads
     from dropper_jax.statics.stiffness import mooring_stiffness
 
     pose = equilibrium(scene)
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
     model = build_model(scene)
     if args.of is None:
-        loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+        loads = release_loads(model, scene.start)
         found = mooring_stiffness(model, pose.state, names, loads)
     else:
         found = _of_one(scene, model, pose.state, names, about, args.lines_only)
@@ -110,7 +110,7 @@ def _of_one(
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.run.fixed_points import without_body
     from dropper_jax.statics.rigid_group import moved_to, stiffness_of_group
-    from dropper_jax.statics.static_pose import nodal_loads
+    from dropper_jax.statics.static_pose import release_loads
     from dropper_jax.statics.stiffness import mooring_stiffness
 
     bodies = [body.name for body in scene.bodies]
@@ -123,7 +123,7 @@ def _of_one(
         if own.status != "ok":
             raise SceneError(f"--lines-only: {own.message}")
         return stiffness_of_group(build_model(held), own.state, points, reference if about is None else about, names[0])
-    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    loads = release_loads(model, scene.start)
     found = mooring_stiffness(model, pose, names, loads)
     if about is None:
         return found

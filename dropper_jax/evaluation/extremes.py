@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
 
@@ -53,7 +54,7 @@ def _fit(ordered: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return b0 - EULER * scale, scale
 
 
-def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence: float) -> dict[str, Any]:
+def storm_extreme(maxima: np.ndarray, duration: float, storm: float, confidence: float) -> Table:
     """Most probable and mean maximum in a storm, and its 90th percentile, with their intervals.
 
     Args:
@@ -171,7 +172,7 @@ def _crossing(t: np.ndarray, tension: np.ndarray, i: int, level: float) -> float
     return t[i] + (level - tension[i]) / rise * (t[i + 1] - t[i])
 
 
-def line_snaps(record: Record, settings: Settings) -> list[dict[str, Any]]:
+def line_snaps(record: Record, settings: Settings) -> list[Table]:
     """Per line: number of events, per link and in its worst link, fraction of time slack, and the largest events.
 
     A rigid link is never slack: for it the fraction is that of compression.

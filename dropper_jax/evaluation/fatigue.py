@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.evaluation.tension import breaking_load
@@ -52,7 +51,7 @@ def damage(counted: np.ndarray, load: float, k: float, m: float) -> float:
     return float(np.sum(counted[:, 2] * (counted[:, 0] / load) ** m) / k)
 
 
-def line_fatigue(record: Record, settings: Settings) -> list[dict[str, Any]]:
+def line_fatigue(record: Record, settings: Settings) -> list[Table]:
     """Per line: equivalent range, counted cycles and, with a breaking load, the damage of the record and of a year.
 
     The equivalent range `(sum n R^m / sum n)^(1/m)` [N] needs no breaking load.
@@ -96,7 +95,7 @@ def _equivalent(counted: np.ndarray, m: float) -> float:
     return 0.0
 
 
-def _damages(record: Record, values: list[float] | None, why_not: str) -> dict[str, Any]:
+def _damages(record: Record, values: list[float] | None, why_not: str) -> Table:
     if values is None:
         return {"damage": None, "why_no_damage": why_not}
     worst = max(values)

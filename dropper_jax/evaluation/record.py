@@ -62,6 +62,11 @@ class Record:
         """The lines as in the scene, which the report uses."""
         return whole_lines(self.scene)
 
+    @cached_property
+    def acceleration(self) -> np.ndarray:
+        """Acceleration (k, nodes) [m/s^2] of the nodes, by central differences of the saved velocities."""
+        return np.linalg.norm(np.gradient(self.velocities, self.t, axis=0), axis=-1)
+
     @property
     def duration(self) -> float:
         """Time that the record spans [s]."""

@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import limits
+from dropper_jax.base.read import Table, limits
 
 
 def _setting(meaning: str, unit: str, default: Any, option: str) -> Any:
@@ -53,7 +53,7 @@ class Settings:
         if self.slack is not None and self.snap is not None and self.snap <= self.slack:
             raise SceneError(f"--snap: {self.snap:g} is not above --slack, {self.slack:g} N; allowed: more than that")
 
-    def table(self) -> dict[str, Any]:
+    def table(self) -> Table:
         """Values with meaning and unit, by name."""
         found = {}
         for f in dataclasses.fields(self):

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, arc, spread
 from dropper_jax.evaluation.settings import Settings
-from dropper_jax.run.bends import held_points, positions_at
+from dropper_jax.run.bends import held_points
 from dropper_jax.run.bends import point_load as line_load
+from dropper_jax.run.end_links import positions_at
 from dropper_jax.run.line_weights import end_angles, end_forces
 from dropper_jax.run.statistics import excess_kurtosis, statistic
 from dropper_jax.scene import AnchorSpec, LineSpec, WholeLine, utilisations
 from dropper_jax.stepping.extremes import Extremes
 
 
-def line_tensions(record: Record, settings: Settings) -> list[dict[str, Any]]:
+def line_tensions(record: Record, settings: Settings) -> list[Table]:
     """Per line: min, mean, standard deviation, max and percentiles of each link [N] against arc length [m].
 
     The maximum and minimum of the line have their arc length and time. Utilisation is the maximum over the links of the
@@ -53,7 +53,7 @@ def _force_peaks(extremes: Extremes) -> dict[str, float]:
     return found
 
 
-def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any]:
+def _line(record: Record, where: WholeLine, settings: Settings) -> Table:
     percentiles = (1, 5, 25, 50, 75, 95, 99)
     spec = where.spec
     tension = record.tension[:, where.links]
@@ -62,7 +62,7 @@ def _line(record: Record, where: WholeLine, settings: Settings) -> dict[str, Any
     least, largest, least_at, largest_at = (a[:, where.links] for a in record.extremes["tension"])
     high = np.unravel_index(np.argmax(largest), tension.shape)
     low = np.unravel_index(np.argmin(least), tension.shape)
-    found: dict[str, Any] = {
+    found: Table = {
         "line": where.name,
         "arc_length_m": s,
         "min_n": least.min(axis=0),
@@ -119,7 +119,7 @@ def breaking_load(spec: LineSpec, settings: Settings) -> np.ndarray | None:
 NO_DIRECTION = 0.01
 
 
-def anchors(record: Record) -> list[dict[str, Any]]:
+def anchors(record: Record) -> list[Table]:
     """Force of the lines on each fixed point: horizontal and vertical (upwards positive) load [N], uplift angle [rad].
 
     It is the sum of the forces of the lines that end there (see `run.end_links`), at the times of the tensions. The
@@ -200,7 +200,7 @@ def _uplift(extremes: Extremes, row: int) -> float:
     return float(np.arctan2(steepest, across))
 
 
-def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], peaks: dict[str, Extremes]) -> dict[str, Any]:
+def _holding(anchor: AnchorSpec, anchors: tuple[AnchorSpec, ...], peaks: dict[str, Extremes]) -> Table:
     """Utilisation of an anchor over the run, and the ratio of its capacity to its maximum load.
 
     The loads of a sample are the maxima of the horizontal and of the vertical part over its steps, which is on the safe

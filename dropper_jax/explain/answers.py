@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.explain.catenary import Hanging, Shape, hanging_length, offset_until_uplift, solve
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.run.build import build_model, equilibrium
@@ -17,7 +18,7 @@ from dropper_jax.run.line_weights import end_angles, end_forces, wet_weights
 from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.rigid_group import stiffness_of_group
-from dropper_jax.statics.static_pose import nodal_loads, settle
+from dropper_jax.statics.static_pose import release_loads, settle
 
 if TYPE_CHECKING:
     from dropper_jax.load.scene import Scene
@@ -319,8 +320,8 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
     return found
 
 
-def _worn_values(scene: Scene) -> dict[str, Any]:
-    values: dict[str, Any] = {}
+def _worn_values(scene: Scene) -> Table:
+    values: Table = {}
     for i, line in enumerate(scene.lines):
         values[f"line.{i}.mass"] = (WORN**2 * line.mass).tolist()
         values[f"line.{i}.axial.EA"] = (WORN**2 * _stiffness_of(line)).tolist()
@@ -334,7 +335,7 @@ def _worn_values(scene: Scene) -> dict[str, Any]:
 def _along(scene: Scene, worn: Scene, state: State) -> np.ndarray:
     """Change (n,) [N] of the tensions from the scene to the worn one, by the derivative at the scene's equilibrium."""
     model = build_model(scene)
-    loads = nodal_loads(model, scene.start.release_nodes or (), scene.start.release_force)
+    loads = release_loads(model, scene.start)
     pairs = zip(jax.tree.leaves(model), jax.tree.leaves(build_model(worn)), strict=True)
     change = {}
     for i, (a, b) in enumerate(pairs):

@@ -94,7 +94,7 @@ def linearise(still: Model, pose: State) -> LinearMotion:
 
     def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> jax.Array:
         k = still.instant(pose.r + x, v, pose.t, ends)
-        tension = line.axial.tension(k.links, k.link_velocities, line.length)
+        tension = still.tension_by_law(k)
         direction = line.axial.direction(k.links, k.links, k.links, line.length)
         return still.inertia(k, a) - still.force(k) - still.tension_force(tension, direction)
 
@@ -124,7 +124,7 @@ def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
             sea = replace(model.sea, waves=replace(component, amplitude=amplitude, phase=component.phase + later))
             moved = replace(model, sea=sea)
             k = moved.instant(pose.r, still, pose.t)
-            tension = moved.line.axial.tension(k.links, k.link_velocities, moved.line.length)
+            tension = moved.tension_by_law(k)
             direction = moved.line.axial.direction(k.links, k.links, k.links, moved.line.length)
             inertia = moved.inertia(k, still, moved.end_acceleration(pose.t))
             force = moved.force(k) + moved.tension_force(tension, direction) - inertia

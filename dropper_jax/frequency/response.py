@@ -26,7 +26,7 @@ from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.search import Equilibrium, outward
 from dropper_jax.statics.static_friction import with_static_seabed_friction
-from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+from dropper_jax.statics.static_pose import equilibrium, release_loads
 from dropper_jax.statics.system import with_axial
 
 #: Largest error of the basis that stays below that of the linearisation.
@@ -141,7 +141,7 @@ def frequency_response(
             "vessel: has factors at the frequencies of the scene's own waves only. Use it without sea states"
         )
     states, waves = _waves(scene.sea, sea_states, direction, frequencies)
-    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    loads = release_loads(model, scene.start)
     model, still, pose = _tangent_model(model, static_pose(scene, model), loads)
     if pose.status != "ok":
         raise SceneError(f"start: {pose.message}")

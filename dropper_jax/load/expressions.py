@@ -26,22 +26,23 @@ UNARY: dict[type[ast.unaryop], Callable[[Number], Number]] = {ast.UAdd: operator
 FUNCTIONS: dict[str, Callable[..., Number]] = {f.__name__: f for f in (abs, min, max, round, math.floor, math.ceil)}
 FUNCTIONS |= {f.__name__: f for f in (math.sqrt, math.exp, math.log, math.sin, math.cos, math.tan, math.radians)}
 CONSTANTS = {"pi": math.pi}
+#: Maximum length of an expression [characters].
+LONGEST = 500
 ALLOWED = f"numbers, names, + - * / // % **, brackets and {', '.join(FUNCTIONS)}"
 
 
-def evaluate(text: str, names: Mapping[str, Number], path: str, limit: int = 500) -> Number:
+def evaluate(text: str, names: Mapping[str, Number], path: str) -> Number:
     """The value of an expression.
 
     Args:
         names: values of its names; looked up when they occur.
         path: its path in the scene, for errors.
-        limit: maximum length of an expression [characters].
 
     Raises:
         SceneError: not an arithmetic expression, an unknown name (with the nearest), or a result that is not finite.
     """
-    if len(text) > limit:
-        raise SceneError(f"{path}: an expression of {len(text)} characters; allowed: at most {limit}")
+    if len(text) > LONGEST:
+        raise SceneError(f"{path}: an expression of {len(text)} characters; allowed: at most {LONGEST}")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SyntaxWarning)  # such as `1if`: rejected below

@@ -25,6 +25,7 @@ from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     Plain,
     Table,
+    Values,
     check_keys,
     declared_fields,
     plain,
@@ -152,7 +153,7 @@ class Section:
         return dataclasses.replace(self, length=length, links=max(1, round(self.links * length / self.length)))
 
 
-def expand(table: Mapping[str, Any]) -> Table:
+def expand(table: Values) -> Table:
     """The scene's plain values without line types, sections and attached points; a table without them is unchanged.
 
     Raises:
@@ -191,7 +192,7 @@ def expand(table: Mapping[str, Any]) -> Table:
 
 
 @raises_first
-def _check_keys_of_types(line: Mapping[str, Any], path: str) -> Iterator[Check]:
+def _check_keys_of_types(line: Values, path: str) -> Iterator[Check]:
     typeless = not {"type", "sections"} & set(line)
     yield (
         typeless and "attach" in line,

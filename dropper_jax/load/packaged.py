@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import refuse_pipe
+from dropper_jax.base.read import Table, Values
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.decks.reading.sections import looks_like_moordyn
 from dropper_jax.load.variants import VARIANTS
@@ -22,7 +21,7 @@ FARM_NAME = re.compile(r"dropper-farm(?:-(\d+))?")
 MOST_DROPPERS = 200
 
 
-def parse_toml(data: bytes, label: str) -> dict[str, Any]:
+def parse_toml(data: bytes, label: str) -> Table:
     """Plain values of a TOML file.
 
     Raises:
@@ -64,7 +63,7 @@ def is_packaged(name: str) -> bool:
     return is_farm(name) or name in scene_names()
 
 
-def packaged_scene(name: str) -> dict[str, Any]:
+def packaged_scene(name: str) -> Table:
     """Plain values of a packaged scene.
 
     Raises:
@@ -87,7 +86,7 @@ def is_farm(name: str) -> bool:
     return FARM_NAME.fullmatch(name) is not None
 
 
-def farm_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
+def farm_table(name: str, table: Values) -> Table:
     """Plain values of `dropper-farm-K` from those of `dropper-farm`.
 
     Raises:
@@ -104,7 +103,7 @@ def farm_table(name: str, table: Mapping[str, Any]) -> dict[str, Any]:
     return {**table, "name": name, "parameters": {**table["parameters"], "droppers": droppers}}
 
 
-def find_scene(source: str | Path, depth: float | None = None) -> tuple[dict[str, Any], str]:
+def find_scene(source: str | Path, depth: float | None = None) -> tuple[Table, str]:
     """Plain values and name of a packaged scene, a TOML file, a MoorDyn input or a YAML mooring.
 
     Args:
@@ -128,7 +127,7 @@ def find_scene(source: str | Path, depth: float | None = None) -> tuple[dict[str
     return found
 
 
-def _read_mooring(path: Path, depth: float | None) -> dict[str, Any]:
+def _read_mooring(path: Path, depth: float | None) -> Table:
     from dropper_jax.decks.reading.reader import read_moordyn  # noqa: PLC0415 - 0.5 s that starting does not need
     from dropper_jax.decks.reading.yaml_mooring import SUFFIXES, read_yaml_mooring  # noqa: PLC0415
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, ScenePath, Table, declared_fields, join, plain
+from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, plain, section_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand, law_constants
@@ -53,13 +53,13 @@ MORE_KEYS: dict[str, Iterable[str]] = {
     "": ("name", "description"),
     "run": OPTIONS,
     "line.*.axial": ("law", "EA", "damping", "strain", "tension"),
-    "body.*": BodySpec.keys(),
-    "vessel.*": VesselSpec.keys(),
-    "growth": SeasonSpec.all_keys(),
-    "sea": ("packaged", "waves", "current", "level"),
+    "growth": ("thickness",),
+    "sea": ("packaged",),
 }
 #: Tables that have paths only for the keys that are given.
 BY_NAME = ("vessel.*.rao", "vessel.*.attachments", "body.*.attachments")
+#: Sections of whose tables only the keys have paths, not the tables themselves.
+KEYS_ALONE = ("line.*",)
 #: Sections of templates, of lines with types and of fits, whose values have no path in a scene with one value per link.
 WITHOUT_PATHS = ("point_type.*", "line_type.*", "fit", "fit.sensor.*", "fit.prior.*", "parameters", "unit.*", "array.*")
 #: Keys of a section of a line, or of a line without sections.
@@ -105,7 +105,7 @@ def declared_sections(effects: Collection[str] | None = None) -> list[SectionRow
     ]
 
 
-def describe(path: str) -> Mapping[str, Any]:
+def describe(path: str) -> Values:
     """Declaration of the value at a path, with `meaning`, `unit`, `low` and `high`; empty for keys read by hand."""
     section, _, key = ScenePath(path).stem.rpartition(".")
     for pattern, _, cls in declared_sections():
@@ -117,7 +117,7 @@ def describe(path: str) -> Mapping[str, Any]:
     return {}
 
 
-def locate(table: Mapping[str, Any], paths: Iterable[str] | None = None) -> dict[str, Steps]:
+def locate(table: Values, paths: Iterable[str] | None = None) -> dict[str, Steps]:
     """Steps to each value that a scene with one value per link may have, by path; without entries of lists.
 
     Args:
@@ -130,13 +130,14 @@ def locate(table: Mapping[str, Any], paths: Iterable[str] | None = None) -> dict
         effects = {*table.get("effects", ()), *(word[1] for word in words if word[0] == "effects" and len(word) > 1)}
     for pattern, _, cls in declared_sections(effects):
         if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
-            found |= _steps(table, pattern, (*(declared_fields(cls) if cls else ()), *MORE_KEYS.get(pattern, ())))
+            keys = declared_fields if pattern in KEYS_ALONE else section_keys
+            found |= _steps(table, pattern, (*(keys(cls) if cls else ()), *MORE_KEYS.get(pattern, ())))
     for pattern in BY_NAME:
         found |= _steps(table, pattern)
     return found
 
 
-def locate_written(table: Mapping[str, Any]) -> dict[str, Steps]:
+def locate_written(table: Values) -> dict[str, Steps]:
     """The same for types and lines of a table in its original form; empty without types."""
     if not table.get("line_type"):
         return {}
@@ -153,7 +154,7 @@ def locate_written(table: Mapping[str, Any]) -> dict[str, Steps]:
     }
 
 
-def _steps(table: Mapping[str, Any], pattern: str, keys: Iterable[str] | None = None) -> dict[str, Steps]:
+def _steps(table: Values, pattern: str, keys: Iterable[str] | None = None) -> dict[str, Steps]:
     """Steps to these keys of every table at a pattern; without `keys`, to those that it has."""
     tables = _tables(table, pattern.split(".") if pattern else [])
     return {join(path, key): (*to, key) for path, to, own in tables for key in (own if keys is None else keys)}
@@ -281,7 +282,7 @@ class Written:
     taken: tuple[tuple[str, str], ...]
 
     @classmethod
-    def of(cls, table: Mapping[str, Any], expanded: Mapping[str, Any]) -> Written | None:
+    def of(cls, table: Values, expanded: Values) -> Written | None:
         """The expanded part of a scene's plain values; None if nothing was expanded."""
         if not table.get("line_type"):
             return None
@@ -295,7 +296,7 @@ class Written:
         )
         return cls(plain(table["line_type"]), plain(table["line"]), made, taken)
 
-    def table(self, expanded: Mapping[str, Any], keep_points: bool = False) -> Table:
+    def table(self, expanded: Values, keep_points: bool = False) -> Table:
         """Plain values of the scene in its original form, from those with one value per link."""
         effects = {}
         for name, values in expanded["effects"].items():
@@ -304,7 +305,7 @@ class Written:
         own = {"line_type": copy.deepcopy(self.line_type), "line": copy.deepcopy(self.line)}
         return {**expanded, **own, "point": points, "effects": effects}
 
-    def with_changes(self, expanded: Table, values: Mapping[str, Any]) -> Table:
+    def with_changes(self, expanded: Table, values: Values) -> Table:
         """Plain values in their original form with some changed by path; changes of single links are applied last.
 
         Args:

@@ -11,16 +11,15 @@ import inspect
 import re
 import sys
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import cache
 from importlib import resources
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import ScenePath, declared_fields, join, limits
+from dropper_jax.base.read import ScenePath, Table, Values, declared_fields, join, limits
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.paths import declared_sections
 
@@ -60,7 +59,7 @@ class Key:
     unit: str = "-"
     allowed: str = ""
     default: str = "none"
-    schema: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    schema: Values = dataclasses.field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -85,7 +84,7 @@ AXIAL_LAW = Key("line.*.axial.law", f"axial law: {', '.join(LAWS)}; default: rop
 
 
 @cache
-def _by_hand() -> dict[str, Any]:
+def _by_hand() -> Table:
     """What `data/keys_by_hand.toml` says of each section."""
     return tomllib.loads((resources.files("dropper_jax") / "data" / "keys_by_hand.toml").read_text(encoding="utf-8"))
 
@@ -142,7 +141,7 @@ def _declared_keys(path: str, cls: type) -> Iterable[Key]:
         yield Key(name, about["meaning"], kind, about.get("unit", "-"), allowed, _default(field), _schema(about))
 
 
-def _option(name: str, about: Mapping[str, Any]) -> Key:
+def _option(name: str, about: Values) -> Key:
     takers = ", ".join(scheme for scheme, one in INTEGRATORS.items() if name in one.options())
     meaning = f"{about.get('meaning', name)} ({takers})"
     return Key(f"run.{name}", meaning, "number", "-", limits({**about, "unit": "-"}), "that of the scheme", NUMBER)
@@ -161,7 +160,7 @@ def _default(field: dataclasses.Field) -> str:
     return str(value)
 
 
-def _schema(about: Mapping[str, Any]) -> dict[str, Any]:
+def _schema(about: Values) -> Table:
     """JSON Schema of a declared value; a text may be an expression of the scene's parameters."""
     if about["kind"] != "parameter":
         kinds = {int: {"type": ["integer", "string"]}, bool: {"type": "boolean"}, tuple: LIST, list: LIST}
@@ -169,7 +168,7 @@ def _schema(about: Mapping[str, Any]) -> dict[str, Any]:
         if about.get("choices"):
             choices = {"enum": list(about["choices"])}
         return {**kinds.get(about.get("type"), {} if choices else TEXT), **choices}
-    number: dict[str, Any] = {"type": ["number", "string"]}
+    number: Table = {"type": ["number", "string"]}
     if about.get("low") is not None:
         number["exclusiveMinimum" if about.get("open_low") else "minimum"] = about["low"]
     if about.get("high") is not None:
@@ -226,9 +225,9 @@ def _matches(path: str, word: str) -> bool:
     return bool(path) and (word == plain or re.fullmatch(pattern, word) is not None)
 
 
-def schema() -> dict[str, Any]:
+def schema() -> Table:
     """JSON Schema (2020-12) of a scene."""
-    root: dict[str, Any] = {"type": "object", "properties": {}, "additionalProperties": False}
+    root: Table = {"type": "object", "properties": {}, "additionalProperties": False}
     for section in sections():
         target = _section_object(root, section.path)
         for key in section.keys:
@@ -249,7 +248,7 @@ def schema() -> dict[str, Any]:
     }
 
 
-def _section_object(root: dict[str, Any], path: str) -> dict[str, Any]:
+def _section_object(root: Table, path: str) -> Table:
     """The object of a section, created if it is missing."""
     parent = root
     words = path.split(".") if path else []

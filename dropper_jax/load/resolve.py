@@ -9,6 +9,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import (
     Plain,
     Table,
+    Values,
     check_keys,
     declared_fields,
     read_items,
@@ -57,7 +58,7 @@ def resolve(table: Plain) -> Resolved:
 GRAVITIES = ("effects.weight.gravity", "sea.gravity")
 
 
-def with_one_gravity(table: Mapping[str, Any]) -> Table:
+def with_one_gravity(table: Values) -> Table:
     """The scene with the gravity that only one of `[effects.weight]` and `[sea]` gives in both.
 
     Waves over weightless lines (gravity 0) keep their own.
@@ -87,7 +88,7 @@ def with_one_gravity(table: Mapping[str, Any]) -> Table:
     return dict(table)
 
 
-def with_library_lines(table: Mapping[str, Any]) -> Table:
+def with_library_lines(table: Values) -> Table:
     """The scene with the types that its lines take from the library added to its `[[line_type]]`.
 
     Raises:
@@ -108,7 +109,7 @@ def with_library_lines(table: Mapping[str, Any]) -> Table:
     return {**table, "line_type": [*_tables(table.get("line_type")), *found]}
 
 
-def with_library_points(table: Mapping[str, Any]) -> Table:
+def with_library_points(table: Values) -> Table:
     """The scene, its points and those of its units with the values that they take from the library written out.
 
     Raises:
@@ -177,7 +178,7 @@ def _point_type(item: Plain, path: str) -> tuple[str, Table]:
     return read_text(own.pop("name", None), f"{path}.name"), own
 
 
-def _written_out(point: Plain, types: Mapping[str, Mapping[str, Any]], path: str) -> Plain:
+def _written_out(point: Plain, types: Mapping[str, Values], path: str) -> Plain:
     if not isinstance(point, Mapping):
         return point
     found = dict(point)

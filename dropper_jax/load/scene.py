@@ -6,7 +6,6 @@ import copy
 import dataclasses
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from dropper_jax.base.read import (
     Plain,
     ScenePath,
     Table,
+    Values,
     check_keys,
     plain,
     read_fields,
@@ -57,8 +57,8 @@ from dropper_jax.scene import (
     choose_steps,
     directions,
     is_branched,
-    line_slices,
     point_named,
+    sliced_lines,
 )
 from dropper_jax.scene.start import rows_of_pieces
 from dropper_jax.sea.spec import SeaSpec
@@ -140,7 +140,7 @@ def check_system_pose(scene: SceneData) -> None:
         raise SceneError("start.kind: 'positions' gives nodes of lines only; allowed: in scenes without bodies")
     rows = rows_of_pieces(scene.lines)
     found: dict[str, tuple[int, np.ndarray]] = {}
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+    for line, where in sliced_lines(scene):
         nodes = scene.start.positions[where.nodes]
         path = f"start.positions: line {line.name!r}"
         check_pose(scene, line, path, nodes, int(rows[where.nodes.start]))
@@ -202,7 +202,7 @@ class Scene(SceneData):
     template: Template | None = None
 
     @classmethod
-    def from_dict(cls, table: Mapping[str, Any], name: str = "scene") -> Scene:
+    def from_dict(cls, table: Values, name: str = "scene") -> Scene:
         """A scene from plain values; `name` is used if the table has none.
 
         Raises:
@@ -292,7 +292,7 @@ class Scene(SceneData):
         ]
         return html_table(f"Scene {self.name}: {len(self.lines)} lines, {len(self.points)} points", rows)
 
-    def with_values(self, values: Mapping[str, Any]) -> Scene:
+    def with_values(self, values: Values) -> Scene:
         """The scene with some values changed, all at once, validated again.
 
         Args:
@@ -342,7 +342,7 @@ class Scene(SceneData):
             return run
         return {**choose_steps(run, {"run.dt": None}), "dt": self.run.step}
 
-    def _from_template(self, values: Mapping[str, Any]) -> Scene:
+    def _from_template(self, values: Values) -> Scene:
         """The scene with values changed: parameters before all others, including those of earlier changes."""
         given = {path: value for path, value in values.items() if ScenePath(path).section == "parameters"}
         changes = {path: value for path, value in values.items() if path not in given}
@@ -388,7 +388,7 @@ def _read_effects(table: Plain, links: int) -> dict[str, Table]:
     return {name: read_fields(EFFECTS[name], table[name], f"effects.{name}", counts) for name in given}
 
 
-def load_scene(source: str | Path | Mapping[str, Any] | Scene, *, allow_outside: bool = False) -> Scene:
+def load_scene(source: str | Path | Values | Scene, *, allow_outside: bool = False) -> Scene:
     """A scene from a packaged name, a TOML file, a MoorDyn input, a mooring of MoorPy or RAFT (.yaml), or plain values.
 
     A MoorDyn input is recognised by its header of line types.

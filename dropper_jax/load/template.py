@@ -39,7 +39,17 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, Table, check_keys, read_integer, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import (
+    Plain,
+    Table,
+    Values,
+    check_keys,
+    read_integer,
+    read_list,
+    read_number,
+    read_table,
+    read_text,
+)
 from dropper_jax.load.expressions import Number, evaluate
 
 #: Sections that only templates have.
@@ -57,7 +67,7 @@ BRACES = re.compile(r"\{([^{}]*)\}")
 class Names(ChainMap[str, Any]):
     """Numbers by name: counters of the enclosing repetitions, then, in the last map, parameters evaluated on demand."""
 
-    def __init__(self, *maps: Mapping[str, Any]) -> None:
+    def __init__(self, *maps: Values) -> None:
         super().__init__(*maps)
         self._open: list[str] = []
 
@@ -89,7 +99,7 @@ class Template:
     changes: Table = dataclasses.field(default_factory=dict)
 
     @classmethod
-    def of(cls, table: Mapping[str, Any]) -> Template | None:
+    def of(cls, table: Values) -> Template | None:
         """The template of a scene's plain values; None if it is already a plain scene."""
         lists = [table[section] for section in REPEATED if isinstance(table.get(section), list)]
         items = [item for items in lists for item in items if isinstance(item, Mapping)]
@@ -98,7 +108,7 @@ class Template:
             return cls(copy.deepcopy(dict(table)))
         return None
 
-    def with_changes(self, parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> Template:
+    def with_changes(self, parameters: Values, changes: Values) -> Template:
         """The template with other values of parameters, by path, and further changes of the plain scene.
 
         Raises:
@@ -119,7 +129,7 @@ class Template:
         names = Names(self._parameters())
         return names[_parameter_name(path, names)]
 
-    def _parameters(self) -> Mapping[str, Any]:
+    def _parameters(self) -> Values:
         parameters = read_table(self.table.get("parameters", {}), "parameters")
         for name in parameters:
             if not NAME.match(name):
@@ -146,7 +156,7 @@ class Template:
             self._lay(read_table(array, f"array.{i}"), f"array.{i}", names, found)
         return found, types
 
-    def _lay(self, array: Mapping[str, Any], path: str, names: Names, found: Table) -> None:
+    def _lay(self, array: Values, path: str, names: Names, found: Table) -> None:
         """Add the units of an array to the scene."""
         check_keys(array, ARRAY, path)
         units = read_table(self.table.get("unit", {}), "unit")
@@ -184,7 +194,7 @@ class Template:
                 found.setdefault("buoy", []).append(buoy | names_of)
 
 
-def _parameter_name(path: str, parameters: Mapping[str, Any]) -> str:
+def _parameter_name(path: str, parameters: Values) -> str:
     """NAME of `parameters.NAME`."""
     name = path.partition(".")[2]
     if name not in parameters:
@@ -192,7 +202,7 @@ def _parameter_name(path: str, parameters: Mapping[str, Any]) -> str:
     return name
 
 
-def _transform_point(point: Mapping[str, Any], origin: list[float], heading: float, path: str) -> list[float]:
+def _transform_point(point: Values, origin: list[float], heading: float, path: str) -> list[float]:
     where = f"{path}, point {point['name']}"
     x, y, z = (read_number(v, where, {"unit": "m"}) for v in read_list(point.get("position"), where, 3, "3 numbers"))
     cos = math.cos(heading)
@@ -200,7 +210,7 @@ def _transform_point(point: Mapping[str, Any], origin: list[float], heading: flo
     return [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y, origin[2] + z]
 
 
-def _items(table: Mapping[str, Any], section: str, names: Names, before: str = "") -> list[Any]:
+def _items(table: Values, section: str, names: Names, before: str = "") -> list[Any]:
     """Items of a section; those with `repeat` once for every combination of its counters."""
     path = f"{before}{section}"
     given = read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables")
@@ -210,7 +220,7 @@ def _items(table: Mapping[str, Any], section: str, names: Names, before: str = "
     return found
 
 
-def _repetitions(item: Mapping[str, Any], path: str, names: Names) -> Iterator[Names]:
+def _repetitions(item: Values, path: str, names: Names) -> Iterator[Names]:
     """The names inside each repetition of an item; the first counter varies slowest."""
     if "repeat" not in item:
         return iter([names])

@@ -6,6 +6,8 @@ import re
 from functools import partial
 from typing import Any
 
+from dropper_jax.base.read import Table
+
 #: Effects that an undamped scene lacks.
 DAMPING = ("linear_damping", "quadratic_damping")
 #: Rate at which the force of thesis (E.1)-(E.3) rises [N/s], by release; (E.2) and (E.3) print the node of (E.1).
@@ -21,16 +23,16 @@ RELEASES = {"-ramp": 15.0, "-ramp-14": 14.1}
 CENTRE = 1.0
 
 
-def _variant(table: dict[str, Any], note: str, **sections: Any) -> dict[str, Any]:
+def _variant(table: Table, note: str, **sections: Any) -> Table:
     return {**table, "description": f"{table['description']} {note}", **sections}
 
 
-def _without_damping(table: dict[str, Any], file: str) -> dict[str, Any]:
+def _without_damping(table: Table, file: str) -> Table:
     effects = {name: values for name, values in table["effects"].items() if name not in DAMPING}
     return _variant(table, "Without damping.", effects=effects)
 
 
-def _table_6(table: dict[str, Any], file: str) -> dict[str, Any]:
+def _table_6(table: Table, file: str) -> Table:
     note = (
         "It starts from the configurations of Table 6: the buoy is held at that position until the chain settles, "
         "then released."
@@ -38,7 +40,7 @@ def _table_6(table: dict[str, Any], file: str) -> dict[str, Any]:
     return _variant(table, note, start={"kind": "points"})
 
 
-def _ramp(table: dict[str, Any], file: str, release: float) -> dict[str, Any]:
+def _ramp(table: Table, file: str, release: float) -> Table:
     begin = RAMP_START
     start = table["start"]
     force = start["release_force"]
@@ -56,7 +58,7 @@ def _ramp(table: dict[str, Any], file: str, release: float) -> dict[str, Any]:
     )
 
 
-def _relative(table: dict[str, Any], file: str) -> dict[str, Any]:
+def _relative(table: Table, file: str) -> Table:
     force = {**table["effects"]["thesis_wave_force"], "velocity": "relative"}
     return _variant(
         table,
@@ -77,7 +79,7 @@ VARIANTS = {
 }
 
 
-def pitching(table: dict[str, Any]) -> dict[str, Any]:
+def pitching(table: Table) -> Table:
     """The scene with each `[[buoy]]` as a `[[body]]`, with its line at the same position.
 
     Hull and ballast, `m_h H/2 + m_b z_b = m z_G`, give the moments of inertia:
@@ -95,7 +97,7 @@ def pitching(table: dict[str, Any]) -> dict[str, Any]:
     return {**rest, "description": table["description"] + note, "point": points, "body": bodies}
 
 
-def _body(buoy: dict[str, Any], point: list[float]) -> dict[str, Any]:
+def _body(buoy: Table, point: list[float]) -> Table:
     ballast = 0.25  # height of the ballast above the base [m]; the hull's mass is spread over its height
     mass = buoy["mass"]
     height = buoy["height"]

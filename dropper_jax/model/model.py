@@ -248,6 +248,10 @@ class Model:
 
         return {MOVING_ENDS: power + jax.jvp(stored_energy, (rates.positions,), (rates.velocities,))[1]}
 
+    def tension_by_law(self, k: Kinematics) -> jax.Array:
+        """Tensions (n,) [N] of links that stretch at an instant."""
+        return self.line.axial.tension(k.links, k.link_velocities, self.line.length)
+
     def tension_force(self, tension: jax.Array, direction: jax.Array) -> jax.Array:
         """Nodal force (nodes, 3) [N] of link tensions (n,) along `direction` (n, 3)."""
         return self.gather(tension[:, None] * direction)

@@ -175,7 +175,7 @@ class _Stage:
         style.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
         for artist in (self.links, self.trace, self.nodes, self.held, self.surface, self.buoys):
             artist.set(**options)
-        self.figure.text(0.02, 0.955, f"{run.name}: {speed}", fontsize=10, fontweight="bold")
+        self.figure.text(0.02, 0.955, f"{run.scene.name}: {speed}", fontsize=10, fontweight="bold")
         self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
         # the first buoy is more informative than the middle of the list of nodes
         self.traced = run.buoys[0].node if run.buoys else run.positions.shape[1] // 2
@@ -213,7 +213,7 @@ class _Stage:
         self.links.set_segments(self.run.segments(nodes))
         self.links.set_array(self.tension[frame])
         self.nodes.set_data(*nodes.T)
-        self.held.set_data(*nodes[list(self.run.held)].T)
+        self.held.set_data(*nodes[list(self.run.fixed_nodes)].T)
         self.surface.set_segments(self.surfaces.get(frame, []))
         self.buoys.set_verts(self.floats.get(frame, []))
         self.clock.set_text(f"t = {self.t[frame]:.2f} s")

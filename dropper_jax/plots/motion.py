@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from dropper_jax.analysis import spectrum
 from dropper_jax.plots import panels, style, system, view
 from dropper_jax.plots.panels import DASHES, Curve, Panel, draw_panel, hides, history, legend
-from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, directions, travel
+from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, directions, elevations, travel
 from dropper_jax.plots.tension import ends_panel
 
 
@@ -62,10 +62,10 @@ def _surface(run: Run, path: np.ndarray, name: str) -> list[Panel]:
     """Elevation [m] over the mean position of a path (k, 3); empty without waves."""
     position = path.mean(axis=0)
     title = f"surface elevation above the mean position of {name}"
-    if run.surface is None:
+    if run.scene.sea is None:
         eta = np.zeros(1)
     else:
-        eta = run.surface(position[None], run.t)[:, 0]
+        eta = elevations(run.scene, position[None], run.t)[:, 0]
     panel = Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
     if np.ptp(eta) > 0:
         return [panel]
@@ -77,7 +77,7 @@ def angle_traces(run: Run, path: str | Path) -> Path:
     """Polar angle [rad] of every link against time, positive below the horizontal; in space also the azimuth."""
     t = run.t
     positions = run.positions
-    polar, azimuth = run.angles()
+    polar, azimuth = run.angles
     columns = [("polar angle [rad]", polar)]
     if not view.planar(positions):
         columns.append(("azimuth [rad]", azimuth))
@@ -90,7 +90,7 @@ def phase_space(run: Run, path: str | Path) -> Path:
 
     They are evenly spaced in one line; of several lines they are those that move most.
     """
-    angle, _ = run.angles()
+    angle = run.polar
     rate, _ = run.angle_rates()
     long = len(angle) > 4000
 
@@ -126,7 +126,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     uniform = _uniform(t)
     unit = directions(run)
     if flat:
-        series = {"polar angle": run.angles()[0]}
+        series = {"polar angle": run.polar}
     else:
         series = {f"{x} component": unit[..., i] for i, x in enumerate("xy")}
     if uniform < 2:
@@ -165,7 +165,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
     spectra = [_spectra(panel) for panel in (ends_panel(run), *motion_panels(run))]
     shown = [*spectra, *_heave_ratio(spectra)]
     figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
-    all_axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    all_axes = style.panels(figure, len(shown), sharex=True)
     for axes, panel in zip(all_axes, shown, strict=True):
         draw_panel(axes, panel)
         axes.set_ylabel(panel.label)

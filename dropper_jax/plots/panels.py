@@ -58,7 +58,7 @@ def traces(
 def _along(columns: Columns, run: Run) -> Figure:
     """Constant values, along the links; of several lines each under its name."""
     figure = style.new_figure(8.5, 0.9 + 2.4 * len(columns))
-    for axes, (label, values) in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
+    for axes, (label, values) in zip(style.panels(figure, len(columns)), columns, strict=True):
         for line in run.written_lines:
             link = 1 + np.arange(line.links.start, line.links.stop)
             axes.plot(link, values[-1, line.links], "-" if len(run.labels) > 60 else "-o", color=style.FIRST, ms=4)
@@ -94,7 +94,7 @@ def _map(t: np.ndarray, columns: Columns, run: Run, centred: bool) -> Figure:
         edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]])
     else:
         edges = np.array([t[0], t[0] + 1.0])
-    for axes, (label, values) in zip(figure.subplots(len(columns), 1, squeeze=False)[:, 0], columns, strict=True):
+    for axes, (label, values) in zip(style.panels(figure, len(columns)), columns, strict=True):
         look = {"cmap": "viridis"}
         if centred:
             values = values - values.mean(axis=0)
@@ -159,13 +159,11 @@ def grid(
         width = 2.9 * columns + 0.3
         height = 2.4 * rows + 0.9
     figure = style.new_figure(max(width, 6.0), height)
-    panels = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share).ravel()
-    for axes, link in zip(panels, chosen, strict=False):
+    panels = style.panels(figure, len(chosen), columns, sharex=share, sharey=share)
+    for axes, link in zip(panels, chosen, strict=True):
         draw(axes, int(link))
         axes.set_title(run.labels[link], loc="left")
-    for axes in panels[len(chosen) :]:
-        axes.set_visible(False)
-    for index, axes in enumerate(panels[: len(chosen)]):
+    for index, axes in enumerate(panels):
         if index + columns >= len(chosen):
             axes.set_xlabel(labels[0])
             axes.tick_params(labelbottom=True)

@@ -75,7 +75,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
     if style.dot(run) > 0:
         draw(positions[now], **look, label="node")
-    held = positions[now][list(run.held)]
+    held = positions[now][list(run.fixed_nodes)]
     draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label="fixed point")
     joints = bare_joints(run, positions[now])
     if len(joints) and not crowded:

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.load.checks_water import surface_over
 from dropper_jax.load.scene import Scene
 from dropper_jax.plots import view
-from dropper_jax.run.simulate import Solution
-from dropper_jax.scene import LineSlice, WholeLine, whole_lines
-from dropper_jax.scene.body import BodySpec, rotation
-from dropper_jax.scene.data import point_nodes
+from dropper_jax.run.samples import ARRAYS, BODIES, WITHIN, Samples
+from dropper_jax.scene import WholeLine, whole_lines
+from dropper_jax.scene.body import rotation
+from dropper_jax.scene.data import first_nodes, point_nodes
 
 #: Number of corners of a circle.
 SIDES = 28
@@ -81,19 +80,6 @@ def _outline(points: np.ndarray) -> np.ndarray:
         return points
 
 
-def bodies_of(solution: Solution, last: int) -> Bodies | None:
-    """The rigid bodies of a run up to a sample; None without any."""
-    specs: tuple[BodySpec, ...] = solution.scene.bodies
-    if not specs or solution.body_position is None:
-        return None
-    cylinders = [(i, c.start, c.end, c.diameter) for i, body in enumerate(specs) for c in body.cylinders]
-    spheres = [(i, s.centre, s.centre, s.diameter) for i, body in enumerate(specs) for s in body.spheres]
-    shapes = [Shape(i, tuple(start), tuple(end), float(wide)) for i, start, end, wide in (*cylinders, *spheres)]
-    position = np.asarray(solution.body_position, float)[:last]
-    attitude = np.asarray(solution.body_attitude, float)[:last]
-    return Bodies(tuple(body.name for body in specs), tuple(shapes), position, attitude)
-
-
 #: Limits of rounding: angles [rad]; tensions relative to the maximum; displacements relative to the size of the scene.
 ANGLE = 1e-7
 TENSION = 1e-6
@@ -150,55 +136,54 @@ class Float(NamedTuple):
     attachment: float
 
 
-@dataclasses.dataclass(frozen=True)
-class Run:
-    """Arrays of a solution as in `dropper_jax.run.simulate.Solution`, k samples; all but the tension are finite.
-
-    Attributes:
-        accuracy: that the steps follow; None for equal steps of `dt`.
-        lines: nodes and links of each line.
-        scene: with the water and the seabed in the pictures.
-        held, joints: nodes of the fixed and of the free points.
-        buoys: its buoys.
-        bodies: its rigid bodies; None without.
-        point_names: nodes of the points by name.
-        min_tension, max_tension: (k, n) [N] of each sample: over the steps since the previous one if not every step is
-            saved, else the tension itself.
-        min_load, max_load: the same of the total load of each fixed point (k, points) [N]; None if every step is saved.
-        surface: the elevation (q, n) [m] over positions (n, 3) at times (q,); None without water.
-    """
-
-    name: str
-    integrator: str
-    dt: float
-    status: str
-    t: np.ndarray
-    positions: np.ndarray
-    velocities: np.ndarray
-    tension: np.ndarray
-    min_tension: np.ndarray
-    max_tension: np.ndarray
-    t_tension: np.ndarray
-    kinetic: np.ndarray
-    potential: np.ndarray
-    work: np.ndarray
-    work_names: tuple[str, ...]
-    lines: tuple[LineSlice, ...]
-    scene: Scene
-    point_names: dict[str, int]
-    held: tuple[int, ...]
-    joints: tuple[int, ...]
-    buoys: tuple[Float, ...]
-    accuracy: float | None = None
-    min_load: np.ndarray | None = None
-    max_load: np.ndarray | None = None
-    bodies: Bodies | None = None
-    surface: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+class Run(Samples):
+    """The samples of a solution that pictures show: k samples, all but the tension finite, and what they are drawn
+    with."""
 
     @property
+    def min_tension(self) -> np.ndarray:
+        """(k, n) [N]; over the steps since the previous sample if not every step is saved, else the tension itself."""
+        return self.tension if self.tension_min is None else self.tension_min
+
+    @property
+    def max_tension(self) -> np.ndarray:
+        """The same of the maximum."""
+        return self.tension if self.tension_max is None else self.tension_max
+
+    @cached_property
+    def point_names(self) -> dict[str, int]:
+        """Nodes of the points by name."""
+        return point_nodes(self.scene)
+
+    @cached_property
+    def fixed_nodes(self) -> tuple[int, ...]:
+        """Nodes of the fixed points."""
+        return tuple(self.point_names[p.name] for p in self.scene.points if not p.is_free)
+
+    @cached_property
+    def joints(self) -> tuple[int, ...]:
+        """Nodes of the free points."""
+        return tuple(self.point_names[p.name] for p in self.scene.points if p.is_free)
+
+    @cached_property
+    def buoys(self) -> tuple[Float, ...]:
+        return tuple(Float(self.point_names[b.point], b.diameter, b.height, b.attachment) for b in self.scene.buoys)
+
+    @cached_property
+    def bodies(self) -> Bodies | None:
+        """The rigid bodies; None without any."""
+        specs = self.scene.bodies
+        if not specs or self.body_position is None:
+            return None
+        cylinders = [(i, c.start, c.end, c.diameter) for i, body in enumerate(specs) for c in body.cylinders]
+        spheres = [(i, s.centre, s.centre, s.diameter) for i, body in enumerate(specs) for s in body.spheres]
+        shapes = [Shape(i, tuple(start), tuple(end), float(wide)) for i, start, end, wide in (*cylinders, *spheres)]
+        return Bodies(tuple(body.name for body in specs), tuple(shapes), self.body_position, self.body_attitude)
+
+    @cached_property
     def first(self) -> np.ndarray:
         """First node of each link (n,); the next node is its last."""
-        return np.concatenate([np.arange(line.nodes.start, line.nodes.stop - 1) for line in self.lines])
+        return first_nodes(self.scene)
 
     @property
     def peak(self) -> int:
@@ -215,6 +200,11 @@ class Run:
         return np.stack([nodes[self.first], nodes[self.first + 1]], axis=1)
 
     @property
+    def lengths(self) -> np.ndarray:
+        """Lengths of the links (n,) [m] at the first sample."""
+        return np.linalg.norm(np.diff(self.segments(self.positions[0]), axis=1)[:, 0], axis=-1)
+
+    @property
     def written_lines(self) -> tuple[WholeLine, ...]:
         """The lines as in the scene, pieces between attached points together."""
         return whole_lines(self.scene)
@@ -226,22 +216,18 @@ class Run:
             return [f"link {j + 1}" for j in range(self.tension.shape[1])]
         return [f"{line.name} {j + 1}" for line in self.lines for j in range(line.links.stop - line.links.start)]
 
-    def angles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Polar angle from the horizontal and azimuth of each link (k, n) [rad]."""
-        parts = [link_angles(self.positions[:, line.nodes]) for line in self.lines]
-        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
 
-    def angle_rates(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rates of the angles (k, n) [rad/s]."""
-        parts = [angle_rates(self.positions[:, line.nodes], self.velocities[:, line.nodes]) for line in self.lines]
-        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
+#: Arrays of a solution that pictures use with double precision.
+PRECISE = tuple(name for name in (*ARRAYS, *BODIES) if name != "step_status")
 
 
-def readable(solution: Solution) -> Run:
+def readable(solution: Samples) -> Run:
     """The run until it diverged or became non-finite, with at least its first sample."""
-    moved = [np.asarray(getattr(solution, name), float) for name in ("positions", "velocities", "kinetic", "potential")]
-    work = np.asarray(solution.work, float).reshape(len(solution.t), -1)
-    finite = np.all([np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in (*moved, work)], axis=0)
+    given = {field.name: getattr(solution, field.name) for field in dataclasses.fields(Samples)}
+    arrays = {name: given[name] for name in (*ARRAYS, *WITHIN, *BODIES) if given[name] is not None}
+    arrays |= {name: np.asarray(arrays[name], float) for name in PRECISE if name in arrays}
+    moved = [arrays[name] for name in ("positions", "velocities", "kinetic", "potential", "work")]
+    finite = np.all([np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in moved], axis=0)
     first = moved[0][0]
     # a run has diverged if a node is farther out than this many sizes of the first configuration
     far = 100.0 * max(float(np.ptp(first, axis=0).max()), np.finfo(float).tiny)
@@ -249,49 +235,7 @@ def readable(solution: Solution) -> Run:
         near = np.abs(moved[0] - first).max(axis=(1, 2)) <= far
     good = np.append(finite & near, False)
     last = max(1, int(np.argmin(good)))
-    positions, velocities, kinetic, potential = (a[:last] for a in moved)
-    tension = np.asarray(solution.tension, float)[:last]
-    least = tension
-    if solution.tension_min is not None:
-        least = solution.tension_min[:last]
-    largest = tension
-    if solution.tension_max is not None:
-        largest = solution.tension_max[:last]
-    loads = [getattr(solution, f"point_load_{key}", None) for key in ("min", "max")]
-    loads = [None if a is None else np.asarray(a, float)[:last, :, 2] for a in loads]
-    scene = solution.scene
-    node = point_nodes(scene)
-    surface = None
-    if scene.sea is not None:
-        surface = partial(elevations, scene)
-    return Run(
-        name=scene.name,
-        integrator=str(solution.settings["integrator"]),
-        dt=float(solution.settings["dt"]),
-        accuracy=solution.settings.get("accuracy"),
-        status=str(solution.status),
-        t=np.asarray(solution.t, float)[:last],
-        positions=positions,
-        velocities=velocities,
-        tension=tension,
-        min_tension=least,
-        max_tension=largest,
-        min_load=loads[0],
-        max_load=loads[1],
-        t_tension=np.asarray(solution.t_tension, float)[:last],
-        kinetic=kinetic,
-        potential=potential,
-        work=work[:last],
-        work_names=tuple(solution.work_names),
-        bodies=bodies_of(solution, last),
-        scene=scene,
-        surface=surface,
-        lines=solution.lines,
-        point_names=node,
-        held=tuple(node[p.name] for p in scene.points if not p.is_free),
-        joints=tuple(node[p.name] for p in scene.points if p.is_free),
-        buoys=tuple(Float(node[b.point], b.diameter, b.height, b.attachment) for b in scene.buoys),
-    )
+    return Run(**(given | {name: values[:last] for name, values in arrays.items()}))
 
 
 def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -108,20 +108,34 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 def how(run: Run) -> tuple[str, str]:
     """Integrator, step and, if the run failed, its status, and the colour of this text."""
-    text = run.integrator
-    if run.accuracy is not None:
-        text = f"{text}, accuracy {run.accuracy:g}"
-    elif run.dt:  # an equilibrium has no step
-        text = f"{text}, dt = {run.dt:g} s"
+    used = run.settings
+    text = used["integrator"]
+    if used.get("accuracy") is not None:
+        text = f"{text}, accuracy {used['accuracy']:g}"
+    elif used["dt"]:  # an equilibrium has no step
+        text = f"{text}, dt = {used['dt']:g} s"
     if run.status == "ok":
         return (text, FAINT)
     return (f"{text}, ended with {run.status}", ALERT)
 
 
+def title(figure: Figure, text: str) -> None:
+    """The title of a picture."""
+    figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
+
+
+def panels(figure: Figure, count: int, columns: int = 1, **options: Any) -> np.ndarray:
+    """Panels in rows of `columns`, filled row by row."""
+    axes = figure.subplots(-(-count // columns), columns, squeeze=False, **options).ravel()
+    for spare in axes[count:]:
+        spare.set_visible(False)
+    return axes[:count]
+
+
 def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     """Write the figure with its title, and integrator and step at the bottom."""
     text, colour = how(run)
-    figure.suptitle(f"{run.name}: {what}", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    title(figure, f"{run.scene.name}: {what}")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
     # one line of text at the bottom and one at the top, for any height of the figure
     foot = 0.17 / figure.get_figheight()

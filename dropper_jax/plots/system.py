@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style, view
-from dropper_jax.plots.run import SIDES, Bodies, Run
+from dropper_jax.plots.run import SIDES, Bodies, Run, elevations
 
 COLOUR = style.CYCLE[4]
 EDGE = "#A87400"
@@ -135,7 +135,7 @@ def right_of(axes: Axes, flat: bool) -> np.ndarray:
 
 def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> np.ndarray | None:
     """The surface (k, lines, points, 3) [m] at times (k,): a line in a plane, a net in space; None without water."""
-    if run.surface is None:
+    if run.scene.sea is None:
         return None
     x = np.linspace(*box[0], 161)
     y = np.linspace(*box[1], 161)
@@ -147,8 +147,14 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
         along = [np.stack([np.full_like(y, one), y, np.zeros_like(y)], axis=-1) for one in rows]
         lines = np.stack(along + [np.stack([x, np.full_like(x, one), np.zeros_like(x)], axis=-1) for one in columns])
     found = np.tile(lines, (len(times), 1, 1, 1))
-    found[..., 2] = run.surface(lines.reshape(-1, 3), times).reshape(found.shape[:-1])
+    found[..., 2] = elevations(run.scene, lines.reshape(-1, 3), times).reshape(found.shape[:-1])
     return found
+
+
+def bed_grid(run: Run, x: np.ndarray, y: np.ndarray) -> tuple[list[np.ndarray], np.ndarray | None]:
+    """Positions of a grid and the height [m] of the seabed there; None without a seabed."""
+    grid = np.meshgrid(x, y, indexing="ij")
+    return grid, bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
 
 
 def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
@@ -160,8 +166,7 @@ def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
         if z is not None and z.max() > box[2, 0]:
             axes.fill_between(x, box[2, 0], z, color=BED, lw=0, zorder=0.5)
         return
-    grid = np.meshgrid(x, y, indexing="ij")
-    z = bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
+    grid, z = bed_grid(run, x, y)
     if z is not None and z.max() > box[2, 0]:
         axes.plot_surface(
             *grid, np.maximum(z, box[2, 0]), color=BED, alpha=0.35, lw=0, shade=False, rcount=20, ccount=20

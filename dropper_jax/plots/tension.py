@@ -126,10 +126,7 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     loads = {}
     for name in held_points(run.scene):
         loads[name] = np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
-    low = None if run.min_load is None else run.min_load[kept]
-    high = None
-    if run.max_load is not None:
-        high = run.max_load[kept]
+    low, high = (None if a is None else a[kept, :, 2] for a in (run.point_load_min, run.point_load_max))
     tops = {}
     for i, (name, load) in enumerate(loads.items()):
         tops[name] = float(np.nanmax(load if high is None else high[:, i]))

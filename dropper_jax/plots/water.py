@@ -65,7 +65,7 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
         ylim=(low, 0.05),
     )
     figure.legend(loc="outside lower center", ncols=3)
-    figure.suptitle("theories of regular waves", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    style.title(figure, "theories of regular waves")
     return style.save(figure, path)
 
 
@@ -93,7 +93,7 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     axes.grid(False)
     figure.colorbar(shown, ax=axes, label=f"current at z = {height:.1f} m [m/s]", shrink=0.8)
     text = f"{name}: {wakes.speed:.2f} m/s towards {np.degrees(found.direction):.0f} degrees from x"
-    figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
+    style.title(figure, text)
     return style.save(figure, path)
 
 
@@ -137,13 +137,11 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
     low_and_long = np.ptp(nodes[:, 2]) < LOW_AND_LONG * 2 * half
     flat = view.planar(run.positions)
     figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
-    if flat:
-        shape = (1, 1)
-    elif low_and_long:
-        shape = (2, 1)
-    else:
-        shape = (1, 2)
-    for axis, axes in enumerate(figure.subplots(*shape, sharey=True, squeeze=False).ravel()):
+    sides = 2 - int(flat)
+    columns = sides
+    if low_and_long:
+        columns = 1
+    for axis, axes in enumerate(style.panels(figure, sides, columns, sharey=True)):
         along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
         positions = np.tile(middle, (POINTS, 1))
         positions[:, axis] = along
@@ -162,7 +160,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
             own = nodes[line.nodes]
             axes.plot(own[:, axis], own[:, 2], "-o", color=style.DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
             label = None
-        ends = nodes[list(run.held)]
+        ends = nodes[list(run.fixed_nodes)]
         axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label="fixed points")
         draw_buoys(axes, run, nodes, flat=True, axis=axis, grow=True)
         draw_bodies(axes, run.bodies, index, flat=True, axis=axis, grow=True)
@@ -182,7 +180,7 @@ def response(run: Run, scene: Scene, path: str | Path) -> Path:
 
     It is the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
-    angles = run.angles()
+    angles = run.angles
     index = _lively(run)
     eta = elevations(scene, np.zeros((1, 3)), run.t)[:, 0]
     turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]
@@ -227,19 +225,17 @@ def tension_envelope(run: Run, scene: Scene, path: str | Path) -> Path:
     columns = 1 if len(shown) == 1 else 2
     rows = -(-len(shown) // columns)
     figure = style.new_figure(7.5 if columns == 1 else 11.0, 4.2 if rows == 1 else 1.0 + 1.9 * rows)
-    all_axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for spare in all_axes[len(shown) :]:
-        spare.set_visible(False)
+    all_axes = style.panels(figure, len(shown), columns)
     unit, scale = force_unit(sizes)
-    length = np.linalg.norm(np.diff(run.segments(run.positions[0]), axis=1)[:, 0], axis=-1)
-    for axes, line in zip(all_axes, shown, strict=False):
+    length = run.lengths
+    for axes, line in zip(all_axes, shown, strict=True):
         own = length[line.links]
         parts = (a[:, line.links] / scale for a in (run.tension, run.min_tension, run.max_tension))
         _envelope(axes, np.cumsum(own) - 0.5 * own, *parts)
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")
-    style.share_scales(all_axes[: len(shown)])
-    for index, axes in enumerate(all_axes[: len(shown)]):
+    style.share_scales(all_axes)
+    for index, axes in enumerate(all_axes):
         if index % columns == 0:
             axes.set_ylabel(f"tension [{unit}]")
         if index + columns >= len(shown):

@@ -16,12 +16,13 @@ from dropper_jax.evaluation.tension import anchors, line_tensions
 from dropper_jax.load.checks_water import bed_height, surface_over
 from dropper_jax.report.motion import accelerations, line_distances, node_arc, watch_circles
 from dropper_jax.report.parts import body_motions, crops, parts
+from dropper_jax.report.sections import Rows
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
 from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.simulate import Solution
-from dropper_jax.scene import BuoySpec, whole_lines
+from dropper_jax.scene import BuoySpec, sliced_lines, whole_lines
 from dropper_jax.scene.data import point_nodes
 
 NO_COEFFICIENTS = {"skipped": "the scene has no flow-dependent coefficients"}
@@ -188,7 +189,7 @@ def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table
     return found
 
 
-def bed_contact(record: Record, settings: Settings) -> list[Table] | dict[str, str]:
+def bed_contact(record: Record, settings: Settings) -> Rows:
     """Per line: length on the seabed [m] over time, and fraction of time of each node.
 
     A node is on the seabed if it is at most `contact` above it, a link if both its ends are. The length is a number of
@@ -223,9 +224,9 @@ def line_bending(record: Record) -> list[Table]:
     moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))
     summary = bending_summary(scene, record.t, kappa, moment)
     found = []
-    for line, where in zip(scene.lines, record.lines, strict=True):
+    for line, where in sliced_lines(scene):
         own = moment[:, where.nodes]
-        along = {"length_m": np.concatenate([[0.0], np.cumsum(line.length)]), "max_n_m": own.max(axis=0)}
+        along = {"length_m": node_arc(line.length), "max_n_m": own.max(axis=0)}
         found.append({"line": line.name, **summary[line.name], **along, "mean_n_m": own.mean(axis=0)})
     return found
 

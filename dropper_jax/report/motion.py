@@ -49,7 +49,7 @@ def accelerations(record: Record) -> list[Table]:
 
     Central differences of the saved velocities, which do not resolve periods below two saved intervals.
     """
-    size = np.linalg.norm(np.gradient(record.velocities, record.t, axis=0), axis=-1)
+    size = record.acceleration
     found = []
     for where in record.written_lines:
         own = size[:, where.nodes]

@@ -20,10 +20,10 @@ import numpy as np
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
-from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style
 from dropper_jax.plots.panels import cycle
 from dropper_jax.plots.run import Bodies, Run, readable
+from dropper_jax.plots.system import bed_grid
 from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.body import rotation
@@ -118,7 +118,7 @@ def pair_page(first: Solution, second: Solution) -> str:
     norms = [style.tension_norm(run.tension) for run in both]
     shared = (min(float(norm.vmin) for norm in norms), max(float(norm.vmax) for norm in norms))
     pages = [html.escape(view_page(solution, shared)) for solution in (first, second)]
-    title = html.escape(" and ".join(dict.fromkeys(run.name for run in both)))
+    title = html.escape(" and ".join(dict.fromkeys(run.scene.name for run in both)))
     return _fill_page("two.html", TITLE=title, FIRST=pages[0], SECOND=pages[1])
 
 
@@ -133,7 +133,9 @@ def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> 
     run = readable(solution)
     # `<` would let a scene's name end the script element
     data = json.dumps(_data(solution, run, limits), allow_nan=False).replace("<", "\\u003c")
-    return _fill_page("view.html", TITLE=html.escape(run.name), STYLE=_part("view.css"), DATA=data, SCRIPT=_script())
+    return _fill_page(
+        "view.html", TITLE=html.escape(run.scene.name), STYLE=_part("view.css"), DATA=data, SCRIPT=_script()
+    )
 
 
 def _fill_page(name: str, **parts: str) -> str:
@@ -170,7 +172,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         water = _water(sea, run, part.surface)
         flows = _flows(solution, sea)
     return {
-        "name": run.name,
+        "name": run.scene.name,
         "description": solution.scene.description,
         "how": style.how(run)[0],
         "ok": run.status == "ok",
@@ -184,8 +186,8 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         "notes": list(part.notes),
         "diameter": _diameter(solution),
         "lines": [{"name": line.name, "node": int(line.nodes[len(line.nodes) // 2])} for line in run.written_lines],
-        "colours": [[round(255 * float(c)) for c in shade] for shade in shades],
-        "held": list(run.held),
+        "colours": np.rint(255 * shades).astype(int).tolist(),
+        "held": list(run.fixed_nodes),
         "first": run.first.tolist(),
         "labels": run.labels,
         "parts": part_names(run),
@@ -201,7 +203,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
 def part_names(run: Run) -> list[str]:
     """A name for each link: its line as written in the scene, arc length of its middle at the start, and number."""
     names = list(run.labels)
-    length = np.linalg.norm(np.diff(run.segments(run.positions[0]), axis=1)[:, 0], axis=-1)
+    length = run.lengths
     for line in run.written_lines:
         own = length[line.links]
         middle = np.cumsum(own) - 0.5 * own
@@ -222,8 +224,7 @@ def _bed_grid(run: Run) -> Table | None:
     step = _round_step(2 * BED_REACH * max(float((high - low).max()), 1.0) / (bed_points - 1))
     around = np.arange(bed_points) - bed_points // 2
     x, y = (step * (np.rint(m / step) + around) for m in 0.5 * (low + high)[:2])
-    grid = np.meshgrid(x, y, indexing="ij")
-    z = bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
+    _, z = bed_grid(run, x, y)
     if z is None:
         return None
     return {"points": bed_points, "x": x.tolist(), "y": y.tolist(), "z": z.ravel().tolist()}

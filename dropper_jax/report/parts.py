@@ -10,14 +10,12 @@ from dropper_jax.base.constants import DEGREE
 from dropper_jax.base.markdown import table
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, spread
-from dropper_jax.report.sections import Cells, empty_unless_rows, largest_table, newton, table_of, with_position
+from dropper_jax.report.sections import Cells, Rows, empty_unless_rows, largest_table, newton, table_of, with_position
 from dropper_jax.run.growth import overgrown
-from dropper_jax.scene import line_slices
+from dropper_jax.scene import sliced_lines
 
 
-def parts(
-    tension: list[Table], snap: list[Table], fatigue: list[Table] | dict[str, str]
-) -> list[Table] | dict[str, str]:
+def parts(tension: list[Table], snap: list[Table], fatigue: Rows) -> Rows:
     """Per part of a system of more than ten lines: the worst of its lines, from the sections of each line.
 
     `loop-1` to `loop-60` are the part `loop-*`. A number that all of them have is kept; a line unlike all others is a
@@ -121,7 +119,7 @@ def _with_line_name(part: Table, worst: Table, text: str) -> str:
     return text
 
 
-def crops(record: Record) -> list[Table] | dict[str, str]:
+def crops(record: Record) -> Rows:
     """Per line with mussels: their mass [kg], weight in water [N] and maximum diameter [m], and the drop-off.
 
     A mussel drops off if the acceleration of its node exceeds `SeasonSpec.holding`. `mass_at_risk_kg` is the crop on
@@ -132,9 +130,9 @@ def crops(record: Record) -> list[Table] | dict[str, str]:
     if season is None and all(line.growth is None for line in scene.lines):
         return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
     full = overgrown(scene)
-    size = np.linalg.norm(np.gradient(record.velocities, record.t, axis=0), axis=-1)
+    size = record.acceleration
     found = []
-    for bare, line, where in zip(scene.lines, full.lines, line_slices(scene), strict=True):
+    for bare, (line, where) in zip(scene.lines, sliced_lines(full), strict=True):
         crop = line.mass - bare.mass
         if bare.growth is None and not (season is not None and season.on(bare.name, bare.piece_of)):
             continue
@@ -149,7 +147,7 @@ def crops(record: Record) -> list[Table] | dict[str, str]:
         if season is not None and season.attachment is not None and np.any(volume > 0.0):
             limit = season.holding(float(np.sum(crop) / np.sum(volume)), scene.sea.density, scene.sea.gravity)
             beyond = size[:, where.nodes] > limit
-            hit = beyond.any(axis=0)
+            hit = np.any(beyond, axis=0)
             row["drop_off"] = {
                 "limit_m_per_s2": limit,
                 "largest_m_per_s2": float(size[:, where.nodes].max()),
@@ -190,7 +188,7 @@ MOVES = ("surge", "sway", "heave")
 TURNS = ("roll", "pitch", "yaw")
 
 
-def body_motions(record: Record) -> list[Table] | dict[str, str]:
+def body_motions(record: Record) -> Rows:
     """Per rigid body: mean, standard deviation and extremes of its reference point [m] and of its attitude [deg].
 
     `tilt_deg` is the angle between the body's z-axis and the vertical.

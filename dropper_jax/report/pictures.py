@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
@@ -56,15 +55,12 @@ def _finish(
     return style.finish(figure, readable(part.solution), what + more, path)
 
 
-def _panels(count: int, height: float) -> tuple[Figure, list[Axes]]:
+def _panels(count: int, height: float) -> tuple[Figure, np.ndarray]:
     """One panel per item, in two columns for four or more."""
     columns = 1 if count < 4 else 2
     rows = -(-count // columns)
     figure = style.new_figure(7.5 if columns == 1 else 11.25, 0.9 + height * rows)
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for spare in axes[count:]:
-        spare.set_visible(False)
-    return figure, list(axes[:count])
+    return figure, style.panels(figure, count, columns)
 
 
 def _tension_range(part: Record, found: Table, folder: Path) -> Path:
@@ -75,7 +71,7 @@ def _tension_range(part: Record, found: Table, folder: Path) -> Path:
     for axes, line in zip(panels, lines, strict=True):
         s = np.asarray(line["arc_length_m"])
         percentiles = line["percentiles_n"]
-        mark: dict[str, Any] = {}
+        mark: Table = {}
         if len(s) <= 60:
             mark = {"marker": "o", "ms": 3}
         axes.fill_between(s, line["min_n"] / scale, line["max_n"] / scale, color=BAND, label="minimum to maximum")
@@ -93,8 +89,7 @@ def _tension_range(part: Record, found: Table, folder: Path) -> Path:
         axes.margins(x=0.01)
         axes.set_title(line["line"], loc="left")
     style.share_scales(panels)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower left", ncols=5, columnspacing=1.0)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=5, columnspacing=1.0)
     return _finish(figure, part, "tension range", lines, found["tension"], folder / "tension_range.png")
 
 
@@ -131,7 +126,7 @@ def _fatigue(part: Record, found: Table, folder: Path) -> Path:
     lines = largest(whole, lambda line: max(line["equivalent_range_n"]), MOST)
     damaged = all(line["damage"] is not None for line in lines)
     figure = style.new_figure(7.5, 5.6 if damaged else 3.4)
-    panels = figure.subplots(1 + damaged, 1, sharex=True, squeeze=False)[:, 0]
+    panels = style.panels(figure, 1 + damaged, sharex=True)
     unit, scale = force_unit(np.concatenate([line["equivalent_range_n"] for line in lines]))
     per_year = {}
     for line in lines:
@@ -204,7 +199,7 @@ def _along(part: Record, found: Table, folder: Path) -> Path:
     same = [f"{label.split(chr(10))[0]} {flat[label]:g} % of the time" for label in there if label not in drawn]
     figure = style.new_figure(7.5, 1.0 + 0.25 * bool(same) + 1.7 * len(drawn))
     for axes, (label, (lines, key, scale)) in zip(
-        figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0], drawn.items(), strict=True
+        style.panels(figure, len(drawn), sharex=True), drawn.items(), strict=True
     ):
         curves = []
         for i in kept:
@@ -251,15 +246,14 @@ def draw_extremes(extremes: Table, folder: Path) -> Path:
         axes.plot(
             -np.log(-np.log(plotting_position)), np.sort(one["maxima"]) / scale, "o", color=style.DARK, label="runs"
         )
-        reduced = np.array([-1.5, np.log(one["extrapolated"]) - np.log(-np.log(0.9))])
-        reduced[1] = max(reduced[1], 3.0)
-        axes.plot(reduced, (fit.mode + fit.scale * reduced) / scale, color=style.FIRST, label="Gumbel fit")
         at = np.log(one["extrapolated"]) - np.log(-np.log(0.9))
+        reduced = np.array([-1.5, max(at, 3.0)])
+        axes.plot(reduced, (fit.mode + fit.scale * reduced) / scale, color=style.FIRST, label="Gumbel fit")
         low, high = (x / scale for x in one["percentile_90_interval"])
         axes.plot([at, at], [low, high], color=style.SECOND, lw=2.5, label="storm, 90th percentile and interval")
         axes.plot(at, one["percentile_90"] / scale, "D", color=style.SECOND)
         axes.set(xlabel="reduced variate, -log(-log P) [-]", ylabel=f"largest [{unit}]")
         axes.set_title(name, loc="left")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower left", ncols=3)
-    figure.suptitle("maxima of the runs and of a storm", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    style.title(figure, "maxima of the runs and of a storm")
     return style.save(figure, folder / "extremes.png")

@@ -14,6 +14,8 @@ from dropper_jax.base.markdown import cells, first_names, table
 from dropper_jax.base.read import Table
 from dropper_jax.run.statistics import NOT_GAUSSIAN
 
+#: The rows of a section, or why it is left out.
+Rows = list[Table] | dict[str, str]
 #: Cells of a row by the headings of their columns.
 Cells = dict[str, str]
 #: Maximum number of lines in one table, those with the largest values; report.json has all.
@@ -24,7 +26,7 @@ GIVE_LOAD = "give `breaking_load` in the scene, or --breaking-load"
 SHOWN_ROUNDING = 1e-6
 
 
-def section(values: list[Table] | dict[str, str], write: Callable[[list[Table]], str]) -> str:
+def section(values: Rows, write: Callable[[list[Table]], str]) -> str:
     """The table that `write` makes of a section, or the reason why it is left out."""
     if isinstance(values, dict):
         return f"Left out: {values['skipped']}."
@@ -35,7 +37,7 @@ def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list
     """A section of rows that is empty where the run has none of them."""
 
     @wraps(write)
-    def section_of(found: list[Table] | dict[str, str] | None) -> list[str]:
+    def section_of(found: Rows | None) -> list[str]:
         if isinstance(found, list):
             return write(found)
         return []
@@ -98,12 +100,7 @@ def _tension_row(line: Table) -> Cells:
         "mean, first link [N]": newton(line["mean_first_link_n"]),
         "mean, last link [N]": newton(line["mean_last_link_n"]),
         **{f"force on {end} point, mean / max [N]": _mean_and_peak(line, end) for end in ("first", "last")},
-        **{
-            f"angle up at {end} point, mean / max [deg]": " / ".join(
-                f"{line[f'{what}_{end}_angle_deg']:.1f}" for what in ("mean", "max")
-            )
-            for end in ("first", "last")
-        },
+        **{f"angle up at {end} point, mean / max [deg]": _angles_up(line, end) for end in ("first", "last")},
         "99 % [N]": newton(max(line["percentiles_n"]["99"])),
         "largest [N]": with_position(line["largest"], newton(line["largest"]["n"])),
         "largest mean over 0.2 s [N]": newton(line["sustained_n"]),
@@ -126,6 +123,10 @@ def _mean_and_peak(line: Table, end: str) -> str:
     mean = newton(line[f"mean_{end}_force_n"])
     most = newton(line[f"max_{end}_force_n"])
     return f"{mean} / {most} at {line[f'max_{end}_force_s']:.2f} s"
+
+
+def _angles_up(line: Table, end: str) -> str:
+    return f"{line[f'mean_{end}_angle_deg']:.1f} / {line[f'max_{end}_angle_deg']:.1f}"
 
 
 def with_position(found: Table, value: str, when: str = "t_s") -> str:

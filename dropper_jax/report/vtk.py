@@ -13,6 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.run.simulate import Solution
+from dropper_jax.scene.data import first_nodes
 
 TYPES = {"f": ("Float64", "<f8"), "i": ("Int32", "<i4")}
 
@@ -65,7 +66,7 @@ def _is_finite(solution: Solution, k: int) -> bool:
 
 
 def _lines(solution: Solution, k: int) -> str:
-    first = np.concatenate([np.arange(where.nodes.start, where.nodes.stop - 1) for where in solution.lines])
+    first = first_nodes(solution.scene)
     counts = [where.links.stop - where.links.start for where in solution.lines]
     link = np.concatenate([1 + np.arange(count) for count in counts])
     cells = {"tension": solution.tension[k], "line": np.repeat(1 + np.arange(len(counts)), counts), "link": link}

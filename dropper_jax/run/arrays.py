@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import jax
 import numpy as np
 
 from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
 from dropper_jax.axial.force_table import stack_tables
+from dropper_jax.base.read import Table, Values
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.checks_water import line_reach
 from dropper_jax.model import Failures, Graph, Line, Member, Model, Parted, Point, check_slots
-from dropper_jax.scene import LineSpec, SceneData, attitude, join_lines
+from dropper_jax.scene import LineSpec, SceneData, attitude, join_lines, line_slices, sliced_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.statics.search import Equilibrium
-from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+from dropper_jax.statics.static_pose import equilibrium, release_loads
 
 
 def body_motion(model: Model, r: jax.Array, v: jax.Array) -> dict[str, np.ndarray]:
@@ -70,9 +68,6 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
 
 def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
     line = scene.line
-    name = line.name
-    if scene.branched:
-        name = "line"
     return Line(
         length=line.length,
         mass=line.mass,
@@ -83,18 +78,17 @@ def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
         geometry=_geometry(scene, index, corners),
         axial=_axial(scene.lines),
         failures=make_failures(scene),
-        name=name,
+        name=line.name,
     )
 
 
 def _geometry(scene: SceneData, index: dict[str, int], corners: int) -> Graph:
-    far = scene.link_mass_nodes
-    single = not scene.branched
+    nodes = scene.link_mass_nodes
     members = tuple(
-        Member(n.name, n.links, index[n.start], index[n.end], single or far[n.name] == "far") for n in scene.lines
+        Member(n.name, n.links, index[n.start], index[n.end], far=nodes[n.name] != "shared") for n in scene.lines
     )
     held = tuple(not p.is_free for p in scene.points)
-    return Graph(members, held + (False,) * corners, is_path=single)
+    return Graph(members, held + (False,) * corners, is_path=not scene.branched)
 
 
 def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:
@@ -103,8 +97,10 @@ def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:
     if len(names) == 1:
         return _law(join_lines(lines))
     of = np.concatenate([[names.index(line.axial_law)] * line.links for line in lines])
-    laws = tuple(_law(join_lines(tuple(line for line in lines if line.axial_law == name))) for name in names)
-    return Groups(laws, tuple(tuple(np.flatnonzero(of == i).tolist()) for i in range(len(names))))
+    laws = []
+    for name in names:
+        laws.append(_law(join_lines(tuple(line for line in lines if line.axial_law == name))))
+    return Groups(tuple(laws), tuple(tuple(np.flatnonzero(of == i).tolist()) for i in range(len(names))))
 
 
 def _law(line: LineSpec) -> AxialLaw:
@@ -118,49 +114,45 @@ def _law(line: LineSpec) -> AxialLaw:
 
 def static_pose(scene: SceneData, model: Model) -> Equilibrium:
     """The equilibrium of a scene's model, under its release force if it has one."""
-    return equilibrium(model, nodal_loads(model, scene.start.release_nodes, scene.start.release_force))
+    return equilibrium(model, release_loads(model, scene.start))
 
 
 def make_failures(scene: SceneData) -> Failures | None:
     """The arrays of a scene's `[[failure]]` entries; None without any."""
     if not scene.failures:
         return None
-    starts = np.cumsum([0, *(line.links for line in scene.lines)])
-    load = np.full((len(scene.failures), starts[-1]), np.inf)
+    load = np.full((len(scene.failures), scene.line.links), np.inf)
+    by_name = {line.name: (line, where.links) for line, where in sliced_lines(scene)}
     named = []
     for row, spec in zip(load, scene.failures, strict=True):
-        i = next(i for i, line in enumerate(scene.lines) if line.name == spec.line)
-        line = scene.lines[i]
+        line, links = by_name[spec.line]
+        own = spec.load
         if spec.load is None and spec.time is None:
             own = line.breaking_load
-        else:
-            own = spec.load
         if own is not None:
-            row[starts[i] : starts[i + 1]] = own
-        named.append(-1 if spec.link is None else int(starts[i]) + spec.link - 1)
+            row[links] = own
+        named.append(-1 if spec.link is None else links.start + spec.link - 1)
         if named[-1] >= 0:
             row[np.arange(len(row)) != named[-1]] = np.inf
     times = np.array([np.inf if spec.time is None else spec.time for spec in scene.failures])
     return Failures(load, times, tuple(named))
 
 
-def breaks(scene: SceneData, parted: Parted | None) -> tuple[dict[str, Any], ...]:
+def breaks(scene: SceneData, parted: Parted | None) -> tuple[Table, ...]:
     """Broken links of a run, by time: line, link (from 1), time [s] and tension [N]."""
     if parted is None:
         return ()
-    starts = np.cumsum([0, *(line.links for line in scene.lines)])
-    broken = np.flatnonzero(np.asarray(parted.link) >= 0)
-    columns = (np.asarray(x)[broken].tolist() for x in (parted.link, parted.t, parted.tension))
+    columns = (np.asarray(x).tolist() for x in (parted.link, parted.t, parted.tension))
     found = []
     for link, t, tension in zip(*columns, strict=True):
-        i = int(np.searchsorted(starts, link, side="right")) - 1
-        found.append(
-            {"line": scene.lines[i].name, "link": link - int(starts[i]) + 1, "time_s": t, "tension_n": tension}
-        )
+        for where in line_slices(scene):
+            if where.links.start <= link < where.links.stop:
+                number = link - where.links.start + 1
+                found.append({"line": where.name, "link": number, "time_s": t, "tension_n": tension})
     return tuple(sorted(found, key=lambda row: row["time_s"]))
 
 
-def words(row: Mapping[str, Any]) -> str:
+def words(row: Values) -> str:
     """One line of text about a failure."""
     return (
         f"line {row['line']!r} broke at its link {row['link']} at t = {row['time_s']:.6g} s "

@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.memory import versions
+from dropper_jax.base.read import Table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_water import sea_warnings
 from dropper_jax.load.scene import Scene
@@ -60,7 +61,7 @@ class PreparedRun(NamedTuple):
     first: Last
     since: TimeOrigin
     rows: InMemory
-    settings: dict[str, Any]
+    settings: Table
 
 
 @cached_jit()
@@ -141,7 +142,7 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
 
 def _first_failure(
     run: Trajectory, stepper: Stepper, model: Model, before: int, every: int, clock: tuple[float, float]
-) -> tuple[str, dict[str, Any] | None]:
+) -> tuple[str, Table | None]:
     """Status of a run, and its first step that failed, if one did.
 
     Args:
@@ -159,7 +160,7 @@ def _first_failure(
     return status, {"step": bad_step + 1, "time_s": when, "residual": residual, "reason": reason}
 
 
-def _settings_of(prepared: PreparedRun) -> dict[str, Any]:
+def _settings_of(prepared: PreparedRun) -> Table:
     """Everything that a run was made with."""
     run = prepared.scene.run
     stepper = prepared.stepper

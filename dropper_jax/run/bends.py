@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.analysis.writhe import writhe
+from dropper_jax.base.read import Table
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.bending import common_ends
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
-from dropper_jax.scene import LineSlice, LineSpec, SceneData, line_slices, whole_lines
+from dropper_jax.scene import LineSlice, LineSpec, SceneData, line_slices, sliced_lines, whole_lines
 
 
 def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndarray) -> np.ndarray:
@@ -25,13 +25,10 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
         positions: all nodes (k, nodes, 3) [m]; twist, rate: (k, nodes) [rad], [rad/s].
     """
     given = scene.effects["torsion"]
-    links = sum(line.links for line in scene.lines)
+    links = scene.line.links
     stiffness = np.broadcast_to(given["GJ"], links)
     damping = np.broadcast_to(given["damping"], links)
-    if given["coupling"] is None:
-        coupling = None
-    else:
-        coupling = np.broadcast_to(given["coupling"], links)
+    coupling = given["coupling"]
     found = np.zeros((len(positions), links))
     for line, where in _twisting_lines(scene):
         at = where.links
@@ -40,15 +37,14 @@ def torque(scene: Scene, positions: np.ndarray, twist: np.ndarray, rate: np.ndar
         found[:, at] = stiffness[at] * tau + damping[at] * turning
         if coupling is not None:
             length = np.linalg.norm(np.diff(positions[:, where.nodes], axis=1), axis=-1)
-            found[:, at] += coupling[at] * (length / line.length - 1.0)
+            found[:, at] += np.broadcast_to(coupling, links)[at] * (length / line.length - 1.0)
     return found
 
 
 def _twisting_lines(scene: Scene) -> list[tuple[LineSpec, LineSlice]]:
     """The lines with torsion, and their nodes and links."""
     names = scene.effects["torsion"]["lines"]
-    pairs = zip(scene.lines, line_slices(scene), strict=True)
-    return [(line, where) for line, where in pairs if not names or line.name in names]
+    return [(line, where) for line, where in sliced_lines(scene) if not names or line.name in names]
 
 
 #: Writhe [turns] above which a run warns that it is omitted.
@@ -67,7 +63,7 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
         positions: all nodes (k, nodes, 3) [m]; tension, torque: (k, n) [N], [N m].
     """
     given = scene.effects["torsion"]
-    twisting = np.broadcast_to(given["GJ"], sum(line.links for line in scene.lines))
+    twisting = np.broadcast_to(given["GJ"], scene.line.links)
     stiffness = None
     if bends(scene):
         stiffness = bending_stiffness(scene)
@@ -100,7 +96,7 @@ def bends(scene: Scene) -> bool:
 
 def bending_stiffness(scene: Scene) -> np.ndarray:
     """EI (n,) [N m^2] of each link."""
-    return np.broadcast_to(np.asarray(scene.effects["bending"]["EI"], float), sum(line.links for line in scene.lines))
+    return np.broadcast_to(np.asarray(scene.effects["bending"]["EI"], float), scene.line.links)
 
 
 def curvature(scene: Scene, positions: np.ndarray, t: np.ndarray | None = None) -> np.ndarray:
@@ -115,7 +111,7 @@ def curvature(scene: Scene, positions: np.ndarray, t: np.ndarray | None = None) 
     found = np.zeros(positions.shape[:2])
     away = {}
     clamps = _clamps(scene, np.zeros(len(positions)) if t is None else t)
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+    for line, where in sliced_lines(scene):
         links = np.diff(positions[:, where.nodes], axis=1)
         size = np.linalg.norm(links, axis=-1, keepdims=True)
         q = links / np.where(size > 0.0, size, 1.0)
@@ -142,9 +138,7 @@ def _joined_ends(scene: Scene) -> Iterator[tuple[tuple[str, str], tuple[int, int
         yield pair, common, [nodes[name][end] for name, end in zip(pair, common, strict=True)]
 
 
-def bending_moment(
-    scene: Scene, positions: np.ndarray, t: np.ndarray, broken: tuple[dict[str, Any], ...]
-) -> np.ndarray:
+def bending_moment(scene: Scene, positions: np.ndarray, t: np.ndarray, broken: tuple[Table, ...]) -> np.ndarray:
     """`M = EI kappa` (k, nodes) [N m]; zero next to a broken link."""
     kappa = curvature(scene, positions, t)
     stiffness = bending_stiffness(scene)
@@ -187,7 +181,7 @@ def bending_summary(
     Lines that stay straight have the radius None.
     """
     found = {}
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+    for line, where in sliced_lines(scene):
         own = moment[:, where.nodes]
         bent = float(np.max(kappa[:, where.nodes]))
         when, node = np.unravel_index(np.argmax(own), own.shape)
@@ -203,16 +197,6 @@ def bending_summary(
     return found
 
 
-def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Positions (q, ...) [m] at times (q,) [s], linear between the saved positions (k, ...) at t (k,) [s]."""
-    if len(t) < 2:
-        return positions[np.zeros(len(times), int)]
-    row = np.interp(times, t, np.arange(len(t)))
-    low = np.minimum(row.astype(int), len(t) - 2)
-    share = (row - low).reshape(-1, *[1] * (positions.ndim - 1))
-    return (1 - share) * positions[low] + share * positions[low + 1]
-
-
 def point_load(
     scene: Scene, name: str, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
 ) -> np.ndarray:
@@ -224,10 +208,9 @@ def point_load(
     """
     links = EndLinks(overgrown(scene))
     total = np.zeros((len(t_tension), 3))
-    for end in line_ends(scene):
-        if end.point == name:
-            nodes = positions_at(t, positions[:, [end.node, end.inner]], t_tension)
-            total += links.force(nodes, tension[:, end.link], end.link, end.last, t_tension)
+    for point, end in line_ends(scene):
+        if point == name:
+            total += links.force_between(end, t, positions, t_tension, tension)
     return total
 
 

@@ -31,7 +31,7 @@ def make_bodies(scene: SceneData, index: dict[str, int]) -> tuple[list[Point], l
     rigid = RigidBodies(
         mass=np.array([body.mass for body in scene.bodies]),
         centre_of_mass=np.array([body.centre_of_mass for body in scene.bodies]),
-        moments=np.array([[body.inertia_matrix[i, j] for i, j in MOMENTS] for body in scene.bodies]),
+        moments=np.array([body.inertia_matrix for body in scene.bodies])[:, *np.transpose(MOMENTS)],
         corner=corner,
         affine=affine,
         seat=np.array([position for _, _, position in seats]).reshape(-1, 3),
@@ -109,7 +109,7 @@ def _pieces(
             found += [(i, along[j], along[j + 1], 0.5 * c.diameter, c.length / count) for j in range(count)]
     spheres = [(i, sphere) for i, body in chosen for sphere in body.spheres]
     return Pieces(
-        ends=np.stack([_shares(rigid, [(row[0], row[side]) for row in found]) for side in (1, 2)], axis=1),
+        ends=_shares(rigid, [(row[0], end) for row in found for end in row[1:3]]).reshape(-1, 2, 4),
         spheres=_shares(rigid, [(i, sphere.centre) for i, sphere in spheres]),
         radius=np.array([row[3] for row in found]),
         length=np.array([row[4] for row in found]),

@@ -26,7 +26,7 @@ from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.linearised import Linearised, linearised_about
 from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium as model_equilibrium
-from dropper_jax.statics.static_pose import nodal_loads, settle
+from dropper_jax.statics.static_pose import release_loads, settle
 from dropper_jax.stepping.stepper import make_stepper
 
 
@@ -108,7 +108,7 @@ def initial_state(model: Model, start: StartSpec, near: State | None = None, the
         SceneError: no equilibrium found; the message gives the node and the reason.
     """
     if start.is_static:
-        loads = nodal_loads(model, start.release_nodes, start.release_force)
+        loads = release_loads(model, start)
         if near is None:
             return _with_body_velocities(model, _equilibrium_state(model, loads))
         return _with_body_velocities(model, settle(model, state(model, near.r, tension=near.tension), loads, there))
@@ -138,7 +138,7 @@ def _under_tension(model: Model, s: State) -> State:
     acting = model.with_internal_state(s.own).with_lengths(s.t)
     if acting.constraints:  # lines in scenes with bodies stretch, so their lengths determine their tensions
         k = acting.kinematics(s.r, s.v, s.t)
-        return replace(s, tension=acting.line.axial.tension(k.links, k.link_velocities, acting.line.length))
+        return replace(s, tension=acting.tension_by_law(k))
     moved = None
     if acting.moving:
         moved = acting.end_acceleration(s.t)
@@ -204,4 +204,4 @@ def linearised(scene: SceneLike) -> Linearised:
     pose = static_pose(scene, model)
     if pose.status != "ok":
         raise SceneError(f"start: {pose.message}")
-    return linearised_about(model, pose.state, nodal_loads(model, scene.start.release_nodes, scene.start.release_force))
+    return linearised_about(model, pose.state, release_loads(model, scene.start))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -175,9 +176,6 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
         after, rows = program(model, carry, interval, accuracy, jnp.asarray(count, jnp.int32), watch)
         return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
 
-    def go_on(carry: Carry, left: int) -> tuple[Carry, tuple[Trajectory, Beside]]:
-        return advance(carry, left, dt, accuracy)
-
     def companion(finer: bool) -> Companion:
         if finer:
             other = run.accuracy / FACTOR
@@ -185,20 +183,21 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
             other = min(run.accuracy * FACTOR, 1.0)
         # steps end at the saved times: with the interval of the run those of both would be equal where it is short
         interval = 0.5 * dt if finer else 2.0 * dt
+        go_on = partial(advance, interval=interval, accuracy=jnp.asarray(other, model.dtype))
+        return Companion(partial(_second_run, go_on, carry, finer), finer, f"a run with accuracy {other:.2g}")
 
-        def go(saves: int) -> Iterator[tuple[Trajectory, Beside]]:
-            now = carry
-            left = 2 * saves if finer else saves // 2
-            while left > 0:
-                now, piece = advance(now, left, interval, jnp.asarray(other, model.dtype))
-                if now.has_failed:
-                    return
-                left -= len(piece[0].r)
-                yield piece
+    return Program(partial(advance, interval=dt, accuracy=accuracy), carry, companion)
 
-        return Companion(go, finer, f"a run with accuracy {other:.2g}")
 
-    return Program(go_on, carry, companion)
+def _second_run(go_on: GoOn, carry: Carry, finer: bool, saves: int) -> Iterator[tuple[Trajectory, Beside]]:
+    """The rows of a companion, in pieces, for this number of saves of the first run; ends early if a step fails."""
+    left = 2 * saves if finer else saves // 2
+    while left > 0:
+        carry, piece = go_on(carry, left)
+        if carry.has_failed:
+            return
+        left -= len(piece[0].r)
+        yield piece
 
 
 class _EqualSteps:
@@ -208,38 +207,29 @@ class _EqualSteps:
         self.stepper, self.model, self.dt, self.watch = stepper, model, run.step, watch
         self.first = progress
         self.settings = {"saves": _chunk_size(progress.state), "save_every": run.save_every}
-        self.longest = max(1, run.saves // MIN_CHUNKS)
+        self.longest = min(max(1, run.saves // MIN_CHUNKS), self.settings["saves"])
         self.count = 1
         dt = jnp.asarray(self.dt, self.model.dtype)
         none = jnp.zeros((), jnp.int32)
         self.program = _advance.program(stepper, model, progress, dt, count=none, watch=watch, **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
-        count = min(self.count, self.longest, left, self.settings["saves"])
+        count = min(self.count, self.longest, left)
         started = time.perf_counter()
-        after, rows = self._take(carry, count)
+        found = self._take(carry, count)
         self.count = max(1, int(count * min(SECONDS / max(time.perf_counter() - started, 1e-9), LONGER)))
-        return after, (rows, None)
+        return found
 
-    def _take(self, carry: Progress, count: int, parts: float = 1.0) -> tuple[Progress, Trajectory]:
+    def _take(self, carry: Progress, left: int, parts: float = 1.0) -> tuple[Progress, tuple[Trajectory, None]]:
+        count = min(left, self.settings["saves"])
         dt = jnp.asarray(self.dt / parts, self.model.dtype)
         after, rows = self.program(self.model, carry, dt, jnp.asarray(count, jnp.int32), self.watch)
-        return after, jax.tree.map(lambda a: np.array(a[:count]), jax.tree.map(np.asarray, rows))
+        return after, (jax.tree.map(lambda a: np.array(np.asarray(a)[:count]), rows), None)
 
     def companion(self, finer: bool) -> Companion:
         """The same run from its start with steps of half or twice the length."""
         parts = 2.0 if finer else 0.5
-
-        def go(saves: int) -> Iterator[tuple[Trajectory, None]]:
-            carry = self.first
-            left = 2 * saves if finer else saves // 2
-            while left > 0:
-                carry, piece = self._take(carry, min(left, self.settings["saves"]), parts)
-                if int(carry.first_bad) >= 0:
-                    return
-                left -= len(piece.r)
-                yield piece, None
-
+        go = partial(_second_run, partial(self._take, parts=parts), self.first, finer)
         return Companion(go, finer, f"a run with steps of {self.dt / parts:.4g} s")
 
 

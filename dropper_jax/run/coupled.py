@@ -19,7 +19,6 @@ from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike
 from dropper_jax.run.coupled_lines import (
     CoupledLines,
-    CoupledOutputs,
     CoupledState,
     PointMotion,
     Vectors,
@@ -132,7 +131,8 @@ class Coupled:
         if count > most:
             why = f"is {count:.3g} inner steps of {self.scene.run.step:g} s"
             raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {most}")
-        state, outputs = self._advance(saved, PointMotion(*read, bends), dt, count)
+        inner = jnp.asarray(dt, self._lines.model.dtype), jnp.asarray(count, jnp.int32)
+        state, outputs = _step(self._lines, saved, PointMotion(*read, bends), *inner)
         self.residual, self.retried = float(outputs.residual), int(outputs.retried)
         if outputs.failed or not np.all(np.isfinite(outputs.forces)):
             self._fail(dt, count)
@@ -197,13 +197,6 @@ class Coupled:
         if self._saved is None:
             raise SceneError("Coupled: not initialised. Call `init` first")
         return self._saved
-
-    def _advance(
-        self, state: CoupledState, to: PointMotion, dt: float, count: int
-    ) -> tuple[CoupledState, CoupledOutputs]:
-        """The inner steps."""
-        dtype = self._lines.model.dtype
-        return _step(self._lines, state, to, jnp.asarray(dt, dtype), jnp.asarray(count, jnp.int32))
 
     def _moved_to(self, positions: np.ndarray) -> Scene:
         if np.array_equal(positions, self._home):

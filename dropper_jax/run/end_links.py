@@ -25,7 +25,7 @@ from dropper_jax.effects.submerged import submerged_fraction
 from dropper_jax.load.checks_water import Surface, bed_height
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
-from dropper_jax.scene import line_slices
+from dropper_jax.scene import LineSlice, WholeLine, sliced_lines
 
 #: A NumPy or JAX array.
 Array = Any
@@ -62,22 +62,34 @@ def wet_fraction(surface: Array, at: Array, direction: Array, length: Array, dia
 
 
 class End(NamedTuple):
-    """An end of a line: its point, the nodes there and next to it in the lines' arrays, and the link between them."""
+    """An end of a line: the nodes there and next to it in the lines' arrays, the link between them, and whether it is
+    the line's last one."""
 
-    point: str
-    node: int
-    inner: int
+    nodes: list[int]
     link: int
     last: bool
 
 
-def line_ends(scene: Scene) -> Iterator[End]:
-    """Both ends of every line of a scene."""
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
-        first = where.nodes.start
-        last = where.nodes.stop - 1
-        yield End(line.start, first, first + 1, where.links.start, False)
-        yield End(line.end, last, last - 1, where.links.stop - 1, True)
+def ends_of(line: LineSlice | WholeLine) -> tuple[End, End]:
+    """Both ends of a line."""
+    nodes = np.r_[line.nodes].tolist()
+    return End(nodes[:2], line.links.start, False), End(nodes[-1:-3:-1], line.links.stop - 1, True)
+
+
+def line_ends(scene: Scene) -> Iterator[tuple[str, End]]:
+    """Both ends of every line of a scene, each with its point."""
+    for line, where in sliced_lines(scene):
+        yield from zip((line.start, line.end), ends_of(where), strict=True)
+
+
+def positions_at(t: np.ndarray, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Positions (q, ...) [m] at times (q,) [s], linear between the saved positions (k, ...) at t (k,) [s]."""
+    if len(t) < 2:
+        return positions[np.zeros(len(times), int)]
+    row = np.interp(times, t, np.arange(len(t)))
+    low = np.minimum(row.astype(int), len(t) - 2)
+    share = (row - low).reshape(-1, *[1] * (positions.ndim - 1))
+    return (1 - share) * positions[low] + share * positions[low + 1]
 
 
 @dataclass(frozen=True)
@@ -140,18 +152,30 @@ class EndLinks:
     def _surface(self) -> Surface:
         return Surface(self.scene, self.waves)
 
-    def force(self, nodes: np.ndarray, tension: np.ndarray, link: int, last: bool, t: np.ndarray) -> np.ndarray:
+    def force_between(
+        self, end: End, t: np.ndarray, positions: np.ndarray, t_tension: np.ndarray, tension: np.ndarray
+    ) -> np.ndarray:
+        """Force (q, 3) [N] of an end link on its point at the times of the tensions, between saved times.
+
+        Args:
+            t, positions: saved times (k,) [s] and nodes (k, nodes, 3) [m] of all lines.
+            t_tension, tension: (q,) [s] and (q, links) [N].
+        """
+        return self.force(end, positions_at(t, positions[:, end.nodes], t_tension), tension, t_tension)
+
+    def force(self, end: End, nodes: np.ndarray, tension: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Force (k, 3) [N] of an end link on its point at times t (k,) [s].
 
         Args:
-            nodes: the point and the other node of the link (k, 2, 3) [m]; tension: of the link (k,) [N].
-            link: its number; last: whether the point is its last node.
+            nodes: those of the end (k, 2, 3) [m]; tension: of all links (k, n) [N].
         """
+        link = end.link
+        tension = tension[:, link]
         bed = bed_height(self.scene, nodes[:, 0])
         with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
             along = nodes[:, 1] - nodes[:, 0]
             direction = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-            share = 1.0 - self.first_share[link] if last else self.first_share[link]
+            share = 1.0 - self.first_share[link] if end.last else self.first_share[link]
             weight = np.full(len(tension), share * self.weight[link])
             if share * self.lift[link] != 0.0:
                 wet = self._wet(nodes[:, 0], direction, share * self.scene.line.length[link], self.diameter[link], t)

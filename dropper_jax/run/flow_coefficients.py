@@ -11,12 +11,12 @@ The motion of the line is left out: KC is that of a line at rest.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.constants import VISCOSITY
+from dropper_jax.base.read import Table
 from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import POST_CRITICAL, from_table, rough_added_mass, rough_drag
 from dropper_jax.effects.morison_drag import relative_roughness
@@ -24,6 +24,7 @@ from dropper_jax.load.checks_water import mean_period
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.scene import line_slices
+from dropper_jax.scene.data import first_nodes
 from dropper_jax.sea import Sea
 
 #: Effects whose coefficients may depend on the flow, and these coefficients.
@@ -64,12 +65,11 @@ def link_flow(scene: Scene) -> Flow:
     """
     model = bare_model(scene, "float64")
     nodes = static_pose(scene, model).positions
-    slices = line_slices(scene)
-    starts = np.concatenate([nodes[line.nodes][:-1] for line in slices])
-    ends = np.concatenate([nodes[line.nodes][1:] for line in slices])
-    tangent = (ends - starts) / np.maximum(np.linalg.norm(ends - starts, axis=1, keepdims=True), 1e-12)
+    first = first_nodes(scene)
+    along = nodes[first + 1] - nodes[first]
+    tangent = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
     diameter = drag_diameter(scene.line, scene) * np.ones(len(tangent))
-    sigma, current = _across(model.sea, 0.5 * (starts + ends), tangent)
+    sigma, current = _across(model.sea, 0.5 * (nodes[first] + nodes[first + 1]), tangent)
     speed = np.sqrt(2.0) * sigma
     if model.sea.waves is None:
         kc = np.full(len(sigma), np.inf)
@@ -119,7 +119,7 @@ def _across(sea: Sea, positions: np.ndarray, tangent: np.ndarray) -> tuple[np.nd
     return np.sqrt(square), current
 
 
-def flow_table(scene: Scene) -> list[dict[str, Any]]:
+def flow_table(scene: Scene) -> list[Table]:
     """Per line of a scene: minimum and maximum of KC, Re and the coefficients, the fraction of the current, and
     violated assumptions."""
     flow = link_flow(scene)
@@ -127,7 +127,7 @@ def flow_table(scene: Scene) -> list[dict[str, Any]]:
     each |= {FOLLOWING[name]: values for name, values in flow.coefficients.items()}
     found = []
     for line in line_slices(scene):
-        row: dict[str, Any] = {"line": line.name}
+        row: Table = {"line": line.name}
         for key, values in each.items():
             own = values[line.links]
             row[key] = {"min": float(np.min(own)), "max": float(np.max(own))}
@@ -136,9 +136,11 @@ def flow_table(scene: Scene) -> list[dict[str, Any]]:
     return found
 
 
-def flow_cells(rows: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+def flow_cells(rows: list[Table]) -> list[tuple[str, ...]]:
     """Rows of `flow_table` as text, with a heading."""
     coefficients = [key for key in ("cdn", "can") if key in rows[0]]
     keys = ("keulegan_carpenter", "reynolds", "current_share", *coefficients)
-    cells = ((row["line"], *(f"{row[key]['min']:.3g} to {row[key]['max']:.3g}" for key in keys)) for row in rows)
-    return [("line", "KC", "Re", "share of the current", *coefficients), *cells]
+    found: list[tuple[str, ...]] = [("line", "KC", "Re", "share of the current", *coefficients)]
+    for row in rows:
+        found.append((row["line"], *(f"{row[key]['min']:.3g} to {row[key]['max']:.3g}" for key in keys)))
+    return found

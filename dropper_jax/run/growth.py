@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
-from dropper_jax.scene import LineSpec, grown, line_slices
+from dropper_jax.scene import LineSpec, grown, sliced_lines
 
 
 def overgrown(scene: Scene) -> Scene:
@@ -23,7 +23,7 @@ def overgrown(scene: Scene) -> Scene:
     bare = _bare(scene)
     z = static_pose(bare, bare_model(bare)).positions[:, 2]
     changes = {}
-    for i, (line, where) in enumerate(zip(scene.lines, line_slices(scene), strict=True)):
+    for i, (line, where) in enumerate(sliced_lines(scene)):
         layer = _layer(scene, line, z[where.nodes])
         if layer is not None:
             found = grown(line.length, line.mass, line.diameter, *layer, scene.sea.density, scene.sea.gravity)
@@ -52,7 +52,7 @@ def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.
     return season.layer(line.name, line.piece_of, depth, np.cumsum(line.length) - 0.5 * line.length, line.diameter)
 
 
-def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[dict[str, Any]]:
+def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Table]:
     """Mass, diameter and wet weight per metre by month and depth, of each bare rope that `[growth]` grows on.
 
     The values are without the random factor and without harvest.

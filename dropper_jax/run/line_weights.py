@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Sequence
+from operator import itemgetter
 
 import numpy as np
 
+from dropper_jax.base.markdown import cells
+from dropper_jax.base.read import Table
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.end_links import EndLinks, line_ends
+from dropper_jax.run.end_links import EndLinks, ends_of, line_ends
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import LineSlice, WholeLine, whole_lines
 
@@ -56,12 +58,9 @@ def end_force_vectors(
     links = EndLinks(overgrown(scene), waves=t is not None)
     times = np.zeros(len(positions)) if t is None else t
     found = {}
-    for name, first, last, where in _ends(lines):
-        ends = ((first, first + 1, where.start, False), (last, last - 1, where.stop - 1, True))
-        both = []
-        for node, inner, link, at_last in ends:
-            both.append(links.force(positions[:, [node, inner]], tension[:, link], link, at_last, times))
-        found[name] = np.stack(both, axis=1)
+    for line in lines:
+        both = [links.force(end, positions[:, end.nodes], tension, times) for end in ends_of(line)]
+        found[line.name] = np.stack(both, axis=1)
     return found
 
 
@@ -77,12 +76,9 @@ def fixed_point_loads(
     links = EndLinks(overgrown(scene), waves=False)
     times = np.array([0.0 if t is None else t])
     loads = {point.name: np.zeros(3) for point in scene.points if not point.is_free}
-    for end in line_ends(scene):
-        if end.point in loads:
-            nodes = positions[None, [end.node, end.inner]]
-            loads[end.point] = (
-                loads[end.point] + links.force(nodes, tension[None, end.link], end.link, end.last, times)[0]
-            )
+    for point, end in line_ends(scene):
+        if point in loads:
+            loads[point] += links.force(end, positions[None, end.nodes], tension[None], times)[0]
     return loads
 
 
@@ -95,31 +91,19 @@ def end_angles(positions: np.ndarray, lines: Sequence[WholeLine | LineSlice]) ->
         positions: nodes of all lines (k, nodes, 3) [m].
     """
     found = {}
-    for name, first, last, _ in _ends(lines):
-        with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
-            along = positions[:, [first + 1, last - 1]] - positions[:, [first, last]]
-            found[name] = np.degrees(np.arctan2(along[..., 2], np.hypot(along[..., 0], along[..., 1])))
-    return found
-
-
-def _ends(lines: Sequence[WholeLine | LineSlice]) -> Iterator[tuple[str, int, int, slice]]:
-    """Name, first and last node, and links of each line."""
     for line in lines:
-        nodes = line.nodes
-        if isinstance(nodes, slice):
-            first = nodes.start
-            last = nodes.stop - 1
-        else:
-            first = int(nodes[0])
-            last = int(nodes[-1])
-        yield line.name, first, last, line.links
+        points, inner = np.transpose([end.nodes for end in ends_of(line)])
+        with np.errstate(invalid="ignore"):  # a failed run may end with infinite positions
+            along = positions[:, inner] - positions[:, points]
+            found[line.name] = np.degrees(np.arctan2(along[..., 2], np.hypot(along[..., 0], along[..., 1])))
+    return found
 
 
 #: Diameter [m] above which a line is not a rope: fibre ropes of aquaculture, some of which float, are thinner.
 THICK = 0.1
 
 
-def line_weights(scene: Scene) -> list[dict[str, Any]]:
+def line_weights(scene: Scene) -> list[Table]:
     """Mass, displaced mass, weight in water and density per metre, one row for equal lines; [] without a sea.
 
     Values are means over the lines' length, mussels included.
@@ -134,7 +118,7 @@ def line_weights(scene: Scene) -> list[dict[str, Any]]:
     volume = 0.25 * np.pi * diameter**2 * scene.line.length
     weights = wet_weights(scene)
     types = {line.get("name"): str(line.get("type", "")) for line in bare.as_written()["line"]}
-    rows: dict[tuple[float, ...], dict[str, Any]] = {}
+    rows: dict[tuple[float, ...], Table] = {}
     for line, own in zip(whole_lines(scene), whole_lines(bare), strict=True):
         length = line.spec.total
         mass = float(np.sum(line.spec.mass))
@@ -164,11 +148,11 @@ def lines_in_words(names: list[str]) -> str:
     return f"{names[0]}, {names[1]} and {len(names) - 2} more"
 
 
-def weight_cells(rows: list[dict[str, Any]]) -> list[tuple[str, ...]]:
+def weight_cells(rows: list[Table]) -> list[tuple[str, ...]]:
     """Rows of `line_weights` as text, with a heading."""
     heads = ("line", "mass [kg/m]", "displaced [kg/m]", "weight in water [N/m]", "density [kg/m^3]")
     keys = ("mass_kg_per_m", "displaced_kg_per_m", "wet_weight_n_per_m", "density_kg_per_m3")
-    return [heads, *((lines_in_words(row["lines"]), *(f"{row[key]:.4g}" for key in keys)) for row in rows)]
+    return [heads, *((lines_in_words(row["lines"]), *cells(itemgetter(*keys)(row), ".4g")) for row in rows)]
 
 
 def floating_warnings(scene: Scene) -> list[str]:

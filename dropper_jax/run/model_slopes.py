@@ -36,10 +36,11 @@ def model_slopes(scene: Scene, model: Model, path: str, idle: bool = False) -> d
             raise SceneError(f"{path}: changes the model's shape, such as a number of links. Use `dropper sweep`")
         return leaves
 
-    wide, narrow = (
-        [(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)] for step in (1e-3, 5e-4)
-    )
-    slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(zip(wide, narrow, strict=True)) if np.any(b != 0)}
+    def slopes_over(step: float) -> list[np.ndarray]:
+        return [(a - b) / (2 * step * size) for a, b in zip(at(step), at(-step), strict=True)]
+
+    pairs = zip(slopes_over(1e-3), slopes_over(5e-4), strict=True)
+    slopes = {i: (4 * b - a) / 3 for i, (a, b) in enumerate(pairs) if np.any(b != 0)}
     if not (slopes or idle):
         raise SceneError(f"{path}: has no effect on the model. Use numbers that do")
     return slopes

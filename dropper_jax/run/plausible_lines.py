@@ -69,6 +69,10 @@ def check_masses(scene: Scene) -> Iterator[str]:
         yield f"{line.name}: {link}: {what}"
 
 
+#: A connection to a point: its name, the length [m], numbers of the lines.
+Connection = tuple[str, float, tuple[int, ...]]
+
+
 class _Path(NamedTuple):
     """The shortest way along lines between two fixed points: their distance [m], its length [m], numbers of lines."""
 
@@ -134,9 +138,9 @@ def _taut_paths(scene: Scene) -> Iterator[_Path]:
                 yield _Path((start, end), distance, total, way)
 
 
-def _neighbours(scene: Scene) -> dict[str, list[tuple[str, float, tuple[int, ...]]]]:
+def _neighbours(scene: Scene) -> dict[str, list[Connection]]:
     """Points that a line, or a rigid body, connects with each point: their names, the length [m], the line."""
-    found: dict[str, list[tuple[str, float, tuple[int, ...]]]] = {point.name: [] for point in scene.points}
+    found: dict[str, list[Connection]] = {point.name: [] for point in scene.points}
     for i, line in enumerate(scene.lines):
         found[line.start].append((line.end, line.total, (i,)))
         found[line.end].append((line.start, line.total, (i,)))
@@ -148,7 +152,7 @@ def _neighbours(scene: Scene) -> dict[str, list[tuple[str, float, tuple[int, ...
 
 
 def _shortest_ways(
-    start: str, along: dict[str, list[tuple[str, float, tuple[int, ...]]]], fixed: set[str]
+    start: str, along: dict[str, list[Connection]], fixed: set[str]
 ) -> dict[str, tuple[float, tuple[int, ...]]]:
     """Length and lines of the shortest way from a point to each fixed point reached without another (Dijkstra)."""
     found: dict[str, tuple[float, tuple[int, ...]]] = {}

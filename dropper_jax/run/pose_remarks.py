@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.line_weights import lines_in_words
 from dropper_jax.run.plausibility import fastest_current, with_cause
-from dropper_jax.scene import WholeLine, line_slices, whole_lines
+from dropper_jax.scene import WholeLine, sliced_lines, whole_lines
 from dropper_jax.scene.data import point_nodes
 
 #: Static strain of a line above which it is warned of, and above which a scene is an error: a rope breaks before.
@@ -53,7 +53,7 @@ def check_stretch(scene: Scene, positions: np.ndarray) -> None:
 
 def _strains(scene: Scene, positions: np.ndarray) -> Iterator[tuple[str, float]]:
     """Maximum strain of a link of each elastic line."""
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+    for line, where in sliced_lines(scene):
         if not line.rigid:
             size = np.linalg.norm(np.diff(np.asarray(positions)[where.nodes], axis=0), axis=1)
             yield line.name, float(np.max(size / line.length - 1.0))
@@ -106,7 +106,7 @@ def _largest_bend(line: WholeLine, positions: np.ndarray, tension: np.ndarray) -
 def _check_loads(scene: Scene, tension: np.ndarray) -> Iterator[str]:
     """One warning of all lines above their breaking load, with the one that is most above it."""
     above = {}
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+    for line, where in sliced_lines(scene):
         if line.breaking_load is None:
             continue
         share = tension[where.links] / line.breaking_load

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Plain, Table, Values
+from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import BODIES, RUN_FORMAT, WITHIN, Kind, Samples
 from dropper_jax.run.step_extremes import ARRAYS_OF, signal_shapes
 from dropper_jax.scene import line_slices
@@ -60,7 +61,7 @@ def check_archive(file: BinaryIO, path: str | Path) -> None:
         )
 
 
-def reopen_run(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type[Kind]) -> Kind:
+def reopen_run(path: str | Path, meta: Plain, arrays: Table, kind: type[Kind]) -> Kind:
     """The run, as a `kind` of samples, from the provenance and arrays of a file.
 
     Raises:
@@ -71,7 +72,10 @@ def reopen_run(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type
     if wrong := next(_wrong_about(meta), None):
         raise SceneError(f"{path}: not a saved run: {wrong}")
     try:
-        solution = kind.restore(meta, arrays)
+        given = {key: value for key, value in meta.items() if key != "format"}
+        scene = Scene.from_dict(given.pop("scene"))
+        tuples = {key: tuple(given.pop(key, ())) for key in ("work_names", "warnings", "broken")}
+        solution = kind(scene=scene, **arrays, **tuples, **given)
     except SceneError as error:
         raise SceneError(f"{path}: not a saved run: its scene: {error}") from None
     except (TypeError, ValueError, KeyError, AttributeError, IndexError, RecursionError) as error:
@@ -81,7 +85,7 @@ def reopen_run(path: str | Path, meta: Plain, arrays: dict[str, Any], kind: type
     return solution
 
 
-def _wrong_about(meta: Mapping[str, Any]) -> Iterator[str]:
+def _wrong_about(meta: Values) -> Iterator[str]:
     """The error in the provenance, in words."""
     for key, kind in KINDS.items():
         value = meta.get(key)

@@ -13,7 +13,7 @@ from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import TOO_LONG, Kind, Samples
 from dropper_jax.run.winches import winch_warnings
-from dropper_jax.scene import line_slices
+from dropper_jax.scene import sliced_lines
 
 #: Maximum number of lines listed for one fault: the ropes of a longline often share it, and a farm may have thousands.
 MOST_WARNINGS = 3
@@ -65,7 +65,7 @@ def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndar
 
     Axial residuals are lengths, so a relative tolerance of the length is a relative tolerance of EA for tensions.
     """
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+    for line, where in sliced_lines(scene):
         if line.axial_law == "rope":
             own = tension[:, where.links]
             tension[:, where.links] = np.where((own < 0.0) & (own >= -tolerance * line.EA), 0.0, own)
@@ -118,7 +118,7 @@ PULSED = 0.05
 def _tensions(solution: Samples) -> Iterator[tuple[str, float, str]]:
     """Faults in the tensions (k, n) of each line from step to step: fault, its size, text."""
     dt = solution.settings["dt"]
-    for line, where in zip(solution.scene.lines, solution.lines, strict=True):
+    for line, where in sliced_lines(solution.scene):
         tension = solution.tension[1:, where.links]
         sharp = unresolved_peak(tension)
         if sharp is not None:
@@ -144,7 +144,7 @@ def _snatches(solution: Samples) -> Iterator[tuple[str, float, str]]:
     if not solution.scene.start.is_static or solution.continues or "load_errors" in solution.settings:
         return
     least, largest = solution.tension_range
-    for line, where in zip(solution.scene.lines, solution.lines, strict=True):
+    for line, where in sliced_lines(solution.scene):
         rest = float(np.max(solution.tension[0, where.links]))
         slack = np.any(least[1:, where.links] < SLACK * rest, axis=0)
         worst = float(np.max(np.where(slack, np.max(largest[1:, where.links], axis=0, initial=0.0), 0.0)))

@@ -23,6 +23,7 @@ from typing import Any, BinaryIO
 import jax
 import numpy as np
 
+from dropper_jax.base.read import Table
 from dropper_jax.base.store import Store, read_archive, write_archive
 
 #: File with the number of complete states and the last one; file with what is needed to build a solution from them.
@@ -86,7 +87,7 @@ class OnDisk(InMemory):
         about: plain values that identify the run; first: named leaves of its start.
     """
 
-    def __init__(self, folder: Path, about: dict[str, Any], first: dict[str, np.ndarray]) -> None:
+    def __init__(self, folder: Path, about: Table, first: dict[str, np.ndarray]) -> None:
         super().__init__()
         self.path, self.about, self.first, self.last = folder, about, first, {}
         self._kinds, self._tree, self._numbers = [], None, itertools.count()

@@ -7,14 +7,14 @@ import json
 import math
 from functools import cached_property
 from operator import methodcaller
-from typing import Any, Self, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
-from dropper_jax.analysis.angles import link_angles
+from dropper_jax.analysis.angles import angle_rates, link_angles
 from dropper_jax.axial import AXIAL_RINGING
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.bends import bending_moment, bends, curvature, torque
 from dropper_jax.run.line_weights import end_angles
@@ -24,6 +24,8 @@ from dropper_jax.scene import LineSlice, line_slices, whole_lines
 from dropper_jax.scene.data import point_nodes
 from dropper_jax.stepping.extremes import Extremes
 
+#: Extremes, mean and final value by name, see `extent`.
+Extent = dict[str, float]
 #: Version of the saved file; files of other versions are rejected.
 RUN_FORMAT = 1
 #: Status of a run of equal steps whose companion states an error above 10 % (`run.companion`).
@@ -54,7 +56,7 @@ class Samples:
     """Result of a run. `run.simulate.Solution` describes every array and number, saves the run and continues it."""
 
     scene: Scene
-    settings: dict[str, Any]
+    settings: Table
     t: np.ndarray
     positions: np.ndarray
     velocities: np.ndarray
@@ -68,17 +70,17 @@ class Samples:
     status: str = "ok"
     failed_steps: int = 0
     retried_steps: int = 0
-    first_bad: dict[str, Any] | None = None
+    first_bad: Table | None = None
     max_residual: float = 0.0
     max_closure_error: float = 0.0
     compile_s: float = 0.0
     run_s: float = 0.0
     versions: dict[str, str] = dataclasses.field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    broken: tuple[dict[str, Any], ...] = ()
+    broken: tuple[Table, ...] = ()
     own: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     last: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    continues: dict[str, Any] | None = None
+    continues: Table | None = None
     tension_min: np.ndarray | None = None
     tension_max: np.ndarray | None = None
     tension_min_time: np.ndarray | None = None
@@ -124,7 +126,7 @@ class Samples:
             raise SceneError(f"body: {name!r} is not a body; {nearest(name, names)}")
         return {key: getattr(self, key)[:, names.index(name)] for key in BODIES}
 
-    def body_summary(self) -> dict[str, dict[str, Any]]:
+    def body_summary(self) -> dict[str, Table]:
         """Minimum, mean, maximum and final x, y, z [m], roll, pitch and yaw [rad] of each body."""
         moved = {body.name: self.body(body.name) for body in self.scene.bodies}
         return {name: body_extents(one["body_position"], one["body_attitude"]) for name, one in moved.items()}
@@ -189,6 +191,12 @@ class Samples:
         """Azimuths (k, n) [rad]."""
         return self.angles[1]
 
+    def angle_rates(self, zero: str = "horizontal") -> tuple[np.ndarray, np.ndarray]:
+        """Rates of the angles (k, n) [rad/s]."""
+        nodes = [line.nodes for line in self.lines]
+        parts = [angle_rates(self.positions[:, own], self.velocities[:, own], zero) for own in nodes]
+        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
+
     @cached_property
     def curvature(self) -> np.ndarray | None:
         """Curvature (k, nodes) [1/m] if lines have bending stiffness (see `run.bends`); else None."""
@@ -249,7 +257,7 @@ class Samples:
             f"{bad['reason']}"
         )
 
-    def tension_summary(self) -> dict[str, dict[str, float]]:
+    def tension_summary(self) -> dict[str, Extent]:
         """min, mean, max and final tension [N] of the first, the last and all links; `final` of all is their mean.
 
         Minima and maxima are those of all steps, at the times `min_s` and `max_s` [s].
@@ -257,11 +265,11 @@ class Samples:
         parts = {"first": slice(0, 1), "last": slice(-1, None), "all": slice(None)}
         return self._tension_extents(parts)
 
-    def line_tensions(self) -> dict[str, dict[str, float]]:
+    def line_tensions(self) -> dict[str, Extent]:
         """The same statistics of every line of the scene, pieces between attached points together."""
         return self._tension_extents({line.name: line.links for line in whole_lines(self.scene)})
 
-    def end_forces(self) -> dict[str, dict[str, dict[str, float]]]:
+    def end_forces(self) -> dict[str, dict[str, Extent]]:
         """The same of the force [N] of every line on its first and last point, at the times of the tensions.
 
         Tensions of links are at their middles, so the difference is the weight of half the end link, less its buoyancy
@@ -271,13 +279,12 @@ class Samples:
         extremes = self._extremes_or("end_force", rows)
         found = {}
         for i, line in enumerate(whole_lines(self.scene)):
-            found[line.name] = {
-                end: extent(rows[:, i, [j]], Extremes(*(a[:, i, [j]] for a in extremes)))
-                for j, end in enumerate(("first", "last"))
-            }
+            own = found[line.name] = {}
+            for j, end in enumerate(("first", "last")):
+                own[end] = extent(rows[:, i, [j]], Extremes(*(a[:, i, [j]] for a in extremes)))
         return found
 
-    def end_angles(self) -> dict[str, dict[str, dict[str, float]]]:
+    def end_angles(self) -> dict[str, dict[str, Extent]]:
         """min, mean, max and final angle [deg] of the end links above the horizontal at the saved times: the uplift at
         an anchor."""
         found = end_angles(self.positions, whole_lines(self.scene))
@@ -322,33 +329,19 @@ class Samples:
             return ""
         return f"every {every}th step is saved"
 
-    def _tension_extents(self, parts: dict[str, slice]) -> dict[str, dict[str, float]]:
+    def _tension_extents(self, parts: dict[str, slice]) -> dict[str, Extent]:
         found = self.step_extremes("tension")
         rows = {}
         for name, links in parts.items():
             rows[name] = extent(self.tension[:, links], Extremes(*(a[:, links] for a in found)))
         return rows
 
-    def provenance(self) -> dict[str, Any]:
+    def provenance(self) -> Table:
         """Everything but the arrays, as plain values: scene, settings, status, versions."""
         arrays = (*ARRAYS, *WITHIN, *BODIES, "own", "last")
         names = [f.name for f in dataclasses.fields(self) if f.name not in (*arrays, "scene")]
         meta = {"format": RUN_FORMAT, "scene": self.scene.as_written(), **{name: getattr(self, name) for name in names}}
         return json.loads(json.dumps(meta, default=methodcaller("tolist")))
-
-    @classmethod
-    def restore(cls, meta: Plain, arrays: dict[str, Any]) -> Self:
-        """The run restored from saved provenance and arrays.
-
-        Raises:
-            ValueError: provenance of another format.
-        """
-        if not isinstance(meta, dict) or meta.get("format") != RUN_FORMAT:
-            raise ValueError(f"another format; allowed: format {RUN_FORMAT}")
-        meta = {key: value for key, value in meta.items() if key != "format"}
-        scene = Scene.from_dict(meta.pop("scene"))
-        tuples = {key: tuple(meta.pop(key, ())) for key in ("work_names", "warnings", "broken")}
-        return cls(scene=scene, **arrays, **tuples, **meta)
 
 
 #: The requested class.
@@ -360,7 +353,7 @@ def is_finished(run: Samples) -> bool:
     return run.status in ("ok", TOO_LONG) or (run.status == "energy_drift" and run.energy_drift <= run.energy_scale)
 
 
-def extent(values: np.ndarray, extremes: Extremes | None = None) -> dict[str, float]:
+def extent(values: np.ndarray, extremes: Extremes | None = None) -> Extent:
     """min, mean and max of values (k, n), and the mean of the last row.
 
     With `extremes` min and max are those of all steps, and `min_s` and `max_s` their times [s].
@@ -374,7 +367,7 @@ def extent(values: np.ndarray, extremes: Extremes | None = None) -> dict[str, fl
     return {key: float(value) + 0.0 for key, value in found.items()}
 
 
-def body_extents(position: np.ndarray, attitude: np.ndarray) -> dict[str, dict[str, float]]:
+def body_extents(position: np.ndarray, attitude: np.ndarray) -> dict[str, Extent]:
     """The same of each of the `MOTIONS` of a body, from positions (k, 3) [m] and roll, pitch and yaw (k, 3) [rad]."""
     values = np.concatenate([position, attitude], axis=1)
     return {key: extent(values[:, i : i + 1]) for i, key in enumerate(MOTIONS)}

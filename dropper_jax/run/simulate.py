@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, SimulationError, silent
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import html_table
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.checks_system import check_changing_lengths_until
@@ -88,7 +88,7 @@ class Solution(Samples):
         continues: origin of the times of a continued run: `origin_s`, and the number of earlier `saves`; else None.
     """
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> Table:
         """The JSON object of a run; NaN and infinity are null."""
         return summary(self)
 
@@ -170,7 +170,7 @@ class Solution(Samples):
             return float(f"{left:.12g}")
         return whole
 
-    def _stepping(self) -> dict[str, Any]:
+    def _stepping(self) -> Table:
         """The settings of the stepping that `simulate` takes."""
         keys = ["residual_tolerance", "halvings", "track_work"]
         if self.settings["solver"] != "none":
@@ -189,7 +189,7 @@ def simulate(
     save_every: int | None = None,
     save_interval: float | None = None,
     accuracy: float | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
     throw: bool = False,
     errors: bool = False,
     skip: float = 0.0,
@@ -281,7 +281,7 @@ def _check_continued(scene: Scene, start: Solution, errors: bool) -> None:
 
 
 def _prepare(
-    scene: Scene, settings: dict[str, Any], start: Solution | None, scratch: str | Path | None, say: Progress
+    scene: Scene, settings: Table, start: Solution | None, scratch: str | Path | None, say: Progress
 ) -> PreparedRun:
     """Stepper, model and first state of a run, and the storage of its rows, in memory or in a folder."""
     model = build_model(scene)
@@ -299,7 +299,7 @@ def _prepare(
     return PreparedRun(scene, stepper, model, first, since, rows, dict(settings))
 
 
-def stepper_fields(settings: dict[str, Any]) -> dict[str, Any]:
+def stepper_fields(settings: Table) -> Table:
     """Settings of the stepping under the names of the fields of `Stepper`."""
     return {"tolerance" if key == "residual_tolerance" else key: value for key, value in settings.items()}
 
@@ -345,9 +345,7 @@ def restore_end(stepper: Stepper, model: Model, run: RunSpec, saved: dict[str, n
     return restore_carry(jax.eval_shape(anywhere, model), saved)
 
 
-def _with_errors(
-    solution: Solution, scene: Scene, skip: float, settings: dict[str, Any], say: Callable[[float, str], None]
-) -> Solution:
+def _with_errors(solution: Solution, scene: Scene, skip: float, settings: Table, say: Progress) -> Solution:
     """The solution with its loads and their errors, and a warning for each line with unresolved peaks."""
     from dropper_jax.study.load_errors import load_errors  # noqa: PLC0415
 

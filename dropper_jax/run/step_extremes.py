@@ -16,8 +16,8 @@ import numpy as np
 from dropper_jax.base.numerics import horizontal_norm, safe_norm
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
-from dropper_jax.run.bends import held_points, point_load, positions_at
-from dropper_jax.run.end_links import EndLinks, end_forces_of_model, line_ends
+from dropper_jax.run.bends import held_points, point_load
+from dropper_jax.run.end_links import EndLinks, end_forces_of_model, ends_of
 from dropper_jax.run.growth import overgrown
 from dropper_jax.scene import line_slices, whole_lines
 from dropper_jax.stepping.extremes import Extremes
@@ -52,7 +52,7 @@ class StepSignals:
     def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
         share = self.tension_time
         t = before.t + share * (after.t - before.t)
-        # linear over the step, as `bends.positions_at` between saved times
+        # linear over the step, as `end_links.positions_at` between saved times
         first = model.geometry.everywhere(before.r, model.ends(before.t).positions)
         last = model.geometry.everywhere(after.r, model.ends(after.t).positions)
         links = np.array(self.links)
@@ -113,14 +113,11 @@ def _end_forces(
     """Forces (k, lines, 2) [N] of the lines on their points, from the nodes of the end links alone: the positions of a
     run may be larger than memory."""
     links = EndLinks(overgrown(scene))
-    ends = {(end.link, end.last): end for end in line_ends(scene)}
-    found = np.zeros((len(tension), len(whole_lines(scene)), 2))
-    for i, line in enumerate(whole_lines(scene)):
-        for j, end in enumerate((ends[line.links.start, False], ends[line.links.stop - 1, True])):
-            nodes = positions_at(t, positions[:, [end.node, end.inner]], t_tension)
-            force = links.force(nodes, tension[:, end.link], end.link, end.last, t_tension)
-            found[:, i, j] = np.linalg.norm(force, axis=1)
-    return found
+    found = []
+    for line in whole_lines(scene):
+        for end in ends_of(line):
+            found.append(np.linalg.norm(links.force_between(end, t, positions, t_tension, tension), axis=1))
+    return np.stack(found, axis=1).reshape(len(tension), -1, 2)
 
 
 def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:
@@ -136,7 +133,6 @@ def extremes_by_signal(scene: Scene, extremes: Extremes) -> dict[str, Extremes]:
 
 def signal_shapes(scene: Scene) -> dict[str, tuple[int, ...]]:
     """The shape of each of the `SIGNALS` at one time."""
-    links = sum(line.links for line in scene.lines)
     lines = len(whole_lines(scene))
     points = len(held_points(scene))
-    return {"tension": (links,), "end_force": (lines, 2), "point_load": (points, len(LOADS))}
+    return {"tension": (scene.line.links,), "end_force": (lines, 2), "point_load": (points, len(LOADS))}

@@ -21,7 +21,7 @@ import numpy as np
 from dropper_jax.base.deferred import DeferredErrorFile
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write, refuse_pipe, remove_leftovers, unfinished_folder, unwritable
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.store import read_archive, write_archive
 from dropper_jax.run import labelled
 from dropper_jax.run.end_of_run import LAST, units
@@ -159,7 +159,7 @@ def _write_npz(solution: Samples, path: Path) -> Path:
     return write_archive(path, arrays, solution.provenance())
 
 
-def _open_npz(path: Path) -> tuple[Plain, dict[str, Any]]:
+def _open_npz(path: Path) -> tuple[Plain, Table]:
     with open(path, "rb") as file:
         check_archive(file, path)
     meta, found = read_archive(path)
@@ -260,7 +260,7 @@ def _attributes(solution: Samples) -> dict[str, Any]:
     }
 
 
-def _from_xarray(dataset: xarray.Dataset) -> tuple[Plain, dict[str, Any]]:
+def _from_xarray(dataset: xarray.Dataset) -> tuple[Plain, Table]:
     """Provenance and arrays of a dataset made by `to_xarray`."""
     columns = {key: name for key, (name, *_) in VARIABLES.items()} | {"t": "time"}
     arrays = _by_field(columns, list(map(str, dataset.data_vars)), lambda name: np.asarray(dataset[name].values))
@@ -280,7 +280,8 @@ def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], array
     """
     held = DeferredErrorFile(file, lambda: release_pages(arrays))
     names = [name for name in dataset.data_vars if str(name).startswith(LAST)]
-    inside, own = ({key: value for key, value in packed.items() if (key in names) == last} for last in (True, False))
+    inside = {key: packed[key] for key in packed if key in names}
+    own = {key: packed[key] for key in packed if key not in names}
     dataset.drop_vars(names).to_netcdf(held, engine="h5netcdf", encoding=own)
     if names:
         dataset[names].drop_attrs(deep=False).reset_coords(drop=True).to_netcdf(
@@ -312,12 +313,12 @@ def _is_run_folder(path: Path) -> bool:
         return False
 
 
-def _open_zarr(path: Path) -> tuple[Plain, dict[str, Any]]:
+def _open_zarr(path: Path) -> tuple[Plain, Table]:
     with extra("xarray", "io").open_zarr(path, decode_times=False) as dataset:
         return _from_xarray(dataset)
 
 
-def _open_netcdf(path: Path) -> tuple[Plain, dict[str, Any]]:
+def _open_netcdf(path: Path) -> tuple[Plain, Table]:
     with extra("xarray", "io").open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
         return _from_xarray(_with_restart(dataset, path))
 

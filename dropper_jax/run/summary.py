@@ -8,12 +8,12 @@ from __future__ import annotations
 import csv
 import io
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dropper_jax.analysis.angles import angle_rates, link_angles
+from dropper_jax.analysis.angles import link_angles
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import SCHEMA, jsonable
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.run.bends import bending_summary, bends
@@ -23,7 +23,7 @@ from dropper_jax.run.step_facts import step_facts
 from dropper_jax.scene import line_offsets
 
 
-def summary(run: Samples) -> dict[str, Any]:
+def summary(run: Samples) -> Table:
     """The JSON object of a run; NaN and infinity are null."""
     keys = (
         "integrator",
@@ -88,7 +88,7 @@ def summary(run: Samples) -> dict[str, Any]:
     return jsonable(found)
 
 
-def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", rates: bool = True) -> Path:
+def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal") -> Path:
     """Polar angles and their rates: columns `t [s], theta_1..n [rad], omega_1..n [rad/s]`.
 
     For several lines the columns are `theta_LINE/1`, ..., line after line. The first comment also states the angle
@@ -98,13 +98,10 @@ def write_angles(solution: Samples, path: str | Path, zero: str = "horizontal", 
         solution: the run.
         path: CSV file.
         zero: "horizontal" (positive downwards) or "down", see `link_angles`.
-        rates: whether to write the columns omega.
     """
     lines = [line.nodes for line in solution.lines]
     columns = {"theta": np.concatenate([link_angles(solution.positions[:, nodes], zero)[0] for nodes in lines], axis=1)}
-    if rates:
-        moving = [(solution.positions[:, nodes], solution.velocities[:, nodes]) for nodes in lines]
-        columns["omega"] = np.concatenate([angle_rates(*both, zero)[0] for both in moving], axis=1)
+    columns["omega"] = solution.angle_rates(zero)[0]
     error = (solution.settings.get("stated_errors") or {}).get("angles_rad") or 0.0
     # no angle from 1 rad on: such a step follows no motion
     stated = ""

@@ -8,12 +8,12 @@ the lines; the resulting fractions multiply the profile. Waves are not reduced.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import steady_drag
 from dropper_jax.effects.morison_drag import relative_roughness
@@ -21,6 +21,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.run.arrays import bare_model, static_pose
 from dropper_jax.run.wake_model import Elements, Wakes, solve_wakes
 from dropper_jax.scene import LineSlice, line_slices
+from dropper_jax.scene.data import first_nodes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,16 +58,14 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     drag = scene.effects.get("morison_drag")
     if drag is None or scene.sea is None or scene.sea.current is None:
         raise SceneError(f"effects.morison_drag.wakes: scene {scene.name!r} lacks morison_drag or [sea.current]")
-    lines = line_slices(scene)
-    if sum(line.links for line in scene.lines) > most:
+    if scene.line.links > most:
         raise SceneError(f"effects.morison_drag.wakes: more than {most} links; allowed: at most {most}")
     bare = dataclasses.replace(scene, effects={**scene.effects, "morison_drag": {**drag, "wakes": "none"}})
     model = bare_model(bare, "float64")
     nodes = static_pose(bare, model).positions
-    first = np.concatenate([nodes[line.nodes][:-1] for line in lines])
-    last = np.concatenate([nodes[line.nodes][1:] for line in lines])
-    middle = 0.5 * (first + last)
-    along = last - first
+    links = first_nodes(scene)
+    middle = 0.5 * (nodes[links] + nodes[links + 1])
+    along = nodes[links + 1] - nodes[links]
     weight = np.linalg.norm(along, axis=1) * drag_diameter(scene.line, scene)
     height = float(np.sum(weight * middle[:, 2]) / np.sum(weight))
     stream = np.asarray(model.sea.current.profile(jnp.asarray([height]), model.sea.depth))[0, :2]
@@ -92,7 +91,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
     else:
         turbulence = float(drag["turbulence"])
     wakes = solve_wakes(elements, speed, scene.sea.depth, turbulence)
-    return SceneWakes(wakes, wakes.met / speed, tuple(lines), float(np.arctan2(stream[1], stream[0])), middle)
+    return SceneWakes(wakes, wakes.met / speed, line_slices(scene), float(np.arctan2(stream[1], stream[0])), middle)
 
 
 def _coefficient(scene: Scene) -> np.ndarray:
@@ -102,7 +101,7 @@ def _coefficient(scene: Scene) -> np.ndarray:
     return np.asarray(drag["cdn"], float)
 
 
-def wake_facts(found: SceneWakes) -> dict[str, Any]:
+def wake_facts(found: SceneWakes) -> Table:
     """Fractions of the current by line, total drag over that without wakes, and the momentum balance."""
     e = found.wakes.elements
     wakes = found.wakes

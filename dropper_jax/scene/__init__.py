@@ -11,6 +11,7 @@ from dropper_jax.scene.data import (
     line_slices,
     link_mass_words,
     point_named,
+    sliced_lines,
     whole_lines,
 )
 from dropper_jax.scene.failure import FailureSpec
@@ -55,6 +56,7 @@ __all__ = [
     "line_offsets",
     "line_slices",
     "point_named",
+    "sliced_lines",
     "utilisations",
     "whole_lines",
 ]

@@ -4,31 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any, ClassVar
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import (
-    DeclaredSection,
-    Plain,
-    as_table,
-    check_keys,
-    count,
-    declared_fields,
-    read_fields,
-    read_items,
-    read_parameter,
-    read_table,
-    read_text,
-    short_text,
-)
+from dropper_jax.base.read import DeclaredSection, Table, as_table, count, items, part, read_positions, short_text
 
 #: Distance outside its shape at which a body's attachments may be without a warning, over the body's extent: shackles,
 #: rounding.
 OUTSIDE = 0.05
-POSITION = {"unit": "m", "shape": "vector"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -105,32 +90,9 @@ class BodySpec(DeclaredSection):
     touches_bed: bool = option("whether its cylinders and spheres touch the seabed", type=bool, default=False)
     bed_friction: float = parameter("coefficient of its friction on the seabed", unit="-", low=0.0, default=0.0)
     pinned: bool = option("whether its reference point is fixed", type=bool, default=False)
-    cylinders: tuple[CylinderSpec, ...] = ()
-    spheres: tuple[SphereSpec, ...] = ()
-    attachments: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-
-    SHAPES: ClassVar[tuple[tuple[str, type], ...]] = (("cylinders", CylinderSpec), ("spheres", SphereSpec))
-
-    @classmethod
-    def keys(cls) -> list[str]:
-        return [*declared_fields(cls), *(key for key, _ in cls.SHAPES), "attachments"]
-
-    @classmethod
-    def read(cls, table: Plain, path: str) -> BodySpec:
-        own = dict(read_table(table, path))
-        check_keys(own, cls.keys(), path)
-        shapes = {key: read_items(kind.read, own.pop(key, []), f"{path}.{key}") for key, kind in cls.SHAPES}
-        given = read_table(own.pop("attachments", {}), f"{path}.attachments")
-        attachments = {}
-        for name, value in given.items():
-            attachments[read_text(name, f"{path}.attachments")] = read_parameter(
-                value, f"{path}.attachments.{name}", POSITION, {}
-            )
-        values = read_fields(cls, own, path, {})
-        values |= {key: np.array(values[key], float) for key in ("attitude", "velocity", "angular_velocity")}
-        body = cls(**values, **shapes, attachments=attachments)
-        body.check(path)
-        return body
+    cylinders: tuple[CylinderSpec, ...] = part(items(CylinderSpec), default=())
+    spheres: tuple[SphereSpec, ...] = part(items(SphereSpec), default=())
+    attachments: dict[str, np.ndarray] = part(read_positions, default_factory=dict)
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
@@ -193,14 +155,9 @@ class BodySpec(DeclaredSection):
         """Positions (..., 3) in its axes, converted to the scene's axes at the start."""
         return self.position + position @ self.rotation.T
 
-    def table(self) -> dict[str, Any]:
+    def table(self) -> Table:
         zero = ("attitude", "velocity", "angular_velocity", "touches_bed", "bed_friction", "pinned")
-        found = {key: value for key, value in as_table(self).items() if key not in zero or np.any(value)}
-        shapes = {}
-        for key, _ in self.SHAPES:
-            shapes[key] = [shape.table() for shape in getattr(self, key)]
-        attachments = {name: position.tolist() for name, position in self.attachments.items()}
-        return found | {key: value for key, value in {**shapes, "attachments": attachments}.items() if value}
+        return {key: value for key, value in as_table(self).items() if key not in zero or np.any(value)}
 
 
 def rotation(attitude: np.ndarray) -> np.ndarray:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections import Counter
 from itertools import accumulate, groupby
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from dropper_jax.base.read import as_table, plain
+from dropper_jax.base.read import Table, plain
 from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.body import BodySpec
 from dropper_jax.scene.failure import FailureSpec
@@ -27,7 +27,7 @@ from dropper_jax.sea.spec import SeaSpec
 def point_nodes(scene: SceneData) -> dict[str, int]:
     """By name of a point, the first node of the lines' arrays at that point."""
     found: dict[str, int] = {}
-    for line, where in zip(scene.lines, line_slices(scene), strict=True):
+    for line, where in sliced_lines(scene):
         found.setdefault(line.start, where.nodes.start)
         found.setdefault(line.end, where.nodes.stop - 1)
     return found
@@ -62,7 +62,7 @@ class SceneData:
     description: str
     points: tuple[PointSpec, ...]
     lines: tuple[LineSpec, ...]
-    effects: dict[str, dict[str, Any]]
+    effects: dict[str, Table]
     start: StartSpec
     run: RunSpec
     sea: SeaSpec | None = None
@@ -115,30 +115,30 @@ class SceneData:
         """All lines as one, with their arrays concatenated."""
         return join_lines(self.lines)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Table:
         """Plain values (text, numbers, lists, tables) from which `from_dict` recreates the scene."""
         effects = {}
         for name, values in self.effects.items():
-            effects[name] = {key: plain(value) for key, value in values.items() if value is not None}
+            effects[name] = {key: value for key, value in values.items() if value is not None}
         table = {
             "name": self.name,
             "description": self.description,
-            "run": self.run.table(),
-            "point": [as_table(point) for point in self.points if point.on is None],
-            "line": [line.table() for line in self.lines],
-            "buoy": [as_table(buoy) for buoy in self.buoys],
-            "body": [body.table() for body in self.bodies],
-            "vessel": [vessel.table() for vessel in self.vessels],
+            "run": self.run,
+            "point": [point for point in self.points if point.on is None],
+            "line": self.lines,
+            "buoy": self.buoys,
+            "body": self.bodies,
+            "vessel": self.vessels,
             "effects": effects,
-            "start": as_table(self.start),
-            "sea": self.sea and self.sea.table(),
-            "failure": [as_table(failure) for failure in self.failures],
-            "notes": list(self.notes),
-            "anchor": [as_table(anchor) for anchor in self.anchors],
-            "growth": self.season and self.season.table(),
-            "fit": self.fit and self.fit.table(),
+            "start": self.start,
+            "sea": self.sea,
+            "failure": self.failures,
+            "notes": self.notes,
+            "anchor": self.anchors,
+            "growth": self.season,
+            "fit": self.fit,
         }
-        return {key: value for key, value in table.items() if key in ALWAYS or (value is not None and value != [])}
+        return plain({key: value for key, value in table.items() if key in ALWAYS or value not in (None, ())})
 
     def point(self, name: str) -> PointSpec:
         """The point with that name."""
@@ -210,34 +210,38 @@ def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
     return tuple(found)
 
 
-def line_offsets(scene: SceneData) -> list[dict[str, Any]]:
+def first_nodes(scene: SceneData) -> np.ndarray:
+    """First node of each link (n,); the next node is its last."""
+    return np.concatenate([np.arange(line.nodes.start, line.nodes.stop - 1) for line in line_slices(scene)])
+
+
+def sliced_lines(scene: SceneData) -> list[tuple[LineSpec, LineSlice]]:
+    """The lines of a scene, each with its index ranges."""
+    return list(zip(scene.lines, line_slices(scene), strict=True))
+
+
+def line_offsets(scene: SceneData) -> list[Table]:
     """The same as plain values: index of the first node and link of each line in the arrays, and its number of
     links."""
     found = []
-    for w in line_slices(scene):
-        found.append(
-            {
-                "name": w.name,
-                "first_node": w.nodes.start,
-                "first_link": w.links.start,
-                "links": w.links.stop - w.links.start,
-            }
-        )
+    for line, where in sliced_lines(scene):
+        first = {"first_node": where.nodes.start, "first_link": where.links.start}
+        found.append({"name": line.name, **first, "links": line.links})
     return found
 
 
 def whole_lines(scene: SceneData) -> tuple[WholeLine, ...]:
     """The lines of a scene as the user wrote them."""
-    pairs = zip(scene.lines, line_slices(scene), strict=True)
-    groups = groupby(pairs, key=lambda pair: (pair[0].piece_of, pair[0].piece_of or pair[0].name))
+    groups = groupby(sliced_lines(scene), key=lambda pair: (pair[0].piece_of, pair[0].piece_of or pair[0].name))
     return tuple(_merge_pieces(list(group)) for _, group in groups)
 
 
 def _merge_pieces(group: list[tuple[LineSpec, LineSlice]]) -> WholeLine:
     specs, slices = zip(*group, strict=True)
     nodes = [np.arange(where.nodes.start + (i > 0), where.nodes.stop) for i, where in enumerate(slices)]
-    ends = np.cumsum([spec.links for spec in specs])
-    stops = {0: specs[0].start, **{int(end): spec.end for end, spec in zip(ends, specs, strict=True)}}
-    name = specs[0].name if len(group) == 1 else specs[0].piece_of
     links = slice(slices[0].links.start, slices[-1].links.stop)
+    stops = {0: specs[0].start}
+    for spec, where in group:
+        stops[where.links.stop - links.start] = spec.end
+    name = specs[0].name if len(group) == 1 else specs[0].piece_of
     return WholeLine(name, join_lines(specs), np.concatenate(nodes), links, stops, len(group))

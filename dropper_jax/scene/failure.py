@@ -14,12 +14,12 @@ from collections.abc import Iterator
 
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, read_fields
+from dropper_jax.base.read import Plain, SectionValues, read_fields
 from dropper_jax.scene.line import LineSpec
 
 
 @dataclasses.dataclass(frozen=True)
-class FailureSpec:
+class FailureSpec(SectionValues):
     """`[[failure]]`: where, and at which load or time, a line breaks."""
 
     line: str = option("name of the line", type=str)

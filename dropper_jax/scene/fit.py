@@ -27,21 +27,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
 
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import (
-    DeclaredSection,
-    Plain,
-    check_keys,
-    join,
-    read_items,
-    read_list,
-    read_number,
-    read_table,
-    refuse,
-)
+from dropper_jax.base.read import DeclaredSection, Plain, Table, as_table, items, part, read_list, refuse
 
 #: Units of `sensor` and `prior` in SI, by quantity; `%` is relative to the scene's value.
 PRIOR_UNITS: dict[str, tuple[str, float]] = {
@@ -123,13 +112,24 @@ class PriorSpec(DeclaredSection):
         return in_si(self.sigma, self.unit)
 
 
+def _read_free(value: Plain, path: str) -> tuple[str, ...]:
+    """Paths of parameters, each once."""
+    free = read_list(value, path, None, "a list of paths of parameters")
+    for i, name in enumerate(free):
+        if not isinstance(name, str) or not name.strip():
+            raise refuse(f"{path}.{i}", name, "is not a text", "a path of a parameter, such as b_l")
+        if name in free[:i]:
+            raise SceneError(f"{path}.{i}: {name!r} is given twice; allowed: each parameter once")
+    return tuple(free)
+
+
 @dataclasses.dataclass(frozen=True)
-class FitSpec:
+class FitSpec(DeclaredSection):
     """`[fit]`: free parameters, sensors and priors, checked except for the paths, which only a fit can check."""
 
-    free: tuple[str, ...] = ()
-    sensors: tuple[SensorSpec, ...] = ()
-    priors: tuple[PriorSpec, ...] = ()
+    free: tuple[str, ...] = part(_read_free, default=())
+    sensors: tuple[SensorSpec, ...] = part(items(SensorSpec), key="sensor", default=())
+    priors: tuple[PriorSpec, ...] = part(items(PriorSpec), key="prior", default=())
     model_error: float = parameter(
         "angle by which the rig deviates from any model; it increases the noise of every sample",
         unit="rad",
@@ -138,40 +138,15 @@ class FitSpec:
         default=0.0,
     )
 
-    @classmethod
-    def read(cls, table: Plain, path: str) -> FitSpec:
-        """A checked section.
-
-        Raises:
-            SceneError: an unknown key, channel or unit, a sigma or resolution that is not positive, or a duplicate
-                name.
-        """
-        table = read_table(table, path)
-        check_keys(table, ("free", "sensor", "prior", "model_error"), path)
-        free = read_list(table.get("free", []), join(path, "free"), None, "a list of paths of parameters")
-        for i, name in enumerate(free):
-            if not isinstance(name, str) or not name.strip():
-                raise refuse(f"{path}.free.{i}", name, "is not a text", "a path of a parameter, such as b_l")
-            if name in free[:i]:
-                raise SceneError(f"{path}.free.{i}: {name!r} is given twice; allowed: each parameter once")
-        sensors = read_items(SensorSpec.read, table.get("sensor", []), f"{path}.sensor")
-        priors = read_items(PriorSpec.read, table.get("prior", []), f"{path}.prior")
-        for i, prior in enumerate(priors):
-            if (prior.of, prior.common) in [(p.of, p.common) for p in priors[:i]]:
+    def check(self, path: str) -> None:
+        known = []
+        for i, prior in enumerate(self.priors):
+            if (prior.of, prior.common) in known:
                 raise SceneError(f"{path}.prior.{i}.of: {prior.of!r} is given twice; allowed: each prior once")
-        declared = cls.__dataclass_fields__["model_error"].metadata
-        model_error = read_number(table.get("model_error", 0.0), join(path, "model_error"), declared)
-        return cls(tuple(free), sensors, priors, model_error)
+            known.append((prior.of, prior.common))
 
-    def table(self) -> dict[str, Any]:
-        """Plain values from which `read` recreates the section."""
-        found = {
-            "free": list(self.free),
-            "sensor": [sensor.table() for sensor in self.sensors],
-            "prior": [prior.table() for prior in self.priors],
-            "model_error": self.model_error,
-        }
-        return {key: value for key, value in found.items() if value}
+    def table(self) -> Table:
+        return {key: value for key, value in as_table(self).items() if value}
 
     def resolution(self, channel: str) -> float:
         """Smallest difference [SI] that the channel's sensor resolves; 0 if the rig does not specify it."""

@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.base.fields import parameter
-from dropper_jax.base.read import DeclaredSection, plain, short_text
+from dropper_jax.base.read import DeclaredSection, plain, rises, short_text
 
 
 class Grown(NamedTuple):
@@ -59,7 +59,7 @@ class GrowthSpec(DeclaredSection):
     def check(self, path: str) -> Iterator[Check]:
         depths = len(self.depth)
         yield (
-            depths == 0 or bool(np.any(np.diff(self.depth) <= 0)),
+            not rises(self.depth),
             f"{path}.depth: {short_text(plain(self.depth))} does not rise; allowed: one or more rising depths [m]",
         )
         for key, counts in (("thickness", (depths,)), ("density", (1, depths))):

@@ -10,18 +10,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import (
-    DeclaredSection,
-    Plain,
-    as_table,
-    check_keys,
-    declared_fields,
-    plain,
-    read_fields,
-    read_table,
-    refuse,
-    short_text,
-)
+from dropper_jax.base.read import DeclaredSection, Plain, part, plain, read_table, refuse, rises, short_text
 
 #: Relative difference between the first row of a table and the length of the links in the scene that is rounding.
 SAME_LENGTH = 1e-6
@@ -58,7 +47,7 @@ class WinchSpec(DeclaredSection):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LengthInTimeSpec:
+class LengthInTimeSpec(DeclaredSection):
     """`[[line.length_in_time]]`: unstretched length over time, for lines that stretch; a table, or a winch."""
 
     end: str | None = option("end next to the links", choices=("from", "to"), default=None)
@@ -80,25 +69,7 @@ class LengthInTimeSpec:
         optional=True,
     )
     between: str = option("length between the rows", choices=("linear", "smooth"), default="linear")
-    control: WinchSpec | None = None
-
-    @classmethod
-    def read(cls, table: Plain, path: str) -> LengthInTimeSpec:
-        own = dict(read_table(table, path))
-        check_keys(own, [*declared_fields(cls), "control"], path)
-        control = own.pop("control", None)
-        if control is not None:
-            control = WinchSpec.read(control, f"{path}.control")
-        spec = cls(**read_fields(cls, own, path, {}), control=control)
-        spec._check(path)
-        return spec
-
-    def table(self) -> dict[str, Any]:
-        """Plain values from which `read` recreates the entry."""
-        found = as_table(self)
-        if self.control is not None:
-            found["control"] = self.control.table()
-        return found
+    control: WinchSpec | None = part(WinchSpec.read, default=None)
 
     def numbers(self, count: int) -> range:
         """The links, from 0, of a line of `count` links."""
@@ -110,7 +81,7 @@ class LengthInTimeSpec:
         return range(count - links, count)
 
     @raises_first
-    def _check(self, path: str) -> Iterator[Check]:
+    def check(self, path: str) -> Iterator[Check]:
         yield (self.end is None) == (self.link is None), f"{path}: needs `end` ('from' or 'to'), or `link`; one of them"
         yield self.link is not None and self.links is not None, f"{path}.links: belongs to `end`. Leave it out"
         given = self.time is not None and self.length is not None
@@ -123,7 +94,7 @@ class LengthInTimeSpec:
             return
         rows = len(self.time)
         yield (
-            rows < 2 or bool(np.any(np.diff(self.time) <= 0.0)),
+            not rises(self.time, 2),
             f"{path}.time: {short_text(plain(self.time))} does not rise; allowed: two or more rising times [s]",
         )
         yield (

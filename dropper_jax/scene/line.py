@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,15 +12,19 @@ from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    DeclaredSection,
     Plain,
+    Table,
+    Values,
     as_table,
     check_keys,
     count,
-    declared_fields,
+    items,
+    part,
     read_fields,
-    read_items,
     read_table,
     refuse,
+    section_keys,
 )
 from dropper_jax.scene.growth import GrowthSpec
 from dropper_jax.scene.length_in_time import LengthInTimeSpec, check_changing_lengths
@@ -35,7 +38,7 @@ LINK_LIMIT = 100_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class LineSpec:
+class LineSpec(DeclaredSection):
     """`[[line]]`: a path of links from point `start` to point `end`, one value per link in every array."""
 
     name: str = option("name", type=str)
@@ -78,19 +81,17 @@ class LineSpec:
     tables: tuple[ForceTable, ...] | None = None
     #: Further fields declared by the law's class, per link.
     constants: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-    growth: GrowthSpec | None = None
-    length_in_time: tuple[LengthInTimeSpec, ...] = ()
+    growth: GrowthSpec | None = part(GrowthSpec.read, default=None)
+    length_in_time: tuple[LengthInTimeSpec, ...] = part(items(LengthInTimeSpec), default=())
 
     @classmethod
     def read(cls, table: Plain, path: str) -> LineSpec:
         own = dict(read_table(table, path))
-        check_keys(own, [*declared_fields(cls), "axial", "growth", "length_in_time", *BY_THE_METRE], path)
+        check_keys(own, [*section_keys(cls), "axial", *BY_THE_METRE], path)
         for key in BY_THE_METRE:
             if key in own:
                 raise SceneError(f"{path}.{key}: is only used together with `type` or `sections`")
         axial = own.pop("axial", {"law": "rigid"})
-        growth = own.pop("growth", None)
-        changing = own.pop("length_in_time", [])
         links = own.get("links")
         # a wrong number is rejected when the field is read
         count = 1
@@ -104,11 +105,8 @@ class LineSpec:
             if values.get(key) is not None:
                 values[key] = _per_link(values[key], count)
         values["constants"] = {key: _per_link(value, count) for key, value in values.get("constants", {}).items()}
-        if growth is not None:
-            growth = GrowthSpec.read(growth, f"{path}.growth")
-        changing = read_items(LengthInTimeSpec.read, changing, f"{path}.length_in_time")
-        spec = cls(**values, growth=growth, length_in_time=changing)
-        check_changing_lengths(changing, f"{path}.length_in_time", spec.name, spec.length, spec.rigid)
+        spec = cls(**values)
+        check_changing_lengths(spec.length_in_time, f"{path}.length_in_time", spec.name, spec.length, spec.rigid)
         return spec
 
     @property
@@ -120,12 +118,8 @@ class LineSpec:
     def rigid(self) -> bool:
         return self.axial_law == "rigid"
 
-    def table(self) -> dict[str, Any]:
+    def table(self) -> Table:
         found = {key: _one_or_all(value) for key, value in as_table(self).items()}
-        if self.growth is not None:
-            found["growth"] = self.growth.table()
-        if self.length_in_time:
-            found["length_in_time"] = [item.table() for item in self.length_in_time]
         if self.rigid:
             return found
         axial = {"EA": self.EA, "damping": self.axial_damping, **self.constants}
@@ -137,7 +131,7 @@ class LineSpec:
 
 
 @raises_first
-def _check_diameters_and_masses(values: Mapping[str, Any], path: str) -> Iterator[Check]:
+def _check_diameters_and_masses(values: Values, path: str) -> Iterator[Check]:
     missing = [key for key in ("centre_of_mass", "inertia") if values[key] is None]
     yield (
         values["outer_diameter"] is not None and values["diameter"] is None,
@@ -177,6 +171,9 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
     else:
         keys = ()
     tables = [line.tables for line in lines]
+    constants = {}
+    for key in keys:
+        constants[key] = np.concatenate([line.constants[key] for line in lines])
     return dataclasses.replace(
         lines[0],
         tables=None if None in tables else tuple(table for own in tables for table in own),
@@ -184,12 +181,12 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
         end=lines[-1].end,
         axial_damping=together("axial_damping", *(np.zeros(line.links) for line in lines)),
         outer_diameter=together("outer_diameter", *(line.diameter for line in lines)),
-        constants={key: np.concatenate([line.constants[key] for line in lines]) for key in keys},
+        constants=constants,
         **{key: together(key) for key in arrays},
     )
 
 
-def _read_axial(table: Plain, path: str, links: int) -> dict[str, Any]:
+def _read_axial(table: Plain, path: str, links: int) -> Table:
     """Law and constants of `axial = {law = ..., ...}`; the constants are the fields of the law's class.
 
     Without `law` it is a rope, as for a `[[line_type]]`.
@@ -218,7 +215,7 @@ def _per_link(value: Plain, links: int) -> np.ndarray:
 
 
 def _one_or_all(value: Plain) -> Plain:
-    """One number if all entries of a list are equal, so that the number of links can be changed."""
-    if isinstance(value, list) and value and value.count(value[0]) == len(value):
+    """One number if all entries of a list of numbers are equal, so that the number of links can be changed."""
+    if isinstance(value, list) and isinstance(value[0], float) and value.count(value[0]) == len(value):
         return value[0]
     return value

@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     MOST,
     Plain,
+    SectionValues,
+    Table,
+    Values,
     as_table,
     check_keys,
     count,
@@ -30,7 +32,7 @@ SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class RunSpec:
+class RunSpec(SectionValues):
     """`[run]`: how the scene is simulated unless the caller specifies otherwise."""
 
     duration: float = parameter("simulated time", unit="s", low=0.0, open_low=True)
@@ -102,7 +104,7 @@ class RunSpec:
         return f"accuracy {self.accuracy:g}"
 
     @classmethod
-    def read(cls, table: Plain, path: str, options: Mapping[str, Mapping[str, Any]] | None = None) -> RunSpec:
+    def read(cls, table: Plain, path: str, options: Mapping[str, Values] | None = None) -> RunSpec:
         """A checked `[run]`; `options` are the additional keys of schemes, name and range."""
         given = read_table(table, path)
         options = options or {}
@@ -171,12 +173,11 @@ class RunSpec:
             "run.save_interval [s]",
         )
 
-    def table(self) -> dict[str, Any]:
-        """Plain values from which `read` recreates the section."""
+    def table(self) -> Table:
         return {**as_table(self), **self.options}
 
 
-def choose_steps(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+def choose_steps(table: Values, given: Values) -> Table:
     """The table of `[run]` without keys that newly given values replace: a step an accuracy, an accuracy a step.
 
     Args:

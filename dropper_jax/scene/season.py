@@ -6,7 +6,6 @@ import dataclasses
 import zlib
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
-from typing import Any
 
 import numpy as np
 
@@ -14,14 +13,16 @@ from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     Plain,
+    SectionValues,
+    Table,
     as_table,
     count,
-    declared_fields,
     plain,
     read_fields,
     read_list,
     read_rows,
     read_table,
+    rises,
     short_text,
 )
 
@@ -31,7 +32,7 @@ THICKNESS = {"unit": "m", "shape": "table", "low": 0.0}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SeasonSpec:
+class SeasonSpec(SectionValues):
     """`[growth]`: thickness by month (rows) and depth (columns), linear between, at the requested month.
 
     `harvested` is the fraction of the layer's cross-section that is removed. `deviation` and `correlation` make the
@@ -61,11 +62,6 @@ class SeasonSpec:
     thickness: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
-    def all_keys(cls) -> list[str]:
-        """Names of its values in a scene."""
-        return [*declared_fields(cls), "thickness"]
-
-    @classmethod
     def read(cls, table: Plain, names: list[tuple[str, str | None]]) -> SeasonSpec:
         """The section of a scene.
 
@@ -89,7 +85,7 @@ class SeasonSpec:
         for key in ("months", "depth"):
             values = getattr(self, key)
             yield (
-                len(values) == 0 or bool(np.any(np.diff(values) <= 0)),
+                not rises(values),
                 f"growth.{key}: {short_text(plain(values))} does not rise; allowed: one or more rising numbers",
             )
         many = np.size(self.density)
@@ -118,8 +114,7 @@ class SeasonSpec:
                     f"growth.{key}.{i}: {pattern!r} does not match any line; allowed: names, with * for any letters",
                 )
 
-    def table(self) -> dict[str, Any]:
-        """Plain values from which `read` recreates the section."""
+    def table(self) -> Table:
         return {**as_table(self), "thickness": plain(self.thickness)}
 
     def on(self, name: str, line: str | None) -> bool:

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Iterator, Sequence
+from typing import ClassVar
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, check_kind_keys, plain, read_fields, read_table, short_text
+from dropper_jax.base.read import (
+    Plain,
+    SectionValues,
+    Values,
+    check_kind_keys,
+    plain,
+    read_fields,
+    read_table,
+    short_text,
+)
 from dropper_jax.scene.line import LineSpec
 
 #: How the start may be given.
@@ -18,7 +27,7 @@ _KINDS = {"one line": ("static", "angles", "positions"), "a system of lines": ("
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class StartSpec:
+class StartSpec(SectionValues):
     """`[start]`: configuration and velocities at t = 0.
 
     `static`: the equilibrium under `release_force` on `release_nodes`, which are released at t = 0. `angles`:
@@ -103,7 +112,7 @@ def rows_of_pieces(lines: Sequence[LineSpec]) -> np.ndarray:
 
 
 @raises_first
-def _check_kind(kind: str, given: Mapping[str, Any], path: str, branched: bool) -> Iterator[Check]:
+def _check_kind(kind: str, given: Values, path: str, branched: bool) -> Iterator[Check]:
     what = "a system of lines" if branched else "one line"
     yield kind not in _KINDS[what], f"{path}.kind: {kind!r} does not fit {what}; allowed: {', '.join(_KINDS[what])}"
     check_kind_keys(given, kind, StartSpec.FIELDS, path)

@@ -3,32 +3,36 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar
+from collections.abc import Iterator
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    DeclaredSection,
     Plain,
+    Table,
+    Values,
     as_table,
     check_keys,
-    declared_fields,
+    part,
     read_fields,
     read_parameter,
+    read_positions,
     read_rows,
     read_table,
+    rises,
+    section_keys,
     short_text,
 )
 
 #: Motions of a vessel in its own axes: translations of the reference point, then rotations.
 MOTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-POSITION = {"unit": "m", "shape": "vector"}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class RaoSpec:
+class RaoSpec(DeclaredSection):
     """`vessel.rao`: motion over the elevation at the reference point, by frequency and relative heading of the waves.
 
     Attributes:
@@ -49,19 +53,20 @@ class RaoSpec:
     def read(cls, table: Plain, path: str) -> RaoSpec:
         own = dict(read_table(table, path))
         tables = [*MOTIONS, *(f"{name}_phase" for name in MOTIONS)]
-        check_keys(own, [*declared_fields(cls), *tables], path)
+        check_keys(own, [*section_keys(cls), *tables], path)
         given = {key: own.pop(key) for key in tables if key in own}
         spec = cls(**read_fields(cls, own, path, {}))
         spec._check(given, path)
-        amplitude, phase = (np.stack([spec._rows(given, name + end, path) for name in MOTIONS], -1) for end in _ENDS)
-        return dataclasses.replace(spec, amplitude=amplitude, phase=phase)
+        amplitude = [spec._rows(given, name, path) for name in MOTIONS]
+        phase = [spec._rows(given, f"{name}_phase", path) for name in MOTIONS]
+        return dataclasses.replace(spec, amplitude=np.stack(amplitude, -1), phase=np.stack(phase, -1))
 
     @raises_first
-    def _check(self, given: Mapping[str, Any], path: str) -> Iterator[Check]:
+    def _check(self, given: Values, path: str) -> Iterator[Check]:
         for key in ("frequency", "headings"):
             values = getattr(self, key)
             yield (
-                len(values) == 0 or bool(np.any(np.diff(values) <= 0)),
+                not rises(values),
                 f"{path}.{key}: {short_text(values)} does not rise; allowed: one or more rising numbers",
             )
         yield (
@@ -74,7 +79,7 @@ class RaoSpec:
                 f"{path}.{name}_phase: is given without `{name}`; allowed: both or neither",
             )
 
-    def _rows(self, given: dict[str, Any], key: str, path: str) -> np.ndarray:
+    def _rows(self, given: Table, key: str, path: str) -> np.ndarray:
         """Values of one motion (headings, frequencies)."""
         count = len(self.headings)
         wanted = len(self.frequency)
@@ -95,7 +100,7 @@ class RaoSpec:
                 raise SceneError(f"{path}.{key}: has {len(row)} entries; allowed: {wanted}, one for each `frequency`")
         return np.array(found)
 
-    def table(self) -> dict[str, Any]:
+    def table(self) -> Table:
         found = as_table(self)
         for i, name in enumerate(MOTIONS):
             if np.any(self.amplitude[..., i]):
@@ -125,8 +130,8 @@ class RaoSpec:
     def response(self, omega: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """Complex motions (c, 6) over the elevation of components, phases leading; linear between the entries."""
         values = self.amplitude * np.exp((1j if self.phases == "lead" else -1j) * self.phase)
-        each = [[np.interp(omega, self.frequency, row[:, i]) for i in range(6)] for row in values]  # (headings, 6, c)
-        rows = np.moveaxis(np.array(each), -1, 0)
+        each = np.apply_along_axis(lambda row: np.interp(omega, self.frequency, row), 1, values)  # (headings, c, 6)
+        rows = np.swapaxes(each, 0, 1)
         if len(self.headings) == 1:
             return rows[:, 0]
         at = np.clip(np.searchsorted(self.headings, heading) - 1, 0, len(self.headings) - 2)
@@ -135,11 +140,13 @@ class RaoSpec:
         return (1.0 - share) * rows[each, at] + share * rows[each, at + 1]
 
 
-_ENDS = ("", "_phase")
+def _read_motion(value: Plain, path: str) -> np.ndarray:
+    """Rows of a table of motion (k, 6)."""
+    return read_rows(value, path, {}, 6, f"6, {', '.join(MOTIONS)}")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class VesselSpec:
+class VesselSpec(DeclaredSection):
     """`[[vessel]]`: a large floating structure that lines do not move; positions are in its axes, from its reference
     point."""
 
@@ -149,48 +156,23 @@ class VesselSpec:
         "direction of its x-axis from x towards y", unit="rad", low=-6.29, high=6.29, default=0.0
     )
     time: np.ndarray | None = parameter("times of a table of its motion", unit="s", shape="table", optional=True)
-    motion: np.ndarray | None = None
-    rao: RaoSpec | None = None
-    attachments: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
-
-    SPECIAL: ClassVar[tuple[str, ...]] = ("motion", "rao", "attachments")
-
-    @classmethod
-    def keys(cls) -> list[str]:
-        return [*declared_fields(cls), *cls.SPECIAL]
-
-    @classmethod
-    def read(cls, table: Plain, path: str) -> VesselSpec:
-        own = dict(read_table(table, path))
-        check_keys(own, cls.keys(), path)
-        more = {key: own.pop(key) for key in cls.SPECIAL if key in own}
-        given = read_table(more.get("attachments", {}), f"{path}.attachments")
-        if not given:
-            raise SceneError(f"{path}.attachments: missing; needed: names of points with their positions on the vessel")
-        motion = None
-        if "motion" in more:
-            motion = read_rows(more["motion"], f"{path}.motion", {}, 6, f"6, {', '.join(MOTIONS)}")
-        vessel = cls(
-            **read_fields(cls, own, path, {}),
-            rao=RaoSpec.read(more["rao"], f"{path}.rao") if "rao" in more else None,
-            motion=motion,
-            attachments={
-                str(name): read_parameter(position, f"{path}.attachments.{name}", POSITION, {})
-                for name, position in given.items()
-            },
-        )
-        vessel._check(path)
-        return vessel
+    motion: np.ndarray | None = part(_read_motion, default=None)
+    rao: RaoSpec | None = part(RaoSpec.read, default=None)
+    attachments: dict[str, np.ndarray] = part(read_positions, default_factory=dict)
 
     @raises_first
-    def _check(self, path: str) -> Iterator[Check]:
+    def check(self, path: str) -> Iterator[Check]:
         time = self.time
+        yield (
+            not self.attachments,
+            f"{path}.attachments: missing; needed: names of points with their positions on the vessel",
+        )
         yield (
             (self.motion is None) == (self.rao is None) or (self.motion is None) != (time is None),
             f"{path}: give either `rao`, or `time` and `motion`",
         )
         yield (
-            time is not None and (len(time) != len(self.motion) or len(time) < 2 or bool(np.any(np.diff(time) <= 0))),
+            time is not None and (len(time) != len(self.motion) or not rises(time, 2)),
             f"{path}.time: needs at least 2 increasing times, one for each row of `motion`",
         )
 
@@ -204,11 +186,3 @@ class VesselSpec:
     def world(self, position: np.ndarray) -> np.ndarray:
         """Mean position in the scene of a position (3,) in its own axes."""
         return self.position + self.rotation @ position
-
-    def table(self) -> dict[str, Any]:
-        found = as_table(self)
-        if self.rao is not None:
-            found["rao"] = self.rao.table()
-        if self.motion is not None:
-            found["motion"] = self.motion.tolist()
-        return {**found, "attachments": {name: position.tolist() for name, position in self.attachments.items()}}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache, partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.sea.current import Current, Level
 from dropper_jax.sea.interpolated import GridWaves, bound_waves, on_grid
 from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
@@ -180,7 +180,7 @@ def make_current(spec: CurrentSpec) -> Current:
     return Current(**_arrays(spec))
 
 
-def _arrays(spec: LevelSpec | CurrentSpec) -> dict[str, Any]:
+def _arrays(spec: LevelSpec | CurrentSpec) -> Table:
     values = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
     found = {}
     for key, value in values.items():

@@ -19,12 +19,16 @@ from dropper_jax.base.files import find_referenced
 from dropper_jax.base.read import (
     DeclaredSection,
     Plain,
+    Table,
+    Values,
     as_table,
     check_kind_keys,
+    part,
     plain,
     read_fields,
     read_table,
     read_text,
+    rises,
     short_text,
 )
 from dropper_jax.base.read import count as whole_number
@@ -135,14 +139,14 @@ class WaveSpec(DeclaredSection):
             return 0.5 * self.height
         return self.amplitude
 
-    def table(self) -> dict[str, Any]:
+    def table(self) -> Table:
         # keys that linear waves do not have are written only if given
         linear = {"theory": "linear", "current_criterion": "euler"}
         takes = ("kind", *self.FIELDS[self.kind])
         return {key: value for key, value in as_table(self).items() if key in takes and linear.get(key) != value}
 
 
-def _from_file(values: dict[str, Any], path: str) -> dict[str, Any]:
+def _from_file(values: Table, path: str) -> Table:
     """The components of the file instead of its name."""
     for key in ("amplitude", "period"):
         if values[key] is not None:
@@ -205,7 +209,7 @@ class LevelSpec(Level, DeclaredSection):
 
 
 @raises_first
-def _check_constituents(values: dict[str, Any], path: str) -> Iterator[Check]:
+def _check_constituents(values: Table, path: str) -> Iterator[Check]:
     """Reject incomplete constituents or unequal lengths; phases are 0 by default."""
     sizes = {key: len(values[key]) for key in ("amplitude", "period", "phase") if values[key] is not None}
     if not sizes:
@@ -222,7 +226,7 @@ def _check_constituents(values: dict[str, Any], path: str) -> Iterator[Check]:
 
 
 @raises_first
-def _check_pair(values: dict[str, Any], path: str, axis: str, other: str, needed: bool) -> Iterator[Check]:
+def _check_pair(values: Table, path: str, axis: str, other: str, needed: bool) -> Iterator[Check]:
     """Check two tables of equal length over a rising axis, both or none."""
     a = values[axis]
     b = values[other]
@@ -231,7 +235,7 @@ def _check_pair(values: dict[str, Any], path: str, axis: str, other: str, needed
         f"{path}: `{axis}` and `{other}` belong together (kind 'table' for heights); one is missing",
     )
     yield (
-        a is not None and (len(a) != len(b) or len(a) < 2 or bool(np.any(np.diff(a) <= 0))),
+        a is not None and (len(a) != len(b) or not rises(a, 2)),
         f"{path}.{axis}: needs at least 2 rising values, as many as `{other}`",
     )
 
@@ -250,22 +254,16 @@ class SeaSpec(DeclaredSection):
     dispersion: str = option("wave numbers", choices=("exact", "fenton"), default="exact")
     wave_current: str = option("effect of a current on waves", choices=("none", "doppler", "action"), default="none")
     interpolation: str = option("how kinematics are computed", choices=("none", "grid"), default="none")
-    waves: WaveSpec | None = None
-    current: CurrentSpec | None = None
-    level: LevelSpec | None = None
+    waves: WaveSpec | None = part(WaveSpec.read, default=None)
+    current: CurrentSpec | None = part(CurrentSpec.read, default=None)
+    level: LevelSpec | None = part(LevelSpec.read, default=None)
 
     @classmethod
     def read(cls, table: Plain, path: str) -> SeaSpec:
         own = dict(read_table(table, path))
         if "packaged" in own:
             own = _merge(read_packaged(own.pop("packaged"), f"{path}.packaged"), own)
-        kinds = {"waves": WaveSpec, "current": CurrentSpec, "level": LevelSpec}
-        given = {key: own.pop(key, None) for key in kinds}
-        values = read_fields(cls, own, path, {})
-        parts = {key: kinds[key].read(part, f"{path}.{key}") for key, part in given.items() if part is not None}
-        sea = cls(**values, **parts)
-        sea.check(path)
-        return sea
+        return super().read(own, path)
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
@@ -293,12 +291,8 @@ class SeaSpec(DeclaredSection):
                 f"{path}.{key}: {what!r} cannot be combined with waves of theory {theory!r}; allowed: {allowed}",
             )
 
-    def table(self) -> dict[str, Any]:
-        parts = {"waves": self.waves, "current": self.current, "level": self.level}
-        return {**as_table(self), **{key: part.table() for key, part in parts.items() if part is not None}}
 
-
-def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+def _merge(base: Values, over: Values) -> Table:
     """`over` merged into `base`, except tables whose kind changes."""
     merged = dict(base)
     for key, value in over.items():
@@ -318,7 +312,7 @@ def sea_names() -> tuple[str, ...]:
     return tuple(sorted(item.name.removesuffix(".toml") for item in _folder().iterdir() if item.name.endswith(".toml")))
 
 
-def read_packaged(name: Plain, path: str) -> dict[str, Any]:
+def read_packaged(name: Plain, path: str) -> Table:
     """The table of a packaged sea; its component file is next to it."""
     name = read_text(name, path)
     known = sea_names()

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 
 #: Values of components that a table has in addition to periods or frequencies, and their units.
 UNITS = {"amplitude": "m", "phase": "rad", "direction": "rad"}
 COLUMNS = "period_s or frequency_hz, amplitude_m, phase_rad and, optionally, direction_rad"
 
 
-def read_components(file: str | Path, path: str = "file") -> dict[str, Any]:
+def read_components(file: str | Path, path: str = "file") -> Table:
     """Components from a CSV with a header; periods are preferred to frequencies, since they are rounded less.
 
     Raises:
@@ -41,7 +42,7 @@ def read_components(file: str | Path, path: str = "file") -> dict[str, Any]:
     return {**values, "period": period}
 
 
-def read_elevation(file: str | Path, path: str = "file") -> dict[str, Any]:
+def read_elevation(file: str | Path, path: str = "file") -> Table:
     """Fourier series of an elevation measured at x = y = 0, evenly sampled, columns t_s and elevation_m.
 
     The mean is left out. The series repeats after its length; between the samples it is band-limited.
@@ -56,7 +57,7 @@ def read_elevation(file: str | Path, path: str = "file") -> dict[str, Any]:
     return elevation_components(t, eta)
 
 
-def elevation_components(t: np.ndarray, eta: np.ndarray) -> dict[str, Any]:
+def elevation_components(t: np.ndarray, eta: np.ndarray) -> Table:
     """Amplitudes, periods and phases (`a cos(p - w t)`) of an evenly sampled elevation (k,) [m] at times (k,) [s]."""
     count = len(t)
     step = (t[-1] - t[0]) / (count - 1)
@@ -70,7 +71,7 @@ def elevation_components(t: np.ndarray, eta: np.ndarray) -> dict[str, Any]:
     return {"amplitude": amplitude[kept], "period": 1.0 / frequency[kept], "phase": np.mod(phase[kept], 2 * np.pi)}
 
 
-def from_wavespectra(dataset: Any, seed: int = 0) -> dict[str, Any]:
+def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
     """`[sea.waves]` of a wavespectra-style dataset: `efth` [m^2/Hz/degree] over `freq` [Hz] and `dir` [degree].
 
     `dir` is where waves come from, clockwise from north (their convention); here +x is east and +y north. One component

@@ -4,14 +4,14 @@ from the scenes, closed forms and SciPy solutions there."""
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
-from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.read import Table, Values
 from dropper_jax.load.scene import Scene, load_scene
 
 
@@ -65,7 +65,7 @@ class Case:
     level: float = 0.0
     weights: Sequence[float] = ()
     from_start: bool = False
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: Values = field(default_factory=dict)
     short_scene: str = ""
     baseline: float | None = None
 
@@ -85,7 +85,7 @@ class Outcome:
 
 
 @cache
-def _table() -> dict[str, Any]:
+def _table() -> Table:
     return json.loads((resources.files("dropper_jax") / "data" / "hard_cases.json").read_text(encoding="utf-8"))
 
 
@@ -95,7 +95,7 @@ def all_cases() -> tuple[Case, ...]:
     return tuple(map(case_of, _table()["cases"]))
 
 
-def case_of(row: Mapping[str, Any]) -> Case:
+def case_of(row: Values) -> Case:
     """A case from a row of the list."""
     given = dict(row)
     if "exact" in row:

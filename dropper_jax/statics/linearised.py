@@ -88,7 +88,8 @@ class Linearised:
         u = moved.ravel()
         if not (np.all(np.isfinite(omega)) and np.all(omega >= 0.0)):
             raise SceneError("omega: is out of range; allowed: angular frequencies of at least 0 rad/s")
-        x, tension = (np.array(part) for part in zip(*(self._at(w, u) for w in omega), strict=True))
+        each = [self._at(w, u) for w in omega]
+        x, tension = map(np.array, zip(*each, strict=True))
         return Response(omega, x.reshape(len(omega), -1, 3), tension)
 
     def _at(self, w: float, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -143,7 +144,7 @@ def _matrices(model: Model, pose: State) -> tuple[tuple[jax.Array, jax.Array] | 
         dv, dw = at(v)
         da, db = at(a)
         k = model.instant(pose.r + dr, dv, pose.t, Ends(positions + du, dw))
-        tension = model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+        tension = model.tension_by_law(k)
         direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)
         left = model.inertia(k, da, db) - model.force(k) - model.tension_force(tension, direction)
         return left.ravel(), tension

@@ -137,9 +137,7 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
 def _speeding(model: Model, pose: State, v: jax.Array) -> jax.Array:
     """Forces (free nodes, 3) [N] at the equilibrium with the velocity v, without the tensions of rigid links."""
     k = model.instant(pose.r, v, pose.t, model.ends(pose.t))
-    return model.force(k) + model.tension_force(
-        model.line.axial.tension(k.links, k.link_velocities, model.line.length), k.tangents
-    )
+    return model.force(k) + model.tension_force(model.tension_by_law(k), k.tangents)
 
 
 @cached_jit()

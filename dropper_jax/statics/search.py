@@ -61,6 +61,13 @@ class Equilibrium:
     state: State | None = field(default=None, repr=False)
 
 
+def given_loads(model: Model, loads: jax.Array | None) -> jax.Array:
+    """Loads (free nodes, 3) [N] of the nodes; zero without any."""
+    if loads is None:
+        return jnp.zeros((model.free_nodes, 3), model.dtype)
+    return jnp.asarray(loads, model.dtype)
+
+
 def search(model: Model, loads: jax.Array | None, t: float, near: State | None = None) -> Equilibrium:
     """The equilibrium of the model (see `static_pose.equilibrium`), solved on the host.
 
@@ -71,10 +78,7 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full = model
     model = rest(model)
-    if loads is None:
-        loads = jnp.zeros((model.free_nodes, 3), model.dtype)
-    else:
-        loads = jnp.asarray(loads, model.dtype)
+    loads = given_loads(model, loads)
     if not model.geometry.is_path:
         return _by_descent(full, model, loads, t, near)
     share = 1.0

@@ -21,9 +21,10 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns, largest_row
+from dropper_jax.scene import StartSpec
 from dropper_jax.statics.bodies import moves_of
 from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, rest, rest_tolerance, soft_scale, system_tolerance
-from dropper_jax.statics.search import Equilibrium, outward, search
+from dropper_jax.statics.search import Equilibrium, given_loads, outward, search
 from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
@@ -32,7 +33,7 @@ from dropper_jax.statics.tangent import Linear, solve_linear
 def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
     """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; zero without `nodes`."""
     if nodes is None or len(nodes) == 0:
-        return jnp.zeros((model.free_nodes, 3), model.dtype)
+        return given_loads(model, None)
     index = np.asarray(nodes, int) - 1
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
@@ -41,6 +42,11 @@ def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None)
     else:
         values = np.asarray(forces, model.dtype)
     return scatter_add(index, values, model.free_nodes)
+
+
+def release_loads(model: Model, start: StartSpec) -> jax.Array:
+    """The loads (free nodes, 3) [N] under which a start is in equilibrium, until it is released."""
+    return nodal_loads(model, start.release_nodes, start.release_force)
 
 
 def equilibrium(model: Model, loads: jax.Array | None = None, t: float = 0.0, near: State | None = None) -> Equilibrium:
@@ -82,10 +88,7 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
     there = near is None
     near = found.state if near is None else near
     near = replace(near, t=jnp.asarray(t, model.dtype))
-    if loads is None:
-        loads = jnp.zeros((model.free_nodes, 3), model.dtype)
-    else:
-        loads = jnp.asarray(loads, model.dtype)
+    loads = given_loads(model, loads)
     s, acting = _settle(model, near, loads, there)
     residual, tolerance = _remaining_residual(acting, s, loads)
     status = "traced"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError, part_of, silent
+from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
@@ -38,11 +39,8 @@ REPORT_SCHEMES = (
 
 
 def numerical_damping(
-    schemes: tuple[Scheme, ...] = REPORT_SCHEMES,
-    dts: tuple[float, ...] = DAMPING_DTS,
-    scene: str = SCENE,
-    duration: float = 6.5,
-) -> dict[str, Any]:
+    schemes: tuple[Scheme, ...] = REPORT_SCHEMES, dts: tuple[float, ...] = DAMPING_DTS, duration: float = 6.5
+) -> Table:
     """Equivalent damping `b = E_lost / sum over nodes of the integral of |v|^2` [kg/s] of each scheme and step.
 
     A linear damping b on every node would dissipate the same energy along the same path. Negative values mean that the
@@ -53,34 +51,38 @@ def numerical_damping(
         share_of_thesis}; `thesis`: the row of the thesis' own scheme and step, with its fraction of the fitted b_l of
         0.002 kg/s.
     """
-    model, s = build(load_scene(scene))
+    model, s = build(load_scene(SCENE))
     rows = [_row(model, s, scheme, dt, duration) for scheme in schemes for dt in dts]
-    found = {"scene": scene, "duration_s": duration, "thesis_b_l": THESIS_B_L, "rows": rows}
+    found = {"scene": SCENE, "duration_s": duration, "thesis_b_l": THESIS_B_L, "rows": rows}
     return {**found, "thesis": _thesis(rows)}
 
 
-def _row(model: Model, s: State, scheme: Scheme, dt: float, duration: float) -> dict[str, Any]:
+def _row(model: Model, s: State, scheme: Scheme, dt: float, duration: float) -> Table:
     stepper = scheme.stepper(model, halvings=0)
     steps = int(np.ceil(duration / dt - 1e-9))
     run = grid_run(stepper, model, s, steps * dt, steps, 1)
     status = status_of(run, stepper)
-    row = {"label": scheme.label, "integrator": scheme.integrator, "gamma": scheme.gamma, "dt": dt, "status": status}
-    if status != "ok":
+    failed = lost = b = share = None
+    if status == "ok":
+        lost = float(energy_loss(model, s, run, np.array([steps * dt]))[-1])
+        b = lost / float(run.path[-1])
+        share = b / THESIS_B_L
+    else:
         failed = (int(run.bad[-1]) + 1) * dt
-        nothing = {"energy_lost_j": None, "equivalent_linear_damping": None, "share_of_thesis": None}
-        return {**row, "failed_at_s": failed, **nothing}
-    lost = float(energy_loss(model, s, run, np.array([steps * dt]))[-1])
-    b = lost / float(run.path[-1])
     return {
-        **row,
-        "failed_at_s": None,
+        "label": scheme.label,
+        "integrator": scheme.integrator,
+        "gamma": scheme.gamma,
+        "dt": dt,
+        "status": status,
+        "failed_at_s": failed,
         "energy_lost_j": lost,
         "equivalent_linear_damping": b,
-        "share_of_thesis": b / THESIS_B_L,
+        "share_of_thesis": share,
     }
 
 
-def _thesis(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _thesis(rows: list[Table]) -> Table:
     own = [row for row in rows if row["label"] == THESIS.label]
     at = next((row for row in own if row["dt"] == THESIS_DT), None)
     if at is None:
@@ -110,7 +112,7 @@ def accuracy(
     extras: bool = True,
     say: Progress | None = None,
     each: Each = lambda row: None,
-) -> dict[str, Any]:
+) -> Table:
     """Measure accuracy against run time on a scene.
 
     Args:
@@ -131,7 +133,7 @@ def accuracy(
     chosen, refused = runnable(default_schemes(model, not extras) if schemes is None else schemes, model)
     if not chosen:
         raise SceneError(f"--integrators: none of them can run this scene: {refused[0]['reason']}")
-    found: dict[str, Any] = {"scene": scene.name, "rows": [], "reference": None, "refused": refused, "skipped": []}
+    found: Table = {"scene": scene.name, "rows": [], "reference": None, "refused": refused, "skipped": []}
     steps = REPORT_DTS if dts is None else dts
     study = _Study(scene, model, s, steps, say or silent, each, found)
     try:
@@ -164,7 +166,7 @@ class _Study:
     dts: tuple[float, ...]
     say: Progress
     each: Each
-    found: dict[str, Any]
+    found: Table
 
     def find_reference(self, span: float | None) -> Reference:
         """The reference over the time during which errors characterise a scheme, or over `span` [s]."""
@@ -181,39 +183,29 @@ class _Study:
 
     def measure_schemes(self, schemes: list[Scheme], target: Reference, extras: bool) -> None:
         """A row for each scheme and step."""
-        part = 0.3 if extras else 0.6
-
-        def say(fraction: float, text: str) -> None:
-            self.say(0.4 + part * fraction, text)
-
-        _, skipped = measure(
-            self.model, self.s, schemes, list(self.dts), target, say=say, retry=extras, each=self._keep_row
-        )
+        say = part_of(self.say, 0.4, 0.7 if extras else 1.0)
+        keep = partial(self._keep_row, self.found["rows"])
+        dts = list(self.dts)
+        _, skipped = measure(self.model, self.s, schemes, dts, target, say=say, retry=extras, each=keep)
         self.found["skipped"] = skipped
 
-    def _keep_row(self, row: dict[str, Any]) -> None:
-        self.found["rows"].append(row)
+    def _keep_row(self, rows: list[Table], row: Table) -> None:
+        rows.append(row)
         self.each(row)
 
     def measure_loads(self, by_accuracy: bool) -> None:
         """Errors of the loads over the accuracy or the step."""
-
-        def say(fraction: float, text: str) -> None:
-            self.say(0.3 * fraction, text)
-
-        self.found["loads"] = {"rows": [], "reference_dt": None, "loads": [], "advice": [], "skipped": "interrupted"}
+        rows: list[Table] = []
+        self.found["loads"] = {"rows": rows, "reference_dt": None, "loads": [], "advice": [], "skipped": "interrupted"}
         if by_accuracy:
             steps = [{"accuracy": value} for value in LOAD_ACCURACIES]
         else:
             steps = [{"dt": dt} for dt in self.dts]
-        self.found["loads"] = load_convergence(self.scene, steps, say=say, each=self._keep_load_row)
-
-    def _keep_load_row(self, row: dict[str, Any]) -> None:
-        self.found["loads"]["rows"].append(row)
-        self.each(row)
+        keep = partial(self._keep_row, rows)
+        self.found["loads"] = load_convergence(self.scene, steps, say=part_of(self.say, 0.0, 0.3), each=keep)
 
 
-def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Progress) -> dict[str, Any]:
+def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Progress) -> Table:
     say(0.7, "convergence by link")  # first, by the programs of the rows, which later ones would displace
     found = convergence(model, s, target.grid, len(target.t), list(dts))
     say(0.75, "numerical damping")
@@ -222,9 +214,7 @@ def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], s
     return {"numerical_damping": damping, "euler": euler_claims(), "convergence": found}
 
 
-def advice(
-    rows: list[dict[str, Any]], targets: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
-) -> list[dict[str, Any]]:
+def advice(rows: list[Table], targets: tuple[float, ...] = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)) -> list[Table]:
     """The run with the minimum counted work for each RMS angle error [rad], with its margin (target over error).
 
     Counted work, unlike a measured time, gives the same advice on a busy machine and after a first compilation.
@@ -232,7 +222,7 @@ def advice(
     return [_cheapest_run(rows, target) for target in targets]
 
 
-def _cheapest_run(rows: list[dict[str, Any]], target: float) -> dict[str, Any]:
+def _cheapest_run(rows: list[Table], target: float) -> Table:
     good = [r for r in rows if r["status"] == "ok" and r["rms_angle_error_rad"] <= target]
     if not good:
         return {"target_rad": target, "found": False, "text": f"for {target:g} rad: no measured run is accurate enough"}

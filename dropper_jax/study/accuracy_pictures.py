@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from dropper_jax.base.read import Table
 from dropper_jax.plots import style
 from dropper_jax.study.pictures import marks, save_titled
 
 
 @style.plot_style()
-def work_precision(report: dict[str, Any], path: str | Path) -> Path:
+def work_precision(report: Table, path: str | Path) -> Path:
     """RMS angle error against wall time and against the step, and energy drift against the step, log-log."""
     figure = style.new_figure(12.0, 5.4)
     axes = figure.subplots(1, 3)
@@ -42,20 +42,19 @@ def work_precision(report: dict[str, Any], path: str | Path) -> Path:
             "error of the reference", (0.02, floor), (0, 2), ("axes fraction", "data"), "offset points", fontsize=7
         )
     _slopes(axes[1], rows)
-    handles, names = axes[1].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=5, fontsize=8)
+    figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8)
     return save_titled(
         figure, f"{report['scene']}: accuracy against time, first {report['reference']['horizon_s']:.3g} s", path
     )
 
 
-def _series(axes: Axes, rows: list[dict[str, Any]], x: str, y: str, label: str, index: int) -> None:
+def _series(axes: Axes, rows: list[Table], x: str, y: str, label: str, index: int) -> None:
     rows = sorted((r for r in rows if (r[y] or 0) > 0), key=lambda r: r["dt"])
     if rows:
         axes.plot([r[x] for r in rows], [r[y] for r in rows], label=label, lw=1.0, **marks(index))
 
 
-def _slopes(axes: Axes, rows: list[dict[str, Any]]) -> None:
+def _slopes(axes: Axes, rows: list[Table]) -> None:
     """Lines of order 1, 2 and 4 to compare with."""
     dts = np.array(sorted({row["dt"] for row in rows}))
     if len(dts) < 2:
@@ -69,7 +68,7 @@ def _slopes(axes: Axes, rows: list[dict[str, Any]]) -> None:
 
 
 @style.plot_style()
-def convergence(report: dict[str, Any], path: str | Path) -> Path:
+def convergence(report: Table, path: str | Path) -> Path:
     """RMS difference of each link's angles between a step and its half (thesis Fig. 5.4, C.1, C.2)."""
     found = report["convergence"]
     kinds = ["polar"] + (["azimuth"] if any(f["azimuth"] is not None for f in found) else [])
@@ -84,12 +83,11 @@ def convergence(report: dict[str, Any], path: str | Path) -> Path:
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
-    handles, names = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=7, fontsize=8)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=7, fontsize=8)
     return save_titled(figure, f"{report['scene']}: each step against its half", path)
 
 
-def _links(axes: Axes, scheme: dict[str, Any], kind: str, numbers: Sequence[int]) -> None:
+def _links(axes: Axes, scheme: Table, kind: str, numbers: Sequence[int]) -> None:
     values = scheme[kind]
     axes.set_title(scheme["label"], loc="left")
     axes.set(xscale="log", yscale="log")
@@ -106,7 +104,7 @@ def _links(axes: Axes, scheme: dict[str, Any], kind: str, numbers: Sequence[int]
 
 
 @style.plot_style()
-def damping(report: dict[str, Any], path: str | Path) -> Path:
+def damping(report: Table, path: str | Path) -> Path:
     """Equivalent linear damping of each scheme against the step, with what the thesis fitted; failures at the top."""
     found = report["numerical_damping"]
     figure = style.new_figure(8.0, 5.2)
@@ -126,7 +124,7 @@ def damping(report: dict[str, Any], path: str | Path) -> Path:
     return save_titled(figure, f"{found['scene']}: numerical damping (below 0: gains; crosses: fails)", path)
 
 
-def _damping_series(axes: Axes, rows: list[dict[str, Any]], label: str, index: int, count: int) -> None:
+def _damping_series(axes: Axes, rows: list[Table], label: str, index: int, count: int) -> None:
     good = [r for r in rows if r["status"] == "ok"]
     bad = [r for r in rows if r["status"] != "ok"]
     look = marks(index)

@@ -7,13 +7,14 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
+from dropper_jax.base.read import Table
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Effect, Kinematics, Model, State, state
@@ -42,8 +43,8 @@ def cost(
     scene: Scene,
     steps: int = 2000,
     rounds: int = 7,
-    each: Callable[[dict[str, Any]], None] = lambda row: None,
-) -> dict[str, Any]:
+    each: Callable[[Table], None] = lambda row: None,
+) -> Table:
     """Flops and bytes of the compiled step, and measured time per step, with all effects, without each, and bare.
 
     Times are medians of interleaved runs in one process; `ratio` is relative to the complete scene. Runs without an
@@ -62,7 +63,7 @@ def cost(
     model, s = build(scene)
     run = scene.run
     first = stepper_of(model, run)
-    found: dict[str, Any] = {"scene": scene.name, "integrator": first.integrator.name, "solver": first.solver_name}
+    found: Table = {"scene": scene.name, "integrator": first.integrator.name, "solver": first.solver_name}
     variants: list[Variant] = []
     try:
         for name, shrunk in model_variants(model):
@@ -153,7 +154,7 @@ class Variant:
             return self.us_per_step / self.corrections
         return None
 
-    def row(self, whole: Variant) -> dict[str, Any]:
+    def row(self, whole: Variant) -> Table:
         """Its numbers, with ratios to the whole scene."""
         one = self.us_per_correction
         of = whole.us_per_correction
@@ -204,7 +205,7 @@ def _fresh(stepper: Stepper, model: Model, s: State) -> Progress:
     return begin(stepper, model, state(model, s.r, s.v, s.tension))
 
 
-def proof(scene: Scene) -> dict[str, Any]:
+def proof(scene: Scene) -> Table:
     """Compare compiled programs as identical text.
 
     `removed_is_never_had`: a scene without its optional effects gives the same program as one that never had them.

@@ -22,7 +22,7 @@ from dropper_jax.run.line_weights import end_angles, end_forces
 from dropper_jax.run.model_slopes import model_slopes, shift_model
 from dropper_jax.run.quantities import Quantity, static_quantity
 from dropper_jax.scene import line_slices, whole_lines
-from dropper_jax.statics.static_pose import nodal_loads, settle
+from dropper_jax.statics.static_pose import release_loads, settle
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class _DesignSearch:
         """Derivatives (p, p) of the quantities by the numbers: dq/dx + dq/dr dr/dx, K dr/dx = -dF/dx."""
         model, pose, _ = self.pose(x)
         scene = self.at(x)
-        loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+        loads = release_loads(model, scene.start)
         slopes = [model_slopes(scene, model, path) for path in self.paths]
         moving = tuple(sorted({leaf for own in slopes for leaf in own}))
         leaves = jax.tree.leaves(model)

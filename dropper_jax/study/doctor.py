@@ -12,7 +12,6 @@ import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +21,7 @@ from dropper_jax.backend.one_kernel import tags_enabled
 from dropper_jax.backend.programs import OPTIONS, stored_programs
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.memory import available_memory
+from dropper_jax.base.read import Table
 from dropper_jax.run.simulate import simulate
 
 NEEDED = ("jax", "jaxlib", "numpy", "scipy", "matplotlib", "optax", "filelock", "platformdirs", "psutil", "tomlkit")
@@ -193,7 +193,7 @@ def loads_stored_programs() -> Check:
     return Check(name, same, "loaded again" if same else f"{second['found']!r} instead of 100")
 
 
-def _probe(folder: str) -> dict[str, Any] | None:
+def _probe(folder: str) -> Table | None:
     call = [sys.executable, "-c", PROBE, folder]
     done = subprocess.run(call, capture_output=True, text=True, check=False, timeout=120)
     try:

@@ -18,7 +18,7 @@ from dropper_jax.sea import Sea
 MOST_TIMES = 400
 
 
-def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]:
+def regime(solution: Solution) -> dict[str, float]:
     """KC, Reynolds number and D/wavelength of a run, at the node with the maximum of each.
 
     `KC = u T/D` and `Re = u D/nu`, u is the maximum speed of the water relative to the node, normal to its link [m/s],
@@ -45,7 +45,7 @@ def regime(solution: Solution, viscosity: float = VISCOSITY) -> dict[str, float]
     return {
         "relative_speed_m_per_s": float(speed.max()),
         "keulegan_carpenter": float(np.max(speed / diameter) * period),
-        "reynolds": float(np.max(speed * diameter) / viscosity),
+        "reynolds": float(np.max(speed * diameter) / VISCOSITY),
         "diameter_over_wavelength": float(diameter.max() / shortest),
     }
 

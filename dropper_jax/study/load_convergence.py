@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, record
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.samples import is_finished
@@ -27,10 +27,9 @@ LONGEST_LOADS = 60.0
 def load_convergence(
     scene: Scene,
     steps: Sequence[Mapping[str, float]],
-    skip: float = 0.0,
     say: Progress = silent,
     each: Each = lambda row: None,
-) -> dict[str, Any]:
+) -> Table:
     """Errors of the loads of each line, relative to a run with half the finest step, by the scheme of the scene.
 
     Args:
@@ -51,7 +50,7 @@ def load_convergence(
     runs: list[_LoadRun] = []
     for i, value in enumerate([*values, finest]):
         say(i / (len(values) + 1), f"loads, {key} {value:.4g}")
-        runs.append(_LoadRun.of(scene, {key: value}, skip))
+        runs.append(_LoadRun.of(scene, {key: value}))
         if i > 0:
             each(runs[-2].row(runs[-1].loads()))
     *coarser, reference_run = runs
@@ -79,23 +78,23 @@ class _LoadRun:
     record: Record | None
 
     @classmethod
-    def of(cls, scene: Scene, step: Mapping[str, float], skip: float) -> _LoadRun:
-        """The run with an accuracy or equal steps, without its first `skip` seconds."""
+    def of(cls, scene: Scene, step: Mapping[str, float]) -> _LoadRun:
+        """The run with an accuracy or equal steps."""
         solution = simulate(scene, **step)
         if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
             raise KeyboardInterrupt
         good = is_finished(solution) and len(solution.t) > 3
-        kept = record(solution, skip) if good else None
+        kept = record(solution) if good else None
         dt = float(solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
         return cls(step.get("accuracy"), dt, solution.status, solution.us_per_step, solution.failure, kept)
 
-    def loads(self, right: list[dict[str, Any]] | None = None) -> list[dict[str, Any]] | None:
+    def loads(self, right: list[Table] | None = None) -> list[Table] | None:
         """Loads of each line, at the positions of `right`."""
         if self.record is None:
             return None
         return line_loads(self.record, right)
 
-    def row(self, right: list[dict[str, Any]] | None) -> dict[str, Any]:
+    def row(self, right: list[Table] | None) -> Table:
         """Its errors relative to the loads of a finer run."""
         loads = None if right is None else self.loads(right)
         errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
@@ -108,14 +107,14 @@ class _LoadRun:
         }
 
 
-def _worst(loads: list[dict[str, Any]], right: list[dict[str, Any]], name: str) -> float:
+def _worst(loads: list[Table], right: list[Table], name: str) -> float:
     """Maximum relative error over the lines; that of a standard deviation is relative to the mean if this is larger."""
     scale = [max(abs(row[name][0]), 1e-3 * abs(row["mean"][0]), 1e-300) for row in right]
     return max(abs(a[name][0] - b[name][0]) / s for a, b, s in zip(loads, right, scale, strict=True))
 
 
-def _advice(rows: list[dict[str, Any]], name: str, within: float) -> dict[str, Any]:
-    best: dict[str, Any] = {"accuracy": None, "dt": None}
+def _advice(rows: list[Table], name: str, within: float) -> Table:
+    best: Table = {"accuracy": None, "dt": None}
     for row in reversed(rows):  # from the finest upwards: an accurate run above an inaccurate one does not count
         error = row["errors"][name]
         if error is None or error > within or row["status"] != "ok":

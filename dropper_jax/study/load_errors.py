@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Plain, Table
 from dropper_jax.effects import EFFECTS
 from dropper_jax.evaluation.extremes import line_snaps
 from dropper_jax.evaluation.record import Record, arc, record
 from dropper_jax.evaluation.settings import Settings
+from dropper_jax.load.periods import periods
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.companion import error_factor, finer_values, parts_at
 from dropper_jax.run.samples import Samples, is_finished
@@ -46,14 +46,14 @@ def twice_the_links(scene: Scene) -> Scene:
     return load_scene(table)
 
 
-def _line(line: dict[str, Any]) -> dict[str, Any]:
+def _line(line: Table) -> Table:
     halves = {key: _halve_value(line[key], parts) for key, parts in PER_LINK.items() if key in line}
     if "axial" in line:
         halves["axial"] = {key: _halve_value(value, 1) for key, value in line["axial"].items()}
     return {**line, **halves, "links": 2 * line["links"]}
 
 
-def _effect(name: str, values: dict[str, Any]) -> dict[str, Any]:
+def _effect(name: str, values: Table) -> Table:
     found = dict(values)
     for key, field in EFFECTS[name].__dataclass_fields__.items():
         if found.get(key) is not None and field.metadata.get("shape") in ("link", "node"):
@@ -64,7 +64,7 @@ def _effect(name: str, values: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _start(start: dict[str, Any]) -> dict[str, Any]:
+def _start(start: Table) -> Table:
     found = dict(start)
     for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"):
         if found.get(key) is not None:
@@ -105,7 +105,7 @@ def load_errors(
     skip: float = 0.0,
     first: Samples | None = None,
     say: Progress = silent,
-) -> dict[str, Any]:
+) -> Table:
     """Loads of a run with an estimate of their error.
 
     The scene is also run finer (half the step, a quarter of the accuracy), with twice the links at the same EA and BA
@@ -194,7 +194,7 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
     return found, left_out
 
 
-def line_loads(found: Record, like: list[dict[str, Any]] | None = None) -> list[dict[str, Any]]:
+def line_loads(found: Record, like: list[Table] | None = None) -> list[Table]:
     """Per line its loads {line, at_m, name: (value, standard error by chance)}, see `QUANTITIES`.
 
     They are those of the link with the maximum tension, or at the arc length in `like` (loads of another run).
@@ -258,20 +258,14 @@ def _windows(found: Record, values: np.ndarray) -> np.ndarray:
 
 def _period(scene: Scene) -> float:
     """Period of the waves with the most energy [s], else the length of a window without waves, 10 s."""
-    waves = None if scene.sea is None else scene.sea.waves
-    if waves is None:
+    if scene.sea is None or scene.sea.waves is None:
         return 10.0
-    if waves.tp is not None:
-        return float(waves.tp)
-    if waves.period is None:
-        return main_period(scene.sea)
-    period, amplitude = np.broadcast_arrays(np.atleast_1d(waves.period), waves.size)
-    return float(period[np.argmax(amplitude)])
+    return periods(scene).get("waves") or main_period(scene.sea)
 
 
-def _row(i: int, made: dict[str, list[dict[str, Any]]], factor: float) -> dict[str, Any]:
+def _row(i: int, made: dict[str, list[Table]], factor: float) -> Table:
     first = made["1"][i]
-    row: dict[str, Any] = {"line": first["line"], "at_m": first["at_m"]}
+    row: Table = {"line": first["line"], "at_m": first["at_m"]}
     for name in QUANTITIES:
         values = {key: rows[i][name][0] for key, rows in made.items()}
         value, chance = first[name]

@@ -12,6 +12,7 @@ import numpy as np
 from dropper_jax.analysis.angles import link_angles
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
@@ -257,7 +258,7 @@ SCHEMES = (Scheme("energy_momentum"), Scheme("thesis_angles", 0.51))
 
 def convergence(
     model: Model, s: State, grid: float, saves: int, dts: list[float], schemes: tuple[Scheme, ...] = SCHEMES
-) -> list[dict[str, Any]]:
+) -> list[Table]:
     """RMS difference of each link's angles [rad] between a step and half of it, over the first `saves * grid` seconds.
 
     Returns:
@@ -288,7 +289,7 @@ def _angles(model: Model, r: np.ndarray, grid: float) -> np.ndarray:
     return np.stack(link_angles(nodes))
 
 
-def _differences(label: str, dts: list[float], motions: list[Any], states: list[str]) -> dict[str, Any]:
+def _differences(label: str, dts: list[float], motions: list[Any], states: list[str]) -> Table:
     count = next((m.shape[-1] for m in motions if m is not None), 0)
     nothing = np.full((2, count), np.nan)
     pairs = zip(motions[:-1], motions[1:], strict=True)

@@ -10,18 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, nearest, silent
+from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model, State
 from dropper_jax.run.build import build_model
 from dropper_jax.run.line_weights import end_force_vectors
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.search import search
-from dropper_jax.statics.static_pose import nodal_loads
+from dropper_jax.statics.static_pose import release_loads
 
 
 def offset_curves(
@@ -30,7 +30,7 @@ def offset_curves(
     directions: Sequence[float],
     distances: Sequence[float],
     progress: Progress = silent,
-) -> list[dict[str, Any]]:
+) -> list[Table]:
     """Equilibria with points displaced together: a row per direction and distance.
 
     Every equilibrium starts from that of the previous distance, in one compiled program.
@@ -51,8 +51,8 @@ def offset_curves(
     """
     moved = _fixed_points(scene, points)
     model = build_model(scene)
-    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
-    rows: list[dict[str, Any]] = []
+    loads = release_loads(model, scene.start)
+    rows: list[Table] = []
     base: State | None = None
     for i, direction in enumerate(directions):
         progress(i / len(directions), f"direction {direction:g} deg")
@@ -88,9 +88,7 @@ def _displace_points(model: Model, names: Sequence[str], by: np.ndarray) -> Mode
     return replace(model, points=tuple(points))
 
 
-def _loads(
-    scene: Scene, moved: Sequence[str], positions: np.ndarray, tension: np.ndarray, along: np.ndarray
-) -> dict[str, Any]:
+def _loads(scene: Scene, moved: Sequence[str], positions: np.ndarray, tension: np.ndarray, along: np.ndarray) -> Table:
     """The numbers of a row: forces of the lines on the moved points, and the maximum tension."""
     lines = line_slices(scene)
     vectors = end_force_vectors(scene, positions[None], tension[None], lines)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from dropper_jax import plots
 from dropper_jax.base.markdown import first_names
+from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.plots import style, view
+from dropper_jax.run.samples import Samples
 from dropper_jax.scene import line_slices
 from dropper_jax.statics import Equilibrium
 from dropper_jax.statics.modes import Modes
@@ -23,7 +23,7 @@ from dropper_jax.statics.modes import Modes
 def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
     """The equilibrium, with links coloured by tension [N]."""
     once = np.zeros(1)
-    solution = SimpleNamespace(
+    solution = Samples(
         scene=scene,
         settings={"integrator": "static pose", "dt": 0.0},
         status=found.status,
@@ -31,15 +31,12 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
         positions=np.asarray(found.positions)[None],
         velocities=np.zeros((1, *np.shape(found.positions))),
         tension=np.asarray(found.tension)[None],
-        tension_min=None,
-        tension_max=None,
         t_tension=once,
         kinetic=once,
         potential=once,
         work=np.zeros((1, 0)),
         work_names=(),
-        lines=line_slices(scene),
-        body_position=None,
+        step_status=once,
     )
     return plots.snapshot(solution, path)
 
@@ -61,10 +58,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     low = np.ptp(rest[:, 2]) < LOW_AND_LONG * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
     columns = 1 if low else min(count, 3)
     figure = style.new_figure(3.6 * columns + (4.4 if low else 0.6), (1.5 if low else 2.9) * -(-count // columns) + 0.8)
-    grid = np.atleast_1d(figure.subplots(-(-count // columns), columns, squeeze=False)).ravel()
-    for axes in grid[count:]:
-        axes.axis("off")
-    for i, axes in enumerate(grid[:count]):
+    for i, axes in enumerate(style.panels(figure, count, columns)):
         shape = np.asarray(modes.shape[i])
         shape = shape * SHAPE_SIZE * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
         ends = [np.asarray(model.nodes(r + sign * shape, ends_of_lines)) for sign in (1.0, -1.0)]
@@ -87,7 +81,7 @@ def _plane(rest: np.ndarray, moved: np.ndarray) -> tuple[int, int]:
 
 
 @style.plot_style()
-def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+def responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Amplitude, mean and phase of the first link over the period of the waves; dashed, in waves that are 10 %
     higher."""
     figure = style.new_figure(7.5, 6.2)
@@ -113,7 +107,7 @@ def responses(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Pa
 
 
 @style.plot_style()
-def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+def mussels(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Layer and wet weight over depth, a curve for each month, a column for each rope.
 
     Dashes: below the last depth of the table values are constant.
@@ -140,13 +134,12 @@ def mussels(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path
     grid[0, 0].invert_yaxis()
     for axes in grid[:, 0]:
         axes.set_ylabel("depth [m]")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper")
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside right upper")
     return save_titled(figure, f"{name}: mussels by depth and month", path)
 
 
 @style.plot_style()
-def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Current, level, excursion and force on the fixed points through a cycle."""
     figure = style.new_figure(7.5, 6.2)
     water, moved, tension = figure.subplots(3, 1, sharex=True)
@@ -167,7 +160,7 @@ def tide(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
 MARKERS = "osD^v<>PX*hp"
 
 
-def marks(index: int) -> dict[str, Any]:
+def marks(index: int) -> Table:
     """Colour, marker and dash of a series by number, all different."""
     colours = style.CYCLE
     dash = ("-", "--", ":")[index // len(colours) % 3]
@@ -175,7 +168,7 @@ def marks(index: int) -> dict[str, Any]:
 
 
 @style.plot_style()
-def costs(report: dict[str, Any], path: str | Path) -> Path:
+def costs(report: Table, path: str | Path) -> Path:
     """Microseconds, operations and bytes per step of the scene without each of its effects, one bar each."""
     rows = report["rows"]
     figure = style.new_figure(11.0, 1.6 + 0.42 * len(rows))
@@ -195,18 +188,14 @@ def costs(report: dict[str, Any], path: str | Path) -> Path:
     )
 
 
-def title(figure: Figure, text: str) -> None:
-    figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
-
-
 def save_titled(figure: Figure, text: str, path: str | Path) -> Path:
     """Write a figure to a file, with a title."""
-    title(figure, text)
+    style.title(figure, text)
     return style.save(figure, path)
 
 
 @style.plot_style()
-def offsets(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path:
+def offsets(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Restoring force and maximum tension over the offset, a curve for each direction."""
     figure = style.new_figure(9.5, 4.4)
     restoring, tension = figure.subplots(1, 2, sharex=True)
@@ -217,6 +206,5 @@ def offsets(name: str, rows: Sequence[dict[str, Any]], path: str | Path) -> Path
             axes.plot([row["distance_m"] for row in shown], values, label=f"{direction:g}", **marks(i))
     restoring.set(xlabel="offset [m]", ylabel="restoring force [kN]")
     tension.set(xlabel="offset [m]", ylabel="maximum tension [kN]")
-    handles, labels = restoring.get_legend_handles_labels()
-    figure.legend(handles, labels, title="direction [deg]", loc="outside right upper")
+    figure.legend(*restoring.get_legend_handles_labels(), title="direction [deg]", loc="outside right upper")
     return save_titled(figure, f"{name}: restoring force and tension over the offset", path)

@@ -59,17 +59,15 @@ class Reference:
         }
 
 
-def trusted_span(
-    model: Model, s: State, duration: float, dt: float, grid: float, stepper: Stepper | None = None
-) -> tuple[float, float]:
+def trusted_span(model: Model, s: State, duration: float, dt: float, grid: float) -> tuple[float, float]:
     """Time [s] before chaos amplifies rounding, and the mean growth rate of perturbations [1/s].
 
     From two runs that start 1e-8 apart, compared on the grid. They use the program that measures errors afterwards;
-    the exact tangent map (`lyapunov`) would be another program to compile. `stepper`: default: the default scheme.
+    the exact tangent map (`lyapunov`) would be another program to compile.
     """
     # size of the perturbation [-]: far above rounding, and still small after growth by a factor of 100
     nearby = 1e-8
-    stepper = stepper or make_stepper(model)
+    stepper = make_stepper(model)
     every = max(1, round(grid / dt))
     saves = max(2, int(duration / grid))
     dv = nearby * unit_perturbation(model, s, seed=0)
@@ -99,8 +97,8 @@ RUNS_OF_SECOND = 7
 TARGET = 1e-9
 
 
-def reference(model: Model, s: State, grid: float, saves: int, exponent: float, target: float = TARGET) -> Reference:
-    """Refine two schemes together until they agree to `target` [rad], or neither can be refined further.
+def reference(model: Model, s: State, grid: float, saves: int, exponent: float) -> Reference:
+    """Refine two schemes together until they agree to `TARGET` [rad], or neither can be refined further.
 
     The first is the fourth-order composition, the second RATTLE extrapolated to step zero (Romberg, three steps; its
     error has even powers only, so sixth order remains). Elastic lines use rk4 and rk2. If a scheme cannot run the
@@ -112,7 +110,7 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
     every = max(4, int(np.ceil(grid * 256)))
     evaluation = evaluation_work(model, s)
     per_step = step_work(model, first, evaluation) + RUNS_OF_SECOND * step_work(model, second, evaluation)
-    while best is None or (every * saves <= MOST_STEPS and best[0] > target and every * saves * per_step <= MOST_WORK):
+    while best is None or (every * saves <= MOST_STEPS and best[0] > TARGET and every * saves * per_step <= MOST_WORK):
         fine = grid_run(first, model, s, grid, every, saves)
         check = _extrapolate(second, model, s, grid, every, saves)
         error = rms_angle(link_vectors(model, fine.r, t), link_vectors(model, check, t))
@@ -140,24 +138,19 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float, 
 
 
 def _pair(model: Model) -> tuple[Stepper, Stepper]:
+    names = ("energy_momentum_4", "rattle")
     if model.line.axial.elastic:
-        first = ("rk4",)
-    else:
-        first = ("energy_momentum_4", "energy_momentum")
-    if model.line.axial.elastic:
-        second = ("rk2",)
-    else:
-        second = ("rattle", "energy_momentum")
-    return _first_that_runs(model, first), _first_that_runs(model, second)
+        names = ("rk4", "rk2")
+    first, second = (_stepper_or_default(model, name) for name in names)
+    return first, second
 
 
-def _first_that_runs(model: Model, names: tuple[str, ...]) -> Stepper:
-    for name in (*names, "energy_momentum"):
-        try:
-            return make_stepper(model, name)  # work is counted, so that the compiled programs are the same as elsewhere
-        except SceneError:
-            continue
-    raise SceneError("accuracy: no integrator runs this scene")
+def _stepper_or_default(model: Model, name: str) -> Stepper:
+    """The stepper of a scheme, or that of the default one if the scheme cannot run the model."""
+    try:
+        return make_stepper(model, name)  # work is counted, so that the compiled programs are the same as elsewhere
+    except SceneError:
+        return make_stepper(model, "energy_momentum")
 
 
 def _extrapolate(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> np.ndarray:
@@ -186,7 +179,7 @@ def _tensions(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Arr
     def one(r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
         k = model.instant(r, v, t)
         if model.line.axial.elastic:  # accelerations are not needed
-            return model.line.axial.tension(k.links, k.link_velocities, model.line.length)
+            return model.tension_by_law(k)
         return instant(k, model.end_acceleration(t) if model.moving else None)[1]
 
     return jax.vmap(one)(r, v, t)

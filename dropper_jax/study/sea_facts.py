@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.read import Table
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build_model
@@ -22,10 +23,10 @@ from dropper_jax.sea.make import finite_wave, make_sea
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest, second_harmonic
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.static_pose import equilibrium, nodal_loads
+from dropper_jax.statics.static_pose import equilibrium, release_loads
 
 
-def sea_facts(scene: Scene) -> dict[str, Any]:
+def sea_facts(scene: Scene) -> Table:
     """Facts about the water of a scene: {depth_m, waves, current}; the last two may be None.
 
     Raises:
@@ -37,7 +38,7 @@ def sea_facts(scene: Scene) -> dict[str, Any]:
     return {"depth_m": spec.depth, "waves": _waves(spec), "current": _current(spec)}
 
 
-def _waves(spec: SeaSpec) -> dict[str, Any] | None:
+def _waves(spec: SeaSpec) -> Table | None:
     if spec.waves is None:
         return None
     wave = finite_wave(spec)
@@ -49,7 +50,7 @@ def _waves(spec: SeaSpec) -> dict[str, Any] | None:
     return _irregular(sea, spec)
 
 
-def _regular(height: float, length: float, period: float, depth: float) -> dict[str, Any]:
+def _regular(height: float, length: float, period: float, depth: float) -> Table:
     limit = highest(length, depth)
     return {
         "height_m": height,
@@ -65,7 +66,7 @@ def _regular(height: float, length: float, period: float, depth: float) -> dict[
     }
 
 
-def _steady(wave: SteadyWave) -> dict[str, Any]:
+def _steady(wave: SteadyWave) -> Table:
     return {
         "kind": "regular",
         "theory": wave.theory,
@@ -81,7 +82,7 @@ def _steady(wave: SteadyWave) -> dict[str, Any]:
     }
 
 
-def _linear(waves: Waves, depth: float) -> dict[str, Any]:
+def _linear(waves: Waves, depth: float) -> Table:
     a = float(waves.amplitude[0])
     k = float(waves.wave_number[0])
     omega = float(waves.omega[0])
@@ -95,7 +96,7 @@ def _linear(waves: Waves, depth: float) -> dict[str, Any]:
     }
 
 
-def _irregular(sea: Sea, spec: SeaSpec) -> dict[str, Any]:
+def _irregular(sea: Sea, spec: SeaSpec) -> Table:
     """Hs, mean period `Tz = 2 pi sqrt(m0/m2)`, and the limits of depth and of steepness."""
     hs = float(sea.waves.significant_height)
     tz = mean_period(sea)
@@ -115,7 +116,7 @@ def _irregular(sea: Sea, spec: SeaSpec) -> dict[str, Any]:
     }
 
 
-def _current(spec: SeaSpec) -> dict[str, Any] | None:
+def _current(spec: SeaSpec) -> Table | None:
     if spec.current is None:
         return None
     sea = make_sea(SeaSpec(**{**vars(spec), "waves": None, "wave_current": "none"}))
@@ -148,7 +149,7 @@ def cycle_times(scene: Scene, count: int) -> np.ndarray:
     raise SceneError("--tide: neither sea.current nor sea.level changes with time. Use a scene in which one does")
 
 
-def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
+def tidal_cycle(scene: Scene, count: int = 13) -> Table:
     """Independent equilibria at times of a cycle: the line is assumed to follow the tide without delay.
 
     Returns:
@@ -158,7 +159,7 @@ def tidal_cycle(scene: Scene, count: int = 13) -> dict[str, Any]:
         displacements from there of all nodes and of the nodes of each line.
     """
     model = build_model(scene)
-    loads = nodal_loads(model, scene.start.release_nodes, scene.start.release_force)
+    loads = release_loads(model, scene.start)
     times = cycle_times(scene, count)
     slack = equilibrium(replace(model, sea=replace(model.sea, current=None, level=None)), loads)
     rows = []
@@ -201,9 +202,7 @@ TAKEN = 1.0 / 3.0
 HIGHER_WAVES = 1.1
 
 
-def responses(
-    scene: Scene, periods: Sequence[float], more: bool = True, progress: Progress = silent
-) -> list[dict[str, Any]]:
+def responses(scene: Scene, periods: Sequence[float], more: bool = True, progress: Progress = silent) -> list[Table]:
     """Response of a scene's first link in regular waves of these periods [s], over whole periods at the end of runs.
 
     Args:
@@ -243,7 +242,7 @@ def responses(
     return found
 
 
-def _response(solution: Solution, period: float) -> dict[str, Any]:
+def _response(solution: Solution, period: float) -> Table:
     model = build_model(solution.scene, "float64")
     span = np.floor(TAKEN * solution.t[-1] / period) * period
     last = solution.t > solution.t[-1] - span

@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, silent
+from dropper_jax.base.read import Table
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.study.counted_work import evaluation_work, step_work
@@ -39,7 +40,7 @@ WORK_LIMIT = 1e10
 #: Wall times of repeated runs [s], and which of them counts.
 Timing = tuple[Callable[..., list[float]], Callable[[list[float]], float]]
 #: Callback that gets each row as soon as it is measured.
-Each = Callable[[dict[str, Any]], None]
+Each = Callable[[Table], None]
 #: A failed run has no errors and no speed, since these values would be meaningless.
 NOTHING = {
     "rms_angle_error_rad": None,
@@ -62,7 +63,7 @@ def measure(
     pick: Callable[[list[float]], float] = statistics.median,
     retry: bool = True,
     each: Each = lambda row: None,
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+) -> tuple[list[Table], list[Table]]:
     """Rows of all schemes and steps, and runs left out because of their counted work (`WORK_LIMIT`).
 
     Schemes whose steps follow an accuracy are run at `ACCURACIES` too; their `dt` is the mean step.
@@ -74,8 +75,8 @@ def measure(
         retry: halve steps that do not converge, as `simulate` does; else a run with such a step is `not_converged`.
         each: gets each row as soon as it is measured.
     """
-    rows: list[dict[str, Any]] = []
-    skipped: list[dict[str, Any]] = []
+    rows: list[Table] = []
+    skipped: list[Table] = []
     evaluation = evaluation_work(model, s)
     for i, scheme in enumerate(schemes):
         say(i / len(schemes), scheme.label)
@@ -98,7 +99,7 @@ def _scheme_rows(
     timing: Timing,
     retry: bool,
     evaluation: float,
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Table]:
     """The rows of a scheme, one by one; a run that is left out has a `reason` instead."""
     own = model
     start = s
@@ -124,37 +125,45 @@ def _scheme_rows(
         started = time.perf_counter()
         run = grid_run(stepper, own, start, target.grid, every, saves)
         seconds = time.perf_counter() - started
-        status = status_of(run, stepper)
         wall = None
-        if status == "ok":
+        errors = NOTHING
+        if status_of(run, stepper) == "ok":
+            errors = row_errors(model, s, run, stepper, target)
             again = partial(grid_run, stepper, own, start, target.grid, every, saves)
             # the first row compiles
             wall = pick(walls(again, before=seconds if compiled else 0.0))
         compiled = True
-        us_per_step = None
-        wall_s_per_simulated_s = None
-        if wall:
-            us_per_step = 1e6 * wall / steps
-            wall_s_per_simulated_s = wall / target.horizon
-        yield {
-            **_row_labels(scheme, stepper),
-            "dt": target.grid / every,
-            **(row_errors(model, s, run, stepper, target) if status == "ok" else NOTHING),
-            "us_per_step": us_per_step,
-            "wall_s_per_simulated_s": wall_s_per_simulated_s,
-            "operations_per_simulated_s": per_step * steps / target.horizon,
-            "status": status,
-            "retried_steps": int(run.retried[-1]),
-        }
+        yield _row(scheme, stepper, target, run, errors, wall, steps, per_step) | {"dt": target.grid / every}
 
 
-def _row_labels(scheme: Scheme, stepper: Stepper) -> dict[str, Any]:
+def _row(
+    scheme: Scheme,
+    stepper: Stepper,
+    target: Reference,
+    run: Marched,
+    errors: Table,
+    wall: float | None,
+    steps: int,
+    per_step: float,
+) -> Table:
+    """The row of a run with so many steps, which took `wall` [s]; without its step."""
+    us_per_step = None
+    wall_s_per_simulated_s = None
+    if wall:
+        us_per_step = 1e6 * wall / steps
+        wall_s_per_simulated_s = wall / target.horizon
     return {
         "integrator": scheme.integrator,
         "gamma": scheme.gamma,
         "solver": stepper.solver_name,
         "dtype": scheme.dtype,
         "label": scheme.label,
+        **errors,
+        "us_per_step": us_per_step,
+        "wall_s_per_simulated_s": wall_s_per_simulated_s,
+        "operations_per_simulated_s": per_step * steps / target.horizon,
+        "status": status_of(run, stepper),
+        "retried_steps": int(run.retried[-1]),
     }
 
 
@@ -167,32 +176,23 @@ def _row_of_accuracy(
     accuracy: float,
     timing: Timing,
     per_step: float,
-) -> dict[str, Any]:
+) -> Table:
     """The row of a scheme whose steps follow an accuracy; its `dt` is the mean step."""
     walls, pick = timing
     again = partial(march_with_accuracy, stepper, model, s, target.grid, accuracy, len(target.t))
     found = jax.tree.map(np.asarray, again())
-    status = status_of(found.run, stepper)
-    ok = status == "ok"
-    wall = pick(walls(again)) if ok else None
+    wall = None
+    errors = NOTHING
+    if status_of(found.run, stepper) == "ok":
+        errors = row_errors(model, s, found.run, stepper, target)
+        wall = pick(walls(again))
     tries = int(found.taken + found.refused)
-    us_per_step = None
-    wall_s_per_simulated_s = None
-    if ok:
-        us_per_step = 1e6 * wall / tries
-        wall_s_per_simulated_s = wall / target.horizon
-    return {
-        **_row_labels(scheme, stepper),
+    return _row(scheme, stepper, target, found.run, errors, wall, tries, per_step) | {
         "label": f"{scheme.label}, accuracy",
         "dt": target.horizon / max(int(found.taken), 1),
         "accuracy": accuracy,
         "refused_steps": int(found.refused),
-        **(row_errors(model, s, found.run, stepper, target) if ok else NOTHING),
         "rms_tension_error_n": None,  # means between saved times
-        "us_per_step": us_per_step,
-        "wall_s_per_simulated_s": wall_s_per_simulated_s,
-        "operations_per_simulated_s": per_step * tries / target.horizon,
-        "status": status,
         "retried_steps": 0,
     }
 
@@ -218,7 +218,7 @@ def _walls(run: Callable[[], Any], repeats: int, before: float = 0.0) -> list[fl
 RESOLVED = 100.0
 
 
-def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: Reference) -> dict[str, Any]:
+def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: Reference) -> Table:
     """Errors of a run on the reference's grid, its energy drift and the damping equivalent to this drift."""
     links = link_vectors(model, run.r, target.t)
     angle = rms_angle(links, target.links)
@@ -270,7 +270,7 @@ def _tension_errors(run: Marched, stepper: Stepper, reference: np.ndarray) -> np
         return seen - reference[:-1]
 
 
-def orders(rows: list[dict[str, Any]]) -> dict[str, float]:
+def orders(rows: list[Table]) -> dict[str, float]:
     """Slope of log error over log step of each scheme, through its finest three resolved steps below 0.1 rad."""
     found = {}
     for label in dict.fromkeys(row["label"] for row in rows):

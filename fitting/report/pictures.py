@@ -64,11 +64,11 @@ def link_panels(links: int, title: str, height: float = 1.3, margin: float = 1.2
     """A figure with one panel for each link, up to `MOST_LINKS_DRAWN`."""
     drawn = min(links, MOST_LINKS_DRAWN)
     figure = style.new_figure(9.0, margin + height * drawn)
-    axes = figure.subplots(drawn, 1, sharex=True, squeeze=False)[:, 0]
+    axes = style.panels(figure, drawn, sharex=True)
     more = ""
     if links > drawn:
         more = f" (links 1 to {drawn} of {links})"
-    figure.suptitle(f"{title}{more}", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    style.title(figure, f"{title}{more}")
     for j, ax in enumerate(axes):
         ax.set_ylabel(f"link {j + 1}")
     return figure, axes
@@ -137,7 +137,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
     links = min(measured.shape[1], MOST_LINKS_DRAWN)
     columns = min(links, 4)
     figure = style.new_figure(max(2.6 * columns + 0.6, 5.4), 2.5 * -(-links // columns) + 0.8)
-    axes = figure.subplots(-(-links // columns), columns, squeeze=False).ravel()
+    axes = style.panels(figure, links, columns)
     parts = [part for part in stretches(t) if part.stop - part.start > 2]
     for j in range(links):
         for x, colour, label in ((measured[:, j], style.SECOND, "measured"), (simulated[:, j], style.FIRST, "fit")):
@@ -146,9 +146,7 @@ def phase_space(result: FitResult, run: int) -> Figure:
                 axes[j].plot(x[part], rate, lw=0.6, color=colour, label=label if part == parts[0] else None)
         axes[j].set_title(f"link {j + 1}")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper right", ncols=2)
-    figure.suptitle(f"{result.traces[run].name}: phase space", fontsize=12, fontweight="bold", x=0.01, ha="left")
-    for extra in axes[links:]:
-        extra.set_visible(False)
+    style.title(figure, f"{result.traces[run].name}: phase space")
     figure.supxlabel("angle [rad]", fontsize=9)
     figure.supylabel("rate [rad/s]", fontsize=9)
     return figure
@@ -175,7 +173,7 @@ def descent(result: FitResult, _: int) -> Figure:
             f"{weights[i]:g}", (i - 0.5, 0.97), (2, 0), ("data", "axes fraction"), "offset points", va="top", fontsize=7
         )
     axes[-1].set_xlabel("step; lines: windows are joined with the gap weight written there")
-    figure.suptitle("descent", fontsize=12, fontweight="bold", x=0.01, ha="left")
+    style.title(figure, "descent")
     return figure
 
 

@@ -28,7 +28,7 @@ from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.host_stiffness import follow_parameters, free_motion
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
-from dropper_jax.statics.static_pose import nodal_loads
+from dropper_jax.statics.static_pose import release_loads
 from dropper_jax.stepping.integrate import (
     Trajectory,
     advance,
@@ -169,7 +169,7 @@ class Study:
             model = with_points_fixed(model)
             s = state(model, s.r[: model.free_nodes], tension=s.tension)
         if start.kind in ("static", "points") and model.free_nodes:
-            free = free_motion(model, s, nodal_loads(model, start.release_nodes, start.release_force))
+            free = free_motion(model, s, release_loads(model, start))
             if free:
                 why = "Use a pose that is constrained in all directions"
                 raise SceneError(f"start: the static pose does not follow the parameters: {free}. {why}")
@@ -253,7 +253,7 @@ def _slopes_at_rest(
 
     def at(p: jax.Array, x: jax.Array) -> tuple[tuple[jax.Array, list[jax.Array]], State]:
         full = apply(model, plan.parameters, p)
-        loads = nodal_loads(full, plan.start.release_nodes, plan.start.release_force)
+        loads = release_loads(full, plan.start)
         rows, tension = unbalanced_at(rest(full), state(full, s.r), loads, x)
         found = state(full, s.r + x, tension=tension)
         return (rows, floats_of(found)), found

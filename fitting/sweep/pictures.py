@@ -115,7 +115,7 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row],
     curves = next(i for i, row in enumerate(rows) if row is not _map_row)
     figure.legend(*grid[curves, 0].get_legend_handles_labels(), loc="upper right", ncols=3, markerscale=4)
     title = f"{scores.sweep.plan.scene.name} against {scores.against.trace.name}"
-    figure.suptitle(title, fontsize=12, fontweight="bold", x=0.01, ha="left")
+    style.title(figure, title)
     figure.align_ylabels()
     return style.save(figure, path)
 

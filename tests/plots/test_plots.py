@@ -3,7 +3,6 @@
 import shutil
 import sys
 from functools import cache
-from types import SimpleNamespace
 
 import matplotlib
 import numpy as np
@@ -13,7 +12,7 @@ from PIL import Image
 from dropper_jax import Scene, SceneError, plots
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import readable
-from dropper_jax.scene.data import line_slices
+from dropper_jax.run.samples import Samples
 
 STILLS = ("snapshot", "angle_traces", "phase_space", "amplitude_spectrum", "energy_balance")
 
@@ -44,7 +43,7 @@ def run_of(samples, links=3, space=False, status="ok", dt=0.05):
     nodes = np.concatenate([np.zeros((samples, 1, 3)), np.cumsum(0.2 * np.stack(parts, -1), axis=1)], axis=1)
     velocities = np.gradient(nodes, dt, axis=0) if samples > 1 else np.zeros_like(nodes)
     scene = chain_of(links)
-    return SimpleNamespace(
+    return Samples(
         t=t,
         positions=nodes,
         velocities=velocities,
@@ -54,11 +53,9 @@ def run_of(samples, links=3, space=False, status="ok", dt=0.05):
         potential=np.exp(-t) * np.cos(t) ** 2,
         work=(np.exp(-t) - 1)[:, None],
         work_names=("linear_damping",),
+        step_status=np.zeros(samples, int),
         status=status,
-        tension_min=None,
-        tension_max=None,
         scene=scene,
-        lines=line_slices(scene),
         settings={"integrator": "energy_momentum", "dt": dt},
     )
 
@@ -267,8 +264,8 @@ def test_links_and_angles_of_a_system_stay_within_their_lines(longline):
     assert run.labels[4] == "backbone 1"
     length = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     assert length.max() < 12.0  # a link from one line's end to the next one's start would be 30 m or more
-    np.testing.assert_array_equal(run.angles()[0], solution.polar)
-    places = run.positions[7][list(run.held)]
+    np.testing.assert_array_equal(run.angles[0], solution.polar)
+    places = run.positions[7][list(run.fixed_nodes)]
     np.testing.assert_array_equal(places, [[-40, 0, -20], [40, 0, -20]])
 
 

@@ -44,7 +44,7 @@ class Tally:
         self.lines = whole_lines(scene)
         self.held = [point.name for point in scene.points if not point.is_free]
         self.links = EndLinks(overgrown(scene))
-        self.ends = [end for end in line_ends(scene) if end.point in self.held]
+        self.ends = [(point, end) for point, end in line_ends(scene) if point in self.held]
         links = sum(line.links for line in scene.lines)
         self.largest, self.when = np.full(links, -np.inf), np.full(links, np.nan)
         self.total, self.samples = np.zeros(links), 0
@@ -79,10 +79,8 @@ class Tally:
     def _held_loads(self, t: np.ndarray, positions: np.ndarray, tension: np.ndarray) -> np.ndarray:
         """Horizontal and upward force (k, held, 2) [N] of lines on fixed points."""
         total = np.zeros((len(tension), len(self.held), 3))
-        for end in self.ends:
-            nodes = positions[:, [end.node, end.inner]]
-            force = self.links.force(nodes, tension[:, end.link], end.link, end.last, t)
-            total[:, self.held.index(end.point)] += force
+        for point, end in self.ends:
+            total[:, self.held.index(point)] += self.links.force(end, positions[:, end.nodes], tension, t)
         return np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)
 
     def collect(self) -> Found:

@@ -9,7 +9,6 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.scene import SceneData, WholeLine, whole_lines
 
-
 #: Relative rounding of a line's length, which is a sum of links.
 ROUNDING = 1e-9
 

@@ -280,6 +280,10 @@ class Prepared:
         every, known = rig_priors(self.scene, simulator.model, parameters)
         return replace(self, parameters=every, known=known, simulator=simulator.view_of(every), begin=begin)
 
+    def starting_at(self, solution: Solution) -> Prepared:
+        """The preparation, started from the end of a fit."""
+        return replace(self, begin=solution.values, starts=solution.starts)
+
     def starts_from_samples(self) -> Starts:
         """Starts of the windows from their samples alone."""
         return first_starts(self.simulator.model, self.traces, self.windows, self.sigma)

@@ -1,7 +1,5 @@
 """Laws side by side in one system: rigid links, ropes and tables, against closed forms and against one law for all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise

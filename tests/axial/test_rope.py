@@ -1,7 +1,5 @@
 """Ropes: what their law promises at an instant and over a step; a mass dropped on one, against SciPy."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """The command line: exit codes, one object on standard output, one line for every mistake."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

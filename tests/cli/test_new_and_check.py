@@ -1,7 +1,5 @@
 """Own scenes from templates, and what a check shows before anything is compiled."""
 
-from __future__ import annotations
-
 import json
 import re
 

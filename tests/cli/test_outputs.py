@@ -1,7 +1,5 @@
 """One vocabulary of outputs: `--plot DIR`, `--out FILE`, `--report DIR`; names in help texts are those there are."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from importlib import import_module

@@ -1,7 +1,5 @@
 """What starts without JAX, what the package offers at its root, and that float64 comes first all the same."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

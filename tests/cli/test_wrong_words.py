@@ -1,7 +1,5 @@
 """Slips of users on the command line, each refused in one line that names the field, the value and the way out."""
 
-from __future__ import annotations
-
 import json
 import shlex
 

@@ -1,7 +1,5 @@
 """The reference is that of the declarations, names every path of every scene, and its schema takes what is packaged."""
 
-from __future__ import annotations
-
 import json
 import re
 import tomllib

@@ -1,7 +1,5 @@
 """Derivatives of a run with respect to what water depends on, through the surface: forward, reverse, differences."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

@@ -1,7 +1,5 @@
 """Runs, sweeps and fits ended at random moments: nothing readable is wrong, at most the last piece is lost and told."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """Streams that take nothing, disks that are full, signals, damaged and unfinished files: one line, and nothing lost."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

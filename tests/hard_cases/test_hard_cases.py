@@ -1,7 +1,5 @@
 """The catalogue of hard cases, shortened; `dropper stability` runs it in full."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

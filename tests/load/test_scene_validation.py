@@ -1,7 +1,5 @@
 """Every bad input is refused with one line: the field, its value, what is allowed, the nearest name."""
 
-from __future__ import annotations
-
 import copy
 import gc
 import math

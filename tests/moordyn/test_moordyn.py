@@ -1,7 +1,5 @@
 """MoorDyn files: there and back, the same statics as MoorDyn itself, result tables, and what is refused or noted."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

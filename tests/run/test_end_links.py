@@ -1,7 +1,5 @@
 """Forces of lines on points in air, in water and at the surface, against an elastic catenary by shooting."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

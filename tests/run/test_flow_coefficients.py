@@ -1,7 +1,5 @@
 """Drag and added mass that follow the flow: the numbers of the practice, KC in closed form, what is refused."""
 
-from __future__ import annotations
-
 import json
 
 import jax

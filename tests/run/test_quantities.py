@@ -1,7 +1,5 @@
 """Quantities by name, against the report's own readings of a pose and of a motion."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

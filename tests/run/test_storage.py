@@ -1,7 +1,5 @@
 """Saved runs: netCDF and npz give back the same numbers through one loader; tables are what fitting reads."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

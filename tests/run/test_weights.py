@@ -1,7 +1,5 @@
 """Forces at the ends of coarse lines against the catenary; what lines weigh in water, and warnings of floating ones."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

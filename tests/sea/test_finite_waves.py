@@ -1,7 +1,5 @@
 """Regular waves of finite height against published solutions, the package raschii, and the laws of the surface."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

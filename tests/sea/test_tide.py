@@ -1,7 +1,5 @@
 """Level and current over time: constituents, tables, the water under another level, poses through a cycle."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax.numpy as jnp

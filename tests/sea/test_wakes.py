@@ -1,7 +1,5 @@
 """Wakes of lines: one dropper against Schlichting, momentum against drag, rows, scenes."""
 
-from __future__ import annotations
-
 import json
 
 import jax

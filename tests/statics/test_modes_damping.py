@@ -1,7 +1,5 @@
 """Modes of links that keep their length, and damping ratios, against closed forms and against elastic links."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mooring stiffness: closed forms, MoorPy's numbers, differences of poses sought anew, and what is refused."""
 
-from __future__ import annotations
-
 import argparse
 import csv
 import json

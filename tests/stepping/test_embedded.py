@@ -1,7 +1,5 @@
 """Schemes with an embedded error: against SciPy, lengths, saved times, corners, derivatives, refusals, stiffness."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

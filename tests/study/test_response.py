@@ -1,7 +1,5 @@
 """The response of a pendulum to regular waves, against a SciPy integration of its own equation of motion."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plans of measurements: predicted errors against the scatter of fits, and what cannot be planned."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sensitivities: exact derivatives against differences, an honest horizon, and global indices with a known answer."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Sweeps scored against a trace: the truth is SciPy's (`benchmarks/closed_chain.py`), scores those of sines."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import sys

@@ -1,7 +1,5 @@
 """Sweeps: the numbers of single runs, whole after a kill, honest about failures."""
 
-from __future__ import annotations
-
 import errno
 import itertools
 import json

@@ -1,7 +1,5 @@
 """The interactive page: whole in one file, the run's numbers inside, and in a browser (where there is one) it works."""
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import itertools

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -137,7 +138,7 @@ def stretches(prepared: Prepared, scored: np.ndarray) -> list[Span]:
         else:
             found.append(Span(run, low, high))
     parts = [(run, np.linspace(low, high, int(np.ceil((high - low) / LONGEST)) + 1)) for run, low, high in found]
-    return [Span(run, float(a), float(b)) for run, edge in parts for a, b in zip(edge[:-1], edge[1:], strict=True)]
+    return [Span(run, float(a), float(b)) for run, edge in parts for a, b in pairwise(edge)]
 
 
 def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, list[Parameter]]:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError, nearest, unreadable
 from dropper_jax.base.markdown import first_names
 
 #: Number of names in an error message.
@@ -99,7 +99,7 @@ def read_csv(
     except UnicodeDecodeError:
         raise SceneError(f"{path.name}: not a text file in UTF-8; allowed: a CSV with columns {columns}") from None
     except OSError as error:
-        raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+        raise unreadable(path.name, error) from None
     comments = tuple(line.lstrip()[1:].strip() for line in text.splitlines() if line.lstrip().startswith("#"))
     body = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if body and re.fullmatch(r"sep=.", body[0].strip()):  # a spreadsheet's note of its separator

@@ -154,9 +154,7 @@ def test_a_stored_run_gives_the_same_bits(tmp_path, scene):
 @pytest.mark.parametrize(
     ("devices", "scene", "choice", "most"),
     [
-        pytest.param(
-            1, "dropper-release-a", ', solver="dense"', 3, id="with LAPACK, not started there"
-        ),
+        pytest.param(1, "dropper-release-a", ', solver="dense"', 3, id="with LAPACK, not started there"),
         pytest.param(2, "conical-pendulum", "", 0, id="with several processors"),
     ],
 )

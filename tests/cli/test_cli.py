@@ -20,29 +20,18 @@ from dropper_jax.cli.printing import progress
 from dropper_jax.run import simulate
 
 SCENE = "dropper-release-a"
-GOOD = """
-description = "two links"
-[run]
-dt = 0.01
-duration = 0.1
-[[point]]
-name = "a"
-position = [0.0, 0.0, 0.0]
-[[point]]
-name = "b"
-position = [0.1, 0.0, 0.0]
-[[line]]
-name = "loop"
-from = "a"
-to = "b"
-links = 3
-length = 0.1
-mass = 0.01
-[effects.weight]
-"""
+GOOD = as_toml(
+    {
+        "description": "two links",
+        "run": {"dt": 0.01, "duration": 0.1},
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [0.1, 0.0, 0.0]}],
+        "line": [{"name": "loop", "from": "a", "to": "b", "links": 3, "length": 0.1, "mass": 0.01}],
+        "effects": {"weight": {}},
+    }
+)
 
 
-def one_line_refusal(capsys, json_of, argv: list[str]) -> str:
+def one_line_refusal(capsys, argv: list[str]) -> str:
     """Exit code 2, one line on standard error; with --json the object too. Returns the line."""
     assert main(argv) == 2
     out, err = capsys.readouterr()
@@ -50,7 +39,8 @@ def one_line_refusal(capsys, json_of, argv: list[str]) -> str:
     assert err.startswith("error: ")
     assert err.count("\n") == 1
     assert "Traceback" not in err
-    found = json_of([*argv, "--json"], 2)
+    assert main([*argv, "--json"]) == 2
+    found = json.loads(capsys.readouterr().out)
     assert found["schema"] == 1
     assert found["status"] == "invalid_input"
     assert f"error: {found['error']}\n" == err

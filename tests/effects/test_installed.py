@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -35,34 +34,15 @@ class Push(Effect):
     def force(self, k):
         return jnp.zeros_like(k.r).at[:, 0].set(self.x)
 """
-SCENE = """
-[run]
-dt = 0.01
-duration = 0.1
-
-[[point]]
-name = "top"
-position = [0.0, 0.0, 0.0]
-
-[[point]]
-name = "end"
-kind = "free"
-position = [0.0, 0.0, -1.0]
-
-[[line]]
-name = "rod"
-from = "top"
-to = "end"
-links = 1
-length = 1.0
-mass = 2.0
-
-[effects.weight]
-gravity = 10.0
-
-[effects.push]
-x = 20.0
-"""
+SCENE = {
+    "run": {"dt": 0.01, "duration": 0.1},
+    "point": [
+        {"name": "top", "position": [0.0, 0.0, 0.0]},
+        {"name": "end", "kind": "free", "position": [0.0, 0.0, -1.0]},
+    ],
+    "line": [{"name": "rod", "from": "top", "to": "end", "links": 1, "length": 1.0, "mass": 2.0}],
+    "effects": {"weight": {"gravity": 10.0}, "push": {"x": 20.0}},
+}
 
 
 def installed(folder: Path, value: str) -> None:
@@ -72,7 +52,7 @@ def installed(folder: Path, value: str) -> None:
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: pushing\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(f"[dropper.effects]\npush = {value}\n")
-    (folder / "scene.toml").write_text(SCENE)
+    (folder / "scene.toml").write_text(dj.as_toml(SCENE))
 
 
 def dropper(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -99,7 +79,7 @@ def test_one_that_cannot_be_loaded_is_named(tmp_path):
 
 def own_file(folder: Path, text: str = EFFECT) -> Path:
     """A file `push.py` with an effect, and a scene that uses it."""
-    (folder / "scene.toml").write_text(SCENE)
+    (folder / "scene.toml").write_text(dj.as_toml(SCENE))
     file = folder / "push.py"
     file.write_text(text)
     return file
@@ -204,7 +184,7 @@ def returning(**methods):
 def test_an_effect_that_returns_another_shape_than_its_slot_is_refused_by_name(methods, words):
     register(returning(**methods))
     try:
-        scene = {**tomllib.loads(SCENE), "effects": {"weight": {}, "strange": {}}}
+        scene = {**SCENE, "effects": {"weight": {}, "strange": {}}}
         with pytest.raises(SceneError, match=rf"effects.strange.{words}"):
             dj.build(scene)
     finally:

@@ -190,7 +190,7 @@ def scene() -> Found:
 
 def bound(prepared: Prepared, d: Draw, simulator: Simulator) -> np.ndarray:
     """Standard errors of b_l and b_q by the Cramer-Rao bound of the true model, its windows joined to one run."""
-    true = with_freed(replace(prepared, noise=None), d.free, None, simulator, 0.2 if d.lost is not None else None)
+    true = with_freed(replace(prepared, noise=None), d.free, simulator, 0.2 if d.lost is not None else None)
     true = replace(true, begin=np.concatenate([TRUTH, true.values[2:]]))
     solution = estimate(true, "windows")
     decay = -np.log(d.kept) * RATE if d.kept else np.inf
@@ -210,7 +210,7 @@ def one(kind: str, number: int, shared: list[Simulator]) -> Found:
     prepared = prepare(trace, scene(), FREE, settings=SETTINGS, simulator=shared[0] if shared else None)
     shared[:] = shared or [wide(prepared)]
     # as `fit` does first
-    prepared = with_sound_windows(with_freed(prepared, [], None, shared[0]), keep_jumps=True)
+    prepared = with_sound_windows(with_freed(prepared, [], shared[0]), keep_jumps=True)
     at = free_by_advice(prepared, estimate, "shooting", simulator=shared[0])
     solution = at.solution
     known = replace(solution.problem.known, doubt=omitted_parameter_bias(at.names, solution.problem.parameters))

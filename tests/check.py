@@ -7,8 +7,6 @@ A part that fails is told at once with the end of its output, the others go on; 
 the end: those that take longest begin.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

@@ -70,6 +70,7 @@ from jax.flatten_util import ravel_pytree  # noqa: E402
 import dropper_jax as dj  # noqa: E402
 from dropper_jax import Solution  # noqa: E402
 from dropper_jax.backend.programs import STORE, memory_maps, return_memory  # noqa: E402
+from dropper_jax.cli import main  # noqa: E402
 from dropper_jax.stepping.control import advance_over  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
 
@@ -144,6 +145,23 @@ def march():
     return run
 
 
+@pytest.fixture
+def printed(capsys):
+    """`printed(arguments, code)`: what `dropper` prints, `out` and `err`, when it ends with this exit code."""
+
+    def call(arguments, code=0):
+        assert main(arguments) == code
+        return capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def json_of(printed):
+    """The same as JSON."""
+    return lambda arguments, code=0: json.loads(printed(arguments, code).out)
+
+
 @pytest.fixture(scope="session")
 def both_modes():
     """`both_modes(f)(x)`: f(x) (m,) or a number, its derivatives (m, n) or (n,) in reverse and in forward mode.
@@ -163,6 +181,29 @@ def both_modes():
         return all_three
 
     return make
+
+
+@pytest.fixture(scope="session")
+def slopes_of(both_modes):
+    """`slopes_of(f, at, size)`: derivatives of a number by `at`, flat, equal in both modes and to differences.
+
+    Central ones of `size` and of twice that, extrapolated. `floor`: 1 where tolerances are those of the largest.
+    """
+
+    def check(f, at, size=1e-4, rel=1e-6, modes=1e-9, floor=0.0):
+        run = both_modes(f)
+        flat, unravel = ravel_pytree(at)
+        _, reverse, forward = (np.asarray(x) for x in run(at))
+        largest = floor * np.max(np.abs(reverse))
+        np.testing.assert_allclose(forward, reverse, rtol=modes, atol=modes * largest)
+        steps = size * jnp.array([1.0, -1.0, 2.0, -2.0])
+        for i, unit in enumerate(jnp.eye(flat.size)):
+            ends = [float(run(unravel(flat + h * unit))[0]) for h in steps]
+            expected = (4 * (ends[0] - ends[1]) / (2 * size) - (ends[2] - ends[3]) / (4 * size)) / 3
+            assert reverse[i] == pytest.approx(expected, rel=rel, abs=rel * largest), i
+        return reverse
+
+    return check
 
 
 @pytest.fixture(scope="session")

@@ -4,8 +4,6 @@ Of effects that scenes name and of those that come with bodies, vessels and buoy
 has them.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import cache

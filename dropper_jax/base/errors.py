@@ -14,6 +14,11 @@ class SceneError(ValueError):
     """A scene, option or combination that cannot be used; the message is one line for the user."""
 
 
+def unreadable(file: object, error: OSError) -> SceneError:
+    """The error for a file that the system does not let us read."""
+    return SceneError(f"{file}: cannot be read: {error.strerror or error}")
+
+
 class LocatedValues(dict[str, Any]):
     """Plain values of a scene read from a file, and the line number of each path in it, such as `line.0`."""
 

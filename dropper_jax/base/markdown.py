@@ -19,6 +19,11 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in (cells[0], ["---"] * len(cells[0]), *cells[1:]))
 
 
+def bullets(rows: Iterable[object]) -> str:
+    """Rows as a Markdown list."""
+    return "\n".join(f"- {row}" for row in rows)
+
+
 def cell(value: float | None, form: str) -> str:
     """A number in a format such as `.3g`; `-` for None."""
     if value is None:

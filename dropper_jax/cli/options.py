@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, unreadable
 from dropper_jax.base.files import leftovers, references_of, refuse_pipe
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import parsed_toml
@@ -129,7 +129,7 @@ def read_run(file: str, args: argparse.Namespace) -> Solution:
         if not left and not (path.suffix.lower() == ".zarr" and path.is_dir()):
             open(path, "rb").close()
     except OSError as error:
-        raise SceneError(f"{file}: cannot be read: {error.strerror or error}") from None
+        raise unreadable(file, error) from None
 
     from dropper_jax.run.simulate import Solution
 

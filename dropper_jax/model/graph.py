@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
@@ -92,7 +93,7 @@ class Graph:
     def spans(self) -> tuple[slice, ...]:
         """The links of each line."""
         ends = np.cumsum([0, *(m.links for m in self.members)])
-        return tuple(slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True))
+        return tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
 
     def line_names(self) -> list[str]:
         """Names of lines as specified, and of the pieces of those that are cut at points."""

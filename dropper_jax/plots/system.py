@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,7 @@ def draw_bodies(axes: Axes, bodies: Bodies | None, index: int, flat: bool, axis:
 def _faces(rings: np.ndarray) -> list[np.ndarray]:
     """Sides between rings, and both ends."""
     found = [rings[0], rings[-1]]
-    for low, high in zip(rings[:-1], rings[1:], strict=True):
+    for low, high in pairwise(rings):
         found += [np.stack([low[i - 1], low[i], high[i], high[i - 1]]) for i in range(SIDES)]
     return found
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dropper_jax.base.markdown import cells, markdown_table, table
+from dropper_jax.base.markdown import bullets, cells, markdown_table, table
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
@@ -60,7 +60,7 @@ def _run(run: Table, files: dict[str, str]) -> list[str]:
 
     notes = (*run["notes"], f"Mass of links: {link_mass_words(run['link_mass_nodes'])}.")
     return [
-        "\n".join(f"- {literal(note)}" for note in notes),
+        bullets(map(literal, notes)),
         *parts_text(run.get("parts")),
         "## Tension",
         sections.tension(run["tension"]),

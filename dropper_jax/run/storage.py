@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from dropper_jax.base.deferred import DeferredErrorFile
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, unreadable
 from dropper_jax.base.files import atomic_write, refuse_pipe, remove_leftovers, unfinished_folder, unwritable
 from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.store import read_archive, write_archive
@@ -138,7 +138,7 @@ def read_run(path: str | Path, kind: type[Kind]) -> Kind:
             else:
                 open(path, "rb").close()
         except OSError as error:
-            raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+            raise unreadable(path, error) from None
         try:
             found = {".nc": _open_netcdf, ".zarr": _open_zarr}.get(suffix, _open_npz)(path)
         except SceneError:

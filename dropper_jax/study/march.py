@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import jax
@@ -292,7 +293,7 @@ def _angles(model: Model, r: np.ndarray, grid: float) -> np.ndarray:
 def _differences(label: str, dts: list[float], motions: list[Any], states: list[str]) -> Table:
     count = next((m.shape[-1] for m in motions if m is not None), 0)
     nothing = np.full((2, count), np.nan)
-    pairs = zip(motions[:-1], motions[1:], strict=True)
+    pairs = pairwise(motions)
     rows = np.array([nothing if a is None or b is None else _rms_turn(a - b) for a, b in pairs])
     polar = rows[:, 0]
     azimuth = rows[:, 1]

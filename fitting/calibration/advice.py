@@ -28,7 +28,7 @@ from fitting.calibration.candidate import Candidate, holm
 from fitting.calibration.law_fits import OF_JOINTS, PARTS
 from fitting.calibration.preparation import Prepared
 from fitting.calibration.result import FitResult
-from fitting.estimate.factors import solve_spd
+from fitting.estimate.factors import invert_spd, solve_spd
 from fitting.estimate.normal_equations import prior_of
 from fitting.estimate.release import TIME, Release
 from fitting.estimate.residuals import Solution
@@ -113,7 +113,7 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
     asked = _not_free(prepared, problem.parameters)
     more = [p for one in asked for p in one.parameters]
     S, g, data = joint_information(prepared, solution, simulator or wide(prepared), more)
-    free = np.flatnonzero(~problem.held_mask)
+    free = solution.free
     tested = []
     undistinguished = []
     for one in asked:
@@ -222,7 +222,7 @@ def score_change(
         return None
     change = -solve_spd(A, u)
     gain = float(-0.5 * u @ change)
-    error = np.sqrt(np.diag(solve_spd(A, np.eye(len(A)))))
+    error = np.sqrt(np.diag(invert_spd(A)))
     p = float(chdtrc(len(A), max(2 * gain, 0.0)))
     return ScoreChange(change, error, -inner @ np.append(change, 1.0), gain, p)
 

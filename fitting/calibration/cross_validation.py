@@ -103,7 +103,7 @@ def score(solution: Solution, folds: list[Fold]) -> Scores:
     e = solution.evaluation
     windows = solution.windows
     m2 = solution.problem.freedoms
-    free = np.flatnonzero(~solution.problem.held_mask)
+    free = solution.free
     prior = solution.problem.prior(solution.values)
     lowest, highest = solution.problem.bounds(solution.values)
     low = lowest - solution.values

@@ -63,26 +63,19 @@ class Freed:
     names: list[Candidate] = field(default_factory=list)
     found: list[Candidate] = field(default_factory=list)
 
+    @property
+    def end(self) -> Prepared:
+        """The preparation, started from the end of its solution."""
+        return self.prepared.starting_at(self.solution)
 
-def with_freed(
-    prepared: Prepared,
-    paths: Sequence[str],
-    solution: Solution | None,
-    simulator: Simulator,
-    value: float | None = None,
-) -> Prepared:
-    """The preparation with more free parameters, starting at the end of a solution with fewer."""
+
+def with_freed(prepared: Prepared, paths: Sequence[str], simulator: Simulator, value: float | None = None) -> Prepared:
+    """The preparation with more free parameters."""
     old = {p.name for p in prepared.parameters}
     more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
     more = [p for p in at_frames(more, prepared.traces) if p.name not in old]
-    if solution is None:
-        values = prepared.values
-        starts = prepared.starts
-    else:
-        values = solution.values
-        starts = solution.starts
-    begin = np.concatenate([values, [p.value if value is None else value for p in more]])
-    return replace(prepared.with_parameters([*prepared.parameters, *more], begin, simulator), starts=starts)
+    begin = np.concatenate([prepared.values, [p.value if value is None else value for p in more]])
+    return prepared.with_parameters([*prepared.parameters, *more], begin, simulator)
 
 
 #: One candidate may explain the poses at rest at the expense of the motion, so that no second one converges with it.
@@ -106,7 +99,7 @@ def free_by_advice(
         simulator: must know the numbers of all candidates, such as that of an earlier call on the same scene.
     """
     simulator = simulator or wide(prepared)
-    at = Freed(prepared, fit(prepared := with_freed(prepared, [], None, simulator), "windows", loss), loss)
+    at = Freed(prepared, fit(prepared := with_freed(prepared, [], simulator), "windows", loss), loss)
     at.prepared = prepared
     _jumps(at, fit, simulator)
     if is_model_wrong(at.prepared, at.solution) and not _one_fault(at, fit, simulator, progress):
@@ -169,7 +162,7 @@ SHORT_FIT = 6
 
 def _explains(at: Freed, candidate: Candidate, simulator: Simulator) -> bool:
     """Whether a short fit with one candidate free leaves no misfit far above the noise."""
-    prepared = with_freed(at.prepared, candidate.free, at.solution, simulator)
+    prepared = with_freed(at.end, candidate.free, simulator)
     short = fit_windows(prepared.problem(at.loss), prepared.values, prepared.starts, iterations=SHORT_FIT)
     return not is_model_wrong(prepared, short)
 
@@ -198,8 +191,7 @@ def _reconsider(at: Freed, candidate: Candidate, fit: Fit, simulator: Simulator)
         return at
     keep = [i for i, p in enumerate(at.prepared.parameters) if p.name not in mine]
     fewer = [at.prepared.parameters[i] for i in keep]
-    prepared = at.prepared.with_parameters(fewer, at.solution.values[keep], simulator)
-    prepared = replace(prepared, starts=at.solution.starts)
+    prepared = at.end.with_parameters(fewer, at.solution.values[keep], simulator)
     without = Freed(prepared, fit(prepared, "windows", at.loss), at.loss, rest)
     if without.solution.status != "ok":
         return at
@@ -222,15 +214,14 @@ def _continue_with(
     at: Freed, fit: Fit, simulator: Simulator, method: str, refused: set[str], progress: Progress
 ) -> Freed:
     """Continue with another method, whose fits detect more."""
-    begin = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
-    at = replace(at, prepared=begin, solution=fit(begin, method, at.loss))
+    at = replace(at, prepared=at.end, solution=fit(at.end, method, at.loss))
     while at.solution.status == "ok" and not is_model_wrong(at.prepared, at.solution):
         progress(0.9, f"testing what may be wrong, {len(at.names)} freed")
         at.found = score_candidates(at.prepared, at.solution, simulator)
         best = next((c for c in at.found if c.worth_naming and c.name not in refused), None)
         if best is None or len(at.names) >= MOST_FREED:
             break
-        prepared = with_freed(at.prepared, best.free, at.solution, simulator)
+        prepared = with_freed(at.end, best.free, simulator)
         solution = fit(prepared, method, at.loss)
         if solution.status != "ok":
             refused.add(best.name)
@@ -262,7 +253,7 @@ def _choose(at: Freed, fit: Fit, simulator: Simulator, tries: Sequence[Candidate
     before = likelihood(at.solution)
     fits = []
     for candidate in tries:
-        prepared = with_freed(at.prepared, candidate.free, at.solution, simulator)
+        prepared = with_freed(at.end, candidate.free, simulator)
         solution = fit(prepared, "windows", at.loss)
         gain = likelihood(solution) - before
         numbers = len(prepared.parameters) - len(at.prepared.parameters)
@@ -291,7 +282,7 @@ def _outliers(at: Freed, fit: Fit) -> None:
     """Student's loss if there are isolated outliers."""
     if at.loss != LEAST_SQUARES or alone(at.solution) < SEVERAL:
         return
-    prepared = replace(at.prepared, begin=at.solution.values, starts=at.solution.starts)
+    prepared = at.end
     count = alone(at.solution)
     solution = fit(prepared, "windows", StudentT())
     if solution.status == "ok":
@@ -345,7 +336,7 @@ def _jumps(at: Freed, fit: Fit, simulator: Simulator) -> None:
         near = np.abs(windows.begin - trace.t[lost.frame]) < 0.5 * trace.interval
         for k in own[(windows.follows & near)[own]]:
             clean = _join_before(at, fit, clean, int(k))
-        prepared = with_freed(at.prepared, [name], clean, simulator, lost.frames * trace.interval)
+        prepared = with_freed(at.prepared.starting_at(clean), [name], simulator, lost.frames * trace.interval)
         solution = fit(prepared, "windows", at.loss)
         gain = likelihood(solution) - likelihood(at.solution)
         k = len(solution.values) - 1

@@ -67,7 +67,7 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
 
     def fit_some(off: np.ndarray, begin: Solution) -> Solution:
         seen = prepared.windows.without_samples(off)
-        return fit(replace(prepared, windows=seen, begin=begin.values, starts=begin.starts), "windows", loss)
+        return fit(replace(prepared.starting_at(begin), windows=seen), "windows", loss)
 
     windows = prepared.windows
     found, clean = find_kicks(windows, fit(prepared, "windows", loss), fit_some)

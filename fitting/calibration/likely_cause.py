@@ -133,7 +133,7 @@ def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> C
     for name, paths, _ in candidates(prepared.simulator.model, prepared.simulator.release):
         if any(path.startswith((NODE, TIME)) for path in paths) or any(one.startswith(tuple(paths)) for one in free):
             continue
-        tried = with_freed(prepared, paths, None, simulator)
+        tried = with_freed(prepared, paths, simulator)
         found = fit_short_windows(tried, pieces, paths)
         left = float(np.median(found.chi2))
         # another candidate that explains as much is less common than those before it

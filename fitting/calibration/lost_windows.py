@@ -264,7 +264,7 @@ def with_sound_windows(
     prepared, solution = recover_windows(prepared, solution, fit_again, keep_jumps)
     if not keep_jumps:
         prepared = break_far_gaps(prepared, solution)
-    return replace(prepared, begin=solution.values, starts=solution.starts, iterations=solution.iterations)
+    return replace(prepared.starting_at(solution), iterations=solution.iterations)
 
 
 def uneven_noise(prepared: Prepared, solution: Solution) -> Noise | None:

@@ -23,7 +23,7 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
-from fitting.estimate.factors import solve_spd
+from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Problem
@@ -150,7 +150,7 @@ def _errors(
     seen = pick(evaluation, np.arange(count))
     weight = gap_weight or _expected_weight(few, seen, values)
     step = at_weight(few, seen, values, weight)
-    return np.sqrt(np.diag(solve_spd(step.information, np.eye(len(values))))), weight
+    return np.sqrt(np.diag(invert_spd(step.information))), weight
 
 
 def at_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray, weight: float) -> Step:

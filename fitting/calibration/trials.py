@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.preparation import Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
-from fitting.calibration.window_length import LONGEST
+from fitting.calibration.spans import LONGEST
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one
@@ -137,7 +138,7 @@ def stretches(prepared: Prepared, scored: np.ndarray) -> list[Span]:
         else:
             found.append(Span(run, low, high))
     parts = [(run, np.linspace(low, high, int(np.ceil((high - low) / LONGEST)) + 1)) for run, low, high in found]
-    return [Span(run, float(a), float(b)) for run, edge in parts for a, b in zip(edge[:-1], edge[1:], strict=True)]
+    return [Span(run, float(a), float(b)) for run, edge in parts for a, b in pairwise(edge)]
 
 
 def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, list[Parameter]]:

@@ -1,4 +1,4 @@
-"""Channels: the position of their sensors, their base class, and the measured data of runs."""
+"""Channels: their base classes, for sensors at a node and for those on a link."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import jax
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.scene import SceneData
-from fitting.channels.position import Where
+from fitting.channels.position import Node, Where, line_of, link_of, node_of
 
 
 class SavedMotion(NamedTuple):
@@ -88,3 +88,39 @@ class Context(NamedTuple):
     scene: SceneData
     projections: tuple[tuple[tuple[float, ...], ...], ...]
     path: str
+
+
+@dataclass(frozen=True)
+class AtNode(Channel):
+    """A sensor at a node, or at a fraction of the way between two."""
+
+    node: Node = Node(0, 0, 0.0)
+
+    @classmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        return cls(**common, node=node_of(context.scene, where, context.path))
+
+    def positions(self, motion: SavedMotion) -> jax.Array:
+        """Positions of the sensor (times, 3) [m]."""
+        first = motion.nodes[:, self.node.first]
+        if self.node.share == 0:
+            return first
+        return first + self.node.share * (motion.nodes[:, self.node.second] - first)
+
+
+@dataclass(frozen=True)
+class OnLink(Channel):
+    """A sensor that moves with a link, between its nodes `first` and `second`."""
+
+    first: int = 0
+    second: int = 1
+
+    @classmethod
+    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+        line = line_of(context.scene, where.line, context.path)
+        link = link_of(context.scene, where, context.path) - line.links.start
+        return cls(**common, first=int(line.nodes[link]), second=int(line.nodes[link + 1]))
+
+    def links(self, motion: SavedMotion) -> jax.Array:
+        """Vectors (times, 3) [m] from the link's first to its second node."""
+        return motion.nodes[:, self.second] - motion.nodes[:, self.first]

@@ -69,3 +69,18 @@ def columns_of(table: Mapping[str, Any], path: str) -> tuple[str, ...]:
     if not items:
         raise SceneError(f"{path}.columns: is empty; allowed: names of columns")
     return tuple(read_text(name, f"{path}.columns.{i}") for i, name in enumerate(items))
+
+
+def axes_of(
+    table: Mapping[str, Any], path: str, names: Sequence[str], default: Sequence[str], columns: Sequence[str]
+) -> tuple[int, ...]:
+    """Numbers of a sensor's `axes` among these names.
+
+    Raises:
+        SceneError: an unknown axis, or another number of them than columns.
+    """
+    given = read_list(table.get("axes", list(default)), f"{path}.axes", None, f"a list of {', '.join(names)}")
+    axes = tuple(names.index(read_text(name, f"{path}.axes.{i}", names)) for i, name in enumerate(given))
+    if len(columns) != len(axes):
+        raise SceneError(f"{path}.columns: {len(columns)} columns for {len(axes)} axes; allowed: one per axis")
+    return axes

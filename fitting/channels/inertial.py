@@ -23,9 +23,8 @@ import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.base.read import read_list, read_text
-from fitting.channels.channel import Channel, Context, SavedMotion
-from fitting.channels.entries import number_of
+from fitting.channels.channel import Channel, Context, OnLink, SavedMotion
+from fitting.channels.entries import axes_of, number_of
 from fitting.channels.position import Where, line_of, link_of, node_of
 
 #: Axes of an accelerometer.
@@ -36,17 +35,14 @@ SECOND = (-1 / 12, 16 / 12, -30 / 12, 16 / 12, -1 / 12)
 
 
 @dataclass(frozen=True)
-class OnLink(Channel):
-    """A sensor that moves with a link, between its nodes `first` and `second`."""
+class Inertial(OnLink):
+    """A sensor that feels how its link moves: the motion is differentiated."""
 
     margin: ClassVar[int] = 2
 
-    first: int = 0
-    second: int = 1
-
     def link_direction(self, motion: SavedMotion) -> jax.Array:
         """Unit vectors (S, 3) along the link."""
-        d = motion.nodes[:, self.second] - motion.nodes[:, self.first]
+        d = self.links(motion)
         return d / safe_norm(d)[:, None]
 
     def side(self, along: jax.Array) -> jax.Array:
@@ -56,15 +52,8 @@ class OnLink(Channel):
         return across / safe_norm(across)[:, None]
 
 
-def nodes_of_link(where: Where, context: Context) -> dict[str, int]:
-    """First and second node of the link that carries a sensor."""
-    line = line_of(context.scene, where.line, context.path)
-    link = link_of(context.scene, where, context.path) - line.links.start
-    return {"first": int(line.nodes[link]), "second": int(line.nodes[link + 1])}
-
-
 @dataclass(frozen=True)
-class Accelerometer(OnLink):
+class Accelerometer(Inertial):
     """Specific force [m/s^2] at a position [m] of a link, in axes turned by an angle [rad]."""
 
     kind: ClassVar[str] = "accelerometer"
@@ -79,16 +68,10 @@ class Accelerometer(OnLink):
 
     @classmethod
     def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        path = f"{context.path}.axes"
-        default = list(AXES[: len(common["columns"])])
-        names = read_list(table.get("axes", default), path, None, f"a list of {', '.join(AXES)}")
-        axes = tuple(AXES.index(read_text(name, f"{path}.{i}", AXES)) for i, name in enumerate(names))
-        if len(common["columns"]) != len(axes):
-            count = len(common["columns"])
-            raise SceneError(f"{context.path}.columns: {count} columns for {len(axes)} axes; allowed: one per axis")
-        nodes = nodes_of_link(where, context)
+        axes = axes_of(table, context.path, AXES, AXES[: len(common["columns"])], common["columns"])
         line = line_of(context.scene, where.line, context.path)
-        length = float(line.spec.length[line.nodes.tolist().index(nodes["first"])])
+        link = link_of(context.scene, where, context.path) - line.links.start
+        length = float(line.spec.length[link])
         if where.at is None:
             position = number_of(table, context.path, "position", 0.5 * length, low=0.0, high=length)
         elif "position" in table:
@@ -96,7 +79,7 @@ class Accelerometer(OnLink):
         else:
             position = node_of(context.scene, where, context.path).share * length
         turn = number_of(table, context.path, "turn", 0.0)
-        return cls(**common, **nodes, axes=axes, position=position, turn=turn)
+        return super().make({**common, "axes": axes, "position": position, "turn": turn}, table, where, context)
 
     def mounted(self, position: jax.Array, turn: jax.Array) -> Channel:
         return replace(self, position=position, turn=turn)
@@ -115,15 +98,11 @@ class Accelerometer(OnLink):
 
 
 @dataclass(frozen=True)
-class Gyro(OnLink):
+class Gyro(Inertial):
     """Rate [rad/s] of a link's angle from the horizontal, positive downwards."""
 
     kind: ClassVar[str] = "gyro"
     measures: ClassVar[str] = "rad/s"
-
-    @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        return cls(**common, **nodes_of_link(where, context))
 
     def see(self, motion: SavedMotion) -> jax.Array:
         along = self.link_direction(motion)

@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError, nearest, unreadable
 from dropper_jax.base.read import Plain, check_keys, read_integer, read_items, read_list, read_table, read_text
 from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
@@ -293,4 +293,4 @@ def parse_file(path: Path) -> dict[str, Any]:
     try:
         return parse_toml(path.read_bytes(), path.name)
     except OSError as error:
-        raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+        raise unreadable(path.name, error) from None

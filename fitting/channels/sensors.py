@@ -13,10 +13,10 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.read import check_keys, read_list, read_rows, read_table, read_text
-from fitting.channels.channel import Channel, Context, SavedMotion
+from fitting.channels.channel import AtNode, Channel, Context, OnLink, SavedMotion
 from fitting.channels.data import CameraSpec
-from fitting.channels.entries import name_of, number_of, value_of, vector_of
-from fitting.channels.position import Node, Where, ends_at, line_of, link_of, node_of
+from fitting.channels.entries import axes_of, name_of, number_of, value_of, vector_of
+from fitting.channels.position import Where, ends_at, link_of
 
 
 @dataclass(frozen=True)
@@ -66,14 +66,13 @@ def projection(position: np.ndarray, look_at: np.ndarray, focal: float, centre: 
 
 
 @dataclass(frozen=True)
-class Pixel(Channel):
+class Pixel(AtNode):
     """Position (u, v) [px] of a node in the picture of a pinhole camera of projection P."""
 
     kind: ClassVar[str] = "pixel"
     measures: ClassVar[str] = "px"
     scalar: ClassVar[bool] = False
 
-    node: Node = Node(0, 0, 0.0)
     matrix: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
@@ -81,12 +80,12 @@ class Pixel(Channel):
         value_of(table, context.path, "camera", "the name of a [[camera]]")
         if len(common["columns"]) != 2:
             raise SceneError(f"{context.path}.columns: {len(common['columns'])} columns; allowed: 2, u and v")
-        node = node_of(context.scene, where, context.path)
-        return cls(**common, node=node, matrix=context.projections[common["camera"]])
+        matrix = context.projections[common["camera"]]
+        return super().make({**common, "matrix": matrix}, table, where, context)
 
     def see(self, motion: SavedMotion) -> jax.Array:
         matrix = np.array(self.matrix)
-        seen_at = position_at(motion.nodes, self.node) @ matrix[:, :3].T + matrix[:, 3]
+        seen_at = self.positions(motion) @ matrix[:, :3].T + matrix[:, 3]
         return seen_at[:, :2] / jnp.where(seen_at[:, 2:] == 0, 1.0, seen_at[:, 2:])
 
 
@@ -96,7 +95,7 @@ ANGLES = ("horizontal", "down", "azimuth")
 
 
 @dataclass(frozen=True)
-class Angle(Channel):
+class Angle(OnLink):
     """Angle of a link's direction d: `atan2(-d_z, d_x)`, `atan2(d_x, -d_z)` or `atan2(d_y, d_x)` [rad]."""
 
     kind: ClassVar[str] = "angle"
@@ -104,19 +103,15 @@ class Angle(Channel):
     turns: ClassVar[bool] = True
     KEYS: ClassVar[tuple[str, ...]] = ("zero",)
 
-    first: int = 0
-    second: int = 1
     zero: str = "horizontal"
 
     @classmethod
     def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
         zero = read_text(table.get("zero", "horizontal"), f"{context.path}.zero", ANGLES)
-        line = line_of(context.scene, where.line, context.path)
-        link = link_of(context.scene, where, context.path) - line.links.start
-        return cls(**common, first=int(line.nodes[link]), second=int(line.nodes[link + 1]), zero=zero)
+        return super().make({**common, "zero": zero}, table, where, context)
 
     def see(self, motion: SavedMotion) -> jax.Array:
-        d = motion.nodes[:, self.second] - motion.nodes[:, self.first]
+        d = self.links(motion)
         pairs = {"horizontal": (-d[:, 2], d[:, 0]), "down": (d[:, 0], -d[:, 2]), "azimuth": (d[:, 1], d[:, 0])}
         up, along = pairs[self.zero]
         flat = (up == 0) & (along == 0)  # a link seen end on has no angle: derivatives stay finite
@@ -128,16 +123,8 @@ class Angle(Channel):
 AXES = ("x", "y", "z")
 
 
-def position_at(nodes: jax.Array, node: Node) -> jax.Array:
-    """Position of the sensor (times, 3) [m]."""
-    first = nodes[:, node.first]
-    if node.share == 0:
-        return first
-    return first + node.share * (nodes[:, node.second] - first)
-
-
 @dataclass(frozen=True)
-class Position(Channel):
+class Position(AtNode):
     """Coordinates [m] of a node, one column for each of `axes`."""
 
     kind: ClassVar[str] = "position"
@@ -145,39 +132,26 @@ class Position(Channel):
     scalar: ClassVar[bool] = False
     KEYS: ClassVar[tuple[str, ...]] = ("axes",)
 
-    node: Node = Node(0, 0, 0.0)
     axes: tuple[int, ...] = (0, 1, 2)
 
     @classmethod
     def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        path = f"{context.path}.axes"
-        names = read_list(table.get("axes", list(AXES)), path, None, "a list of x, y, z")
-        axes = tuple(AXES.index(read_text(name, f"{path}.{i}", AXES)) for i, name in enumerate(names))
-        if len(common["columns"]) != len(axes):
-            raise SceneError(
-                f"{context.path}.columns: {len(common['columns'])} columns for {len(axes)} axes; allowed: one per axis"
-            )
-        return cls(**common, node=node_of(context.scene, where, context.path), axes=axes)
+        axes = axes_of(table, context.path, AXES, AXES, common["columns"])
+        return super().make({**common, "axes": axes}, table, where, context)
 
     def see(self, motion: SavedMotion) -> jax.Array:
-        return position_at(motion.nodes, self.node)[:, list(self.axes)]
+        return self.positions(motion)[:, list(self.axes)]
 
 
 @dataclass(frozen=True)
-class Depth(Channel):
+class Depth(AtNode):
     """Depth `-z` [m] below the mean surface, as measured by a pressure sensor averaged over a wave."""
 
     kind: ClassVar[str] = "depth"
     measures: ClassVar[str] = "m"
 
-    node: Node = Node(0, 0, 0.0)
-
-    @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        return cls(**common, node=node_of(context.scene, where, context.path))
-
     def see(self, motion: SavedMotion) -> jax.Array:
-        return -position_at(motion.nodes, self.node)[:, 2:]
+        return -self.positions(motion)[:, 2:]
 
 
 def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import bullets
 from dropper_jax.base.memory import available_cores
 from dropper_jax.cli.given import output_folder, positive_integer
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
@@ -91,7 +92,7 @@ def text(found: dict[str, Any], files: dict[str, Path]) -> str:
         else:
             worst = f"utilisation {row['utilisation']:.2f} in {storms[row['case']]}"
         pairs.append((part["part"], worst))
-    flags = "\n".join(f"- {flag}" for flag in found["flags"])
+    flags = bullets(found["flags"])
     verdict = "not all limits hold"
     if found["passes"]:
         verdict = "all limits hold"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from dropper_jax.base.markdown import bullets
 from dropper_jax.cli.given import output_folder
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_plot, picture
@@ -53,7 +54,7 @@ def text(found: dict[str, Any]) -> str:
             f"backbone {row['shallowest_m']:.2f} to {row['deepest_m']:.2f} m deep"
         )
         pairs.append((row["month"], about))
-    flags = "\n".join(f"- {flag}" for flag in found["flags"])
+    flags = bullets(found["flags"])
     if found["holds"]:
         verdict = "the schedule holds"
     else:

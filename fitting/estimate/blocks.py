@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fitting.estimate.factors import solve_spd
+from fitting.estimate.factors import invert_spd, scale_diagonal, solve_spd
 from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import gaps
@@ -120,10 +120,11 @@ def block_of(parts: Pieces, information: np.ndarray) -> int:
     return int(max(1, min(np.ceil(longest), len(parts.run) // FEWEST)))
 
 
-def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
+def scatter(solution: Solution) -> Scatter | None:
     """Covariance of the free parameters by the scatter of blocks; None with too few pieces of time."""
+    free = solution.free
     parts = pieces(solution, free)
-    information = solution.information[np.ix_(free, free)]
+    information = solution.free_information
     prior = solution.problem.prior(solution.values).curvature[np.ix_(free, free)]
     if len(parts.gradient) < FEWEST or not len(free):
         return None
@@ -134,7 +135,7 @@ def scatter(solution: Solution, free: np.ndarray) -> Scatter | None:
     blocks = names.shape[1]
     if blocks < 2:
         return None
-    inner = solve_spd(information, np.eye(len(information)))
+    inner = invert_spd(information)
     covariance = jackknife(parts, [np.flatnonzero(block.ravel() == b) for b in range(blocks)], information)
     covariance = covariance + inner @ prior @ inner
     own = np.diag(covariance)
@@ -180,7 +181,7 @@ def resample(
     moved *= np.sqrt((number - 1) / number * count / (number * block))
     found = moved[rng.integers(0, count, size=(draws, number))].sum(axis=1)
     apart = np.array([parts.information[i : i + block].sum(axis=0) for i in range(0, count, block)])
-    inner = solve_spd(information, np.eye(len(information)))
+    inner = invert_spd(information)
     share = np.einsum("ij,bjk,ki->bi", inner, apart, inner)
     share = share / np.maximum(share.sum(axis=0), 1e-300)
     return found, float(np.min(1 / np.maximum(np.sum(share**2, axis=0), 1e-300), initial=number))
@@ -199,8 +200,8 @@ def _half_difference(parts: Pieces, information: np.ndarray) -> np.ndarray:
 
 def _positive(rest: np.ndarray, full: np.ndarray) -> np.ndarray:
     """The remaining information, at least 10 % of the whole in every direction: beyond that a step is not linear."""
-    size = 1 / np.sqrt(np.maximum(np.diag(full), 1e-300))
-    root = np.linalg.cholesky(full * np.outer(size, size) + 1e-12 * np.eye(len(full)))
+    scaled, size = scale_diagonal(full)
+    root = np.linalg.cholesky(scaled + 1e-12 * np.eye(len(full)))
     inverse = np.linalg.inv(root)
     share, turn = np.linalg.eigh(inverse @ (rest * np.outer(size, size)) @ inverse.T)
     return (root @ (turn * np.maximum(share, 0.1)) @ turn.T @ root.T) / np.outer(size, size)

@@ -51,12 +51,25 @@ def cholesky_root(scaled: np.ndarray) -> np.ndarray:
     return np.eye(len(scaled))
 
 
+def scale_diagonal(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A symmetric matrix (k, k) with its diagonal scaled to 1, and the factors (k,) of its rows and columns."""
+    size = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return matrix * np.outer(size, size), size
+
+
 def solve_spd(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     """Solve with a symmetric positive definite matrix, its diagonal scaled to 1."""
-    size = 1 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    factor = cho_factor(matrix * np.outer(size, size) + 1e-13 * np.eye(len(size)))
-    scaled = cho_solve(factor, (rhs.T * size).T)
-    return (scaled.T * size).T
+    scaled, size = scale_diagonal(matrix)
+    factor = cho_factor(scaled + 1e-13 * np.eye(len(size)))
+    found = cho_solve(factor, (rhs.T * size).T)
+    return (found.T * size).T
+
+
+def invert_spd(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a symmetric positive definite matrix, also of an empty one."""
+    if len(matrix):
+        return solve_spd(matrix, np.eye(len(matrix)))
+    return matrix
 
 
 def eliminate_rows(information: np.ndarray, eliminated: np.ndarray, rows: np.ndarray) -> np.ndarray:

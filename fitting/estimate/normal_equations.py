@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
-from fitting.estimate.factors import Factor, cholesky_root
+from fitting.estimate.factors import Factor, cholesky_root, scale_diagonal
 from fitting.estimate.windows import Starts
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.rig_priors import Common
@@ -148,8 +148,7 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
     fixed = high - low <= 0
     if fixed.all():
         return np.zeros(len(gradient))
-    size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    scaled = information * np.outer(size, size)
+    scaled, size = scale_diagonal(information)
     lower = cholesky_root(scaled)
     target = -solve_triangular(lower, gradient * size, lower=True)
     free = cho_solve((lower, True), -gradient * size) * size

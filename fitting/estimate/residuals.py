@@ -327,6 +327,16 @@ class Solution:
         return dict(zip((p.name for p in self.problem.parameters), map(float, self.values), strict=True))
 
     @property
+    def free(self) -> np.ndarray:
+        """Numbers of the parameters that are not fixed."""
+        return np.flatnonzero(~self.problem.held_mask)
+
+    @property
+    def free_information(self) -> np.ndarray:
+        """Information of the parameters that are not fixed."""
+        return self.information[np.ix_(self.free, self.free)]
+
+    @property
     def chi2(self) -> float:
         """Sum of squared weighted residuals of the measured angles."""
         return float(np.sum(self.weights * self.evaluation.residual**2))

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.base.toml_text import SCHEMA
 from dropper_jax.load.scene import Scene
 from fitting.estimate.blocks import block_of, pieces, resample
-from fitting.estimate.factors import solve_spd
+from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import descend
 from fitting.estimate.residuals import Solution
 from fitting.estimate.shooting import level_of
@@ -94,8 +94,7 @@ def profile(
 
 def _unit(solution: Solution, index: int, std_error: float) -> float:
     """Growth of the cost [units of the assumed noise] that counts as one."""
-    free = np.flatnonzero(~solution.problem.held_mask)
-    own = solve_spd(solution.information[np.ix_(free, free)], np.eye(len(free)))[free == index, free == index]
+    own = np.diag(invert_spd(solution.free_information))[solution.free == index]
     noise = solution.chi2 / degrees_of_freedom(solution)
     return max(noise, std_error**2 / max(float(own[0]), 1e-300), 1e-300)
 
@@ -309,9 +308,9 @@ def bootstrap(result: SceneFit, draws: int = 200, block: int | None = None, seed
     """
     check_draws(draws)
     solution = result.solution
-    free = np.flatnonzero(~solution.problem.held_mask)
+    free = solution.free
     parts = pieces(solution, free)
-    information = solution.information[np.ix_(free, free)]
+    information = solution.free_information
     block = block or block_of(parts, information)
     moved, blocks = resample(parts, information, block, draws, np.random.default_rng(seed))
     found = np.tile(solution.values, (draws, 1))

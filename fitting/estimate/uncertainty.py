@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fitting.estimate.blocks import raised_to, scatter, scores
-from fitting.estimate.factors import Factor, solve_spd
+from fitting.estimate.factors import Factor, invert_spd, scale_diagonal
 from fitting.estimate.loss import Loss
 from fitting.estimate.normal_equations import Normal
 from fitting.estimate.residuals import Solution
@@ -41,8 +41,8 @@ def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
 
 def hat_diagonal(rows: np.ndarray, information: np.ndarray) -> np.ndarray:
     """Diagonal (...) of the hat matrix of rows (..., k) of this information (k, k), which may be singular."""
-    size = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information * np.outer(size, size), hermitian=True) * np.outer(size, size)
+    scaled, size = scale_diagonal(information)
+    inverse = np.linalg.pinv(scaled, hermitian=True) * np.outer(size, size)
     return np.einsum("...p,pq,...q->...", rows, inverse, rows, optimize=True)
 
 
@@ -50,12 +50,12 @@ def leverage(point: Solution) -> np.ndarray:
     """Degrees of freedom that the fit has used of each sample (K, S, n): the diagonal of its hat matrix."""
     m2 = point.problem.freedoms
     root = np.sqrt(point.weights)[..., None]
-    free = np.flatnonzero(~point.problem.held_mask)
+    free = point.free
     own = root * point.evaluation.jacobian[..., :m2]
     taken = np.einsum("ksni,kij,ksnj->ksn", own, start_covariances(point)[0], own, optimize=True)
     if len(free):
         score = (root * scores(point.evaluation, point))[..., free]
-        taken = taken + hat_diagonal(score, point.information[np.ix_(free, free)])
+        taken = taken + hat_diagonal(score, point.free_information)
     return taken
 
 
@@ -127,19 +127,19 @@ def uncertainty(solution: Solution) -> Uncertainty:
     """Errors at a solution; the larger of those from the noise and from the blocks' scatter if noise is not all."""
     problem = solution.problem
     k = len(solution.values)
-    free = np.flatnonzero(~problem.held_mask)
+    free = solution.free
     noise2 = variance(solution)
-    white = noise2 * _inverse(solution.information[np.ix_(free, free)])
+    white = noise2 * invert_spd(solution.free_information)
     correlation, real = problem.correlation(solution)
     covariance = white
     inflation = 1.0
     blocks = 0
     if real or not problem.explains_residuals:
-        found = scatter(solution, free)
+        found = scatter(solution)
         if found is not None:
             prior = problem.prior(solution.values).curvature[np.ix_(free, free)]
-            data = solution.information[np.ix_(free, free)] - prior
-            least = noise2 * np.diag(_inverse(data / problem.memory + prior))
+            data = solution.free_information - prior
+            least = noise2 * np.diag(invert_spd(data / problem.memory + prior))
             blocks = found.blocks
             covariance = raised_to(found.covariance, least)
             more = np.diag(covariance) / np.maximum(np.diag(white), 1e-300)
@@ -153,25 +153,17 @@ def uncertainty(solution: Solution) -> Uncertainty:
     return Uncertainty(
         full,
         se,
-        *intervals(solution, full, free, blocks),
+        *intervals(solution, full, blocks),
         at_bound,
         float(np.sqrt(noise2)),
         correlation,
         inflation,
-        open_directions(solution, full, free),
+        open_directions(solution, full),
         blocks,
     )
 
 
-def _inverse(information: np.ndarray) -> np.ndarray:
-    if len(information):
-        return solve_spd(information, np.eye(len(information)))
-    return information
-
-
-def intervals(
-    solution: Solution, covariance: np.ndarray, free: np.ndarray, blocks: float = 0
-) -> tuple[np.ndarray, np.ndarray]:
+def intervals(solution: Solution, covariance: np.ndarray, blocks: float) -> tuple[np.ndarray, np.ndarray]:
     """Ends (k,) of the intervals, cut at the bounds; by Student's law if the errors come from few blocks of time.
 
     On a bound the interval starts there and ends at the quantile of that law around the unbounded optimum,
@@ -183,9 +175,8 @@ def intervals(
     low = values - reach
     high = values + reach
     centre = values.copy()
-    if len(free):
-        centre[free] -= _inverse(solution.information[np.ix_(free, free)]) @ solution.gradient[free]
-    for i in free:
+    centre[solution.free] -= invert_spd(solution.free_information) @ solution.gradient[solution.free]
+    for i in solution.free:
         p = solution.problem.parameters[i]
         if values[i] <= p.low and se[i] > 0:
             below = chance_below((p.low - centre[i]) / se[i], blocks)
@@ -210,9 +201,10 @@ def chance_below(distance: float, blocks: float = 0) -> float:
     return float(stdtr(blocks - 1, distance) if 0 < blocks < FEW else ndtr(distance))
 
 
-def open_directions(solution: Solution, covariance: np.ndarray, free: np.ndarray) -> tuple[dict[str, float], ...]:
+def open_directions(solution: Solution, covariance: np.ndarray) -> tuple[dict[str, float], ...]:
     """Directions that are not identifiable: eigenvectors of the covariance in units of the parameters' sizes."""
     parameters = solution.problem.parameters
+    free = solution.free
     if len(free) < 2 or not np.isfinite(covariance).all():
         return ()
     size = np.array([max(abs(solution.values[i]), parameters[i].scale * 0.1) for i in free])

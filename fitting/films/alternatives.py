@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ def _tile(image: np.ndarray, positions: np.ndarray, number: int) -> np.ndarray:
     scale = 560 / image.shape[1]  # pixels of one picture over those of the frame
     picture = cv2.cvtColor(cv2.resize(image, None, fx=scale, fy=scale), cv2.COLOR_GRAY2BGR)
     points = [(round(scale * x), round(scale * y)) for x, y in positions.tolist()]
-    for a, b in zip(points[:-1], points[1:], strict=True):
+    for a, b in pairwise(points):
         cv2.line(picture, a, b, LINK, 2, cv2.LINE_AA)
     labels = [(str(k), (x + 8, y - 8), 0.6, BRIDGED) for k, (x, y) in enumerate(points)]
     for text, position, size, colour in [*labels, (f"order {number + 1}", (12, 28), 0.8, TEXT)]:

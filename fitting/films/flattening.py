@@ -127,8 +127,6 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     keep = np.flatnonzero(both.any(axis=1))
     if len(keep):
         keep = keep[np.unique(np.linspace(0, len(keep) - 1, 300).astype(int))]
-    else:
-        keep = keep
     spread = flat.spread
     positions = pixels[keep]
     both = both[keep]

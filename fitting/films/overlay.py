@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ def _draw(image: np.ndarray, tracked: Tracked, i: int, thick: int, letters: floa
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     radius = tracked.appearance.radius
     positions = in_sixteenths(tracked.pixels[i])
-    for a, b in zip(positions[:-1], positions[1:], strict=True):
+    for a, b in pairwise(positions):
         cv2.line(picture, a, b, LINK, thick, cv2.LINE_AA, 4)
     for k, (x, y) in enumerate(tracked.pixels[i].tolist()):
         detected = tracked.detected[i, k]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -153,7 +153,7 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
     stretch = view.stretch(positions)
     cv2 = opencv()
     thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
-    for a, b in zip(nodes[:-1], nodes[1:], strict=True):
+    for a, b in pairwise(nodes):
         cv2.line(image, *in_sixteenths([a, b]), 150.0, thick, cv2.LINE_AA, 4)
     for k, position in enumerate(nodes):
         _disc(image, position, 1.7 * view.radius, stretch[k], 22.0)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import SceneError, unreadable
 
 #: Largest file that is read [bytes]: an hour at 1 kHz with ten columns is 300 MB.
 LARGEST = 500_000_000
@@ -90,7 +90,7 @@ def read_lines(path: Path) -> list[str]:
             )
         data = path.read_bytes()
     except OSError as error:
-        raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+        raise unreadable(path.name, error) from None
     if not data.strip():
         raise SceneError(f"{path.name}: is empty. Give a text file with a row per sample: time and angle")
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))

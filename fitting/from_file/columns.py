@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.markdown import first_names
 from fitting.from_file.cells import Cells
-from fitting.traces.csv_table import listed
+from fitting.traces.csv_table import NAMED
 
 
 def words(text: str) -> frozenset[str]:
@@ -141,7 +142,9 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Column
         angles = angle_columns(cells, names, moving)
     if not points and not angles:
         still = [cells.names[i] for i in range(len(names)) if i not in used]
-        raise SceneError(f"{cells.file}: nothing moves in {listed(still) or 'its columns'}. Give a file with motion")
+        raise SceneError(
+            f"{cells.file}: nothing moves in {first_names(still, NAMED) or 'its columns'}. Give a file with motion"
+        )
     return describe(cells, names, time, angles, points)
 
 
@@ -152,7 +155,7 @@ def given_columns(cells: Cells, names: Sequence[Name], given: Mapping[str, str])
         if not re.fullmatch(r"time|t|theta_\d+|[xy]_\d+", role):
             raise SceneError(f"columns: {role!r} is unknown; allowed: time, theta_1..n, x_1, y_1, x_2, ...")
         if column not in cells.names:
-            raise SceneError(f"columns: {column!r} is not in {cells.file}; found: {listed(cells.names)}")
+            raise SceneError(f"columns: {column!r} is not in {cells.file}; found: {first_names(cells.names, NAMED)}")
         where["time" if role == "t" else role] = cells.names.index(column)
     time = where.get("time", time_column(cells, names))
     angles = [where[role] for role in sorted(where) if role.startswith("theta")]
@@ -289,7 +292,7 @@ def angle_columns(cells: Cells, names: Sequence[Name], moving: Sequence[int]) ->
     swinging = [i for i in usable if not increases(cells.values[:, i]) and not increases(-cells.values[:, i])]
     swinging = without_copies(cells, swinging)
     if len(swinging) > 1:
-        found = listed([cells.names[i] for i in swinging])
+        found = first_names([cells.names[i] for i in swinging], NAMED)
         raise SceneError(
             f"{cells.file}: several columns may be the angle: {found}. Name it: --columns "
             f"theta_1={cells.names[swinging[0]]}"

@@ -7,6 +7,8 @@ take it off.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 #: Rows per period of the fastest link that a fit needs, and how many more are thinned.
@@ -36,7 +38,7 @@ def thin(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, n
             # a log of an encoder's steps has few rows where the motion turns: no mean there lies on the motion
             middle = (edges[:-1] + edges[1:]) // 2
             return t[middle], theta[middle], 1
-    parts = list(zip(edges[:-1], edges[1:], strict=True))
+    parts = list(pairwise(edges))
     times = np.array([t[a:b].mean() for a, b in parts])
     spread = np.array([t[a:b].var() for a, b in parts])
     enough = np.array([np.isfinite(theta[a:b]).mean(axis=0) > 0.5 for a, b in parts])

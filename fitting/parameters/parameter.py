@@ -17,8 +17,8 @@ a damping of exactly 0 is reachable.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import Field, dataclass, fields, replace
 from typing import Any, Protocol
 
 import jax
@@ -62,7 +62,7 @@ SIZES_AT_ZERO = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time":
 SIZES_AT_ZERO |= {NODE: 1e-3, LOST: 1e-2, "zero": 1e-2, "delay": 1e-3}
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Parameter:
     """One free number.
 
@@ -202,7 +202,7 @@ def _adjust(p: Parameter, start: StartValues, bounds: Bounds, priors: Priors, wi
     if prior is not None and not (0 < prior[1] < np.inf and np.isfinite(prior[0])):
         allowed = limits({"low": 0.0, "open_low": True, "unit": p.unit})
         raise SceneError(f"prior: {p.name!r} has standard deviation {prior[1]:g}; allowed: {allowed}")
-    return dataclasses.replace(p, value=value, low=low, high=high, prior=prior)
+    return replace(p, value=value, low=low, high=high, prior=prior)
 
 
 def paths(model: Model) -> list[str]:
@@ -210,14 +210,14 @@ def paths(model: Model) -> list[str]:
     return [CAMERA, MARKER, NODE, SCALE, CLOCK, f"{LOST}.RUN.FRAME", *_fields(model)]
 
 
-def _fields(model: Model) -> dict[str, tuple[str, int, dataclasses.Field]]:
+def _fields(model: Model) -> dict[str, tuple[str, int, Field]]:
     """Section, number in it and field of every number of the model, by path."""
     sections = (("point", "points"), ("line", "lines"), ("effects", "effects"))
     items = [(word, section, i, item) for word, section in sections for i, item in enumerate(getattr(model, section))]
     found = {}
     for word, section, i, item in items:
         for label in [item.name] if section == "effects" else [str(i), item.name]:
-            for f in dataclasses.fields(item):
+            for f in fields(item):
                 if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None:
                     found[f"{word}.{label}.{f.name}"] = (section, i, f)
     return found
@@ -272,7 +272,7 @@ def _observers(model: Model) -> list[Parameter]:
     return [camera, Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s"), *links, *nodes]
 
 
-def _entries(model: Model, section: str, field: dataclasses.Field, size: int) -> int:
+def _entries(model: Model, section: str, field: Field, size: int) -> int:
     """Number of entries of a field that act: a free end has no joint, a fixed end no moving node."""
     shape = field.metadata["shape"]
     if section == "effects" and shape == "joint":

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.files import atomic_write, folder_without
-from dropper_jax.base.markdown import markdown_table
+from dropper_jax.base.markdown import bullets, markdown_table
 from dropper_jax.base.toml_text import as_toml, literal
 from dropper_jax.plots import style
 from dropper_jax.run.build import build_model, equilibrium
@@ -86,7 +86,7 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None)
         "## Correlation",
         markdown_table(correlation_rows(result)),
         "## What was not identifiable",
-        "\n".join(f"- {direction_text(direction)}" for direction in result.uncertainty.undetermined)
+        bullets(map(direction_text, result.uncertainty.undetermined))
         or "Every direction is determined to better than its own size.",
         *_warnings(result),
     ]
@@ -125,11 +125,11 @@ def _first_parts(result: SceneFit, status: str) -> list[str]:
 
 
 def _quality(facts: Sequence[tuple[str, str]]) -> list[str]:
-    return ["## Quality", "\n".join(f"- {name}: {value}" for name, value in facts)]
+    return ["## Quality", bullets(f"{name}: {value}" for name, value in facts)]
 
 
 def _warnings(result: SceneFit) -> list[str]:
-    return ["## Warnings", "\n".join(f"- {literal(warning)}" for warning in result.warnings) or "None."]
+    return ["## Warnings", bullets(map(literal, result.warnings)) or "None."]
 
 
 def write_channel_report(result: ChannelFit, folder: str | Path) -> list[Path]:

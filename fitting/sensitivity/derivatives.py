@@ -10,8 +10,8 @@ differences of runs.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 import jax
@@ -75,10 +75,10 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
     value = float(quantity.tree)
     forward = np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
-        return _by_tangents(dataclasses.replace(problem, retries=True), say, check)
+        return _by_tangents(replace(problem, retries=True), say, check)
     settings = problem.scene.run
     duration = 0.0 if problem.of.at_rest else settings.steps * settings.dt
-    found = dataclasses.replace(
+    found = replace(
         empty_result(problem, duration),
         value=value,
         forward=forward,
@@ -100,7 +100,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             motion = None
         else:
             motion = _motion_growth(problem, start, run, changed[0])
-        found = dataclasses.replace(
+        found = replace(
             found,
             linear_range=linear.size,
             error=linear.error,
@@ -116,13 +116,11 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             say(0.7, "windows")
             mean, spread, length = windows(problem, at, min(limit, duration / 2), run.tree)
             rate = rate if found.exponent is None else found.exponent
-            found = dataclasses.replace(
-                found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread
-            )
+            found = replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
     if found.finite and found.linear_range == 0.0:
         nowhere = [False] * len(forward)
         status = slope_status(problem, found.value, forward, found.error, nowhere)
-        found = hide_unresolved(dataclasses.replace(found, slope_status=status))
+        found = hide_unresolved(replace(found, slope_status=status))
     return found
 
 
@@ -135,9 +133,9 @@ def _with_check(problem: Study, found: Local, say: Progress) -> Local:
         reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
         if found.finite:
             problem.check_derivatives(reverse)
-        found = dataclasses.replace(found, reverse=reverse)
+        found = replace(found, reverse=reverse)
     growth = lyapunov(problem.model, problem.start, problem.stepper, settings.dt, max(settings.steps, 2))
-    return dataclasses.replace(found, exponent=float(growth.exponent))
+    return replace(found, exponent=float(growth.exponent))
 
 
 def _displacements(problem: Study, start: Varied, run: Varied) -> tuple[np.ndarray, np.ndarray, float]:
@@ -221,7 +219,7 @@ def windows(
         if i:
             last = jax.tree.map(lambda x, k=i * saves - 1: x[k], run)
             s = state(model, last.r, last.v, last.tension, i * saves * every)
-            s = dataclasses.replace(s, parted=last.parted, own=last.own)
+            s = replace(s, parted=last.parted, own=last.own)
         fixed = Varied(s, [jnp.zeros((len(at), *x.shape), x.dtype) for x in floats_of(s)])
         found.append(np.asarray(vary_study(problem, at, fixed, saves)[0].slopes[0]))
     if count > 1:
@@ -236,7 +234,7 @@ def windows(
 METHODS = ("sobol", "morris")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Global:
     """Indices over a box of parameters.
 
@@ -266,7 +264,7 @@ class Global:
 
     def to_json(self) -> dict[str, Any]:
         """The fields."""
-        return dataclasses.asdict(self)
+        return asdict(self)
 
 
 def global_indices(

@@ -17,7 +17,6 @@ h^2, so that `e_2 - (h_2/h_1)^2 e_1` is noise: a sample for each parameter. One 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -27,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.memory import available_cores
+from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import initial_state, stepper_of
@@ -194,16 +193,11 @@ class StudyRuns:
 
     def run_all(self, values: np.ndarray) -> list[Run]:
         """The runs with these values (cases, p), on all cores at once."""
-        done = []
 
-        def run_one(row: np.ndarray) -> Run:
-            found = self.run(row)
-            done.append(found)
-            self.say(0.2 + 0.8 * len(done) / len(values), f"differences: {len(done)} of {len(values)} runs")
-            return found
+        def say_done(done: int) -> None:
+            self.say(0.2 + 0.8 * done / len(values), f"differences: {done} of {len(values)} runs")
 
-        with ThreadPoolExecutor(available_cores()) as pool:
-            return list(pool.map(run_one, values))
+        return run_parallel(self.run, list(values), say_done, alone=0)
 
 
 def _recorded(carry: object, of: Quantity) -> Record | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -48,7 +48,7 @@ from fitting.parameters.parameter import Parameter, apply, with_effects
 RUNS_TOGETHER = 64
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Plan:
     """Key of a compiled program of a study: everything that is not a number of the model.
 
@@ -100,7 +100,7 @@ class Plan:
         return self.measure(model, s, run), run
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Study:
     """A quantity of a scene as a function of parameters, `study(values)`, values (p,) -> scalar; differentiable.
 
@@ -178,7 +178,7 @@ class Study:
 
     def batch(self, values: np.ndarray) -> np.ndarray:
         """The quantity of many values (cases, p) -> (cases,) by one compiled program; each run halves its own steps."""
-        plan = dataclasses.replace(self, retries=True).plan
+        plan = replace(self, retries=True).plan
         run = jax.jit(map_members(partial(plan.value, self.model, self.start), together=RUNS_TOGETHER))
         return np.asarray(run(jnp.asarray(values, self.model.dtype)))
 
@@ -339,7 +339,7 @@ def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
         return found
     if wanted.statistic in OF_SAMPLES and given.run.interval > LONGEST_INTERVAL:
         given = given.with_values({"run.save_interval": LONGEST_INTERVAL})
-    return dataclasses.replace(found, following=given)
+    return replace(found, following=given)
 
 
 #: Longest time [s] between the samples of statistics that need them close together.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ TANGENT = "tangent"
 OF_RUNS = "differences"
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Local:
     """Derivatives at the scene's values.
 
@@ -75,7 +75,7 @@ class Local:
     window_mean: np.ndarray | None = None
     window_error: np.ndarray | None = None
     linear_range: float = 0.01
-    warnings: list[str] = dataclasses.field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     method: str = TANGENT
     error: np.ndarray | None = None
     growth: float | None = None
@@ -144,7 +144,7 @@ class Local:
     def to_json(self) -> dict[str, Any]:
         """The fields and the properties derived from them."""
         return {
-            **dataclasses.asdict(self),
+            **asdict(self),
             "scaled": self.scaled,
             "scaled_error": self.scaled_error,
             "unclear": self.unclear,
@@ -197,7 +197,7 @@ def slope_status(
 
 def hide_unresolved(found: Local) -> Local:
     """The result without slopes that are not resolved."""
-    return dataclasses.replace(found, forward=np.where(found.resolved, found.forward, np.nan))
+    return replace(found, forward=np.where(found.resolved, found.forward, np.nan))
 
 
 def local_text(found: Local) -> str:

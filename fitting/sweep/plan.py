@@ -8,11 +8,11 @@ links and nodes then have those of the largest case, and NaN where a case has fe
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -52,7 +52,7 @@ FORMAT = 1
 Plain = str | float | bool | None | list["Plain"] | dict[str, "Plain"]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Axis:
     """One varied path: its values, and the model's numbers that it sets (none: it goes through the scene).
 
@@ -74,7 +74,7 @@ class Axis:
         return describe(self.path).get("unit", "")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Plan:
     """A sweep before it runs.
 

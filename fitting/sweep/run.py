@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -33,7 +33,7 @@ Found = dict[str, np.ndarray]
 Scheduler = Any
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class SweepResult:
     """Result of a call.
 

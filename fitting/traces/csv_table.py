@@ -9,13 +9,17 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError, nearest, unreadable
+from dropper_jax.base.markdown import first_names
+
+#: Number of names in an error message.
+NAMED = 8
 
 
 class CsvTable(NamedTuple):
@@ -95,7 +99,7 @@ def read_csv(
     except UnicodeDecodeError:
         raise SceneError(f"{path.name}: not a text file in UTF-8; allowed: a CSV with columns {columns}") from None
     except OSError as error:
-        raise SceneError(f"{path.name}: cannot be read: {error.strerror or error}") from None
+        raise unreadable(path.name, error) from None
     comments = tuple(line.lstrip()[1:].strip() for line in text.splitlines() if line.lstrip().startswith("#"))
     body = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if body and re.fullmatch(r"sep=.", body[0].strip()):  # a spreadsheet's note of its separator
@@ -111,18 +115,8 @@ def read_csv(
         raise SceneError(f"{path.name}: has no header; allowed: a first row with the names of the columns, {columns}")
     found = CsvTable(path.name, comments, names, rows[1:]).with_names(renamed or {})
     if "t" not in found.names:
-        raise SceneError(f"{path.name}: has no column 't'; found: {listed(names)}; {advice(names)}")
+        raise SceneError(f"{path.name}: has no column 't'; found: {first_names(names, NAMED)}; {advice(names)}")
     return found
-
-
-def listed(names: Sequence[str]) -> str:
-    """The first names, and the number of the others."""
-    # number of names in an error message
-    most = 8
-    more = ""
-    if len(names) > most:
-        more = f" and {len(names) - most} more"
-    return ", ".join(names[:most]) + more
 
 
 def _split(body: list[str]) -> list[list[str]]:
@@ -150,7 +144,7 @@ def refuse_twice(file: str, names: list[str]) -> None:
     """Reject a duplicate column."""
     used = [name for name in names if name]
     if len(set(used)) != len(used):
-        raise SceneError(f"{file}: duplicate column; found: {listed(used)}")
+        raise SceneError(f"{file}: duplicate column; found: {first_names(used, NAMED)}")
 
 
 def check_times(name: str, t: np.ndarray) -> None:

@@ -19,7 +19,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import atomic_write
-from fitting.traces.csv_table import check_times, listed, placeholder, read_csv, refuse_twice
+from dropper_jax.base.markdown import first_names
+from fitting.traces.csv_table import NAMED, check_times, placeholder, read_csv, refuse_twice
 
 ZEROS = ("horizontal", "down")
 SIGNS = ("1", "-1")
@@ -212,7 +213,9 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
     count = sum(re.fullmatch(r"theta_\d+", name) is not None for name in names)
     used = [name for name in names if name]
     if count == 0:
-        raise SceneError(f"{file}: has no column 'theta_1'; found: {listed(used)}; {_how_to_rename(used, links)}")
+        raise SceneError(
+            f"{file}: has no column 'theta_1'; found: {first_names(used, NAMED)}; {_how_to_rename(used, links)}"
+        )
     if links is not None and count != links:
         raise SceneError(f"{file}: has {count} columns theta_1..n, but the scene has {links} links; allowed: {links}")
     columns = {}
@@ -225,7 +228,9 @@ def _check_columns(file: str, names: list[str], links: int | None) -> int:
     for stem, every in columns.items():
         have = [name for name in names if name.startswith(stem + "_")]
         if (have or stem == "theta") and sorted(have) != sorted(every):
-            raise SceneError(f"{file}: columns {stem}_1..{max(count, 1)} are not complete; found: {listed(used)}")
+            raise SceneError(
+                f"{file}: columns {stem}_1..{max(count, 1)} are not complete; found: {first_names(used, NAMED)}"
+            )
     refuse_twice(file, names)
     return count
 

@@ -1,7 +1,5 @@
 """Energy bookkeeping on a motion whose energies and powers are known in closed form."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

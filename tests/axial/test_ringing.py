@@ -1,7 +1,5 @@
 """The ringing force of the default scheme: what it takes of axial vibrations, and how perturbations of a run grow."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

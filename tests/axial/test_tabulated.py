@@ -1,7 +1,5 @@
 """Tension tabulated over strain: the curve, its energy, statics and modes at its rows, what is refused."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import jax

@@ -1,7 +1,5 @@
 """The command line: exit codes, one object on standard output, one line for every mistake."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -22,26 +20,15 @@ from dropper_jax.cli.printing import progress
 from dropper_jax.run import simulate
 
 SCENE = "dropper-release-a"
-GOOD = """
-description = "two links"
-[run]
-dt = 0.01
-duration = 0.1
-[[point]]
-name = "a"
-position = [0.0, 0.0, 0.0]
-[[point]]
-name = "b"
-position = [0.1, 0.0, 0.0]
-[[line]]
-name = "loop"
-from = "a"
-to = "b"
-links = 3
-length = 0.1
-mass = 0.01
-[effects.weight]
-"""
+GOOD = as_toml(
+    {
+        "description": "two links",
+        "run": {"dt": 0.01, "duration": 0.1},
+        "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [0.1, 0.0, 0.0]}],
+        "line": [{"name": "loop", "from": "a", "to": "b", "links": 3, "length": 0.1, "mass": 0.01}],
+        "effects": {"weight": {}},
+    }
+)
 
 
 def one_line_refusal(capsys, argv: list[str]) -> str:
@@ -122,13 +109,12 @@ def test_bad_argument_is_refused_in_one_line(capsys, argv, words):
 @pytest.mark.parametrize(
     "name", ["dropper-farm-3", "edulis-tide", "dropper-release-a-undamped", "tests/moordyn/current.txt"]
 )
-def test_a_scene_is_printed_as_toml_that_reads_as_the_same_scene(name, capsys):
+def test_a_scene_is_printed_as_toml_that_reads_as_the_same_scene(name, printed):
     source = str(Path(__file__).parents[2] / name) if "/" in name else name
-    assert main(["scenes", source]) == 0
-    assert Scene.from_dict(tomllib.loads(capsys.readouterr().out)) == load_scene(source)
+    assert Scene.from_dict(tomllib.loads(printed(["scenes", source]).out)) == load_scene(source)
 
 
-def test_a_scene_is_written_for_moordyn_with_changes_and_what_is_lost_is_listed(tmp_path, capsys):
+def test_a_scene_is_written_for_moordyn_with_changes_and_what_is_lost_is_listed(tmp_path, capsys, printed):
     file = tmp_path / "mooring.txt"
     changed = ["scenes", "paper-case-4", "--set", "line.chain.length=51.5"]
     assert main([*changed, "--moordyn", str(file), "--dt", "0.001", "--json"]) == 0
@@ -138,15 +124,13 @@ def test_a_scene_is_written_for_moordyn_with_changes_and_what_is_lost_is_listed(
     assert f"warning: {found['not_represented'][0]}" in err
     assert load_scene(file).lines[0].total == pytest.approx(51.5)
     assert "0.001 dtM" in file.read_text()
-    assert main(changed) == 0
-    assert tomllib.loads(capsys.readouterr().out)["line"][0]["length"] == 51.5
+    assert tomllib.loads(printed(changed).out)["line"][0]["length"] == 51.5
     for wrong, words in (
         (["scenes", "--moordyn", str(file)], "--moordyn: needs a scene"),
         (["scenes", SCENE, "--moordyn", str(file)], "MoorDyn's lines are elastic"),
         ([*changed, "--moordyn", str(file), "--dt", "0"], "--dt: 0 is out of range"),
     ):
-        assert main(wrong) == 2
-        assert words in capsys.readouterr().err
+        assert words in printed(wrong, 2).err
 
 
 def test_toml_of_awkward_values_reads_back():
@@ -155,9 +139,8 @@ def test_toml_of_awkward_values_reads_back():
     assert tomllib.loads(as_toml({**awkward, "left out": None})) == awkward
 
 
-def test_scenes_lists_every_packaged_scene_with_a_description(capsys):
-    assert main(["scenes", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_scenes_lists_every_packaged_scene_with_a_description(capsys, json_of):
+    found = json_of(["scenes", "--json"])
     assert [scene["name"] for scene in found["scenes"]] == list(scene_names())
     assert all(scene["description"] for scene in found["scenes"])
     assert main(["scenes"]) == 0
@@ -176,12 +159,11 @@ KEYS = {
 
 
 @pytest.mark.slow
-def test_run_prints_one_object_and_writes_what_was_asked(tmp_path, capsys):
+def test_run_prints_one_object_and_writes_what_was_asked(tmp_path, json_of):
     out, gif, plots = tmp_path / "run.npz", tmp_path / "film.gif", tmp_path / "plots"
     argv = ["run", SCENE, "--json", "--duration", "0.1", "--dt", "0.01", "--set", "effects.linear_damping.b_l=0.01"]
     argv += ["--no-companion"]
-    assert main([*argv, "--out", str(out), "--animate", str(gif), "--plot", str(plots)]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of([*argv, "--out", str(out), "--animate", str(gif), "--plot", str(plots)])
     assert found.keys() >= KEYS
     assert (found["schema"], found["status"], found["scene"]) == (1, "ok", SCENE)
     assert (found["steps"], found["dt"], found["duration"]) == (10, 0.01, 0.1)
@@ -229,15 +211,13 @@ def test_run_for_people_ends_with_a_result_line(capsys):
     assert err == ""
 
 
-def test_equilibrium_gives_pose_angles_and_tensions(capsys):
-    assert main(["equilibrium", SCENE, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_equilibrium_gives_pose_angles_and_tensions(printed, json_of):
+    found = json_of(["equilibrium", SCENE, "--json"])
     assert found.keys() >= {"schema", "status", "angles_rad", "positions_m", "tension_n", "residual"}
     assert np.shape(found["positions_m"]) == (8, 3)
     assert np.shape(found["angles_rad"]) == (7, 2)
     assert np.shape(found["tension_n"]) == (7,)
-    assert main(["equilibrium", SCENE]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].startswith("ok: ")
+    assert printed(["equilibrium", SCENE]).out.splitlines()[-1].startswith("ok: ")
 
 
 def failed_run(scene, **_) -> Solution:
@@ -270,7 +250,7 @@ def failed_run(scene, **_) -> Solution:
     )
 
 
-def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, capsys, monkeypatch):
+def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, capsys, printed, monkeypatch):
     monkeypatch.setattr(simulate, "simulate", failed_run)
     out = tmp_path / "run.npz"
     assert main(["run", SCENE, "--json", "--quiet", "--out", str(out)]) == 3
@@ -281,8 +261,7 @@ def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, capsys, monkeypa
     assert found["max_residual"] is None
     assert stderr == f"error: {found['error']}\n"
     assert Solution.load(out).status == "non_finite"
-    assert main(["run", SCENE, "--quiet"]) == 3
-    assert "failed: non_finite: step 1" in capsys.readouterr().out
+    assert "failed: non_finite: step 1" in printed(["run", SCENE, "--quiet"], 3).out
 
 
 def test_interrupted_run_exits_with_130_and_says_so(capsys, monkeypatch):
@@ -296,12 +275,11 @@ def test_interrupted_run_exits_with_130_and_says_so(capsys, monkeypatch):
     assert err == "error: interrupted\n"
 
 
-def test_run_stopped_on_the_way_keeps_its_part_and_exits_with_130(tmp_path, capsys, monkeypatch):
+def test_run_stopped_on_the_way_keeps_its_part_and_exits_with_130(tmp_path, json_of, monkeypatch):
     monkeypatch.setattr(
         simulate, "simulate", lambda scene, **_: replace(failed_run(scene), status="interrupted", first_bad=None)
     )
-    assert main(["run", SCENE, "--json", "--quiet", "--out", str(tmp_path / "run.npz")]) == 130
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(["run", SCENE, "--json", "--quiet", "--out", str(tmp_path / "run.npz")], 130)
     assert (found["status"], found["error"]) == ("interrupted", "interrupted: at t = 0 s of 1 s")
     assert Solution.load(tmp_path / "run.npz").status == "interrupted"
 
@@ -324,7 +302,7 @@ def test_installed_command_keeps_standard_output_clean():
     assert done.stdout.count("\n") == 1
 
 
-def test_set_reads_numbers_lists_and_names(capsys):
+def test_set_reads_numbers_lists_and_names(json_of):
     argv = [
         "equilibrium",
         SCENE,
@@ -334,8 +312,7 @@ def test_set_reads_numbers_lists_and_names(capsys):
         "--set",
         "run.solver=dense",
     ]
-    assert main(argv) == 0
-    assert json.loads(capsys.readouterr().out)["positions_m"][-1] == [0.3, 0.0, 0.0]
+    assert json_of(argv)["positions_m"][-1] == [0.3, 0.0, 0.0]
     assert load_scene(SCENE).points[1].position[0] == 0.28
 
 
@@ -352,15 +329,13 @@ def test_a_reader_that_stops_early_is_no_error() -> None:
 
 
 @pytest.mark.check
-def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, capsys):
+def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, printed, json_of):
     scene = tmp_path / "scene.toml"
     scene.write_text(GOOD, encoding="utf-8")
-    assert main(["run", str(scene), "--errors", "--skip", "0.02", "--quiet"]) == 0
-    shown = capsys.readouterr().out
+    shown = printed(["run", str(scene), "--errors", "--skip", "0.02", "--quiet"]).out
     assert "+-" in shown
     assert "errors of step and links together" in shown
-    assert main(["run", str(scene), "--errors", "--quiet", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["load_errors"]
+    found = json_of(["run", str(scene), "--errors", "--quiet", "--json"])["load_errors"]
     assert set(found) == {"loads", "chaotic", "horizon_s", "not_resolved", "left_out"}
     assert set(found["loads"][0]["mean"]) == {"value", "step", "links", "chance", "error"}
 

@@ -1,7 +1,5 @@
 """One vocabulary of outputs: `--plot DIR`, `--out FILE`, `--report DIR`; names in help texts are those there are."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from importlib import import_module
@@ -9,7 +7,7 @@ from importlib import import_module
 import pytest
 
 from dropper_jax import INTEGRATORS, SceneError
-from dropper_jax.cli import main, options
+from dropper_jax.cli import options
 from dropper_jax.cli.outputs import out_file, picture, plot_folder
 from dropper_jax.run import quantities
 from fitting.cli import sweep
@@ -70,16 +68,14 @@ def test_a_folder_or_one_file_takes_pictures(tmp_path):
         out_file(str(tmp_path / "c.csv"))
 
 
-def test_a_run_leaves_its_report(tmp_path, capsys):
-    assert main(["run", *SHORT, "--json", "--report", str(tmp_path / "told")]) == 0
-    assert json.loads(capsys.readouterr().out)["status"] == "ok"
+def test_a_run_leaves_its_report(tmp_path, json_of):
+    assert json_of(["run", *SHORT, "--json", "--report", str(tmp_path / "told")])["status"] == "ok"
     assert {"report.md", "report.json"} <= {path.name for path in (tmp_path / "told").iterdir()}
 
 
 @pytest.mark.check
-def test_a_sensitivity_leaves_picture_and_result(tmp_path, capsys):
+def test_a_sensitivity_leaves_picture_and_result(tmp_path, json_of):
     out, plots = tmp_path / "found.json", tmp_path / "plots"
     words = ["--of", "tension.max", "--to", "line.0.mass", "--json", "--out", str(out), "--plot", str(plots)]
-    assert main(["sensitivity", *SHORT, *words]) == 0
-    assert json.loads(out.read_text()) == json.loads(capsys.readouterr().out)
+    assert json.loads(out.read_text()) == json_of(["sensitivity", *SHORT, *words])
     assert [path.name for path in plots.iterdir()] == ["tornado.png"]

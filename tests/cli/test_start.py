@@ -1,7 +1,5 @@
 """What starts without JAX, what the package offers at its root, and that float64 comes first all the same."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os
@@ -111,11 +109,10 @@ def test_scenes_are_listed_and_printed_without_jax():
         assert tomllib.loads(out)["name"] == name
 
 
-def test_every_packaged_scene_has_a_title_in_one_group(capsys):
+def test_every_packaged_scene_has_a_title_in_one_group(printed):
     titled = [name for titles in scene_titles().values() for name in titles]
     assert sorted(x for name in titled for x in (name, *map(name.__add__, variants_of(name)))) == list(scene_names())
-    assert main(["scenes"]) == 0
-    assert all(len(line) <= 120 for line in capsys.readouterr().out.splitlines())
+    assert all(len(line) <= 120 for line in printed(["scenes"]).out.splitlines())
 
 
 def test_versions_are_those_of_the_installed_packages():
@@ -182,21 +179,19 @@ def test_only_the_command_that_is_asked_for_is_imported():
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-def test_a_command_that_cannot_be_imported_is_refused_and_leaves_the_others(capsys, monkeypatch):
+def test_a_command_that_cannot_be_imported_is_refused_and_leaves_the_others(capsys, printed, monkeypatch):
     lost = EntryPoint(name="lost", value="no_such_package.cli", group=cli.GROUP)
     monkeypatch.setattr(cli, "find_commands", lambda: [*OWN, lost])
-    assert main(["lost"]) == 2
-    assert capsys.readouterr().err == "error: dropper lost: is not available: No module named 'no_such_package'\n"
+    assert printed(["lost"], 2).err == "error: dropper lost: is not available: No module named 'no_such_package'\n"
     assert main(["scenes"]) == 0
     with pytest.raises(SystemExit):
         main(["--help"])
     assert "dropper lost: is not available" in " ".join(capsys.readouterr().out.split())
 
 
-def test_packages_on_the_path_that_are_not_installed_have_no_commands_and_say_so(capsys, monkeypatch):
+def test_packages_on_the_path_that_are_not_installed_have_no_commands_and_say_so(printed, monkeypatch):
     monkeypatch.setattr(cli, "find_commands", list)
-    assert main(["run", "string"]) == 2
-    assert "no commands; needed: pip install" in capsys.readouterr().err
+    assert "no commands; needed: pip install" in printed(["run", "string"], 2).err
 
 
 def test_the_module_is_the_command_line_too():

@@ -1,7 +1,5 @@
 """Slips of users on the command line, each refused in one line that names the field, the value and the way out."""
 
-from __future__ import annotations
-
 import json
 import shlex
 
@@ -73,9 +71,8 @@ def test_a_slip_is_refused_in_one_line(folder, monkeypatch, capsys, line, words)
     assert err.count("\n") == 1
 
 
-def test_check_counts_mussels_in_the_mass_of_a_line(folder, capsys):
-    assert main(["check", str(folder / "mussels.toml"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_check_counts_mussels_in_the_mass_of_a_line(folder, json_of):
+    found = json_of(["check", str(folder / "mussels.toml"), "--json"])
     row, weights = found["lines"][0], found["line_weights"][0]
     assert row["mass_kg"] == pytest.approx(row["length_m"] * weights["mass_kg_per_m"])
     assert row["wet_weight_n"] == pytest.approx(row["length_m"] * weights["wet_weight_n_per_m"])

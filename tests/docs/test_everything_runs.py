@@ -4,8 +4,6 @@ Commands keep all their words; what makes them long (durations, numbers of cases
 which the last counts.
 """
 
-from __future__ import annotations
-
 import glob
 import re
 import shlex

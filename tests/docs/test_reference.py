@@ -1,8 +1,5 @@
 """The reference is that of the declarations, names every path of every scene, and its schema takes what is packaged."""
 
-from __future__ import annotations
-
-import json
 import re
 import tomllib
 from pathlib import Path
@@ -10,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from dropper_jax import Scene, SceneError, packaged_scene, scene_names
-from dropper_jax.cli import main
 from dropper_jax.cli.reference import as_markdown
 from dropper_jax.load.paths import locate
 from dropper_jax.load.reference import find, schema, sections
@@ -51,13 +47,10 @@ def test_a_key_is_found_by_path_by_name_and_by_section():
         find("run.dtt")
 
 
-def test_the_command_prints_text_values_and_a_schema(capsys):
-    assert main(["scenes", "--reference", "run.dt"]) == 0
-    assert "run.dt: time step" in capsys.readouterr().out
-    assert main(["scenes", "--reference", "run.dt", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["sections"][0]["keys"][0]["unit"] == "s"
-    assert main(["scenes", "--schema"]) == 0
-    assert json.loads(capsys.readouterr().out)["title"] == "A scene of dropper_jax"
+def test_the_command_prints_text_values_and_a_schema(printed, json_of):
+    assert "run.dt: time step" in printed(["scenes", "--reference", "run.dt"]).out
+    assert json_of(["scenes", "--reference", "run.dt", "--json"])["sections"][0]["keys"][0]["unit"] == "s"
+    assert json_of(["scenes", "--schema"])["title"] == "A scene of dropper_jax"
 
 
 def test_the_schema_takes_all_packaged_scenes_and_refuses_mistakes():

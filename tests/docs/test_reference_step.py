@@ -1,7 +1,5 @@
 """The steps written out on the page on physics against the package's own, and other schemes under the page's loop."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Generated pages are those of the code, and the site holds together: links, headings, nothing fetched."""
 
-from __future__ import annotations
-
 import importlib.util
 import inspect
 import json

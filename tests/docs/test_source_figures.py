@@ -1,7 +1,5 @@
 """The figures of the sources: their table, their scenes, and the curves of every kind."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import source_figures

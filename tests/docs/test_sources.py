@@ -1,7 +1,5 @@
 """The page that compares the sources' tables with the packaged scenes says what these have."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What tests of several effects share: one instant of a bent line, and lines that hang in water."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import jax

@@ -5,7 +5,6 @@ import json
 import os
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -35,34 +34,15 @@ class Push(Effect):
     def force(self, k):
         return jnp.zeros_like(k.r).at[:, 0].set(self.x)
 """
-SCENE = """
-[run]
-dt = 0.01
-duration = 0.1
-
-[[point]]
-name = "top"
-position = [0.0, 0.0, 0.0]
-
-[[point]]
-name = "end"
-kind = "free"
-position = [0.0, 0.0, -1.0]
-
-[[line]]
-name = "rod"
-from = "top"
-to = "end"
-links = 1
-length = 1.0
-mass = 2.0
-
-[effects.weight]
-gravity = 10.0
-
-[effects.push]
-x = 20.0
-"""
+SCENE = {
+    "run": {"dt": 0.01, "duration": 0.1},
+    "point": [
+        {"name": "top", "position": [0.0, 0.0, 0.0]},
+        {"name": "end", "kind": "free", "position": [0.0, 0.0, -1.0]},
+    ],
+    "line": [{"name": "rod", "from": "top", "to": "end", "links": 1, "length": 1.0, "mass": 2.0}],
+    "effects": {"weight": {"gravity": 10.0}, "push": {"x": 20.0}},
+}
 
 
 def installed(folder: Path, value: str) -> None:
@@ -72,7 +52,7 @@ def installed(folder: Path, value: str) -> None:
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: pushing\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(f"[dropper.effects]\npush = {value}\n")
-    (folder / "scene.toml").write_text(SCENE)
+    (folder / "scene.toml").write_text(dj.as_toml(SCENE))
 
 
 def dropper(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -99,19 +79,18 @@ def test_one_that_cannot_be_loaded_is_named(tmp_path):
 
 def own_file(folder: Path, text: str = EFFECT) -> Path:
     """A file `push.py` with an effect, and a scene that uses it."""
-    (folder / "scene.toml").write_text(SCENE)
+    (folder / "scene.toml").write_text(dj.as_toml(SCENE))
     file = folder / "push.py"
     file.write_text(text)
     return file
 
 
-def test_an_effect_of_a_file_acts_in_a_scene_and_in_its_saved_run(tmp_path, capsys, monkeypatch):
+def test_an_effect_of_a_file_acts_in_a_scene_and_in_its_saved_run(tmp_path, json_of, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = own_file(tmp_path)
     before = dict(EFFECTS)
     try:
-        assert main(["equilibrium", "scene.toml", "--effects", str(file), "--json"]) == 0
-        tension = json.loads(capsys.readouterr().out)["tension_n"]
+        tension = json_of(["equilibrium", "scene.toml", "--effects", str(file), "--json"])["tension_n"]
         assert tension[0] == pytest.approx(2.0**0.5 * 20.0)
         assert main(["run", "scene.toml", "--effects", str(file), "--out", "a.npz", "--quiet", "--no-companion"]) == 0
         EFFECTS.clear()
@@ -123,10 +102,9 @@ def test_an_effect_of_a_file_acts_in_a_scene_and_in_its_saved_run(tmp_path, caps
         EFFECTS.update(before)
 
 
-def test_the_error_of_an_unknown_effect_names_the_option_and_the_entry_point(tmp_path, capsys):
+def test_the_error_of_an_unknown_effect_names_the_option_and_the_entry_point(tmp_path, printed):
     own_file(tmp_path)
-    assert main(["check", str(tmp_path / "scene.toml")]) == 2
-    said = capsys.readouterr().err
+    said = printed(["check", str(tmp_path / "scene.toml")], 2).err
     assert "effects.push: unknown key; " in said
     assert "--effects FILE.py, or an entry point of the group dropper.effects" in said
 
@@ -141,21 +119,20 @@ def test_the_error_of_an_unknown_effect_names_the_option_and_the_entry_point(tmp
         (EFFECT.replace('"push"', '"weight"'), "cannot be used: ValueError: Push: the name 'weight' is already used"),
     ],
 )
-def test_a_file_without_a_usable_effect_is_refused_by_name(tmp_path, capsys, text, words):
+def test_a_file_without_a_usable_effect_is_refused_by_name(tmp_path, printed, text, words):
     file = own_file(tmp_path, text)
     known = dict(EFFECTS)
-    assert main(["check", str(tmp_path / "scene.toml"), "--effects", str(file)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = printed(["check", str(tmp_path / "scene.toml"), "--effects", str(file)], 2).err.splitlines()
     assert line.startswith("error: --effects: ")
     assert words in line
     assert known == EFFECTS
 
 
 @pytest.mark.parametrize("name", ["none.py", "scene.toml"])
-def test_a_file_that_is_not_python_is_refused(tmp_path, capsys, name):
+def test_a_file_that_is_not_python_is_refused(tmp_path, printed, name):
     own_file(tmp_path)
-    assert main(["check", str(tmp_path / "scene.toml"), "--effects", str(tmp_path / name)]) == 2
-    assert "is not a Python file; allowed: an existing FILE.py" in capsys.readouterr().err
+    said = printed(["check", str(tmp_path / "scene.toml"), "--effects", str(tmp_path / name)], 2).err
+    assert "is not a Python file; allowed: an existing FILE.py" in said
 
 
 def test_every_command_that_reads_scenes_or_runs_takes_effects_of_a_file():
@@ -207,7 +184,7 @@ def returning(**methods):
 def test_an_effect_that_returns_another_shape_than_its_slot_is_refused_by_name(methods, words):
     register(returning(**methods))
     try:
-        scene = {**tomllib.loads(SCENE), "effects": {"weight": {}, "strange": {}}}
+        scene = {**SCENE, "effects": {"weight": {}, "strange": {}}}
         with pytest.raises(SceneError, match=rf"effects.strange.{words}"):
             dj.build(scene)
     finally:

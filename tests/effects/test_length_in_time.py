@@ -1,7 +1,5 @@
 """Links whose unstretched length changes in time: a mass on a spring against SciPy, energy, derivatives, winches."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Outer diameter of lines: drag and added mass use it, buoyancy does not."""
 
-from __future__ import annotations
-
 import copy
 
 import jax

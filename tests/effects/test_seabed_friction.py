@@ -1,7 +1,5 @@
 """Coulomb friction on the bed: sliding, sticking, stretching, and its derivative."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import ClassVar
 

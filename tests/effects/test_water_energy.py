@@ -1,7 +1,5 @@
 """Energy: what water takes and gives is booked; still water never gives where the equations do not."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,14 +1,11 @@
 """Answers on moorings against an integration of the line's equations by SciPy, and against other equilibria."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
 from dropper_jax import SceneError
-from dropper_jax.cli import main
 from dropper_jax.explain.answers import explain
 from dropper_jax.explain.catenary import Hanging, offset_until_uplift, solve
 
@@ -101,11 +98,10 @@ def test_wear_by_the_derivative_is_that_of_another_equilibrium(answers):
 
 
 @pytest.mark.check
-def test_a_line_that_hangs_straight_down_is_too_long(capsys, tmp_path):
+def test_a_line_that_hangs_straight_down_is_too_long(json_of, tmp_path):
     file = tmp_path / "long.toml"
     file.write_text(dj.as_toml(chain(60.0, 150.0, links=50)))
-    assert main(["explain", str(file), "--json"]) == 0
-    (line,) = json.loads(capsys.readouterr().out)["lines"]
+    (line,) = json_of(["explain", str(file), "--json"])["lines"]
     assert line["verdict"].startswith("too long by 20 m")
     assert line["closed_upper_n"] == pytest.approx(42537.0, rel=1e-3)
     assert line["closed_lower_n"] == line["lower_n"] == 0.0

@@ -4,8 +4,6 @@ Each writer is a fork that a `SIGKILL` ends at a random moment; the last one may
 full disk. What it left is read by another fork: Zarr has threads, which a fork does not inherit.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """Damage to files: bytes flipped, cut and repeated, words and numbers replaced, arrays and provenance edited."""
 
-from __future__ import annotations
-
 import io
 import json
 import random

@@ -9,8 +9,6 @@ Results of single calls are kept in the file `--alone` by a digest of the source
 once. The exit status is 1 where a result differs or a call fails.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import itertools

@@ -1,7 +1,5 @@
 """Streams that take nothing, disks that are full, signals, damaged and unfinished files: one line, and nothing lost."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -298,7 +296,7 @@ def test_names_stand_in_reports_as_they_are(name, shown):
     assert literal(name) == shown
 
 
-def test_a_scene_names_files_below_its_folder_only(tmp_path, capsys, monkeypatch):
+def test_a_scene_names_files_below_its_folder_only(tmp_path, capsys, printed, monkeypatch):
     monkeypatch.chdir(tmp_path)
     inner = tmp_path.parent / f"{tmp_path.name}-scene"
     inner.mkdir()
@@ -306,8 +304,7 @@ def test_a_scene_names_files_below_its_folder_only(tmp_path, capsys, monkeypatch
     outside = tmp_path.parent / f"{tmp_path.name}-waves.csv"
     for file in (inner / "waves.csv", outside):
         file.write_text(waves)
-    assert main(["scenes", "dropper-regular-wave"]) == 0
-    head, _, rest = capsys.readouterr().out.partition("[sea.waves]\n")
+    head, _, rest = printed(["scenes", "dropper-regular-wave"]).out.partition("[sea.waves]\n")
     rest = rest[rest.index("\n[") :] if "\n[" in rest else ""
     for text, code in (("waves.csv", 0), (str(outside), 2), (f"../{outside.name}", 2)):
         (inner / "scene.toml").write_text(f'{head}[sea.waves]\nkind = "components"\nfile = "{text}"\n{rest}')

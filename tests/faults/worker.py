@@ -4,8 +4,6 @@ Apart from the tests, since HDF5 and codecs may bring the process down. Before e
 error, so that the last one is known.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """Links that break, compared with closed forms and SciPy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Impact on the seabed, slopes, and stick-slip friction, compared with closed forms."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Hard motions without damping, whose energy balance and lengths of links show whether runs are correct; gradients."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import hard_scenes as scenes

@@ -1,7 +1,5 @@
 """Strong currents, coefficients that follow the flow, turning tides, rows of wakes, against closed forms and SciPy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

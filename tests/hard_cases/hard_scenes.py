@@ -1,8 +1,6 @@
 """Hard scenes as plain tables, as a user would write them. Names and numbers of links are equal if possible, so that
 many scenes share one compiled program."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

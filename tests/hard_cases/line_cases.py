@@ -1,8 +1,6 @@
 """Lines in contact and torsion: a rope that falls onto another stays above it without energy gain; twist oscillates
 undamped."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

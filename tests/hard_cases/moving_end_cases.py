@@ -1,7 +1,5 @@
 """Ends that start and stop moving suddenly, compared with closed forms and SciPy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A rod whose clamp starts moving suddenly, a drum that slides on the seabed, an arm that rotates about its pin."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

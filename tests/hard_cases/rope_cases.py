@@ -1,7 +1,5 @@
 """Ropes that go slack, tauten and snap, and links of very unequal stiffness, against closed forms and SciPy."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

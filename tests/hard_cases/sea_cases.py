@@ -1,7 +1,5 @@
 """In and out of the water, steep waves and many floats, against closed forms and SciPy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any

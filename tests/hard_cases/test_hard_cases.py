@@ -1,14 +1,11 @@
 """The catalogue of hard cases, shortened; `dropper stability` runs it in full."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 from catalogue import FILE, catalogue
 
-from dropper_jax.cli import main
 from dropper_jax.stability import all_cases, evaluate
 
 CASES = {case.name: case for case in all_cases()}
@@ -102,17 +99,15 @@ def test_the_thesis_schemes_fail_on_the_undamped_dropper_at_the_step_ours_takes(
         assert found["failed_at_s"] < 2.0
 
 
-def test_the_command_prints_one_object(capsys) -> None:
-    assert main(["stability", "--short", "--json", "--quiet", "--cases", "taut-plucked", "float32"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_the_command_prints_one_object(json_of) -> None:
+    found = json_of(["stability", "--short", "--json", "--quiet", "--cases", "taut-plucked", "float32"])
     assert found["schema"] == 1
     assert [row["name"] for row in found["cases"]] == ["taut-plucked", "float32"]
     keys = {"name", "claim", "measured", "limit", "ok", "status", "baseline_thesis"}
     assert all(keys <= set(row) for row in found["cases"])
 
 
-def test_an_unknown_case_is_refused_in_one_line(capsys) -> None:
-    assert main(["stability", "--cases", "taut-pluck"]) == 2
-    error = capsys.readouterr().err
+def test_an_unknown_case_is_refused_in_one_line(printed) -> None:
+    error = printed(["stability", "--cases", "taut-pluck"], 2).err
     assert "did you mean 'taut-plucked'" in error
     assert error.count("\n") == 1

@@ -1,7 +1,5 @@
 """Held points that jump: velocities, tensions, impulses and energy after it, against a pendulum by SciPy."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,4 +1,4 @@
-"""The energy-momentum scheme: its order, and what it keeps."""
+"""What the energy-momentum scheme keeps."""
 
 import numpy as np
 import pytest
@@ -7,20 +7,6 @@ import dropper_jax as dj
 from dropper_jax.model import work_names
 
 MASS = np.array([0.0324, 0.0334, 0.0324, 0.0334, 0.0324, 0.0334])
-
-
-def test_it_converges_to_the_independent_solution_with_its_order(order):
-    assert order("energy_momentum", (8, 9, 10, 11)) == pytest.approx(2.0, abs=0.1)
-
-
-def test_damping_leaves_the_order_as_it_is(order):
-    assert order("energy_momentum", (8, 9, 10), damped=True) == pytest.approx(2.0, abs=0.1)
-
-
-def test_elastic_loop_follows_newtons_equations_with_the_order_of_the_scheme(elastic_order):
-    found, error = elastic_order("energy_momentum", (4000, 8000, 16000))
-    assert found == pytest.approx(2.0, abs=0.2)
-    assert error < 1e-5
 
 
 def test_undamped_release_keeps_energy_and_lengths_over_50_seconds():

@@ -4,8 +4,6 @@
 templates, so that few programs are compiled; everything else is drawn.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 import os

@@ -1,7 +1,5 @@
 """The packaged scenes: all of them, and the numbers of those that a source prints."""
 
-from __future__ import annotations
-
 import json
 import math
 

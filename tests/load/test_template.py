@@ -1,7 +1,5 @@
 """Parameters, repetitions and arrays of scenes: what they stand for, who reaches them, and what is refused."""
 
-from __future__ import annotations
-
 import copy
 import math
 

@@ -1,7 +1,5 @@
 """Values by path mean what they mean in the file, also where lines are written by the metre."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -4,8 +4,6 @@ The wheel of MoorDyn reads version 2 only, neither tabs nor some names that othe
 among its outputs: `for_the_wheel` writes the same mooring in its words. Its explicit scheme is stable at 0.1 ms.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """MoorDyn decks as they are found: names of the depth, headers with more words, bodies, what results lack."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess

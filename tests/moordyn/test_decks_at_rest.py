@@ -6,8 +6,6 @@ MoorPy's is that at the very end of the line: of the last link with the end's ha
 where the end lies on the bed. Numbers of both stand in `decks/rest.json` (`others.py`: MoorDyn 2.7.2, MoorPy 1.3.0).
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import runpy

@@ -1,7 +1,5 @@
 """One mooring in the ways its formats allow: all of them are the same scene, and what lacks something says what."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Every declared value of a scene is in its MoorDyn deck, refused, or listed as lost."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import re

@@ -1,7 +1,5 @@
 """Decks that cannot be what they say: each is refused in one line with the file, its line and what is allowed."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What written decks have of bodies, vessels, floats and a sea of their own, and what they list as lost."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What anchors hold, against Coulomb's law, in the report of a run."""
 
-from __future__ import annotations
-
 import copy
 import math
 

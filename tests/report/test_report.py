@@ -1,7 +1,5 @@
 """The report of saved runs: every number against a motion or a signal whose answer is known without it."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections import Counter

@@ -1,7 +1,5 @@
 """The report over several runs, of runs that went bad, and as files: Markdown, JSON, pictures, ParaView."""
 
-from __future__ import annotations
-
 import base64
 import json
 import struct

@@ -1,7 +1,5 @@
 """Newton on rows that are stiffer in the middle of their way: full corrections go round in circles there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple

@@ -1,7 +1,6 @@
 """Runs that go on from their files: two halves are the whole to the bit, and what cannot go on says so."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -88,28 +87,26 @@ def test_an_interrupted_run_goes_on_to_its_end():
     assert rest.t[-1] == whole.t[-1]
 
 
-def test_the_command_goes_on_with_or_without_its_scene(half, tmp_path, capsys):
+def test_the_command_goes_on_with_or_without_its_scene(half, tmp_path, json_of):
     file = str(half.save(tmp_path / "first.npz"))
     for scene in ([], [PENDULUM]):
         argv = ["run", *scene, "--continue", file, "--duration", "0.1", "--dt", "0.01", "--quiet", "--json"]
         out = tmp_path / "second.npz"
-        assert main([*argv, "--out", str(out), "--plot", str(tmp_path / "p.png")]) == 0
-        found = json.loads(capsys.readouterr().out)
+        found = json_of([*argv, "--out", str(out), "--plot", str(tmp_path / "p.png")])
         assert (found["continued_from_s"], found["status"]) == (0.5, "ok")
         np.testing.assert_array_equal(Solution.load(out).positions, half.continued(0.1).positions)
 
 
-def told(half, tmp_path, capsys, *argv, **last):
+def told(half, tmp_path, printed, *argv, **last):
     run = dj.Solution(**{**vars(half), "last": {k: v for k, v in (half.last | last).items() if v is not None}})
     file = str(run.save(tmp_path / "edited.npz"))
-    assert main(["run", *argv, "--continue", file, "--quiet"]) == 2
-    message = capsys.readouterr().err.strip()
+    message = printed(["run", *argv, "--continue", file, "--quiet"], 2).err.strip()
     assert "\n" not in message
     return message
 
 
-def test_what_cannot_go_on_is_told_in_one_line(half, tmp_path, capsys):
-    ask = lambda *argv, **last: told(half, tmp_path, capsys, *argv, **last)  # noqa: E731
+def test_what_cannot_go_on_is_told_in_one_line(half, tmp_path, printed):
+    ask = lambda *argv, **last: told(half, tmp_path, printed, *argv, **last)  # noqa: E731
     assert "lacks 'last_carry_state_v'" in ask(last_carry_state_v=None)
     assert "float64[2, 3]; allowed: float64[1, 3]" in ask(last_carry_state_r=np.zeros((2, 3)))
     assert "non-finite values in 'last_row_r'" in ask(last_row_r=np.full((1, 3), np.nan))

@@ -1,9 +1,5 @@
 """Forces of lines on points in air, in water and at the surface, against an elastic catenary by shooting."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -11,7 +7,6 @@ from scipy.optimize import fsolve
 
 import dropper_jax as dj
 from dropper_jax import as_toml, report_run
-from dropper_jax.cli import main
 from dropper_jax.decks.writing.outputs import write_out
 from dropper_jax.run.line_weights import end_force_vectors, end_forces
 from dropper_jax.run.quantities import static_quantity
@@ -72,11 +67,10 @@ def dry(hose):
     return float(np.linalg.norm(exact[0]))
 
 
-def test_every_table_has_the_force_of_a_line_in_air_on_its_points(hose, dry, tmp_path, capsys):
+def test_every_table_has_the_force_of_a_line_in_air_on_its_points(hose, dry, tmp_path, json_of):
     file = tmp_path / "hose.toml"
     file.write_text(as_toml(hose))
-    assert main(["equilibrium", str(file), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(["equilibrium", str(file), "--json"])
     assert found["end_forces_n"]["line"]["first"] == pytest.approx(dry, rel=0.003)
     run = dj.simulate(hose)
     row = offset_curves(dj.load_scene(hose), ["b"], [0.0], [0.0])[0]

@@ -1,7 +1,5 @@
 """What a run says of its first instant and of its precision."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

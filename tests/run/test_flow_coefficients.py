@@ -1,7 +1,5 @@
 """Drag and added mass that follow the flow: the numbers of the practice, KC in closed form, what is refused."""
 
-from __future__ import annotations
-
 import json
 
 import jax
@@ -10,7 +8,6 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.cli import main
 from dropper_jax.effects.cylinder import amplification, rough_added_mass, rough_drag, steady_drag
 from dropper_jax.run.flow_coefficients import VISCOSITY, flow_table, link_flow
 
@@ -134,7 +131,7 @@ def test_what_is_outside_of_a_table_or_does_not_fit_is_named(drag, start):
     assert str(caught.value).startswith(f"effects.{start}")
 
 
-def test_command_and_table_say_the_numbers(tmp_path, capsys):
+def test_command_and_table_say_the_numbers(tmp_path, printed, json_of):
     file = tmp_path / "scene.json"
     scene = dj.load_scene(SCENE)
     rows = flow_table(scene)
@@ -144,7 +141,5 @@ def test_command_and_table_say_the_numbers(tmp_path, capsys):
 
     file = tmp_path / "scene.toml"
     file.write_text(as_toml(scene.to_dict()))
-    assert main(["sea", str(file), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["coefficients"] == json.loads(json.dumps(rows))
-    assert main(["sea", str(file)]) == 0
-    assert "share of the current" in capsys.readouterr().out
+    assert json_of(["sea", str(file), "--json"])["coefficients"] == json.loads(json.dumps(rows))
+    assert "share of the current" in printed(["sea", str(file)]).out

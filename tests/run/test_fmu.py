@@ -1,7 +1,5 @@
 """Units of FMI 3.0: driven both ways by another master they are `Coupled` to the bit; needs pythonfmu3 and FMPy."""
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

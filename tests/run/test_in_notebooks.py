@@ -1,7 +1,5 @@
 """What a notebook shows of a scene and a run, and the log of the library."""
 
-from __future__ import annotations
-
 import logging
 import subprocess
 import sys

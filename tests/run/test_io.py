@@ -1,7 +1,5 @@
 """Output files are written whole or not at all, and saved runs come back as they were."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os

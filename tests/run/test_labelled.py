@@ -1,7 +1,5 @@
 """Labelled runs: loads, arc lengths, the surface, against what defines them; CF by its checker where that is there."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

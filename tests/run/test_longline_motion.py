@@ -1,7 +1,5 @@
 """Longlines that move: energy, gradients."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

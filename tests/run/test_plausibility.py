@@ -1,7 +1,5 @@
 """Scenes that are valid but cannot be meant are warned of once, by their cause; scenes that work are not."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,15 +1,10 @@
 """Quantities by name, against the report's own readings of a pose and of a motion."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
-from dropper_jax.cli import main
 from dropper_jax.run.bends import curvature
 from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.run.quantities import quantity, quantity_signals, static_quantity
@@ -169,19 +164,17 @@ def test_design_refuses_systems_without_a_unique_solution(paths, targets, words)
         solve_design(SCENE, paths, [0.1, 9.0], [0.3, 11.0], targets, [-4.5 if t == "z.buoy" else 4.5 for t in targets])
 
 
-def test_the_command_prints_values_targets_and_angles(tmp_path, capsys):
+def test_the_command_prints_values_targets_and_angles(tmp_path, printed, json_of):
     file = tmp_path / "mooring.toml"
     file.write_text(as_toml(SCENE))
     vary = [f"--vary={path}={low}:{high}" for path, low, high in zip(*TWO[:3], strict=True)]
     wanted = [f"--target={TWO[3][0]}", "--value=0.65", f"--target={TWO[3][1]}", "--value=3.6"]
-    assert main(["design", str(file), *vary, *wanted, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(["design", str(file), *vary, *wanted, "--json"])
     assert [row["path"] for row in found["values"]] == TWO[0]
     assert [row["reached"] for row in found["targets"]] == pytest.approx([0.65, 3.6], rel=1e-6)
     assert (found["path"], found["target"]) == (TWO[0][0], TWO[3][0])
     one = [vary[0], "--target=line.west-leg.anchor.angle", "--value=0.65"]
-    assert main(["design", str(file), *one]) == 0
-    assert "angles of the line there, upwards" in capsys.readouterr().out
+    assert "angles of the line there, upwards" in printed(["design", str(file), *one]).out
 
 
 def test_extremes_over_steps_are_those_of_the_members_of_each_quantity():

@@ -1,7 +1,5 @@
 """Runs that say what they do not resolve: peaks of a step or two, alternating tensions, energy out of nowhere."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

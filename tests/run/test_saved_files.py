@@ -1,7 +1,5 @@
 """Files that an earlier version (0.2.0, before the common store) wrote: each format is read, resumed and continued."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,8 +1,5 @@
 """Saved runs: netCDF and npz give back the same numbers through one loader; tables are what fitting reads."""
 
-from __future__ import annotations
-
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +7,6 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError, Solution
-from dropper_jax.cli import main
 from dropper_jax.run.samples import ARRAYS
 from dropper_jax.run.summary import write_angles, write_tensions
 from fitting import read_trace
@@ -58,11 +54,10 @@ def test_dataset_has_names_units_and_the_angles_of_the_solution(run):
     assert dataset.tension.dims == ("time", "link")
 
 
-def test_command_line_writes_netcdf_and_tables(tmp_path, capsys):
+def test_command_line_writes_netcdf_and_tables(tmp_path, json_of):
     out, tables = tmp_path / "run.nc", tmp_path / "tables"
     argv = ["run", "double-pendulum-chaotic", "--duration", "0.2", "--dt", "0.01", "--quiet", "--json"]
-    assert main([*argv, "--out", str(out), "--tables", str(tables)]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of([*argv, "--out", str(out), "--tables", str(tables)])
     assert Solution.load(out).summary()["final_positions_m"] == found["final_positions_m"]
     assert sorted(item.name for item in tables.iterdir()) == ["angles.csv", "tensions.csv"]
 

@@ -1,7 +1,5 @@
 """Systems of lines: the network solver, statics, snapping lines, floats and friction against independent answers."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,7 +1,5 @@
 """What is made of runs and lines in water: growth, flow regime, pictures."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

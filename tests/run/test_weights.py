@@ -1,9 +1,5 @@
 """Forces at the ends of coarse lines against the catenary; what lines weigh in water, and warnings of floating ones."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -87,11 +83,10 @@ def test_ends_of_a_line_by_the_link_have_the_weight_that_its_nodes_carry():
         assert sum(up) == pytest.approx(8 * weight, rel=1e-6)  # both ends carry the whole line
 
 
-def test_commands_print_forces_on_end_points_beside_link_tensions(tmp_path, capsys):
+def test_commands_print_forces_on_end_points_beside_link_tensions(tmp_path, capsys, json_of):
     file = tmp_path / "scene.toml"
     file.write_text(as_toml(hanging()))
-    assert main(["equilibrium", str(file), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(["equilibrium", str(file), "--json"])
     assert found["end_forces_n"]["rope"]["first"] > 1.02 * found["tension_n"][0]
     nodes = np.array(found["positions_m"])
     along = nodes[1] - nodes[0]
@@ -105,8 +100,7 @@ def test_commands_print_forces_on_end_points_beside_link_tensions(tmp_path, caps
     assert "force on first point [N]" in text
     assert "weight in water [N/m]" in text
     vary = ["--vary", "line.rope.length=38:45", "--target", "tension.rope.first", "--value", "1075"]
-    assert main(["design", str(file), *vary, "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(["design", str(file), *vary, "--json"])
     assert found["end_forces_n"][0] > 1.01 * found["reached"]
     assert len(found["end_angles_deg"]) == 2
 

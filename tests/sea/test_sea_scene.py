@@ -1,7 +1,5 @@
 """Scenes with water: packaged ones, what is refused, what is warned of, what a scene without water pays."""
 
-from __future__ import annotations
-
 import copy
 
 import jax

@@ -1,7 +1,5 @@
 """Spectra: heights, periods, components, spreading; currents and their Doppler shift."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import jax

@@ -1,7 +1,5 @@
 """Dispersion and kinematics of linear waves against closed forms."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

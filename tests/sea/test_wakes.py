@@ -1,15 +1,10 @@
 """Wakes of lines: one dropper against Schlichting, momentum against drag, rows, scenes."""
 
-from __future__ import annotations
-
-import json
-
 import jax
 import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.cli import main
 from dropper_jax.run.wake_model import Elements, solve_wakes
 from dropper_jax.run.wakes import scene_wakes
 
@@ -190,7 +185,7 @@ SCENE = {
 
 
 @pytest.mark.check
-def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, capsys):
+def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, json_of):
     scene = dj.load_scene(SCENE)
     share = scene_wakes(scene).share.reshape(3, 3).mean(axis=1)
     assert share[0] > 0.95  # a leaning dropper is hardly in its own wake
@@ -208,8 +203,7 @@ def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, capsys
 
     file, picture = tmp_path / "scene.toml", tmp_path / "flow.png"
     file.write_text(as_toml(scene.to_dict()))
-    assert main(["sea", str(file), "--json", "--flow", str(picture)]) == 0
-    found = json.loads(capsys.readouterr().out)["wakes"]
+    found = json_of(["sea", str(file), "--json", "--flow", str(picture)])["wakes"]
     assert found["balance"] == pytest.approx(1.0, abs=0.01)
     assert found["drag_over_unsheltered"] < 0.9
     assert picture.stat().st_size > 10_000

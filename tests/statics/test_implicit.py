@@ -1,7 +1,5 @@
 """Derivatives of static poses: closed forms, differences of poses sought anew, and poses that something may leave."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

@@ -1,7 +1,5 @@
 """Small motions about a pose: a spring, a mass on it, and a run of small amplitude."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

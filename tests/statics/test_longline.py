@@ -1,7 +1,5 @@
 """Longlines against closed forms: catenary on a bed, currents, modes, design values."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import eigh

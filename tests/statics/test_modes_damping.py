@@ -1,9 +1,5 @@
 """Modes of links that keep their length, and damping ratios, against closed forms and against elastic links."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -78,10 +74,9 @@ def test_rigid_links_swing_as_very_stiff_ones_do_in_a_loop_and_in_mixed_lines():
     assert np.all(np.isfinite(mixed.period))
 
 
-def test_the_command_prints_damping_ratios_and_refuses_an_amplitude_of_nothing(capsys):
+def test_the_command_prints_damping_ratios_and_refuses_an_amplitude_of_nothing(capsys, json_of):
     given = ["modes", "conical-pendulum-damped", "--json"]
-    assert main([*given, "--amplitude", "0.1"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of([*given, "--amplitude", "0.1"])
     assert found["damping_ratio"][0] == pytest.approx(0.2 / (2 * np.sqrt(9.81)), rel=1e-6)
     assert found["amplitude_m"] == 0.1
     assert main([*given, "--amplitude", "0"]) != 0
@@ -89,10 +84,9 @@ def test_the_command_prints_damping_ratios_and_refuses_an_amplitude_of_nothing(c
 
 
 @pytest.mark.check
-def test_modes_of_a_body_come_first_and_shares_are_fractions_of_the_kinetic_energy(capsys):
+def test_modes_of_a_body_come_first_and_shares_are_fractions_of_the_kinetic_energy(json_of):
     """The spar on its chain: among all modes those of the chain have hardly any of the body's energy."""
-    assert main(["modes", "paper-case-1-pitching", "--of", "spar", "--count", "4", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(["modes", "paper-case-1-pitching", "--of", "spar", "--count", "4", "--json"])
     assert found["number"] == sorted(found["number"])
     assert found["period_s"] == sorted(found["period_s"], reverse=True)
     share = np.array(found["body_share"]["spar"])
@@ -104,8 +98,6 @@ def test_modes_of_a_body_come_first_and_shares_are_fractions_of_the_kinetic_ener
     np.testing.assert_allclose(np.asarray(found["period_s"]), every.period[np.array(found["number"]) - 1], rtol=1e-9)
 
 
-def test_modes_of_an_unknown_body_are_refused(capsys):
-    assert main(["modes", "paper-case-1-pitching", "--of", "spar-2"]) == 2
-    assert "--of: 'spar-2' is not a body; " in capsys.readouterr().err
-    assert main(["modes", "conical-pendulum", "--of", "spar"]) == 2
-    assert "the scene has no [[body]]" in capsys.readouterr().err
+def test_modes_of_an_unknown_body_are_refused(printed):
+    assert "--of: 'spar-2' is not a body; " in printed(["modes", "paper-case-1-pitching", "--of", "spar-2"], 2).err
+    assert "the scene has no [[body]]" in printed(["modes", "conical-pendulum", "--of", "spar"], 2).err

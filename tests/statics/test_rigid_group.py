@@ -1,7 +1,5 @@
 """The 6x6 stiffness of points that move as one rigid body: MoorPy, forces that turn, another reference."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Ropes that lie on a bed, float, or hang in numbers from one float: closed forms, and balances summed anew."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

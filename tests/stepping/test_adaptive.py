@@ -1,7 +1,5 @@
 """Steps that follow an accuracy: errors that go with it, peaks, extremes between saved times, files, refusals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Derivatives in reverse mode that have grown through a run are warned of, once, and are the same as without."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Lines that break, against closed forms: free fall after a cut, the step of a load, the energy that is lost."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

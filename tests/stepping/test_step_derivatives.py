@@ -1,7 +1,5 @@
 """Derivatives of a bare step by every input of state and model and by h: both modes, differences, alone, together."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

@@ -1,7 +1,5 @@
 """Work-precision, advice, numerical damping and the choice of the step."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """What effects cost, and that absent ones cost nothing."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """Response in the frequency domain: closed forms of a hanging mass with drag, rigid links, the command, wrong input."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json

@@ -1,7 +1,5 @@
 """Gradients against two evaluations along them: exact ones are trusted, those that predict no useful change are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

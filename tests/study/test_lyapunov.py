@@ -1,7 +1,5 @@
 """The largest Lyapunov exponent against motions whose exponent is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

@@ -1,7 +1,5 @@
 """Restoring force over offset: closed form of the catenary, MoorPy's curves, the command, and rejected input."""
 
-from __future__ import annotations
-
 import argparse
 import json
 

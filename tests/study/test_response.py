@@ -1,20 +1,15 @@
 """The response of a pendulum to regular waves, against a SciPy integration of its own equation of motion."""
 
-from __future__ import annotations
-
-import json
-
 import numpy as np
 import pytest
 import sea_cases
 
 import dropper_jax as dj
 from dropper_jax import as_toml
-from dropper_jax.cli import main
 from dropper_jax.study.sea_facts import responses
 
 
-def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, capsys):
+def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, json_of):
     scene = sea_cases.pendulum().with_values({"run.duration": 36.0})
     period = 6.0
     t = np.arange(24.01, 36.005, 0.01)
@@ -29,8 +24,8 @@ def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, capsys):
     assert found["phase_rad"] == pytest.approx(np.angle(swing / surface), abs=0.02)
     file = tmp_path / "scene.toml"
     file.write_text(as_toml(scene.to_dict()))
-    assert main(["response", str(file), "--periods", "6:6:1", "--no-higher-waves", "--json", "--quiet"]) == 0
-    assert json.loads(capsys.readouterr().out)["rows"][0]["amplitude_rad"] == found["amplitude_rad"]
+    told = json_of(["response", str(file), "--periods", "6:6:1", "--no-higher-waves", "--json", "--quiet"])
+    assert told["rows"][0]["amplitude_rad"] == found["amplitude_rad"]
 
 
 @pytest.mark.parametrize(
@@ -42,9 +37,8 @@ def test_mean_amplitude_and_phase_are_those_of_scipy(tmp_path, capsys):
         (["wet-pendulum-wave", "--periods", "50:60:2"], "run.duration: 120 s is too short"),
     ],
 )
-def test_what_cannot_be_answered_is_refused(arguments, words, capsys):
-    assert main(["response", *arguments, "--quiet"]) == 2
-    assert words in capsys.readouterr().err
+def test_what_cannot_be_answered_is_refused(arguments, words, printed):
+    assert words in printed(["response", *arguments, "--quiet"], 2).err
 
 
 def test_periods_need_waves():

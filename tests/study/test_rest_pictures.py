@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dropper_jax.cli import main
 from dropper_jax.study import pictures
 
 
@@ -24,11 +23,10 @@ def test_a_mode_across_a_short_line_is_seen_from_the_front():
     assert pictures._plane(rest, np.tile((0.0, 1.0, 0.0), (11, 1))) == (1, 2)
 
 
-def test_a_pose_leaves_its_picture_and_its_result(tmp_path, capsys):
+def test_a_pose_leaves_its_picture_and_its_result(tmp_path, json_of):
     out = tmp_path / "pose.json"
     words = ["equilibrium", "dropper-release-a", "--plot", str(tmp_path), "--out", str(out), "--json"]
-    assert main(words) == 0
-    told = json.loads(capsys.readouterr().out)
+    told = json_of(words)
     assert json.loads(out.read_text()) == told
     assert len(told["positions_m"]) == 8
     with Image.open(tmp_path / "pose.png") as image:
@@ -36,9 +34,9 @@ def test_a_pose_leaves_its_picture_and_its_result(tmp_path, capsys):
 
 
 @pytest.mark.check
-def test_modes_leave_a_picture(tmp_path, capsys):
-    assert main(["modes", "paper-case-4", "--count", "2", "--json", "--plot", str(tmp_path / "two.png")]) == 0
-    assert len(json.loads(capsys.readouterr().out)["period_s"]) == 2
+def test_modes_leave_a_picture(tmp_path, json_of):
+    told = json_of(["modes", "paper-case-4", "--count", "2", "--json", "--plot", str(tmp_path / "two.png")])
+    assert len(told["period_s"]) == 2
     assert (tmp_path / "two.png").stat().st_size > 5000
 
 

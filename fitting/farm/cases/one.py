@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -210,7 +210,7 @@ class Runner:
             start = initial_state(model, scene.start)
             positions = _rest_nodes(model, start)
             if self.site.exclusion is not None and model.sea.current is not None:
-                still = equilibrium(dataclasses.replace(model, sea=dataclasses.replace(model.sea, current=None)))
+                still = equilibrium(replace(model, sea=replace(model.sea, current=None)))
                 if still.status != "ok":
                     raise SceneError(f"exclusion: no equilibrium in still water: {still.message}")
                 positions = still.positions

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.markdown import cell, table
+from dropper_jax.base.markdown import bullets, cell, table
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
@@ -63,7 +63,7 @@ def page(found: Table) -> str:
         f"{verdict} Load cases: {len(storms)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
         f"first {found['skip_s']:g} s do not count, steps of {found['dt_s']:g} s. Characteristic load: {what}. "
         f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']}).",
-        "\n".join(f"- {flag}" for flag in found["flags"]),
+        bullets(found["flags"]),
         "## Parts, each in its worst case",
         table(
             ["part", "lines", "worst line", "load [N]", "+- seeds", "+- step", "at rest [N]", "utilisation", "case"],

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -22,7 +22,7 @@ from fitting.farm.site import Case, Site, read_site
 from fitting.sweep.cluster import done_on
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Done:
     """Result of a call: total number of runs, those found in the folder, wall time [s] of the others."""
 

@@ -9,7 +9,7 @@ equilibrium without that link (`settled`), which is solved again and follows the
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -29,13 +29,9 @@ def link_of(model: Model, broken: Break) -> int:
 def with_link_mask(model: Model, broken_link: int | None) -> Model:
     """The model with a mask of intact links, without `broken_link`; with None all are intact."""
     intact = jnp.ones(model.line.links, model.dtype)
-    if broken_link is None:
-        intact = intact
-    else:
+    if broken_link is not None:
         intact = intact.at[broken_link].set(0.0)
-    return dataclasses.replace(
-        model, lines=(dataclasses.replace(model.line, axial=model.line.axial.with_broken_links(intact)),)
-    )
+    return replace(model, lines=(replace(model.line, axial=model.line.axial.with_broken_links(intact)),))
 
 
 def masked_still(found: Still, broken_link: int | None) -> Still:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
@@ -22,7 +23,6 @@ from fitting.farm.optimise.full_storm import Storms, full_storm
 from fitting.farm.optimise.goals import Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, designs_beside, idle, in_assumed, sea_of, still
-from fitting.farm.optimise.parallel_runs import run_parallel
 from fitting.farm.optimise.quantities import Quantity
 from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, peaks
 from fitting.farm.optimise.values import RunStart, Values, Window, rest

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +20,7 @@ from fitting.farm.optimise.values import near_rest
 from fitting.farm.site import Case, Site
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Storms:
     """Hard peaks of one case (q,) and their times (q,) [s]; NaN if the run failed, with `message`."""
 
@@ -41,7 +41,7 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
         near = state(model, near.r, tension=near.tension)
     start = near_rest(model, near)
     model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
-    run = dataclasses.replace(own.run, save_every=1)
+    run = replace(own.run, save_every=1)
     stepper = stepper_of(model, run, track_work=False)
     pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run)
     outcome = run_chunks(pieces, run.saves, silent)

@@ -16,9 +16,10 @@ kind = "quantity"               `of` = "tension.west-leg.fairlead.max", "anchor.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,7 @@ KINDS = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Objective:
     """`[objective]`: the quantity to minimise."""
 
@@ -71,7 +72,7 @@ class Objective:
         return total + self.float_price * sum(float(p.mass or 0.0) for p in floats)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Depth:
     """Range of depths for nodes at rest [m] below the water's level."""
 
@@ -119,7 +120,7 @@ def check_depths(depths: Sequence[Depth], model: Model) -> None:
                 )
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Goals:
     """Objective and constraints, read."""
 
@@ -158,7 +159,7 @@ def _pairs(model: Model, lines: Sequence[str]) -> tuple[tuple[int, int], ...]:
     nodes = []
     for own in line_nodes(model, lines).values():
         nodes.append([int(i) for i in own if i < inner])
-    return tuple((a, b) for one, other in zip(nodes[:-1], nodes[1:], strict=True) for a in one for b in other)
+    return tuple((a, b) for one, other in pairwise(nodes) for a in one for b in other)
 
 
 def read_goals(site: Site) -> Goals:

@@ -7,8 +7,8 @@ programs then only need the derivative of a run with respect to the leaves (the 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -30,7 +30,7 @@ DIFFERENCE_STEP = 1e-4
 ASSUMPTIONS = ("wave height", "current")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Still:
     """The model of a design in calm water under one current, level and month.
 
@@ -120,15 +120,15 @@ def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
 def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:
     """The sea of a case; its waves rise from t = 0 over the ramp [s], with the phase of time `begin` [s]."""
     spec = site.prepared(scene).with_values(site.changes(case)).sea
-    sea = make_sea(dataclasses.replace(spec, interpolation="none", ramp=ramp))
+    sea = make_sea(replace(spec, interpolation="none", ramp=ramp))
     waves = sea.waves
-    return dataclasses.replace(sea, waves=dataclasses.replace(waves, phase=waves.phase - waves.omega * begin))
+    return replace(sea, waves=replace(waves, phase=waves.phase - waves.omega * begin))
 
 
 def in_waves(model: Model, sea: Sea) -> Model:
     """The calm model in the waves of a sea."""
     waves = jax.tree.map(lambda x: jnp.asarray(x, model.dtype), sea.waves)
-    return dataclasses.replace(model, sea=dataclasses.replace(model.sea, waves=waves))
+    return replace(model, sea=replace(model.sea, waves=waves))
 
 
 def leaf_names(model: Model) -> list[str]:

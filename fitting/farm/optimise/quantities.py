@@ -7,8 +7,8 @@ A signal is positive and reaches 1 at its limit: load times factor over capacity
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +44,7 @@ class Quantity:
         return width * jax.scipy.special.logsumexp(self.signal(model, r, tension) / width)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Load(Quantity):
     """Tension times `scale` of some links; with factor over capacity as scale their utilisation."""
 
@@ -56,7 +56,7 @@ class Load(Quantity):
         return jnp.maximum(tension[:, np.array(self.links)], 0.0) * np.array(self.scale)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class AnchorLoad(Quantity):
     """Utilisation of an anchor, as in `dropper_jax.scene.point`, times the factor.
 
@@ -92,7 +92,7 @@ class AnchorLoad(Quantity):
         return load_on_fixed_point(model, self.links, self.signs, r, jnp.maximum(tension, 0.0), start)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Clearance(Quantity):
     """Ratio of the required distance [m] to that of pairs of free nodes."""
 
@@ -105,7 +105,7 @@ class Clearance(Quantity):
         return self.least / jnp.maximum(safe_norm(r[:, one] - r[:, other]), 1e-3 * self.least)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Motion(Quantity):
     """Displacement of nodes from their mean position [m], times `scale`."""
 
@@ -118,7 +118,7 @@ class Motion(Quantity):
         return self.scale * safe_norm(own - jnp.mean(own, axis=0))
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Named(Quantity):
     """The maximum of a quantity by name, times `scale`."""
 
@@ -180,5 +180,5 @@ def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[Anc
         found.append(load)
         if anchor.table.uplift is not None:
             tangent = float(np.tan(np.radians(anchor.table.uplift)))
-            found.append(dataclasses.replace(load, name=f"{name} uplift", uplift=tangent))
+            found.append(replace(load, name=f"{name} uplift", uplift=tangent))
     return found

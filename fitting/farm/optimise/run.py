@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +36,7 @@ CHARACTERISTIC = {
 HELD = 0.9
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Optimum:
     """Result of the search.
 
@@ -85,7 +85,7 @@ class Optimum:
     def to_json(self) -> Table:
         """Plain values."""
         along = None if self.along is None else self.along._asdict()
-        return jsonable({**dataclasses.asdict(self), "gain": self.gain, "along": along})
+        return jsonable({**asdict(self), "gain": self.gain, "along": along})
 
 
 def read_problem(site: Site) -> Design:
@@ -159,7 +159,7 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent) -> 
 
     def save() -> None:
         if file is not None:
-            table = {"site": mark, "check": off, "along": along._asdict(), **dataclasses.asdict(search)}
+            table = {"site": mark, "check": off, "along": along._asdict(), **asdict(search)}
             atomic_write(file, json.dumps(jsonable(table)))
 
     if search.before is None:
@@ -234,7 +234,7 @@ def _optimum(design: Design, search: Search, off: float, along: GradientCheck, s
     if feasible:
         search.x = search.best
     say(0.95, "final whole runs and prices")
-    windows, found, _ = measure(dataclasses.replace(search, history=[]), design, say)
+    windows, found, _ = measure(replace(search, history=[]), design, say)
     here = design.values(search.x, windows, say)
     p = len(design.variables)
     limit = 1.0 - design.settings.margin
@@ -361,5 +361,5 @@ def first_windows(design: Design) -> list[Window]:
         count = len(design.quantities(case, start.still))
         begin = Window(case, 0.0, np.ones(count), None)
         heights = design.window(design.start, begin, start, slopes=False).hard
-        windows.append(dataclasses.replace(begin, height=heights))
+        windows.append(replace(begin, height=heights))
     return windows

@@ -11,8 +11,8 @@ whole runs meet all constraints, and the search ends with the best of these.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,7 +33,7 @@ PERMITTED_EXCESS = 1e-9
 RESIDUAL = 0.02
 
 
-@dataclasses.dataclass
+@dataclass
 class Search:
     """State of the search; everything that a restart needs.
 
@@ -56,13 +56,13 @@ class Search:
     before: Table | None = None
     fixed: np.ndarray | None = None
     sized: int = 0
-    history: list[Table] = dataclasses.field(default_factory=list)
+    history: list[Table] = field(default_factory=list)
     done: bool = False
     residual: float | None = None
     best_residual: float | None = None
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Programme:
     """Solution of a linear programme: step (p,), predicted objective and violation, prices of constraints (m,)."""
 
@@ -121,7 +121,7 @@ def run_round(
             break
         if not first.good and first.values is not None and violation(first.values, one.limit) > 0.0:
             seen = first.values.value - one.here.slopes[:, : len(first.step)] @ first.step
-            last = one.attempt(dataclasses.replace(one.here, value=seen)) or first
+            last = one.attempt(replace(one.here, value=seen)) or first
         if last.good and last.values is not None:
             search.x, one.here, one.taken = last.x, last.values, one.taken + 1
         if last.won < 0.25 * last.gain:  # a step that did not use its full reach would be tried again
@@ -132,7 +132,7 @@ def run_round(
     return one.here
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class _Attempt:
     """A design that was tried: its step (p,), maximum fraction of the ranges, predicted and true gain of merit."""
 

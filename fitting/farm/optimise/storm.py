@@ -8,8 +8,8 @@ the storm from `begin` on. When it meets the storm's largest waves, its motion n
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +40,7 @@ _record = cached_jit(static=("stepper", "steps"), kernel=True)(record)
 _backward_pass = cached_jit(static=("stepper", "moving"), kernel=True)(backward_pass)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Peaks:
     """Peaks of a window.
 
@@ -96,7 +96,7 @@ def peaks(
         steps = int(round(duration / h / len(stills)))
         # windows do not record work: every phase has the same kind of state, and so one program
         runs = []
-        s = dataclasses.replace(rest.state, work=jnp.zeros(0, models[0].dtype))
+        s = replace(rest.state, work=jnp.zeros(0, models[0].dtype))
         for model in models:
             runs.append(_record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps))
             s = runs[-1].last
@@ -202,7 +202,7 @@ def highest_signals(
     return [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Settings(DeclaredSection):
     """Values of `[optimise]`, settings of the search for a design.
 

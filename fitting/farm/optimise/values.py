@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import jax
@@ -21,7 +21,7 @@ from fitting.farm.optimise.models import Still
 from fitting.farm.site import Case
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Rest:
     """An equilibrium.
 
@@ -97,7 +97,7 @@ def _along(model: Model, s: State, loads: jax.Array, ways: jax.Array) -> jax.Arr
     return jax.vmap(lambda direction: jax.jvp(tension, (s.r,), (direction,))[1])(ways)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Window:
     """Window of a case used by the optimiser.
 
@@ -122,7 +122,7 @@ class RunStart(NamedTuple):
     after: Still | None = None
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Values:
     """Objective and constraints of a design; a constraint is met if it is at most 1.
 
@@ -139,7 +139,7 @@ class Values:
     value: np.ndarray
     slopes: np.ndarray
     solved: bool = True
-    by_seed: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    by_seed: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def worst(self) -> float:

@@ -9,8 +9,8 @@ catalogue = [50.0, 55.0, 60.0]  available sizes; the final design uses one of th
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from dropper_jax.base.read import DeclaredSection, Plain, ScenePath, plain, read
 from dropper_jax.load.scene import Scene
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Variable(DeclaredSection):
     """`[[variable]]`: one number of the scene that the optimiser may choose.
 
@@ -53,7 +53,7 @@ class Variable(DeclaredSection):
             sizes = ()
         else:
             sizes = tuple(np.unique(found.catalogue).tolist())
-        return dataclasses.replace(found, path=where, value=float(value), catalogue=sizes)
+        return replace(found, path=where, value=float(value), catalogue=sizes)
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:

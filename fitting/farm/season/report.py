@@ -8,7 +8,7 @@ import json
 from pathlib import Path
 
 from dropper_jax.base.files import atomic_write
-from dropper_jax.base.markdown import cell, table
+from dropper_jax.base.markdown import bullets, cell, table
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
@@ -60,7 +60,7 @@ def page(found: Table) -> str:
         f"{found['lift_n']:.0f} N. The required reserve is {found['wanted_reserve']:g}, and floats carry at least "
         f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
         "and currents.",
-        "\n".join(f"- {flag}" for flag in found["flags"]),
+        bullets(found["flags"]),
         table([*head, "to sinking [m]", "to lifting [m]"], rows),
         "![Floats and their bounds](season.png)",
     ]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -17,7 +17,7 @@ from dropper_jax.scene import LineSpec, whole_lines
 from fitting.farm.site.sections import AnchorTable, Curve, Factors, SeaState
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Part:
     """Lines of one kind.
 
@@ -37,10 +37,10 @@ class Part:
     factor: dict[str, float | None]
     curve: Curve | None
     of_scene: bool = False
-    factors: Factors = dataclasses.field(default_factory=Factors)
+    factors: Factors = field(default_factory=Factors)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Anchor:
     """Fixed points of one kind, with their anchors and the factors on their loads."""
 
@@ -102,7 +102,7 @@ NEVER = 1e9
 PROFILE = ("kind", "exponent", "reference", "veer")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Break:
     """A state with a broken line: its label, the line (or piece of one) and link that breaks, and its `[[failure]]`."""
 
@@ -112,7 +112,7 @@ class Break:
     entry: int
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Storm:
     """A load case without its seed.
 
@@ -165,7 +165,7 @@ class Storm:
         return ", ".join(p for p in [*parts, None if self.broken is None else f"{self.state} broken"] if p)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Case:
     """A run: a load case with a seed."""
 
@@ -212,7 +212,7 @@ def storms(site: Any) -> tuple[Storm, ...]:
                     "a current with these, each as `return_period`"
                 )
         combined = [storm for storm in combined if list(storm.periods) in standard["pairs"]]
-    return tuple(dataclasses.replace(storm, number=i) for i, storm in enumerate(combined))
+    return tuple(replace(storm, number=i) for i, storm in enumerate(combined))
 
 
 def _current(site: Any, given: dict[str, Any] | None, direction: float) -> tuple[dict[str, Any] | None, str | None]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from dropper_jax.base.errors import SceneError
@@ -12,7 +12,7 @@ from dropper_jax.base.read import Plain, Table, plain, read_list, read_number, r
 from fitting.farm.site.sections import Section, read_years, standards
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class CaseLists(Section):
     """`[cases]`: values to be combined."""
 
@@ -55,7 +55,7 @@ class CaseLists(Section):
         names = [item["name"] for item in tables]
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
-        return dataclasses.replace(
+        return replace(
             found, currents=tuple(tables), current_direction=heading, levels=numbers["levels"], standard=standard
         )
 

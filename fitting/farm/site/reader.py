@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -291,7 +291,7 @@ def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> Factors
     own = table if given is None else Factors.of(given, path)
     common = {kind: x for kind, x in table.by_kind.items() if own.by_kind[kind] is None and x is not None}
     sources = [own.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
-    found = dataclasses.replace(own, **common, source="; ".join(sources))
+    found = replace(own, **common, source="; ".join(sources))
     for kind in sorted(kinds):
         if found.by_kind[kind] is None:
             raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], because cases are {kind}")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any, Self
 
@@ -61,7 +61,7 @@ def patterns(meaning: str, **kwargs: Any) -> Any:
     return option(meaning, type=list, **kwargs)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class RunValues(Section):
     """`[run]`: settings of every run, and the statistics over its seeds."""
 
@@ -78,7 +78,7 @@ class RunValues(Section):
     step_seeds: int = whole_number("seeds of the runs with halved steps", default=3)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class SeaState(Section):
     """`[[sea_state]]`: an irregular sea; Hs = 0 is calm water."""
 
@@ -96,14 +96,14 @@ class SeaState(Section):
         check_keys(own, [*declared_fields(cls), *of_sea], path)
         sea = {key: own.pop(key) for key in of_sea if key in own}
         found = super().read(own, path)
-        return dataclasses.replace(found, sea=WaveSpec.read({"kind": "spectrum", **sea}, path))
+        return replace(found, sea=WaveSpec.read({"kind": "spectrum", **sea}, path))
 
     def waves(self, direction: float, seed: int) -> Table:
         """`[sea.waves]` for a travel direction [rad] and a seed."""
         return {**self.sea.table(), "direction": direction, "seed": seed}
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class GrowthTable(Section):
     """`[[growth]]`: mussels of a month on some lines."""
 
@@ -117,10 +117,10 @@ class GrowthTable(Section):
     def read(cls, table: Plain, path: str) -> Self:
         own = dict(read_table(table, path))
         found = super().read({key: own.pop(key) for key in ("month", "lines") if key in own}, path)
-        return dataclasses.replace(found, growth=GrowthSpec.read(own, path))
+        return replace(found, growth=GrowthSpec.read(own, path))
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Factors(Section):
     """`[factors]`: the user's table of factors on loads."""
 
@@ -158,7 +158,7 @@ class Factors(Section):
         return cls(number, number)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Curve(Section):
     """A part's own fatigue curve, `N = k (range/capacity)^-m`."""
 
@@ -167,7 +167,7 @@ class Curve(Section):
     source: str = option("source of the curve", type=str, default="not given")
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class PartTable(Section):
     """`[[part]]` as specified, without its factor and curve."""
 
@@ -178,7 +178,7 @@ class PartTable(Section):
     capacity: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, optional=True)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class AnchorTable(Section, AnchorSpec):
     """`[[anchor]]` of a site: an anchor as in scenes at several points, with the factors of the site."""
 
@@ -195,7 +195,7 @@ class AnchorTable(Section, AnchorSpec):
         return super().read({"point": "", "kind": "tested", **table}, path)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Exclusion(Section):
     """`[exclusion]`: maximum displacement of nodes from their positions in calm water."""
 
@@ -205,7 +205,7 @@ class Exclusion(Section):
     lines: tuple[str, ...] = patterns("lines whose nodes count", default=("*",))
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Backbone(Section):
     """`[backbone]`: range of depths below the water's level for lines at rest."""
 
@@ -223,7 +223,7 @@ class Backbone(Section):
         return found
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class SeasonValues(Section):
     """`[season]`: floats that carry the growing weight."""
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from fitting.farm.site.sections import Backbone, Exclusion, Factors, RunValues, 
 BARE = {"depth": [0.0], "thickness": [0.0], "density": 0.0}
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Site:
     """A site, read and checked.
 
@@ -44,13 +44,13 @@ class Site:
     factors: Factors
     parts: tuple[Part, ...]
     anchors: tuple[Anchor, ...]
-    crop: dict[str, dict[str, float]] = dataclasses.field(default_factory=dict)
+    crop: dict[str, dict[str, float]] = field(default_factory=dict)
     exclusion: Exclusion | None = None
     backbone: Backbone | None = None
     season: SeasonValues | None = None
     quantities: tuple[str, ...] = ()
-    raw: Table = dataclasses.field(default_factory=dict)
-    table: Table = dataclasses.field(default_factory=dict)
+    raw: Table = field(default_factory=dict)
+    table: Table = field(default_factory=dict)
     file: Path | None = None
 
     @cached_property
@@ -93,7 +93,7 @@ class Site:
         """Values of the run of a load case: if a line breaks, the time before the break is not counted."""
         if storm.broken is None:
             return self.run
-        return dataclasses.replace(self.run, skip=max(self.run.skip, self.break_time))
+        return replace(self.run, skip=max(self.run.skip, self.break_time))
 
     @property
     def kinds(self) -> tuple[str, ...]:

@@ -1,7 +1,5 @@
 """Cross-validation and decisions between damping laws, against closed forms and draws."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,14 +1,11 @@
 """Plans of measurements: predicted errors against the scatter of fits, and what cannot be planned."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
 from dropper_jax import SceneError
-from dropper_jax.cli import main
 from fitting import Camera, fit, observe, simulate_truth
 from fitting.calibration.plan import plan
 
@@ -92,8 +89,8 @@ def test_what_cannot_be_planned_is_named(settings, text):
         plan([released(1.2)], FREE, **settings)
 
 
-def test_the_command_prints_one_object(tmp_path, capsys):
+def test_the_command_prints_one_object(tmp_path, printed):
     scene = tmp_path / "swing.json"
     scene.write_text(json.dumps(released(1.2)))
-    assert main(["plan", str(scene), "--free", "b_l", "--duration", "x"]) == 2
-    assert "--duration: 'x' is not a list of numbers" in capsys.readouterr().err
+    said = printed(["plan", str(scene), "--free", "b_l", "--duration", "x"], 2).err
+    assert "--duration: 'x' is not a list of numbers" in said

@@ -166,7 +166,7 @@ def test_wrong_recordings_are_refused_in_one_line(motion):
 
 
 @pytest.mark.check
-def test_the_command_takes_files_of_two_programs_as_one_motion_or_as_two_runs(tmp_path, monkeypatch, capsys):
+def test_the_command_takes_files_of_two_programs_as_one_motion_or_as_two_runs(tmp_path, monkeypatch, capsys, printed):
     monkeypatch.chdir(tmp_path)
 
     def pendulum(t, state):
@@ -182,8 +182,7 @@ def test_the_command_takes_files_of_two_programs_as_one_motion_or_as_two_runs(tm
     film = np.degrees(1.02 * solved(t)[0] + 0.004 * noise.standard_normal(len(t)))
     rows = "\n".join(f"{a - 2:.4f};{b:.4f}" for a, b in zip(t, film, strict=True))
     (tmp_path / "film.csv").write_text("time [s];angle [deg]\n" + rows + "\n")
-    assert main(["fit", "encoder.csv", "film.csv", "--same-motion", "--quiet"]) == 0
-    text = capsys.readouterr().out
+    text = printed(["fit", "encoder.csv", "film.csv", "--same-motion", "--quiet"]).out
     for name in ("recording.film.scale", "recording.film.delay", "--same-motion", "farthest off"):
         assert name in text
     scale = next(line for line in text.splitlines() if "recording.film.scale" in line).split()

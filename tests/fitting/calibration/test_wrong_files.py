@@ -1,7 +1,6 @@
 """Wrong trace files are named, refused or not `ok`; right ones are not. Free rods move as SciPy says (`conftest`)."""
 
 import json
-import tomllib
 from dataclasses import replace
 from functools import partial
 
@@ -19,33 +18,15 @@ from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_f
 from fitting.traces.conventions import settle_convention
 
 pytestmark = pytest.mark.usefixtures("optimised")
-HELD = """
-[run]
-dt = 0.002
-duration = 4.0
-[[point]]
-name = "left"
-position = [0.0, 0.0, 0.0]
-[[point]]
-name = "right"
-position = [0.2, 0.0, 0.0]
-[[line]]
-name = "rig"
-from = "left"
-to = "right"
-links = 4
-length = [0.12, 0.1, 0.09, 0.11]
-mass = 0.03
-[effects.weight]
-[effects.linear_damping]
-b_l = 0.02
-[effects.quadratic_damping]
-b_q = 0.01
-[start]
-kind = "static"
-release_nodes = [2]
-release_force = [[0.1, 0.0, 0.6]]
-"""
+HELD = {
+    "run": {"dt": 0.002, "duration": 4.0},
+    "point": [{"name": "left", "position": [0.0, 0.0, 0.0]}, {"name": "right", "position": [0.2, 0.0, 0.0]}],
+    "line": [
+        {"name": "rig", "from": "left", "to": "right", "links": 4, "length": [0.12, 0.1, 0.09, 0.11], "mass": 0.03}
+    ],
+    "effects": {"weight": {}, "linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.01}},
+    "start": {"kind": "static", "release_nodes": [2], "release_force": [[0.1, 0.0, 0.6]]},
+}
 
 
 def column(trace, j, change):
@@ -73,7 +54,7 @@ def twice(trace):
 
 @pytest.fixture(scope="module")
 def scene():
-    return load_scene(tomllib.loads(HELD))
+    return load_scene(HELD)
 
 
 @pytest.fixture(scope="module")
@@ -86,9 +67,9 @@ def held(held_motion):
     return observe(held_motion, Camera(angle_noise=0.004), 0, "run")
 
 
-def fit_file(folder, trace, toml, capsys, *more):
+def fit_file(folder, trace, scene, capsys, *more):
     """Exit code and JSON of the default command."""
-    (folder / "scene.toml").write_text(toml)
+    (folder / "scene.toml").write_text(dj.as_toml(scene))
     file = write_trace(folder / f"{trace.name}.csv", trace)
     code = main(["fit", str(file), "--scene", str(folder / "scene.toml"), "--json", "--quiet", *more])
     return code, json.loads(capsys.readouterr().out)
@@ -127,8 +108,8 @@ def test_a_wrong_file_between_hooks_is_refused_or_named_by_its_mistake(tmp_path,
 
 
 def test_two_links_between_hooks_are_refused_because_they_cannot_move(tmp_path, held, capsys):
-    two = HELD.replace("links = 4", "links = 2").replace("[0.12, 0.1, 0.09, 0.11]", "0.2")
-    two = two.replace("release_nodes = [2]", "release_nodes = [1]")
+    start = {**HELD["start"], "release_nodes": [1]}
+    two = {**HELD, "line": [{**HELD["line"][0], "links": 2, "length": 0.2}], "start": start}
     code, found = fit_file(tmp_path, replace(held, theta=held.theta[:, [0, 3]]), two, capsys)
     assert code == 2
     assert "cannot move in their plane" in found["error"]

@@ -1,6 +1,5 @@
 """Fits to channels of motions that SciPy integrated."""
 
-import json
 from dataclasses import replace
 
 import jax
@@ -11,7 +10,6 @@ from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
-from dropper_jax.cli import main
 from fitting import fit_channels
 from fitting.channels.fit import growth, pose
 from fitting.channels.observe import differentiate_channels, observe_channels, shift_setup
@@ -139,7 +137,7 @@ def test_profile_and_bootstrap_agree_with_the_errors(found):
 
 
 @pytest.mark.slow
-def test_the_command_line_writes_the_report_and_the_scene(tmp_path, capsys):
+def test_the_command_line_writes_the_report_and_the_scene(tmp_path, json_of):
     columns = seen(np.random.default_rng(1))
     rows = np.stack(list(columns.values()), axis=1)
     np.savetxt(tmp_path / "run.csv", rows, delimiter=",", header=",".join(columns), comments="")
@@ -148,8 +146,7 @@ def test_the_command_line_writes_the_report_and_the_scene(tmp_path, capsys):
     (tmp_path / "data.toml").write_text(as_toml(given))
     asked = ["fit", str(tmp_path / "data.toml"), "--scene", str(tmp_path / "scene.toml"), "--json", "--quiet"]
     asked += ["--free", ",".join(FREE), "--start", "b_l=0.02", "--report", str(tmp_path / "report")]
-    assert main(asked) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = json_of(asked)
     assert result["method"] == "channels"
     one = result["parameters"]["effects.linear_damping.b_l"]
     assert abs(one["value"] - DAMPING) < 3.5 * one["std_error"]

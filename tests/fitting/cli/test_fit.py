@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from dropper_jax import load_scene
+from dropper_jax import as_toml, load_scene
 from dropper_jax.cli import main
 from fitting import Camera, observe, simulate_truth, write_trace
 from fitting.cli.fit_options import held_out_spans
@@ -20,34 +20,7 @@ PENDULUM = {
     "effects": {"weight": {}, "linear_damping": {"b_l": 0.1}, "quadratic_damping": {"b_q": 0.05}},
     "start": {"kind": "angles", "zero": "down", "polar": [1.5707963267948966]},
 }
-TOML = """
-[run]
-dt = 0.01
-duration = 10.0
-[[point]]
-name = "pivot"
-position = [0.0, 0.0, 0.0]
-[[point]]
-name = "bob"
-kind = "free"
-position = [1.0, 0.0, 0.0]
-[[line]]
-name = "pendulum"
-from = "pivot"
-to = "bob"
-links = 1
-length = 1.0
-mass = 1.0
-[effects.weight]
-[effects.linear_damping]
-b_l = 1.0
-[effects.quadratic_damping]
-b_q = 0.5
-[start]
-kind = "angles"
-zero = "down"
-polar = [1.5707963267948966]
-"""
+GUESS = {"weight": {}, "linear_damping": {"b_l": 1.0}, "quadratic_damping": {"b_q": 0.5}}
 KEYS = {
     "schema", "status", "parameters", "correlation", "rms_rad", "held_out_rms_rad", "chi2_per_dof", "noise_rad",
     "iterations", "seconds", "warnings",
@@ -59,7 +32,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fit")
     trace = observe(simulate_truth(PENDULUM, 20.0, 30.0), Camera(rate=30.0, angle_noise=0.005), 0)
     write_trace(folder / "run.csv", trace)
-    (folder / "scene.toml").write_text(TOML)
+    (folder / "scene.toml").write_text(as_toml({**PENDULUM, "effects": GUESS}))
     return folder
 
 

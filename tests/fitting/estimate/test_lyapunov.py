@@ -1,7 +1,5 @@
 """Growth of errors over windows of which some have no motion."""
 
-from __future__ import annotations
-
 import warnings
 from types import SimpleNamespace
 

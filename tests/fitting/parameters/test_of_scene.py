@@ -1,7 +1,5 @@
 """Numbers of the scene as parameters: the model follows them as the scene says."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import numpy as np

@@ -1,8 +1,5 @@
 """Sensitivities: exact derivatives against differences, an honest horizon, and global indices with a known answer."""
 
-from __future__ import annotations
-
-import json
 from dataclasses import replace
 
 import jax
@@ -359,43 +356,38 @@ def test_labels_name_links_and_effects():
     assert path_label("effects.linear_damping.b_l") == "linear damping: b_l"
 
 
-def test_command_prints_a_table_and_draws(tmp_path, capsys, monkeypatch, found):
+def test_command_prints_a_table_and_draws(tmp_path, printed, json_of, monkeypatch, found):
     picture = tmp_path / "tornado.png"
     argv = ["sensitivity", "double-pendulum-chaotic", "--duration", "1", "--of", "tension.1.max", "--quiet"]
     argv += ["--to", "line.0.mass"]
     with monkeypatch.context() as patch:
         patch.setattr(sensitivity, "local", lambda problem, say, check: found)
-        assert main([*argv, "--plot", str(picture)]) == 0
-        assert "p/Q dQ/dp" in capsys.readouterr().out
+        assert "p/Q dQ/dp" in printed([*argv, "--plot", str(picture)]).out
         assert picture.stat().st_size > 5000
-        assert main([*argv, "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed["forward"] == found.forward.tolist()
-    assert printed["trusted"] is True
-    assert (printed["method"], printed["grows"]) == ("tangent", "nothing")
-    assert printed["error"] == found.error.tolist()
-    assert main([*argv[:-1], "line.0.mas", "--json"]) == 2
-    assert "to: 'line.0.mas' does not exist" in json.loads(capsys.readouterr().out)["error"]
+        told = json_of([*argv, "--json"])
+    assert told["forward"] == found.forward.tolist()
+    assert told["trusted"] is True
+    assert (told["method"], told["grows"]) == ("tangent", "nothing")
+    assert told["error"] == found.error.tolist()
+    assert "to: 'line.0.mas' does not exist" in json_of([*argv[:-1], "line.0.mas", "--json"], 2)["error"]
 
 
-def test_command_has_the_verdict_of_a_run_on_its_step(capsys, monkeypatch, found):
+def test_command_has_the_verdict_of_a_run_on_its_step(json_of, monkeypatch, found):
     """A derivative through steps that `dropper run` calls unusable is not ok."""
     argv = ["conical-pendulum-damped", "--dt", "0.3", "--duration", "15", "--quiet"]
     monkeypatch.setattr(sensitivity, "local", lambda problem, say, check: found)
-    assert main(["sensitivity", *argv, "--of", "tension.max", "--to", "b_l", "--json"]) == 3
-    printed = json.loads(capsys.readouterr().out)
+    printed = json_of(["sensitivity", *argv, "--of", "tension.max", "--to", "b_l", "--json"], 3)
     assert printed["status"] == "step_too_long"
     assert any(text.startswith("the run: mean tension") for text in printed["warnings"])
     assert main(["run", *argv]) == 3
 
 
-def test_command_screens_globally(tmp_path, capsys):
+def test_command_screens_globally(tmp_path, json_of):
     """Nothing but the ratio of the two masses matters to the angles, so that both have effects of about one size."""
     pytest.importorskip("SALib")
     argv = ["sensitivity", "double-pendulum-chaotic", "--duration", "0.3", "--dt", "0.02", "--integrator", "rattle"]
     argv += ["--of", "angle.2.final", "--to", "line.0.mass", "--global", "morris", "--samples", "8", "--json"]
-    assert main([*argv, "--plot", str(tmp_path / "morris.png")]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of([*argv, "--plot", str(tmp_path / "morris.png")])
     assert found["runs"] == 24
     assert found["first"][0] == pytest.approx(found["first"][1], rel=0.2)
 

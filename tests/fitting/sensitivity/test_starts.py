@@ -1,7 +1,5 @@
 """Derivatives by numbers of the scene through static starts, against differences of scenes that start anew."""
 
-from __future__ import annotations
-
 import jax
 import jax.numpy as jnp
 import pytest

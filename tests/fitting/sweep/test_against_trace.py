@@ -1,9 +1,6 @@
 """Sweeps scored against a trace: the truth is SciPy's (`benchmarks/closed_chain.py`), scores those of sines."""
 
-from __future__ import annotations
-
 import importlib.util
-import json
 import sys
 from pathlib import Path
 
@@ -12,7 +9,6 @@ import pytest
 
 import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
-from dropper_jax.cli import main
 from fitting import Convention, Trace, write_trace
 from fitting.sweep import sweep_against_trace
 from fitting.sweep.against_trace import Against, FittedScore, part_ends
@@ -110,13 +106,12 @@ def test_scores_are_those_of_sines():
 
 
 @pytest.mark.check
-def test_the_command_prints_scores_and_draws_them(scene, truth, scored, tmp_path, capsys):
+def test_the_command_prints_scores_and_draws_them(scene, truth, scored, tmp_path, json_of):
     found, file = scored(3), write_trace(tmp_path / "truth.csv", truth(3))
     (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))
     vary = [f"--vary={name}={','.join(map(str, values))}" for name, values in PAIRS.items()]
     call = ["sweep", str(tmp_path / "scene.toml"), "--paired", *vary, f"--trace={file}", f"--out={found.sweep.path}"]
-    assert main([*call, f"--plot={tmp_path / 'p'}", "--json", "--quiet"]) == 0
-    trace = json.loads(capsys.readouterr().out)["trace"]
+    trace = json_of([*call, f"--plot={tmp_path / 'p'}", "--json", "--quiet"])["trace"]
     assert trace["best"]["head"]["angle"] == 3
     assert trace["cases"][3]["head"]["angle_rms_rad"] == pytest.approx(found.angle[3, 0], rel=1e-6)
     assert {path.stem for path in (tmp_path / "p").iterdir()} == {"scores", "curves", "spectra"}
@@ -156,23 +151,21 @@ RENAMED = "when,a,b,c,d,more\n" + "".join(
         (None, ["--vary=point.1.position.0=0.2,0.3"], "vary: 'point.1.position.0' moves an end. With a trace, use"),
     ],
 )
-def test_wrong_traces_lists_and_parts_are_one_line(scene, truth, text, options, message, tmp_path, capsys):
+def test_wrong_traces_lists_and_parts_are_one_line(scene, truth, text, options, message, tmp_path, printed):
     (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))
     file = write_trace(tmp_path / "other.csv", truth(0))
     if text:
         file.write_text(text)
     call = ["sweep", str(tmp_path / "scene.toml"), f"--out={tmp_path / 'o.zarr'}", f"--trace={file}", "--quiet"]
     vary = [] if any("--vary" in option for option in options) else ["--vary=b_l=0.1,0.2"]
-    assert main([*call, *vary, *options]) == 2
-    (line,) = (line for line in capsys.readouterr().err.splitlines() if line.startswith("error: "))
+    (line,) = (line for line in printed([*call, *vary, *options], 2).err.splitlines() if line.startswith("error: "))
     assert message in line
 
 
-def test_options_of_a_trace_need_one(scene, tmp_path, capsys):
+def test_options_of_a_trace_need_one(scene, tmp_path, printed):
     (tmp_path / "scene.toml").write_text(as_toml(scene.as_written()))
     call = ["sweep", str(tmp_path / "scene.toml"), f"--out={tmp_path / 'o.zarr'}", "--vary=b_l=0.1", "--fit"]
-    assert main(call) == 2
-    assert "--fit: requires --trace FILE.csv" in capsys.readouterr().err
+    assert "--fit: requires --trace FILE.csv" in printed(call, 2).err
 
 
 def test_nothing_varied_is_refused(scene, truth, tmp_path):

@@ -1,7 +1,5 @@
 """Sweeps: the numbers of single runs, whole after a kill, honest about failures."""
 
-from __future__ import annotations
-
 import errno
 import itertools
 import json
@@ -379,25 +377,21 @@ def test_listed_values_go_together_and_give_the_numbers_of_the_grid(whole, tmp_p
         sweep(SCENE, rows, tmp_path / "rows.zarr", chunk=4, traces=True, **QUICK)
 
 
-def test_command_line_sweeps_and_resumes(tmp_path, capsys):
+def test_command_line_sweeps_and_resumes(tmp_path, printed, json_of):
     out = tmp_path / "cli.zarr"
     argv = ["sweep", "double-pendulum-periodic", "--integrator", "rattle", "--dt", "0.01", "--duration", "0.1"]
     argv += ["--vary", "line.0.mass=0.5:1.5:3", "--quantities", "tension_max", "--out", str(out), "--quiet", "--json"]
-    assert main(argv) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(argv)
     assert (found["status"], found["cases"], found["resumed"], found["failed"]) == ("ok", 3, 0, 0)
     assert found["warnings"] == []
     tension = open_sweep(out).tension_max.values
     np.testing.assert_allclose(tension / tension[1], [0.5, 1.0, 1.5], rtol=1e-9)  # weights and inertia scale alike
-    assert main([*argv, "--plot", str(tmp_path / "plots")]) == 0
-    assert json.loads(capsys.readouterr().out)["resumed"] == 3
+    assert json_of([*argv, "--plot", str(tmp_path / "plots")])["resumed"] == 3
     assert [path.name for path in (tmp_path / "plots").iterdir()] == ["tension_max.png"]
-    assert main([word for word in argv if word != "--json"]) == 0
-    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    rows = [line.split() for line in printed([word for word in argv if word != "--json"]).out.splitlines()]
     first = rows.index(["mass", "[kg]", "tension_max", "[N]"]) + 1
     np.testing.assert_allclose(np.array(rows[first : first + 3], float)[:, 1], tension, rtol=1e-3)
-    assert main([*argv, "--vary", "line.0.length=oops"]) == 2
-    assert "is not NAME=LO:HI:N" in json.loads(capsys.readouterr().out)["error"]
+    assert "is not NAME=LO:HI:N" in json_of([*argv, "--vary", "line.0.length=oops"], 2)["error"]
 
 
 @pytest.mark.check

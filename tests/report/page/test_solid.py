@@ -1,7 +1,5 @@
 """Which frames a page shows; and in a browser: ropes as solids, a click on a part, two runs side by side."""
 
-from __future__ import annotations
-
 import html
 import json
 import re

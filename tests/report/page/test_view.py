@@ -1,7 +1,5 @@
 """The interactive page: whole in one file, the run's numbers inside, and in a browser (where there is one) it works."""
 
-from __future__ import annotations
-
 import base64
 import dataclasses
 import itertools
@@ -14,7 +12,6 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.cli import main
 from dropper_jax.report.page import view_page
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -129,15 +126,12 @@ def test_long_runs_are_thinned_and_keep_their_ends(run, monkeypatch):
     assert floats(found["time"])[[0, -1]].tolist() == [0.0, 2.0]
 
 
-def test_command_writes_the_page_and_refuses_other_files(run, tmp_path, capsys):
+def test_command_writes_the_page_and_refuses_other_files(run, tmp_path, printed, json_of):
     saved, page = run.save(tmp_path / "run.npz"), tmp_path / "view.html"
-    assert main(["view", str(saved), "--out", str(page), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["bytes"] == page.stat().st_size
-    assert main(["view", str(saved), "--out", str(tmp_path / "view.txt")]) == 2
-    assert "--out" in capsys.readouterr().err
+    assert json_of(["view", str(saved), "--out", str(page), "--json"])["bytes"] == page.stat().st_size
+    assert "--out" in printed(["view", str(saved), "--out", str(tmp_path / "view.txt")], 2).err
     (tmp_path / "bad.npz").write_text("nothing")
-    assert main(["view", str(tmp_path / "bad.npz"), "--out", str(page)]) == 2
-    assert "not a saved run" in capsys.readouterr().err
+    assert "not a saved run" in printed(["view", str(tmp_path / "bad.npz"), "--out", str(page)], 2).err
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here: the page's structure is checked, its working is not")

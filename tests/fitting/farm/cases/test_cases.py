@@ -364,35 +364,27 @@ def installed(monkeypatch):
     monkeypatch.setattr(cli, "find_commands", lambda: sorted([*before, *own], key=lambda entry: entry.name))
 
 
-SITE_TOML = """
-scene = "dropper-farm"
-[parameters]
-droppers = 1
-[run]
-duration = 60.0
-seeds = 2
-[[sea_state]]
-name = "storm"
-hs = {hs}
-tp = 9.5
-[cases]
-directions = [0.0, 90.0]
-[factors]
-intact = 1.67
-[[part]]
-name = "all"
-lines = "*"
-capacity = 1e5
-"""
+def storm_site(hs):
+    """A farm of one dropper in a storm of this height [m], as a file."""
+    site = {
+        "scene": "dropper-farm",
+        "parameters": {"droppers": 1},
+        "run": {"duration": 60.0, "seeds": 2},
+        "sea_state": [{"name": "storm", "hs": hs, "tp": 9.5}],
+        "cases": {"directions": [0.0, 90.0]},
+        "factors": {"intact": 1.67},
+        "part": [{"name": "all", "lines": "*", "capacity": 1e5}],
+    }
+    return dj.as_toml(site)
 
 
 def test_the_command_lists_its_cases_and_refuses_what_breaks_before_anything_runs(installed, tmp_path, capsys):
     site, out = tmp_path / "SITE.toml", tmp_path / "out"
-    site.write_text(SITE_TOML.format(hs=4.2))
+    site.write_text(storm_site(4.2))
     assert main(["cases", str(site), "--out", str(out), "--list", "--json"]) == OK
     told = json.loads(capsys.readouterr().out)
     assert (told["cases"], told["runs"]) == (["storm, 0 deg", "storm, 90 deg"], 4)
-    site.write_text(SITE_TOML.format(hs=14.2))
+    site.write_text(storm_site(14.2))
     assert main(["cases", str(site), "--out", str(out), "--json"]) == INVALID_INPUT
     told = json.loads(capsys.readouterr().out)
     assert "sea_state.0.hs: 'storm' of 14.2 m breaks; allowed: at most" in told["error"]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
+from dropper_jax.base.parallel_runs import run_parallel
 from fitting.farm.optimise import run
-from fitting.farm.optimise.parallel_runs import run_parallel
 from fitting.farm.optimise.run import check_slopes, design_warnings
 from fitting.farm.optimise.search import RESIDUAL, Search, measure, run_round, run_search
 from fitting.farm.optimise.values import Values, dominated_slopes

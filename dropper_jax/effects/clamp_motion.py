@@ -12,6 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
+from dropper_jax.base.read import rises
 from dropper_jax.effects.bending import Bending
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
@@ -59,7 +60,7 @@ class ClampMotion(Effect):
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
         _check_point(values["point"], scene)
         time = np.asarray(values["time"])
-        if len(time) < 2 or np.any(np.diff(time) <= 0.0):
+        if not rises(time, 2):
             raise SceneError("effects.clamp_motion.time: needs at least 2 increasing times, one per direction")
         turned = values["quaternion"] is not None
         if turned == (values["direction"] is not None) or turned != (values["along"] is not None):

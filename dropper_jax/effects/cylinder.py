@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import refuse
+from dropper_jax.base.read import refuse, rises
 
 #: Sources of coefficients: the scene's numbers, the rough cylinder above, a table over KC.
 SOURCES = ("given", "rough_cylinder", "table")
@@ -108,7 +108,7 @@ def check_source(path: str, values: Mapping[str, Any], key: str, word: str) -> N
         return
     kc = values["table_kc"]
     rows = values[table]
-    if kc is None or rows is None or len(kc) != len(rows) or len(kc) < 2 or np.any(np.diff(kc) <= 0):
+    if kc is None or rows is None or len(kc) != len(rows) or not rises(kc, 2):
         raise SceneError(f"{path}.table_kc: needs at least 2 rising values, as many as `{table}`")
     if values["table_re"] is not None and (len(values["table_re"]) != 2 or np.diff(values["table_re"]) <= 0):
         raise refuse(f"{path}.table_re", values["table_re"], "is not a range", "two rising Reynolds numbers")

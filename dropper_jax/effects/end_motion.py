@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import trace_once
+from dropper_jax.base.read import rises
 from dropper_jax.model import HeldMotion
 from dropper_jax.scene import SceneData
 
@@ -46,11 +46,7 @@ class EndMotion(HeldMotion):
         table = values["time"] is not None and values["displacement"] is not None
         if harmonic == table:
             raise SceneError("effects.end_motion: give either `amplitude` and `period`, or `time` and `displacement`")
-        if table and (
-            len(values["time"]) != len(values["displacement"])
-            or len(values["time"]) < 2
-            or np.any(np.diff(values["time"]) <= 0)
-        ):
+        if table and (len(values["time"]) != len(values["displacement"]) or not rises(values["time"], 2)):
             raise SceneError("effects.end_motion.time: needs at least 2 increasing times, one per displacement")
 
     def displace(self, t: jax.Array) -> jax.Array:

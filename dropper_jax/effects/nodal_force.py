@@ -12,6 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.indexed_sums import scatter_add
+from dropper_jax.base.read import rises
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 
@@ -59,7 +60,7 @@ class NodalForce(Effect):
             raise SceneError("effects.nodal_force: `time` and `scale` belong together, one of them is missing")
         if table[0] is None:
             return
-        if len(table[0]) != len(table[1]) or len(table[0]) < 2 or np.any(np.diff(table[0]) <= 0):
+        if len(table[0]) != len(table[1]) or not rises(table[0], 2):
             raise SceneError("effects.nodal_force.time: needs at least 2 increasing times, as many as `scale`")
         if any(values[key] is not None for key in ("start", "rise", "release")):
             raise SceneError("effects.nodal_force: a table excludes `start`, `rise` and `release`; give one of the two")

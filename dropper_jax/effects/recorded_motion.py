@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.read import rises
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect
 from dropper_jax.scene import SceneData
@@ -43,7 +44,7 @@ class RecordedMotion(Effect):
                 raise SceneError(f"{path}.points.{i}: {name!r} is a duplicate point; allowed: each point once")
         if not values["points"]:
             raise SceneError(f"{path}.points: is empty; allowed: names of fixed points: {', '.join(held)}")
-        if len(values["time"]) < 2 or np.any(np.diff(values["time"]) <= 0):
+        if not rises(values["time"], 2):
             raise SceneError(f"{path}.time: needs at least 2 increasing times")
         rows = len(values["time"]) * len(values["points"])
         if len(values["positions"]) != rows:

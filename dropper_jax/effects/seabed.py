@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, dot, trace_once
+from dropper_jax.base.read import rises
 from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
@@ -50,7 +50,7 @@ class Seabed(Effect):
                     f"effects.seabed.bed_depth: has {len(values['bed_depth'])} entries; allowed: {wanted}, x by x"
                 )
             for key in ("bed_x", "bed_y"):
-                if len(values[key]) < 2 or np.any(np.diff(values[key]) <= 0):
+                if not rises(values[key], 2):
                     raise SceneError(f"effects.seabed.{key}: needs at least 2 increasing numbers")
         elif values["depth"] is None and scene.sea is None:
             raise SceneError("effects.seabed.depth: missing; needed: the depth of the seabed, or a [sea] with `depth`")

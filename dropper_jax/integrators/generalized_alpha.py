@@ -98,8 +98,7 @@ class GeneralizedAlpha(Implicit):
     def begin(self, model: Model, s: State) -> State:
         """The state with the accelerations at its start, which this scheme carries along."""
         k = model.instant(s.r, s.v, s.t)
-        line = model.line
-        tension = line.axial.tension(k.links, k.link_velocities, line.length)
+        tension = model.tension_by_law(k)
         a = accelerations(model, k, model.force(k) + model.tension_force(tension, k.tangents), s.t)
         for law, z in zip(model.laws, s.law, strict=True):
             a = law.stop(k, a, z, jnp.ones((), a.dtype))  # nodes at rest have zero acceleration

@@ -20,9 +20,8 @@ Rates = tuple[jax.Array, jax.Array, jax.Array]
 def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -> tuple[Rates, jax.Array]:
     """(r', v', work') and the tensions (n,) [N] at one instant."""
     model = model.with_lengths(t)
-    line = model.line
     k = model.instant(r, v, t)
-    tension = line.axial.tension(k.links, k.link_velocities, line.length)
+    tension = model.tension_by_law(k)
     laws = {law.name: law.law_force(k, law.at(k)) for law in model.laws}
     force = model.force(k) + model.tension_force(tension, k.tangents) + sum(laws.values())
     a = accelerations(model, k, force, t)
@@ -75,8 +74,7 @@ def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
     """The state after moving from s along the combined slope."""
     r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
     k = model.kinematics(r, v, s.t + h)
-    line = model.with_lengths(k.t).line
-    tension = line.axial.tension(k.links, k.link_velocities, line.length)
+    tension = model.with_lengths(k.t).tension_by_law(k)
     if s.own:
         own = model.advance_internal_state(model.kinematics(s.r, s.v, s.t), k, tension, h)
     else:

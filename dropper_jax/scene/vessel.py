@@ -17,6 +17,7 @@ from dropper_jax.base.read import (
     as_table,
     check_keys,
     part,
+    plain,
     read_fields,
     read_parameter,
     read_positions,
@@ -67,7 +68,7 @@ class RaoSpec(DeclaredSection):
             values = getattr(self, key)
             yield (
                 not rises(values),
-                f"{path}.{key}: {short_text(values)} does not rise; allowed: one or more rising numbers",
+                f"{path}.{key}: {short_text(plain(values))} does not rise; allowed: one or more rising numbers",
             )
         yield (
             not any(name in given for name in MOTIONS),

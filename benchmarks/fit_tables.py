@@ -5,6 +5,7 @@ import re
 from collections import Counter
 
 import numpy as np
+from scipy.special import betaincinv
 from study import Found, Rows, columns, joined, table_of
 
 
@@ -55,6 +56,73 @@ def sensor_plan(found: Found) -> Rows:
         ("sensors", "{sensors}"),
         *((f"as {text} of angles [s]", f"{{times[{i}]}}") for i, text in enumerate(lasting)),
         ("errors of b_l [kg/s], b_q [kg/m] after 4 s", "{errors[0]:.2g}, {errors[1]:.2g}"),
+    )
+
+
+def share_within(count: int, draws: int, level: float = 0.95) -> tuple[float, float]:
+    """Interval of a probability of which this many of the draws were seen (Clopper and Pearson 1934)."""
+    tail = 0.5 * (1 - level)
+    low = float(betaincinv(count, draws - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, draws - count, 1 - tail)) if count < draws else 1.0
+    return low, high
+
+
+@table_of("right_laws")
+def right_laws(found: Found) -> Rows:
+    """Fits of right models, with the tests of the law: how often one is rejected, and how good their errors are."""
+
+    def counted(name: str, rows: list[Found]) -> Found:
+        status = Counter(row["status"] for row in rows)
+        flagged = status.pop("model_error", 0)
+        fitted = [row for row in rows if "std_error" in row]
+        value, truth, low, high, error, at_bound = (
+            np.array([row[key] for row in fitted])
+            for key in ("values", "truth", "low", "high", "std_error", "at_bound")
+        )
+        z = ((value - truth) / error)[~at_bound]
+        others = ", ".join(f"{count} `{one}`" for one, count in status.items() if one != "ok")
+        least, most = share_within(flagged, len(rows))
+        return {
+            "kind": name,
+            "draws": len(rows),
+            "flagged": f"{flagged} ({least:.1%} to {most:.1%})",
+            "others": others or "-",
+            "inside": float(np.mean((low <= truth) & (truth <= high))),
+            "spread": float(np.sqrt(np.mean(z**2))),
+        }
+
+    names = {"droppers": "random droppers", "chains": "four links between fixed ends"}
+    rows = [counted(names[part], found[part]) for part in names if part in found]
+    rows.append(counted("both", [row for part in names for row in found.get(part, [])]))
+    return columns(
+        rows,
+        ("right models", "{kind}"),
+        ("draws", "{draws}"),
+        ("`model_error` (95 % interval)", "{flagged}"),
+        ("other statuses", "{others}"),
+        ("90 % intervals hold", "{inside:.0%}"),
+        ("error over standard error, RMS", "{spread:.2f}"),
+    )
+
+
+@table_of("fit_bias")
+def fit_bias(found: Found) -> Rows:
+    """Errors of fits without noise, and the mean error by noise, in stated errors."""
+    rows = found["rigs"]
+    z = {key: np.abs([row[key] for row in rows]) for key in ("without_noise", "half_the_step", "errors")}
+    by_noise = np.abs([np.mean(row["by_noise"], axis=0) for row in rows])
+    listed = [
+        ("fit of noisy samples", z["errors"]),
+        ("without noise", z["without_noise"]),
+        ("without noise, half the step", z["half_the_step"]),
+        ("mean of a noise and its negative, without the error of the step", by_noise),
+    ]
+    return columns(
+        ({"name": name, "size": size} for name, size in listed),
+        ("fit", "{name}"),
+        ("median [standard errors]", lambda r: f"{np.median(r['size']):.2g}"),
+        ("maximum", lambda r: f"{np.max(r['size']):.2g}"),
+        ("rigs above 0.2", lambda r: f"{int(np.sum(np.max(r['size'], axis=1) > 0.2))} of {len(rows)}"),
     )
 
 

@@ -196,12 +196,31 @@ def with_fault(d: Draw, right: FitResult) -> tuple[Rig, float]:
         return replace(d.rig, loose=weight / float(10 ** rng.uniform(*np.log10(LOOSE)))), np.nan
     error = {test.name: test.error for test in right.laws.tests}
     mine = next((e for name, e in error.items() if name.startswith(FAULTS[d.fault])), None)
-    if d.fault not in MOST or mine is None:
+    if d.fault not in MOST:
+        return d.rig, drag_noncentrality(right)
+    if mine is None:
         return d.rig, np.nan
     unit = {"springs": 1 / d.rig.length, "added_mass": d.rig.mass}.get(d.fault, 1.0)
     most = MOST[d.fault] * {"added_mass": d.rig.mass}.get(d.fault, d.rig.torque)
     size = min(d.times * mine * unit, most)
     return replace(d.rig, **{d.fault: size}), size / (mine * unit)
+
+
+def drag_noncentrality(right: FitResult) -> float:
+    """Size of the one coefficient of drag in standard errors of a fit with both kinds of drag.
+
+    With b fitted alone, c the other one, S the information of both:
+
+        var(b | c free) = var(b) + (db/dc)^2 var(c | b free),     db/dc = -S_bc/S_bb
+    """
+    other = next(
+        (test for test in right.laws.tests if test.name in (FAULTS["only_linear"], FAULTS["only_quadratic"])), None
+    )
+    if other is None:
+        return np.nan
+    slope = next(iter(other.moves.values())) / other.change
+    error = np.hypot(right.uncertainty.std_error[0], slope * other.error)
+    return float(right.values[0] / error)
 
 
 def scene_of(d: Draw, free: list[int]) -> Found:

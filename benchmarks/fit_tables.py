@@ -126,6 +126,8 @@ def fit_bias(found: Found) -> Rows:
     )
 
 
+#: Standard errors of a force with all others free, from which a trace should show it.
+SHOWABLE = 5.0
 #: Faults that leave one coefficient without a true value.
 OTHER_LAW = ("only_linear", "only_quadratic")
 
@@ -133,7 +135,9 @@ OTHER_LAW = ("only_linear", "only_quadratic")
 @table_of("wrong_laws")
 def wrong_laws(found: Found) -> Rows:
     """Fits whose law lacks a force, by fault, and those of the same rigs without a fault."""
-    draws = [row for row in found["draws"] if "right" in row]
+    draws = [row for row in found["draws"] if "wrong" in row]
+    small = [row for row in draws if (row["times"] or SHOWABLE) < SHOWABLE]
+    draws = [row for row in draws if row not in small]
 
     def is_far_off(row: Found) -> bool:
         off = zip(row.get("errors", []), row.get("relative", []), strict=True)
@@ -157,9 +161,12 @@ def wrong_laws(found: Found) -> Rows:
         }
 
     faults = {draw["fault"]: draw["law"] for draw in draws}
-    rows = [counted("none", [draw["right"] for draw in draws], "")]
+    right = [draw["right"] for draw in found["draws"] if "right" in draw]
+    rows = [counted("none", right, "")]
     for fault, law in sorted(faults.items()):
         rows.append(counted(fault, [draw["wrong"] for draw in draws if draw["fault"] == fault], law))
+    if small:
+        rows.append(counted("below 5 standard errors", [draw["wrong"] for draw in small], ""))
     return columns(
         rows,
         ("fault", "{fault}"),

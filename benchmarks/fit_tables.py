@@ -67,42 +67,53 @@ def share_within(count: int, draws: int, level: float = 0.95) -> tuple[float, fl
     return low, high
 
 
-@table_of("right_laws")
-def right_laws(found: Found) -> Rows:
+#: Parts of `right_laws`, and what the table calls them.
+RIGHT = {"droppers": "random droppers", "chains": "four links between fixed ends"}
+
+
+@table_of("right_laws", "wrong_laws")
+def right_laws(found: Found, others: Found) -> Rows:
     """Fits of right models, with the tests of the law: how often one is rejected, and how good their errors are."""
 
     def counted(name: str, rows: list[Found]) -> Found:
         status = Counter(row["status"] for row in rows)
         flagged = status.pop("model_error", 0)
-        fitted = [row for row in rows if "std_error" in row]
-        value, truth, low, high, error, at_bound = (
-            np.array([row[key] for row in fitted])
-            for key in ("values", "truth", "low", "high", "std_error", "at_bound")
-        )
-        z = ((value - truth) / error)[~at_bound]
-        others = ", ".join(f"{count} `{one}`" for one, count in status.items() if one != "ok")
+        rest = ", ".join(f"{count} `{one}`" for one, count in status.items() if one != "ok")
         least, most = share_within(flagged, len(rows))
+        z = np.concatenate([errors_of(row) for row in rows])
         return {
             "kind": name,
             "draws": len(rows),
             "flagged": f"{flagged} ({least:.1%} to {most:.1%})",
-            "others": others or "-",
-            "inside": float(np.mean((low <= truth) & (truth <= high))),
+            "rest": rest or "-",
+            "inside": float(np.mean(np.abs(z) < NORMAL_90)),
             "spread": float(np.sqrt(np.mean(z**2))),
         }
 
-    names = {"droppers": "random droppers", "chains": "four links between fixed ends"}
-    rows = [counted(names[part], found[part]) for part in names if part in found]
-    rows.append(counted("both", [row for part in names for row in found.get(part, [])]))
+    parts = {name: found[part] for part, name in RIGHT.items() if part in found}
+    parts["2 to 5 links, of the table below"] = [row["right"] for row in others["draws"] if "right" in row]
+    parts["all"] = [row for part in list(parts.values()) for row in part]
     return columns(
-        rows,
+        itertools.starmap(counted, parts.items()),
         ("right models", "{kind}"),
         ("draws", "{draws}"),
         ("`model_error` (95 % interval)", "{flagged}"),
-        ("other statuses", "{others}"),
-        ("90 % intervals hold", "{inside:.0%}"),
+        ("other statuses", "{rest}"),
+        ("values within 1.64 standard errors", "{inside:.0%}"),
         ("error over standard error, RMS", "{spread:.2f}"),
     )
+
+
+#: Standard errors within which 90 % of normal errors are.
+NORMAL_90 = 1.6449
+
+
+def errors_of(row: Found) -> np.ndarray:
+    """Errors of a row's values in standard errors, without values at a bound."""
+    if "errors" in row:
+        return np.array(row["errors"])
+    value, truth, error, at_bound = (np.array(row[key]) for key in ("values", "truth", "std_error", "at_bound"))
+    return ((value - truth) / error)[~at_bound]
 
 
 @table_of("fit_bias")

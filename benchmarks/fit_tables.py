@@ -5,6 +5,7 @@ import re
 from collections import Counter
 
 import numpy as np
+from scipy.special import betaincinv
 from study import Found, Rows, columns, joined, table_of
 
 
@@ -91,6 +92,86 @@ def flume_test(found: Found) -> Rows:
     )
 
 
+def share_within(count: int, draws: int, level: float = 0.95) -> tuple[float, float]:
+    """Interval of a probability of which this many of the draws were seen (Clopper and Pearson 1934)."""
+    tail = 0.5 * (1 - level)
+    low = float(betaincinv(count, draws - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, draws - count, 1 - tail)) if count < draws else 1.0
+    return low, high
+
+
+#: Parts of `right_laws`, and what the table calls them.
+RIGHT = {"droppers": "random droppers", "chains": "four links between fixed ends"}
+
+
+@table_of("right_laws", "wrong_laws")
+def right_laws(found: Found, others: Found) -> Rows:
+    """Fits of right models, with the tests of the law: how often one is rejected, and how good their errors are."""
+
+    def counted(name: str, rows: list[Found]) -> Found:
+        status = Counter(row["status"] for row in rows)
+        flagged = status.pop("model_error", 0)
+        rest = ", ".join(f"{count} `{one}`" for one, count in status.items() if one != "ok")
+        least, most = share_within(flagged, len(rows))
+        z = np.concatenate([errors_of(row) for row in rows])
+        return {
+            "kind": name,
+            "draws": len(rows),
+            "flagged": f"{flagged} ({least:.1%} to {most:.1%})",
+            "rest": rest or "-",
+            "inside": float(np.mean(np.abs(z) < NORMAL_90)),
+            "spread": float(np.sqrt(np.mean(z**2))),
+        }
+
+    parts = {name: found[part] for part, name in RIGHT.items() if part in found}
+    parts["2 to 5 links, of the table below"] = [row["right"] for row in others["draws"] if "right" in row]
+    parts["all"] = [row for part in list(parts.values()) for row in part]
+    return columns(
+        itertools.starmap(counted, parts.items()),
+        ("right models", "{kind}"),
+        ("draws", "{draws}"),
+        ("`model_error` (95 % interval)", "{flagged}"),
+        ("other statuses", "{rest}"),
+        ("values within 1.64 standard errors", "{inside:.0%}"),
+        ("error over standard error, RMS", "{spread:.2f}"),
+    )
+
+
+#: Standard errors within which 90 % of normal errors are.
+NORMAL_90 = 1.6449
+
+
+def errors_of(row: Found) -> np.ndarray:
+    """Errors of a row's values in standard errors, without values at a bound."""
+    if "errors" in row:
+        return np.array(row["errors"])
+    value, truth, error, at_bound = (np.array(row[key]) for key in ("values", "truth", "std_error", "at_bound"))
+    return ((value - truth) / error)[~at_bound]
+
+
+@table_of("fit_bias")
+def fit_bias(found: Found) -> Rows:
+    """Errors of fits without noise, and the mean error by noise, in stated errors."""
+    rows = found["rigs"]
+    z = {key: np.abs([row[key] for row in rows]) for key in ("without_noise", "half_the_step", "errors")}
+    by_noise = np.abs([np.mean(row["by_noise"], axis=0) for row in rows])
+    listed = [
+        ("fit of noisy samples", z["errors"]),
+        ("without noise", z["without_noise"]),
+        ("without noise, half the step", z["half_the_step"]),
+        ("mean of a noise and its negative, without the error of the step", by_noise),
+    ]
+    return columns(
+        ({"name": name, "size": size} for name, size in listed),
+        ("fit", "{name}"),
+        ("median [standard errors]", lambda r: f"{np.median(r['size']):.2g}"),
+        ("maximum", lambda r: f"{np.max(r['size']):.2g}"),
+        ("rigs above 0.2", lambda r: f"{int(np.sum(np.max(r['size'], axis=1) > 0.2))} of {len(rows)}"),
+    )
+
+
+#: Standard errors of a force with all others free, from which a trace should show it.
+SHOWABLE = 5.0
 #: Faults that leave one coefficient without a true value.
 OTHER_LAW = ("only_linear", "only_quadratic")
 
@@ -98,7 +179,9 @@ OTHER_LAW = ("only_linear", "only_quadratic")
 @table_of("wrong_laws")
 def wrong_laws(found: Found) -> Rows:
     """Fits whose law lacks a force, by fault, and those of the same rigs without a fault."""
-    draws = [row for row in found["draws"] if "right" in row]
+    draws = [row for row in found["draws"] if "wrong" in row]
+    small = [row for row in draws if (row["times"] or SHOWABLE) < SHOWABLE]
+    draws = [row for row in draws if row not in small]
 
     def is_far_off(row: Found) -> bool:
         off = zip(row.get("errors", []), row.get("relative", []), strict=True)
@@ -122,9 +205,12 @@ def wrong_laws(found: Found) -> Rows:
         }
 
     faults = {draw["fault"]: draw["law"] for draw in draws}
-    rows = [counted("none", [draw["right"] for draw in draws], "")]
+    right = [draw["right"] for draw in found["draws"] if "right" in draw]
+    rows = [counted("none", right, "")]
     for fault, law in sorted(faults.items()):
         rows.append(counted(fault, [draw["wrong"] for draw in draws if draw["fault"] == fault], law))
+    if small:
+        rows.append(counted("below 5 standard errors", [draw["wrong"] for draw in small], ""))
     return columns(
         rows,
         ("fault", "{fault}"),

@@ -170,6 +170,7 @@ def judge(d: Draw, held: float, **options: Any) -> Found:
         **{"rate": 1 / d.trace.interval, "noise": d.noise, "truth": d.truth.tolist()},
         **{"status": result.status, "message": result.message, "values": result.values.tolist()},
         **{"std_error": u.std_error.tolist(), "low": u.low.tolist(), "high": u.high.tolist()},
+        **{"least_p": min((test.p for test in result.laws.tests), default=1.0)},
         **{"at_bound": u.at_bound.tolist(), "residual": residual, "chi2": result.chi2_per_dof},
         **{"printed_noise": float(np.sqrt(np.mean(np.square(result.noise_table()["sigma_rad"]))))},
         **{

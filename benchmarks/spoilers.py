@@ -25,11 +25,11 @@ from fitting.calibration.estimating import estimate
 from fitting.calibration.freeing import free_by_advice, with_freed
 from fitting.calibration.lost_windows import with_sound_windows
 from fitting.calibration.preparation import Prepared
+from fitting.calibration.summarise import summarise
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
 from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.uncertainty import uncertainty
 
 LENGTH = np.array([0.15, 0.14, 0.16, 0.15])
 MASS = np.array([0.05, 0.06, 0.05, 0.05])
@@ -215,7 +215,8 @@ def one(kind: str, number: int, shared: list[Simulator]) -> Found:
     solution = at.solution
     known = replace(solution.problem.known, doubt=omitted_parameter_bias(at.names, solution.problem.parameters))
     solution.problem = replace(solution.problem, known=known)
-    u = uncertainty(solution)
+    result = summarise(at.prepared, "shooting", solution)
+    u = result.uncertainty
     if solution.problem.noise is None:
         kind_of_noise = "white"
     else:
@@ -224,9 +225,11 @@ def one(kind: str, number: int, shared: list[Simulator]) -> Found:
     first = next(iter([*([] if kind_of_noise == "white" else [kind_of_noise]), *names]), "")
     return {
         "spoiler": kind, "draw": number, "truth": d.name, "first": first, "names": names, "noise": kind_of_noise,
-        "status": solution.status, "values": solution.values[:2].tolist(), "std_error": u.std_error[:2].tolist(),
+        "status": result.status, "values": solution.values[:2].tolist(), "std_error": u.std_error[:2].tolist(),
         "low": u.low[:2].tolist(), "high": u.high[:2].tolist(), "bound": bound(prepared, d, shared[0]).tolist(),
         "gap_weight": solution.gap_weight, "gains": [c.gain for c in at.names],
+        "law": result.laws.wrong.name if result.laws.wrong else "",
+        "least_p": min((test.p for test in result.laws.tests), default=1.0),
     }  # fmt: skip
 
 

@@ -1,16 +1,18 @@
 """Is a wrong damping law reported, and a right one not? On truth that SciPy integrates, without this project's code.
 
-    python benchmarks/wrong_laws.py [--seeds 0:48] [--out FILE]
+    python benchmarks/wrong_laws.py [--seeds 0:48] [--every] [--out FILE]
 
 A draw is a chain of 2 to 5 links that hangs from a hook, or between two, with both kinds of drag. Seen with white
 noise, it is fitted twice from drag that is five times off: without a fault, and with one of `FAULTS` that the scene
-does not have. The size of a fault is 8 to 300 times the standard error that the fit of the right trace gives it, which
-is close to the Cramer-Rao bound, and at most `MOST`. Written are status, the law that is named, and the errors of b_l
-and b_q in standard errors and relative to the truth. Writes results/wrong_laws.json.
+does not have; with `--every`, with each fault in turn. The size of a fault is 8 to 300 times the standard error that
+the fit of the right trace gives it, which is close to the Cramer-Rao bound, and at most `MOST`. Written are status, the
+law that is named, and the errors of b_l and b_q in standard errors and relative to the truth. Writes
+results/wrong_laws.json.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -38,6 +40,10 @@ FAULTS = {
     "only_quadratic": "quadratic drag",
     "loose_hook": "",
 }
+#: Faults of rigs with one kind of drag, fitted by the other one.
+OTHER_LAW = ("only_linear", "only_quadratic")
+#: Sizes of faults in standard errors, as powers of ten.
+TIMES = (0.9, 2.5)
 #: Largest sizes: torques in weights of a link times its length, added mass in masses of a node.
 MOST = {"dry": 0.03, "viscous": 0.03, "springs": 0.3, "added_mass": 0.3}
 #: Displacement of a loose hook [m] under the weight of the chain.
@@ -185,7 +191,7 @@ def draw(seed: int) -> Draw:
     rate = float(rng.choice([60, 80, 100]))
     camera = Camera(rate, rng.uniform(6, 10), rng.uniform(2e-3, 6e-3))
     start = np.array([b_l, b_q]) * rng.choice([0.2, 5.0], 2)
-    return Draw(rig, pose(rig, rng), camera, start, fault, 10 ** rng.uniform(0.9, 2.5), seed)
+    return Draw(rig, pose(rig, rng), camera, start, fault, 10 ** rng.uniform(*TIMES), seed)
 
 
 def with_fault(d: Draw, right: FitResult) -> tuple[Rig, float]:
@@ -196,12 +202,31 @@ def with_fault(d: Draw, right: FitResult) -> tuple[Rig, float]:
         return replace(d.rig, loose=weight / float(10 ** rng.uniform(*np.log10(LOOSE)))), np.nan
     error = {test.name: test.error for test in right.laws.tests}
     mine = next((e for name, e in error.items() if name.startswith(FAULTS[d.fault])), None)
-    if d.fault not in MOST or mine is None:
+    if d.fault not in MOST:
+        return d.rig, drag_noncentrality(right)
+    if mine is None:
         return d.rig, np.nan
     unit = {"springs": 1 / d.rig.length, "added_mass": d.rig.mass}.get(d.fault, 1.0)
     most = MOST[d.fault] * {"added_mass": d.rig.mass}.get(d.fault, d.rig.torque)
     size = min(d.times * mine * unit, most)
     return replace(d.rig, **{d.fault: size}), size / (mine * unit)
+
+
+def drag_noncentrality(right: FitResult) -> float:
+    """Size of the one coefficient of drag in standard errors of a fit with both kinds of drag.
+
+    With b fitted alone, c the other one, S the information of both:
+
+        var(b | c free) = var(b) + (db/dc)^2 var(c | b free),     db/dc = -S_bc/S_bb
+    """
+    other = next(
+        (test for test in right.laws.tests if test.name in (FAULTS["only_linear"], FAULTS["only_quadratic"])), None
+    )
+    if other is None:
+        return np.nan
+    slope = next(iter(other.moves.values())) / other.change
+    error = np.hypot(right.uncertainty.std_error[0], slope * other.error)
+    return float(right.values[0] / error)
 
 
 def scene_of(d: Draw, free: list[int]) -> Found:
@@ -260,27 +285,46 @@ def judge(d: Draw, trace: Trace, free: list[int], simulator: Simulator | None = 
     }, result
 
 
-def measure(seed: int) -> Found:
-    """The rows of a draw without and with its fault."""
+def measure(seed: int, every: bool = False) -> Iterator[Found]:
+    """The rows of a draw without and with its fault.
+
+    Args:
+        every: with each fault in turn, of rigs with both kinds of drag; their fits share the programs of the first one.
+    """
     d = draw(seed)
     rig = d.rig
-    head = {"seed": seed, "fault": d.fault, "law": FAULTS[d.fault], "links": rig.links, "closed": rig.gap is not None}
     used = [i for i, b in enumerate((rig.b_l, rig.b_q)) if b > 0]
     try:
         right, result = judge(d, seen(d, rig, 0), used)
     except SceneError as error:
-        return {**head, "refused": str(error)}
-    faulty, times = with_fault(d, result)
-    other = [1 - i for i in used] if len(used) == 1 else used  # the other law, where only one is true
-    try:
-        shared = result.solution.problem.simulator if other == used else None
-        wrong = judge(d, seen(d, faulty, 1), other, shared)[0]
-    except SceneError as error:
-        wrong = {"status": "refused", "message": str(error)}
-    size = getattr(faulty, d.fault, faulty.loose)
-    return {**head, "size": size, "times": times, "right": right, "wrong": wrong}
+        yield {**head_of(d), "refused": str(error)}
+        return
+    faults = [d.fault]
+    if every and len(used) == 2:
+        faults = [fault for fault in FAULTS if fault not in OTHER_LAW]
+    for number, fault in enumerate(faults):
+        one = d
+        if every:
+            times = 10 ** np.random.default_rng([seed, 63, number]).uniform(*TIMES)
+            one = replace(d, fault=fault, times=times)
+        faulty, times = with_fault(one, result)
+        other = [1 - i for i in used] if len(used) == 1 else used  # the other law, where only one is true
+        try:
+            shared = result.solution.problem.simulator if other == used else None
+            wrong = judge(one, seen(one, faulty, number + 1), other, shared)[0]
+        except SceneError as error:
+            wrong = {"status": "refused", "message": str(error)}
+        size = getattr(faulty, fault, faulty.loose)
+        yield {**head_of(one), "size": size, "times": times, **({} if number else {"right": right}), "wrong": wrong}
 
 
-@command(seeds="0:48", out=RESULTS / "wrong_laws.json")
+def head_of(d: Draw) -> Found:
+    """What a row is of."""
+    head = {"draw": f"{d.seed} {d.fault}", "seed": d.seed, "fault": d.fault, "law": FAULTS[d.fault]}
+    return {**head, "links": d.rig.links, "closed": d.rig.gap is not None}
+
+
+@command(seeds="0:48", every=False, out=RESULTS / "wrong_laws.json")
 def main(args) -> None:
-    collect(args.out, {"draws": map(measure, seeds_of(args.seeds))}, by="seed")
+    rows = (measure(seed, args.every) for seed in seeds_of(args.seeds))
+    collect(args.out, {"draws": chain.from_iterable(rows)}, by="draw")

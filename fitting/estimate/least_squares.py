@@ -27,7 +27,7 @@ LARGEST_DAMPING = 1e8
 
 #: Limit of a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth. Measured
 #: double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors; three links
-#: with dry joints: 0.12. The limit is the permitted shift by the time step, 0.3 standard errors.
+#: with dry joints: 0.12. The limit is 0.3 standard errors.
 SWITCHING_STEP = 0.3
 
 

@@ -14,7 +14,7 @@ from fitting.calibration.fit import estimate
 from fitting.calibration.prediction import PARTED
 from fitting.calibration.summarise import summarise
 from fitting.estimate.descent import ARRIVED, GradientDescent
-from fitting.estimate.least_squares import fit_windows
+from fitting.estimate.least_squares import descend, fit_windows
 from fitting.estimate.normal_equations import drop_wild
 from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
@@ -304,6 +304,23 @@ def test_a_step_too_coarse_for_small_errors_is_told_and_halved_until_it_is_not(t
         whole = level.undamped_step(solution.evaluation, solution.values, np.inf)
         bound = np.sqrt(np.diag(np.linalg.inv(whole.information)))
         assert np.all(error < 1.6 * result.uncertainty.noise * bound)  # 2.6 where the step stays as it is
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("part", [1.0, 0.1, 0.03])
+def test_without_noise_a_fit_ends_within_a_fifth_of_its_stated_errors(two, ready, motion, part):
+    """The samples of a fit lose their noise; its weights, joins and step stay, so that the step's error remains."""
+    trace = two.seen(motion, 0, part * two.NOISE)
+    prepared = ready(trace)
+    solution = estimate(prepared, "shooting")
+    windows = solution.windows
+    noise = motion[1] - trace.theta  # the model's angles from the horizontal grow the other way round
+    frame = np.clip(np.rint(windows.times() * two.RATE).astype(int), 0, len(noise) - 1)
+    clean = np.where(windows.weight > 0, windows.theta - noise[frame], 0.0)
+    problem = replace(solution.problem, windows=replace(windows, theta=clean))
+    begin = replace(solution, problem=problem, evaluation=problem.evaluate(solution.values, solution.starts))
+    found = descend(level_of(problem, solution.gap_weight), begin, 40)
+    assert np.all(np.abs(found.values - two.TRUTH) < 0.2 * uncertainty(solution).std_error)
 
 
 def test_a_step_that_stays_too_coarse_is_warned_of(two, ready, motion):

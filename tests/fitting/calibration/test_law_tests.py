@@ -1,6 +1,7 @@
 """Score tests of the law, on traces of another simulator (`conftest`): right laws pass, wrong ones are named."""
 
 import importlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,11 +87,16 @@ def test_quadratic_drag_that_is_left_out_is_a_model_error_that_names_it(two, rea
 
 
 @pytest.fixture(scope="module")
-def quadratic():
-    """`quadratic(seed)`: the fit of linear drag alone to a chain of `wrong_laws` that has quadratic drag alone."""
+def study():
+    """The chains of `wrong_laws`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(BENCHMARKS)
-        study = importlib.import_module("wrong_laws")
+        return importlib.import_module("wrong_laws")
+
+
+@pytest.fixture(scope="module")
+def quadratic(study):
+    """`quadratic(seed)`: the fit of linear drag alone to a chain of `wrong_laws` that has quadratic drag alone."""
 
     def fitted(seed):
         draw = study.draw(seed)
@@ -114,3 +120,14 @@ def test_a_force_that_a_trace_neither_shows_nor_excludes_is_in_a_warning(quadrat
     result = quadratic(5)
     assert result.status == "ok"
     assert "effects.linear_damping.b_l may include quadratic drag" in " ".join(result.warnings)
+
+
+@pytest.mark.check
+def test_noise_with_a_memory_does_not_explain_windows_that_do_not_join(study):
+    """A loose hook looks like correlated noise in every window; b_q would be ten times the true one, 7 errors off."""
+    draw = replace(study.draw(105), fault="loose_hook")
+    rig, _ = study.with_fault(draw, None)
+    result = study.judge(draw, study.seen(draw, rig, 5), [0, 1])[1]
+    assert result.noise_table()["kind"] == "correlated"
+    assert result.status == "misfit"
+    assert "the windows of the fit do not join to one motion" in result.message

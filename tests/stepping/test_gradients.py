@@ -204,7 +204,7 @@ def test_other_schemes_and_solvers_have_equal_forward_and_reverse_derivatives_an
 @pytest.mark.check
 def test_derivatives_through_halved_steps_are_exact_in_both_modes(both_modes):
     """A step that turns the links about once: it fails as a whole, and the run repeats its accepted parts."""
-    stepper, dt = dj.make_stepper(model_of(SMALL), iterations=4, halvings=4), 0.1
+    stepper, dt = dj.make_stepper(model_of(SMALL), halvings=6), 0.1
     run = dj.integrate(stepper, model_of(SMALL), replace(SMALL_START, v=20 * SMALL["speed"]), dt, 1)[1]
     assert run.retried[0]
     assert run.residual[0] < 1e-11

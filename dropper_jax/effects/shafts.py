@@ -64,7 +64,8 @@ class Shafts:
                 if against:
                     along = along[::-1]
                     self.sign[along] = -1.0
-                following -= position > 0  # it shares its first node with the line before
+                if position > 0:  # it shares its first node with the line before
+                    following -= 1
                 self.node[along] = following + np.arange(len(along))
                 following += len(along)
         _, self.line_node = np.unique(self.node, return_index=True)

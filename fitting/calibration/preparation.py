@@ -16,24 +16,17 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.spans import (
-    SHORTEST_PART,
-    check_spans,
-    check_step,
-    fitted_spans,
-    follow_motion,
-    longest_window,
-    time_step,
-    without_held_starts,
-)
+from fitting.calibration.spans import check_spans, check_step, fitted_spans, time_step, without_held_starts
+from fitting.calibration.window_length import SHORTEST_PART, follow_motion, longest_window
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.release import Release, release_of
 from fitting.estimate.residuals import Descent, Problem, Solution
-from fitting.estimate.rest import Rest, advice_on_rest, rests
+from fitting.estimate.rest import Rest, rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
+from fitting.estimate.still import advice_on_rest
 from fitting.estimate.windows import Piece, Span, Starts, Windows, cut, fewest_frames, fill, first_starts
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names

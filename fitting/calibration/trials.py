@@ -24,7 +24,7 @@ from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.preparation import Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
-from fitting.calibration.spans import LONGEST
+from fitting.calibration.window_length import LONGEST
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one

@@ -40,7 +40,7 @@ def test_fourth_order_rattle_keeps_energy_bounded_and_lengths_to_rounding():
 
 
 @pytest.mark.check
-def test_on_lines_that_stretch_it_has_its_order():
+def test_energy_momentum_4_has_order_four_on_lines_that_stretch():
     x = np.linspace(0.0, 3.0, 5)
     nodes = np.stack([x, 0.1 * x, -0.4 * np.sin(np.pi * x / 3.0)], axis=1)
     rope = {"length": 0.8, "mass": 0.5, "axial": {"law": "elastic", "EA": 3000.0, "damping": 5.0}}
@@ -56,7 +56,7 @@ def test_on_lines_that_stretch_it_has_its_order():
     assert np.log2([coarse / middle, middle / fine]) == pytest.approx([4.0, 4.0], abs=0.3)
 
 
-def test_a_mass_on_an_elastic_link_rings_at_its_closed_form_frequency(march, chain):
+def test_a_mass_on_an_elastic_link_rings_at_its_closed_form_frequency_by_rk4(march, chain):
     """z = rest + a cos(w t), w^2 = EA/(L m): exact for a vertical line."""
     length, mass, stiffness, amplitude = 0.5, 0.4, 80.0, 0.02
     rest = -length * (1 + mass * G / stiffness)
@@ -80,7 +80,7 @@ def test_thesis_scheme_in_angles_has_the_right_sign_of_the_coriolis_term(march, 
 
 
 @pytest.mark.check
-def test_a_weighting_of_one_half_is_the_energy_momentum_scheme(march):
+def test_theta_midpoint_with_one_half_is_the_energy_momentum_scheme(march):
     model, s = dj.build("dropper-release-a")
     default = march(dj.make_stepper(model, halvings=0, track_work=False), model, s, 0.5, 128, 2)[0]
     weighted = march(

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Check, raises_first
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter, drag_diameter
@@ -319,10 +319,10 @@ class Surface:
         """Height (k, m) [m] over positions (k, m, 3) [m] at times (k,) [s]."""
         if self._sea is None:
             return np.zeros(positions.shape[:2])
-        return np.asarray(_elevations(self._sea, jnp.asarray(positions), jnp.asarray(times)))
+        return np.asarray(_elevations(self._sea, positions, times))
 
 
-@jax.jit
+@cached_jit()
 def _elevations(sea: Sea, positions: jax.Array, times: jax.Array) -> jax.Array:
     # one instant after another: a sea of hundreds of components over all nodes and times at once would exceed the
     # memory

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import DTypeLike
 
 from dropper_jax.axial import ChangingLength
@@ -136,8 +137,9 @@ class Model:
 
     def no_multipliers(self) -> tuple[jax.Array, ...]:
         """Zeros in the shape of the unknowns of laws and constraints (`State.law`)."""
-        laws = tuple(jnp.zeros((law.rows(self), law.components), self.dtype) for law in self.laws)
-        return laws + tuple(jnp.zeros(constraint.rows(self), self.dtype) for constraint in self.constraints)
+        shapes = [(law.rows(self), law.components) for law in self.laws]
+        shapes += [(constraint.rows(self),) for constraint in self.constraints]
+        return tuple(jnp.asarray(np.zeros(shape), self.dtype) for shape in shapes)
 
     @property
     def dtype(self) -> jnp.dtype:

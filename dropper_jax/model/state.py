@@ -125,15 +125,16 @@ def state(
     model: Model, r: jax.Array, v: jax.Array | None = None, tension: jax.Array | None = None, t: float = 0.0
 ) -> State:
     """A state from free-node positions (nodes, 3) [m] and velocities; omitted values are zero."""
+    # zeros of NumPy: outside of a program `jnp.zeros` compiles one for each shape
     r = jnp.asarray(r, model.dtype)
     return State(
         r=r,
-        v=jnp.asarray(np.zeros(r.shape, r.dtype)) if v is None else jnp.asarray(v, model.dtype),
+        v=jnp.asarray(np.zeros(r.shape), model.dtype) if v is None else jnp.asarray(v, model.dtype),
         tension=jnp.asarray(np.zeros(model.line.links) if tension is None else tension, model.dtype),
         t=jnp.asarray(t, model.dtype),
-        acceleration=jnp.asarray(np.zeros(r.shape, r.dtype)),
+        acceleration=jnp.asarray(np.zeros(r.shape), model.dtype),
         law=model.no_multipliers(),
-        work=jnp.zeros(len(work_names(model)), model.dtype),
+        work=jnp.asarray(np.zeros(len(work_names(model))), model.dtype),
         parted=nothing_parted(model),
         own=model.initial_internal_state(),
     )

@@ -220,12 +220,12 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
     """
     count = len(states[2])
     if count <= BLOCK_STATES:
-        states = jax.tree.map(jnp.asarray, states)
+        states = jax.device_put(states)  # `jnp.asarray` would compile a program for each shape
         return _Observed(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
     found = None
     for first in range(0, count, BLOCK_STATES):
         at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)
-        block = jax.tree.map(lambda a, at=at: jnp.asarray(a[at]), states)
+        block = jax.device_put(jax.tree.map(lambda a, at=at: a[at], states))
         seen = _Observed(jax.tree.map(np.asarray, _observe(model, *block)), body_motion(model, *block[:2]))
         if found is None:
             found = jax.tree.map(lambda a: rows.empty((count, *a.shape[1:]), a.dtype), seen)
@@ -275,8 +275,8 @@ def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutc
     accuracy = solution.scene.run.accuracy
     taken = {
         "steps": int(np.sum(steps)),
-        "refused_steps": int(carry.refused - start.refused),
-        "shortest_steps": int(carry.shortest - start.shortest),
+        "refused_steps": int(carry.refused) - int(start.refused),
+        "shortest_steps": int(carry.shortest) - int(start.shortest),
         "accuracy": accuracy,
     }
     warnings = list(solution.warnings)

@@ -166,14 +166,14 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
     dt = jnp.asarray(run.interval, model.dtype)
     saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
     accuracy = jnp.asarray(run.accuracy, model.dtype)
-    none = jnp.zeros((), jnp.int32)
+    none = np.int32(0)
     program = _advance_adaptively.program(stepper, model, carry, dt, accuracy, count=none, watch=watch, saves=saves)
 
     def advance(
         carry: Carry, left: int, interval: jax.Array, accuracy: jax.Array
     ) -> tuple[Carry, tuple[Trajectory, Beside]]:
         count = min(saves, left)  # never beyond the end, where the run may go on
-        after, rows = program(model, carry, interval, accuracy, jnp.asarray(count, jnp.int32), watch)
+        after, rows = program(model, carry, interval, accuracy, np.int32(count), watch)
         return after, jax.tree.map(lambda a: np.asarray(a)[:count], rows)
 
     def companion(finer: bool) -> Companion:
@@ -210,7 +210,7 @@ class _EqualSteps:
         self.longest = min(max(1, run.saves // MIN_CHUNKS), self.settings["saves"])
         self.count = 1
         dt = jnp.asarray(self.dt, self.model.dtype)
-        none = jnp.zeros((), jnp.int32)
+        none = np.int32(0)
         self.program = _advance.program(stepper, model, progress, dt, count=none, watch=watch, **self.settings)
 
     def __call__(self, carry: Progress, left: int) -> tuple[Progress, tuple[Trajectory, None]]:
@@ -223,7 +223,7 @@ class _EqualSteps:
     def _take(self, carry: Progress, left: int, parts: float = 1.0) -> tuple[Progress, tuple[Trajectory, None]]:
         count = min(left, self.settings["saves"])
         dt = jnp.asarray(self.dt / parts, self.model.dtype)
-        after, rows = self.program(self.model, carry, dt, jnp.asarray(count, jnp.int32), self.watch)
+        after, rows = self.program(self.model, carry, dt, np.int32(count), self.watch)
         return after, (jax.tree.map(lambda a: np.array(np.asarray(a)[:count]), rows), None)
 
     def companion(self, finer: bool) -> Companion:

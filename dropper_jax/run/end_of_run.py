@@ -62,7 +62,7 @@ def last_row(trajectory: Trajectory) -> Row:
 
 def first_row(s: State, work: int) -> Row:
     """The row of the initial state of a run, with this number of contributions to the work."""
-    return Row(s.r, s.v, s.tension, jnp.zeros(work, s.r.dtype), s.parted, s.own)
+    return Row(s.r, s.v, s.tension, jnp.asarray(np.zeros(work), s.r.dtype), s.parted, s.own)
 
 
 def name_leaves(last: Last) -> dict[str, np.ndarray]:

@@ -184,7 +184,7 @@ def _arrays(spec: LevelSpec | CurrentSpec) -> Table:
     values = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
     found = {}
     for key, value in values.items():
-        found[key] = value if value is None or isinstance(value, str) else jnp.asarray(value, float)
+        found[key] = value if value is None or isinstance(value, str) else jnp.asarray(np.asarray(value, float), float)
     return found
 
 
@@ -233,10 +233,10 @@ def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array
         period = np.array([2 * np.pi / float(frequency(jnp.asarray(2 * np.pi / spec.length), depth, gravity))])
     every = np.ones(period.size)
     return Components(
-        jnp.asarray(np.atleast_1d(spec.size) * every),
-        jnp.asarray(2 * np.pi / period),
+        jnp.asarray(np.atleast_1d(spec.size) * every, float),
+        jnp.asarray(2 * np.pi / period, float),
         jnp.asarray(np.atleast_1d(spec.phase) * every),
-        jnp.asarray(spec.direction),
+        jnp.asarray(spec.direction, float),
     )
 
 

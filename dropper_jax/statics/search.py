@@ -64,7 +64,7 @@ class Equilibrium:
 def given_loads(model: Model, loads: jax.Array | None) -> jax.Array:
     """Loads (free nodes, 3) [N] of the nodes; zero without any."""
     if loads is None:
-        return jnp.zeros((model.free_nodes, 3), model.dtype)
+        return jnp.asarray(np.zeros((model.free_nodes, 3)), model.dtype)
     return jnp.asarray(loads, model.dtype)
 
 

@@ -234,7 +234,7 @@ def guess(model: Model, t: float = 0.0) -> State:
             line[:, 2] -= 0.5 * np.sum(length[span]) * np.sin(np.pi * along)
         inner = (path >= 0) & (path < geometry.free)
         r[path[inner]] = line[inner]
-    return state(model, jnp.asarray(r), t=t)
+    return state(model, r, t=t)
 
 
 #: Maximum number of iterations without an improvement over the guess.

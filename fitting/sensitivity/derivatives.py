@@ -179,7 +179,7 @@ def changed_study(problem: Study, values: np.ndarray) -> tuple[float, Varied | N
         s = initial_state(apply(problem.model, problem.parameters, values), problem.scene.start)
     except SceneError:
         return np.nan, None
-    start = Varied(s, [jnp.zeros((len(values), *x.shape), x.dtype) for x in floats_of(s)])
+    start = Varied(s, [jnp.asarray(np.zeros((len(values), *x.shape)), x.dtype) for x in floats_of(s)])
     quantity, run = vary_study(problem, values, start, problem.scene.run.saves)
     return float(quantity.tree), run
 
@@ -220,7 +220,7 @@ def windows(
             last = jax.tree.map(lambda x, k=i * saves - 1: x[k], run)
             s = state(model, last.r, last.v, last.tension, i * saves * every)
             s = replace(s, parted=last.parted, own=last.own)
-        fixed = Varied(s, [jnp.zeros((len(at), *x.shape), x.dtype) for x in floats_of(s)])
+        fixed = Varied(s, [jnp.asarray(np.zeros((len(at), *x.shape)), x.dtype) for x in floats_of(s)])
         found.append(np.asarray(vary_study(problem, at, fixed, saves)[0].slopes[0]))
     if count > 1:
         error = np.std(found, axis=0, ddof=1) / np.sqrt(count)

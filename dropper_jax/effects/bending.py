@@ -17,6 +17,10 @@ from dropper_jax.base.read import Pairs
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData
 
+#: Length of a link over its unstretched length below which nothing resists its compression: the bending moment between
+#: links without a direction has no value.
+CRUSHED = 0.9
+
 
 @component
 class Bending(Effect):

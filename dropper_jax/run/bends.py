@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax.analysis.writhe import writhe
 from dropper_jax.base.read import Table
 from dropper_jax.effects import EFFECTS
-from dropper_jax.effects.bending import common_ends
+from dropper_jax.effects.bending import CRUSHED, common_ends
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
@@ -87,6 +87,29 @@ def twist_remarks(scene: Scene, positions: np.ndarray, tension: np.ndarray, torq
                     f"{line.name}: it coils by {turns:.2g} turns in the run; its twist would change by as many, which "
                     "the torsion model omits"
                 )
+
+
+def crushed_links(scene: Scene, positions: np.ndarray) -> Iterator[str]:
+    """Warnings about lines with bending stiffness whose links shorten, because their axial law has no compression.
+
+    A line without bending stiffness folds under compression. With it the line stays straight, its links collapse to
+    points, and the bending moment between links without a direction has no value.
+
+    Args:
+        positions: all nodes (k, nodes, 3) [m].
+    """
+    stiffness = bending_stiffness(scene)
+    for line, where in sliced_lines(scene):
+        if not (line.goes_slack and np.any(stiffness[where.links] > 0.0)):
+            continue
+        size = np.linalg.norm(np.diff(positions[:, where.nodes], axis=1), axis=-1) / line.length
+        worst = np.unravel_index(np.argmin(size), size.shape)
+        if size[worst] < CRUSHED:
+            yield (
+                f"{line.name}: link {worst[1] + 1} is compressed to {size[worst]:.0%} of its length: the line has "
+                f"bending stiffness, but its axial law {line.axial_law!r} no stiffness in compression. Use axial law "
+                "'elastic'"
+            )
 
 
 def bends(scene: Scene) -> bool:

@@ -118,6 +118,11 @@ class LineSpec(DeclaredSection):
     def rigid(self) -> bool:
         return self.axial_law == "rigid"
 
+    @property
+    def goes_slack(self) -> bool:
+        """Whether its links carry no compression."""
+        return self.axial_law in ("rope", "damped_rope", "tabulated")
+
     def table(self) -> Table:
         found = {key: _one_or_all(value) for key, value in as_table(self).items()}
         if self.rigid:

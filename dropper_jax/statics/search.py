@@ -95,7 +95,8 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
     if message and not model.line.compound:  # slack links, seabed or surface during the search
         lower = _by_descent(full, model, loads, t)
-        if lower.status == "ok" and holds(model, lower.state):
+        came_closer = lower.status != "ok" and lower.residual < residual
+        if came_closer or (lower.status == "ok" and holds(model, lower.state)):
             return lower
     return _result(full, s, residual, message)
 

@@ -275,9 +275,7 @@ class GradientSteps:
 
     def _next(self, point: Point, newton: Step) -> Point | None:
         """The next point; None if a line search finds none."""
-        objective = self.objective
         problem = self.objective.problem
-        nowhere = 0 * point.values
         direction = self.x.step(point.values, newton.gradient)
         low, high = problem.bounds(point.values)
         span = np.where(direction > 0, high - point.values, low - point.values)
@@ -287,23 +285,40 @@ class GradientSteps:
         searched = self.descent.searches
         if searched and not slope < 0:
             return None
+        if searched:  # the first trial is not beyond the minimum that the information predicts along the direction
+            direction = direction * min(-slope / max(float(direction @ newton.information @ direction), 1e-300), 1.0)
+            slope = float(newton.gradient @ direction)
         for trial in range(TRIALS if searched else 1):
-            self.count += 1
             # starts follow the parameters; a shorter step also withholds more of their own move
             damping = self.damping * 10.0**trial
-            step = objective.solve(point.system, point.values, damping, nowhere, nowhere)
-            if step is None:
-                continue
             part = SHORTER**trial
-            values = np.clip(point.values + part * direction, low, high)
-            dz = step.dz + step.eliminated @ (values - point.values)
-            evaluation = problem.evaluate(values, problem.move_starts(point.evaluation.starts, point.values, dz))
-            cost = objective.cost(evaluation, values)
-            if not searched or cost <= point.cost + ENOUGH * part * slope:
-                self.damping = max(0.1 * damping, LEAST_DAMPING)
-                if np.isfinite(cost):
-                    system = objective.system(evaluation, values)
-                else:
-                    system = None
-                return Point(values, evaluation, cost, system)
+            found = self._moved(point, part * direction, damping)
+            if found is not None and (not searched or found.cost <= point.cost + ENOUGH * part * slope):
+                return self._accepted(found, damping)
+        # far from the minimum of the starts a step of the parameters changes the loss by less than the starts do
+        found = self._moved(point, 0 * direction, self.damping)
+        if found is not None and found.cost < point.cost:
+            return self._accepted(found, self.damping)
         return None
+
+    def _moved(self, point: Point, change: np.ndarray, damping: float) -> Point | None:
+        """The point after a change (k,) of the parameters, which the starts follow; None if they cannot."""
+        objective = self.objective
+        problem = objective.problem
+        nowhere = 0 * point.values
+        self.count += 1
+        step = objective.solve(point.system, point.values, damping, nowhere, nowhere)
+        if step is None:
+            return None
+        low, high = problem.bounds(point.values)
+        values = np.clip(point.values + change, low, high)
+        dz = step.dz + step.eliminated @ (values - point.values)
+        evaluation = problem.evaluate(values, problem.move_starts(point.evaluation.starts, point.values, dz))
+        return Point(values, evaluation, objective.cost(evaluation, values), None)
+
+    def _accepted(self, found: Point, damping: float) -> Point:
+        """The point with its equations, if its loss is finite."""
+        self.damping = max(0.1 * damping, LEAST_DAMPING)
+        if not np.isfinite(found.cost):
+            return found
+        return found._replace(system=self.objective.system(found.evaluation, found.values))

@@ -158,3 +158,46 @@ def test_a_sag_of_three_links_is_warned_of(links, sag, warned):
     positions = np.stack([x, 0.0 * x, -5.0 - sag * 4.0 * x / 10.0 * (1.0 - x / 10.0)], axis=1)
     found = pose_remarks(sock(links, 10.3), positions, np.full(links, 1e3))
     assert any("too few links" in text for text in found) == warned
+
+
+def bent_rope(law):
+    """A rope with bending stiffness that hangs from a clamp above, which turns it upside down."""
+    return {
+        "run": {"accuracy": 0.01, "duration": 0.3},
+        "point": [
+            {"name": "wall", "position": [0.0, 0.0, 0.0]},
+            {"name": "tip", "kind": "free", "position": [0.5, 0.0, 0.5]},
+        ],
+        "line": [
+            {
+                **{"name": "rod", "from": "wall", "to": "tip", "links": 4, "length": 0.2, "mass": 0.1},
+                "axial": {"law": law, "EA": 1e5, "damping": 100.0},
+            }
+        ],
+        "start": {"kind": "angles", "polar": [3.0] * 4},
+        "effects": {
+            "weight": {},
+            "linear_damping": {"b_l": 0.1},
+            "bending": {"EI": 20.0, "clamped": ["wall"], "directions": [[0.0, 0.0, 1.0]]},
+        },
+    }
+
+
+@pytest.mark.parametrize(("law", "warned"), [("rope", True), ("elastic", False)])
+def test_links_that_collapse_under_compression_are_warned_of(law, warned):
+    """A rod stands on its clamp: it carries its weight by compression, which a rope does not."""
+    solution = dj.simulate(bent_rope(law))
+    found = [text for text in solution.warnings if text.startswith("rod: link 1 is compressed to")]
+    assert bool(found) == warned
+    assert all("Use axial law 'elastic'" in text for text in found)
+
+
+def test_a_start_that_collapses_under_compression_is_refused_with_the_law_that_stands():
+    """A rod between points that are closer together than its length: it buckles, a rope collapses."""
+    points = [{"name": "wall", "position": [0.0, 0.0, 0.0]}, {"name": "tip", "position": [0.6, 0.0, 0.0]}]
+    rope = {**bent_rope("rope"), "start": {"kind": "static"}, "point": points}
+    rope["effects"]["bending"]["directions"] = [[1.0, 0.0, 0.0]]
+    with pytest.raises(SceneError, match="is compressed to .* of its length: use axial law 'elastic' with bending"):
+        dj.simulate(rope)
+    rope["line"][0]["axial"]["law"] = "elastic"
+    assert dj.simulate(rope).status == "ok"

@@ -154,7 +154,7 @@ def _things(scene: Scene) -> Iterator[Difference]:
             f"{of}: MoorDyn joins the rows of a table by straight lines and ends at the last one",
         )
         yield (
-            line.axial_law not in ("rope", "damped_rope", "tabulated"),
+            not line.goes_slack,
             f"{of}: axial law {line.axial_law!r} is not represented; MoorDyn's lines cannot push",
         )
         yield (

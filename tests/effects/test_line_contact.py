@@ -258,3 +258,20 @@ def test_steps_that_no_halving_makes_short_enough_are_said():
     assert solution.status == "retry_exhausted"
     assert "lines in contact moved by more than half their radius" in solution.failure
     assert "take a smaller step" in solution.failure
+
+
+def test_stiff_ropes_that_slide_slowly_into_each_other_find_their_rest():
+    """A loop hangs in another one: the descent needs several thousand iterations, each thousand of which helps."""
+    loop = {"links": 8, "axial": {"law": "rope", "EA": 5e6}}
+    ends = {"a": [0.0, 0.0, 0.0], "b": [1.5, 0.0, 0.0], "c": [0.7, -0.531, 0.0], "d": [0.7, 0.531, 0.0]}
+    scene = {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "point": [{"name": name, "position": position} for name, position in ends.items()],
+        "line": [
+            {"name": "low", "from": "a", "to": "b", "length": 0.375, "mass": 0.952, "diameter": 0.0519, **loop},
+            {"name": "high", "from": "c", "to": "d", "length": 0.332, "mass": 2.24, "diameter": 0.0719, **loop},
+        ],
+        "effects": {"weight": {}, "line_contact": {"pairs": [["low", "high"]], "stiffness": 28400.0}},
+        "start": {"kind": "points"},
+    }
+    assert dj.equilibrium(dj.build(scene)[0]).status == "ok"

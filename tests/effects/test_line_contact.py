@@ -260,6 +260,7 @@ def test_steps_that_no_halving_makes_short_enough_are_said():
     assert "take a smaller step" in solution.failure
 
 
+@pytest.mark.check  # 40 s
 def test_stiff_ropes_that_slide_slowly_into_each_other_find_their_rest():
     """A loop hangs in another one: the descent needs several thousand iterations, each thousand of which helps."""
     loop = {"links": 8, "axial": {"law": "rope", "EA": 5e6}}

@@ -25,6 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.model import Model, State
@@ -210,7 +211,7 @@ def _recorded(carry: object, of: Quantity) -> Record | None:
     return record.to_repeat()
 
 
-@partial(jax.jit, static_argnums=0)
+@cached_jit(static=("of",))
 def measure_rows(
     of: Quantity, model: Model, s: State, rows: Trajectory, interval: jax.Array, watch: QuantitySignals | None
 ) -> jax.Array:

@@ -1,6 +1,6 @@
 """Derivatives through slack ropes with the law `SlackTangent` against differences of runs, on scenes it never saw.
 
-    python benchmarks/tangents.py --seed 1 --out benchmarks/results/tangents.json
+    python benchmarks/tangents.py --seeds 1 2 --out benchmarks/results/tangents.json
 
 Each kind of scene draws its sizes, sea and ropes from the seed. The derivatives of a mean tension by five numbers are
 those of `dj.integrate_adaptively` with `stepper.tangent`, over 60 s. Differences are those of `dropper sensitivity`:
@@ -323,16 +323,17 @@ def summary(rows: list[Table]) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seeds", type=int, nargs="*", default=[1, 2])
     parser.add_argument("--kinds", type=int, nargs="*", default=range(len(KINDS)), help="numbers of kinds, from 0")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     rows = []
-    for i in args.kinds:
-        rows.append(run_case(KINDS[i], args.seed))
-        print(json.dumps(jsonable(rows[-1])), flush=True)
-        if args.out is not None:
-            args.out.write_text(json.dumps(jsonable({"summary": summary(rows), "rows": rows}), indent=1))
+    for seed in args.seeds:
+        for i in args.kinds:
+            rows.append(run_case(KINDS[i], seed))
+            print(json.dumps(jsonable(rows[-1])), flush=True)
+            if args.out is not None:
+                args.out.write_text(json.dumps(jsonable({"summary": summary(rows), "rows": rows}), indent=1))
     print(summary(rows))
 
 

@@ -40,6 +40,7 @@ PUBLIC = {
     "SceneData": "scene.data",
     "SceneError": "base.errors",
     "SimulationError": "base.errors",
+    "SlackTangent": "axial.law",
     "Solution": "run.simulate",
     "State": "model.state",
     "Stepper": "residual.step",

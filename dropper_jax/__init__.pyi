@@ -1,5 +1,6 @@
 """The names that `dropper_jax` offers itself, for editors; a test compares them with its `PUBLIC`."""
 
+from dropper_jax.axial.law import SlackTangent as SlackTangent
 from dropper_jax.backend.one_kernel import one_kernel as one_kernel
 from dropper_jax.backend.programs import store_programs as store_programs
 from dropper_jax.base.errors import SceneError as SceneError

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.axial.law import AxialLaw, LinkStart
+from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
 
@@ -72,6 +72,9 @@ class ChangingLength(AxialLaw):
 
     def soften(self, share: float) -> AxialLaw:
         return replace(self, law=self.law.soften(share))
+
+    def with_tangent(self, tangent: SlackTangent) -> AxialLaw:
+        return replace(self, law=self.law.with_tangent(tangent))
 
     def with_broken_links(self, intact: jax.Array) -> AxialLaw:
         return replace(self, law=self.law.with_broken_links(intact))

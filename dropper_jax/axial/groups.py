@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.axial.law import AxialLaw, LinkStart
+from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent
 from dropper_jax.base.fields import component, option
 
 
@@ -68,6 +68,9 @@ class Groups(AxialLaw):
 
     def soften(self, share: float) -> AxialLaw:
         return self._change_each(lambda law, _: law.soften(share))
+
+    def with_tangent(self, tangent: SlackTangent) -> AxialLaw:
+        return self._change_each(lambda law, _: law.with_tangent(tangent))
 
     def with_broken_links(self, intact: jax.Array) -> AxialLaw:
         return self._change_each(lambda law, m: law.with_broken_links(intact[m]))

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.axial.elastic import Elastic, StretchStep
-from dropper_jax.axial.law import LinkStart
-from dropper_jax.base.fields import component
+from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent
+from dropper_jax.base.fields import component, option
 from dropper_jax.base.numerics import dot, positive_part, safe_norm
 from dropper_jax.base.springs import mean_positive_part, never_more
 
@@ -48,6 +48,11 @@ class Rope(Elastic):
     than its mean stretch has the damping of `elastic`. For MoorDyn's damper, which also acts in slack lines, see
     `damped_rope`.
     """
+
+    def with_tangent(self, tangent: SlackTangent) -> AxialLaw:
+        if type(self) is not Rope:  # kinds of rope with laws of their own keep their derivatives
+            return self
+        return TangentRope(self.EA, self.damping, self.intact, tangent)
 
     def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
         return self.EA / length * positive_part(size - length)
@@ -139,3 +144,19 @@ class Rope(Elastic):
 
     def _damper_over(self, step: StretchStep, size: jax.Array, spring: jax.Array) -> jax.Array:
         return never_more(self._damper_of(step, size), spring)
+
+
+@component
+class TangentRope(Rope):
+    """A rope for derivatives alone: where it ends a step slack, its row has the slopes of a `SlackTangent`."""
+
+    tangent: SlackTangent = option("law of derivatives", default=SlackTangent())
+
+    def residual(
+        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
+    ) -> jax.Array:
+        before = safe_norm(self.unstretch_broken(start.d, length))
+        size = safe_norm(self.unstretch_broken(d1, length))
+        elongation = 0.5 * (before + size) - length + self.tangent.time * (size - before) / h
+        soft = self.tangent.stiffness * elongation - length * tension / self.EA
+        return jnp.where(size <= length, soft, super().residual(start, d1, tension, length, h))

@@ -23,6 +23,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 from jax.flatten_util import ravel_pytree
 
+from dropper_jax.axial import SlackTangent
 from dropper_jax.base.numerics import store_once
 from dropper_jax.model import LimitsTimeStep, Model, State
 from dropper_jax.residual.breaking import with_breaking
@@ -112,6 +113,7 @@ class Stepper(Newton):
         easing: whether a step with set-valued laws that does not converge is solved with smoothed laws.
         halvings: how often a step that does not converge is halved; 0: it is taken as it is, and reported.
         track_work: count the work of each effect in `State.work`.
+        tangent: law of slack ropes in derivatives; None for that of the run.
     """
 
     integrator: Integrator
@@ -119,6 +121,7 @@ class Stepper(Newton):
     easing: bool = False
     halvings: int = 0
     track_work: bool = True
+    tangent: SlackTangent | None = None
 
     @property
     def plain(self) -> Stepper:
@@ -296,7 +299,11 @@ def _implicit_derivative(
         given = list(leaves)
         for i, value in zip(moving, values, strict=True):
             given[i] = value
-        return stepper.integrator.problem(*jax.tree.unflatten(tree, given))
+        model, s, h = jax.tree.unflatten(tree, given)
+        if stepper.tangent is not None:
+            axial = model.line.axial.with_tangent(stepper.tangent)
+            model = replace(model, lines=(replace(model.line, axial=axial), *model.lines[1:]))
+        return stepper.integrator.problem(model, s, h)
 
     # reverse mode stores theta and u of a step, and takes the matrix again on its way back
     @jax.checkpoint

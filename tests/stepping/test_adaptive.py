@@ -13,6 +13,8 @@ from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.evaluation.tension import line_tensions
 from dropper_jax.plots.run import readable
+from dropper_jax.stepping.adaptive import Record, adaptive_start, advance_adaptively
+from dropper_jax.stepping.integrate import begin
 
 #: The rope is taut for some 4 ms, within an interval of 20 ms.
 CASE = {"period": 0.008, "dt": 0.02, "duration": 0.5}
@@ -266,6 +268,19 @@ def test_a_run_that_finds_its_steps_in_one_program_is_the_same_and_has_derivativ
     assert int(rows.first_bad[-1]) == -1
     few = dj.integrate_adaptively(stepper, model, start, 0.02, 25, 0.01, 20)[1]
     assert int(few.first_bad[-1]) >= 0
+
+
+def test_repeated_steps_that_are_far_too_long_are_divided(followed, falling):
+    model, start = dj.build(falling(**CASE))
+    stepper = dj.make_stepper(model, track_work=False)
+    across = Record.empty(model, 32)._replace(length=jnp.full(32, 0.02)).to_repeat()  # five times the snap
+    carry = adaptive_start(stepper, model, begin(stepper, model, start), across)
+    run = jax.jit(partial(advance_adaptively, stepper, saves=25))
+    after, (rows, within) = run(model, carry, jnp.asarray(0.02), jnp.asarray(0.01))
+    assert int(after.record.number) == 25
+    assert int(within.steps.max()) > 5
+    assert int(within.steps.min()) == 1
+    np.testing.assert_allclose(rows.r[:, 0], followed.positions[1:, 1], atol=0.01 * 0.2)
 
 
 @pytest.mark.check

@@ -253,6 +253,7 @@ axes[0].legend()
 plt.show()
 
 # %% [markdown]
-# EI of 36 links is off by 0.6 %, of 16 error bars. Without the links it is within 0.1 %, and 9 of the 10 intervals of
-# both values contain the truth, as they should. The mean of EI is still 1.5 error bars too high: at 0.04 % the error
-# of higher order shows. A twin needs its own EI: simulate with the value that was fitted with the same links and steps.
+# EI of 36 links is off by 0.6 %, which is more than ten error bars. Without the links it is within 0.1 %, and 9 of the
+# 10 intervals of both values contain the truth, as they should. All five values of EI are still too high, by one error
+# bar or so: at 0.05 % the error of higher order shows. A twin needs its own EI: simulate with the value that was fitted
+# with the same links and steps.

@@ -90,6 +90,14 @@ SHORT: dict[str, list[tuple[str, str | None]]] = {
         ("STEPS = 24", "STEPS = 1"),
         ("for seed in (4, 5, 6, 7, 8, 9, 10):", "for seed in (4, 7, 8, 9):"),
     ],
+    "12-rope-twin": [
+        ("DURATION, SHAKE = 4.0, 3.0", "DURATION, SHAKE = 1.0, 0.8"),
+        ("LINKS = (12, 24, 36)", "LINKS = (4, 6)"),
+        ("STEPS = 12", "STEPS = 2"),
+        ("[4, 8, 12]) / 12", "[2, 6]) / 6"),
+        ("polynomials=8", "polynomials=4"),
+        ("for seed in range(5):", "for seed in range(1):"),
+    ],
 }
 
 

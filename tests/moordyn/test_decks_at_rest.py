@@ -82,6 +82,15 @@ def test_tensions_at_rest_are_those_of_moordyn(name):
         np.testing.assert_allclose(nodes, theirs, rtol=0.01, atol=LEAST * max(max(line) for line in REST[name]))
 
 
+@pytest.mark.check
+def test_a_cable_in_a_lazy_wave_rests_as_in_cabledyn():
+    """Finite elements, twelve for each of the links here (`of_cabledyn.py`)."""
+    theirs = json.loads((DECKS / "lazy_wave_cable_cabledyn.json").read_text())
+    ((line, ours, nodes),) = tensions("lazy_wave_cable.txt")[1]
+    np.testing.assert_allclose(ours, theirs["tensions"], rtol=1e-3)
+    np.testing.assert_allclose(nodes, theirs["positions"], atol=2e-4 * line.length.sum())
+
+
 @pytest.mark.parametrize("name", each(MOORPY))
 def test_tensions_at_rest_are_those_of_moorpy(name):
     scene, found = tensions(name)

@@ -1,5 +1,7 @@
 """Lengths in time beside MoorDyn, whose unstretched lengths are driven as by a control channel."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -87,17 +89,15 @@ def by_moordyn(file, times, number, lengths):
     return np.array(found)
 
 
-@pytest.mark.check
-@pytest.mark.parametrize("name", MOORINGS)
-def test_tensions_of_a_hauled_line_are_those_of_moordyn(name, tmp_path, monkeypatch):
-    points, lines, depth, number, whole, hauled = MOORINGS[name]
-    monkeypatch.chdir(tmp_path)
-    file = tmp_path / "mooring.txt"
-    file.write_text(DECK.format(points=points, lines=lines, depth=depth))
+def both(deck, number, whole, hauled, here=None):
+    """Tensions [N] at both ends of every line over time (k, lines, 2): of MoorDyn, and of a deck (`here`) here."""
+    file = Path("mooring.txt").resolve()
+    file.write_text(deck)
     times = CALL * np.arange(round(SPAN / CALL) + 1)
     lengths = length(times, whole, hauled)
     theirs = by_moordyn(file, times, number, lengths)
 
+    file.write_text(here or deck)
     table = dj.load_scene(file).to_dict()
     links = table["line"][number - 1]["links"]
     table["line"][number - 1]["length_in_time"] = [
@@ -107,7 +107,29 @@ def test_tensions_of_a_hauled_line_are_those_of_moordyn(name, tmp_path, monkeypa
     run = dj.simulate(table)
     assert run.status == "ok"
     ends = [[line.links.start, line.links.stop - 1] for line in run.lines]
-    ours = run.tension[1:, ends]
+    return theirs, run.tension[1:, ends]
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("name", MOORINGS)
+def test_tensions_of_a_hauled_line_are_those_of_moordyn(name, tmp_path, monkeypatch):
+    points, lines, depth, number, whole, hauled = MOORINGS[name]
+    monkeypatch.chdir(tmp_path)
+    theirs, ours = both(DECK.format(points=points, lines=lines, depth=depth), number, whole, hauled)
     difference = np.max(np.abs(ours - theirs), axis=0) / np.max(theirs, axis=0)
     assert np.max(np.abs(theirs[-1] / theirs[0] - 1.0)) > 0.1
     assert np.max(difference) < 0.005
+
+
+@pytest.mark.check
+@pytest.mark.parametrize("depth", [50, 90])
+def test_a_chain_with_the_mass_of_what_remains_is_that_of_moordyn_after_hauling(depth, tmp_path, monkeypatch):
+    """On the seabed and hanging: the weight of hauled chain is all that differs (1.06 %)."""
+    monkeypatch.chdir(tmp_path)
+    whole, hauled = 100.0, 1.0
+    deck = DECK.format(points=FIXED, lines=f"1 chain 1 2 {whole} 20 -", depth=depth)
+    remains = 1.0 - hauled / whole
+    light = deck.replace("chain 0.1 30.0", f"chain {0.1 * np.sqrt(remains)} {30.0 * remains}")
+    theirs, ours = both(deck, 1, whole, hauled, here=light)
+    after = round(10.0 / CALL)
+    assert np.max(np.abs(ours - theirs)[after:]) < 1e-3 * np.max(theirs)

@@ -13,8 +13,8 @@ To verify a run the companion is finer instead, a/4 or h/2, for two to three tim
 
 Results are the mean, the standard deviation and the maximum in time of the tension of each line's most loaded link, and
 the positions of the nodes. The maximum depends on few steps and converges irregularly: its error is the whole
-difference, `PEAK_SCATTER` times with an accuracy. Once both runs are different motions (chaos), differences are chance:
-errors of tensions are then the whole differences as well, and positions are compared until that time.
+difference, at least the RMS over the links of the line. Once both runs are different motions (chaos), differences are
+chance: errors of tensions are then the whole differences as well, and positions are compared until that time.
 
 The compiled program of the run has accuracy, step and count as arguments, so nothing is compiled again.
 """
@@ -48,9 +48,6 @@ MISSED = 3.0
 #: Stated over estimated error of runs with an accuracy. The true errors of positions in 81 random scenes
 #: (`benchmarks/random_scenes.py`, seeds 0 to 99) are at most 1.1 times the estimate in half of them, 3.3 times in 95 %.
 SCATTER = 4.0
-#: Stated error of a maximum over the difference of both runs. True errors are within the difference in 91 % of 78 lines
-#: of random scenes (seeds 400 to 431), at least that of the line's links counted in 95 %, 1.5 times as much in 96 %.
-PEAK_SCATTER = 1.5
 #: Chaos: distance of the two runs, over the travel, up to which they are one motion ...
 CHAOS_RESOLVED = 0.01
 #: ... which they stay for at least this number of times the first swing ...
@@ -134,10 +131,8 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     estimate = error_factor(solution, companion.finer)
     if solution.scene.run.accuracy is None or companion.finer:
         stated = estimate
-        peaks = 1.0
     else:
         stated = SCATTER * estimate
-        peaks = PEAK_SCATTER
     travel = _travel(solution, rows.r)
     separation = None
     if travel is not None:
@@ -155,7 +150,7 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
         chaotic_from_s = float(solution.t[every * (1 + chaos)])
     return {
         "companion": companion.words,
-        "lines": list(_lines(solution, both_tensions, stated if chaos is None else max(stated, 1.0), peaks)),
+        "lines": list(_lines(solution, both_tensions, stated if chaos is None else max(stated, 1.0))),
         "positions": positions,
         "chaotic_from_s": chaotic_from_s,
         "angles_rad": estimate * _angle_error(solution, np.concatenate(turned)[:chaos], interval),
@@ -192,7 +187,7 @@ def _weighted(parts: list[tuple[int, Tensions]]) -> Tensions:
     return Tensions(mean, square, np.max([part.top for _, part in parts], axis=0))
 
 
-def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float, peaks: float) -> Iterator[dict[str, Any]]:
+def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) -> Iterator[dict[str, Any]]:
     run, other = both
     lines = list(whole_lines(solution.scene))
     along = [line.links for line in lines]
@@ -201,7 +196,7 @@ def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float, pe
     size = np.maximum(size, max(SMALL_TENSION * float(np.max(run.top)), np.finfo(float).tiny))
     means = _differences(run.mean - other.mean, along, links, size)
     deviations = _differences(run.deviation - other.deviation, along, links, size)
-    tops = peaks * _of_line(run.top - other.top, along, links)
+    tops = _of_line(run.top - other.top, along, links)
     for i, (line, link) in enumerate(zip(lines, links, strict=True)):
         yield {
             "line": line.name,

@@ -240,7 +240,7 @@ def guess(model: Model, t: float = 0.0) -> State:
 
 #: Maximum number of iterations without an improvement over the guess.
 HOPELESS = 500
-#: How often a descent that has not arrived goes on, and the fraction of the unbalanced force below which it must be.
+#: How often a descent is continued, and the fraction of the unbalanced force that it must leave at most for that.
 CONTINUED = 12
 IMPROVED = 0.5
 

@@ -191,11 +191,10 @@ for links, result in first.items():
         print("  -", warning)
 
 # %% [markdown]
-# The error bars are those of the noise alone: none contains the error of the links. Twelve links are too few. The fit
-# warns only above twice the noise of a sensor; its residuals at the tip are 1.7 times that noise, which chance does not
-# give to 402 samples (1 ± 0.04), and the picture shows why. From 24 links on the residuals are those of the noise: what
-# is left is below the noise of one frame. EI is still off by many error bars, so that a good fit does not prove enough
-# links. Only another number of links does.
+# The error bars are those of the noise alone: none contains the error of the links. Twelve links are too few, and the
+# fit says so: at the tip its residuals are 1.7 times the noise of the camera, and smooth. From 24 links on the
+# residuals are those of the noise: what is left is below the noise of one frame. EI is still off by many error bars, so
+# that a good fit does not prove enough links. Only another number of links does.
 
 # %%
 fig, axes = plt.subplots(len(LINKS), 1, figsize=(8, 5), sharex=True, sharey=True, layout="constrained")

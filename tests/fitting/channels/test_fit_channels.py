@@ -11,8 +11,9 @@ from scipy.integrate import solve_ivp
 import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
 from fitting import fit_channels
-from fitting.channels.fit import growth, pose
+from fitting.channels.fit import growth, pose, warnings_of
 from fitting.channels.observe import differentiate_channels, observe_channels, shift_setup
+from fitting.channels.result import ChannelFit
 from fitting.channels.sensors import projection
 from fitting.channels.setup import setup_with_directions
 from fitting.estimate.scene_fit import bootstrap, profiles
@@ -215,3 +216,20 @@ def test_growth_of_derivatives_is_seen(found):
     assert growth(e) < 10
     assert growth(e._replace(slopes=((slopes,),))) == pytest.approx(np.exp(20 * 40 / 99), rel=1e-9)
     assert growth(e._replace(slopes=((slopes * np.nan,),))) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("ratio", "kept", "words"),
+    [
+        (1.0, 0.9, ""),
+        (1.7, 0.1, ""),  # a sensor that is worse than claimed
+        (1.7, 0.7, "keep 70% from sample to sample: the model misses part of the motion"),
+        (3.0, 0.0, "residuals are 3 times the noise of its sensor"),
+    ],
+)
+def test_smooth_residuals_above_the_noise_of_the_sensor_are_warned_of(found, monkeypatch, ratio, kept, words):
+    row = {"name": "dot", "noise": ratio * NOISE["dot"], "noise_claimed": NOISE["dot"], "kept": kept}
+    monkeypatch.setattr(ChannelFit, "channels", lambda _: [row])
+    texts = [text for text in warnings_of(found) if text.startswith("channel dot")]
+    assert len(texts) == bool(words)
+    assert all(words in text for text in texts)

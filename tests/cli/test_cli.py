@@ -205,9 +205,9 @@ def test_rerun_from_provenance_gives_the_same_numbers_to_the_bit(tmp_path, capsy
 
 
 def test_run_for_people_ends_with_a_result_line(capsys):
-    assert main(["run", SCENE, "--duration", "0.06", "--quiet"]) == 0
+    assert main(["run", SCENE, "--duration", "0.5", "--quiet"]) == 0
     out, err = capsys.readouterr()
-    assert out.splitlines()[-1].startswith("ok: 0.06 s simulated")
+    assert out.splitlines()[-1].startswith("ok: 0.5 s simulated")
     assert err == ""
 
 

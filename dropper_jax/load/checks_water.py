@@ -8,6 +8,7 @@ from functools import cached_property
 
 import jax
 import numpy as np
+from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Check, raises_first
@@ -323,7 +324,7 @@ class Surface:
 
 
 @cached_jit()
-def _elevations(sea: Sea, positions: jax.Array, times: jax.Array) -> jax.Array:
+def _elevations(sea: Sea, positions: ArrayLike, times: ArrayLike) -> jax.Array:
     # one instant after another: a sea of hundreds of components over all nodes and times at once would exceed the
     # memory
     return jax.lax.map(lambda one: sea.elevation(*one), (positions, times))

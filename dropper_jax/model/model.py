@@ -137,7 +137,7 @@ class Model:
 
     def no_multipliers(self) -> tuple[jax.Array, ...]:
         """Zeros in the shape of the unknowns of laws and constraints (`State.law`)."""
-        shapes = [(law.rows(self), law.components) for law in self.laws]
+        shapes: list[tuple[int, ...]] = [(law.rows(self), law.components) for law in self.laws]
         shapes += [(constraint.rows(self),) for constraint in self.constraints]
         return tuple(jnp.asarray(np.zeros(shape), self.dtype) for shape in shapes)
 

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from dropper_jax.axial import LENGTH_IN_TIME
 from dropper_jax.base.fields import component, option
@@ -122,7 +123,7 @@ class State:
 
 
 def state(
-    model: Model, r: jax.Array, v: jax.Array | None = None, tension: jax.Array | None = None, t: float = 0.0
+    model: Model, r: ArrayLike, v: ArrayLike | None = None, tension: ArrayLike | None = None, t: ArrayLike = 0.0
 ) -> State:
     """A state from free-node positions (nodes, 3) [m] and velocities; omitted values are zero."""
     # zeros of NumPy: outside of a program `jnp.zeros` compiles one for each shape

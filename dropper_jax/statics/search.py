@@ -23,7 +23,6 @@ from dropper_jax.statics.catenary import catenary_guess, hang
 from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
 from dropper_jax.statics.static_friction import with_static_seabed_friction
 from dropper_jax.statics.system import (
-    ROUNDS,
     describe_unbalance,
     escape,
     find_rest,
@@ -119,7 +118,7 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: Sta
         tolerance = max(tolerance, float(rounding))
         s, residual = find_rest(model, s, loads, tolerance)
     if not residual <= tolerance:
-        return _result(full, s, residual, describe_unbalance(model, s, loads, residual, f"in {ROUNDS} rounds"))
+        return _result(full, s, residual, describe_unbalance(model, s, loads, residual, "by descent"))
     if model.line is rigid:
         return _result(full, s, residual)
     model = replace(model, lines=(rigid,))

@@ -332,13 +332,18 @@ def describe_unbalance(model: Model, s: State, loads: jax.Array, residual: float
     node = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
     force = ", ".join(f"{x:.3g}" for x in rows[node])
     position = ", ".join(f"{x:.4g}" for x in np.asarray(s.r[node]))
-    crushed = ""
-    if model.effect("bending") is not None:
-        size = np.linalg.norm(np.asarray(model.links(s.r, model.ends(s.t))), axis=1)
-        shortest = float(np.min(size / np.asarray(model.line.length)))
-        if shortest < CRUSHED:
-            crushed = f". A link is compressed to {shortest:.1%} of its length: use axial law 'elastic' with bending"
     return (
         f"no equilibrium found {extent}: maximum scaled unbalanced force {residual:.1e}, "
-        f"{name_of(model, node)} at ({position}) m has ({force}) N{crushed}"
+        f"{name_of(model, node)} at ({position}) m has ({force}) N{_advise_elastic(model, s)}"
     )
+
+
+def _advise_elastic(model: Model, s: State) -> str:
+    """What to do about links that collapse because lines with bending stiffness have none in compression; or empty."""
+    if model.effect("bending") is None:
+        return ""
+    size = np.linalg.norm(np.asarray(model.links(s.r, model.ends(s.t))), axis=1)
+    shortest = float(np.min(size / np.asarray(model.line.length)))
+    if shortest >= CRUSHED:
+        return ""
+    return f". A link is compressed to {shortest:.1%} of its length: use axial law 'elastic' with bending"

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
         return _tide(scene, args)
 
     from dropper_jax.analysis.angles import link_angles
-    from dropper_jax.run.bends import bends, crushed_links, curvature
+    from dropper_jax.run.bends import crushed_links, curvature
     from dropper_jax.run.build import equilibrium
     from dropper_jax.run.plausibility import scene_warnings
     from dropper_jax.run.pose_remarks import check_stretch, pose_remarks
@@ -59,8 +59,7 @@ def run(args: argparse.Namespace) -> int:
     if not failed:
         check_stretch(scene, found.positions)
         remarks = (*remarks, *pose_remarks(scene, found.positions, found.tension))
-        if bends(scene):
-            remarks = (*remarks, *crushed_links(scene, np.asarray(found.positions)[None]))
+        remarks = (*remarks, *crushed_links(scene, np.asarray(found.positions)[None]))
     print_warnings(remarks)
     if args.plot and not failed:
         from dropper_jax.plots.tension import along_lines

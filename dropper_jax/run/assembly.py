@@ -20,7 +20,7 @@ from dropper_jax.model import Frozen, Model, Parted, work_names
 from dropper_jax.model.slots import Force
 from dropper_jax.residual import TOO_FAR, Embedded, Stepper, local_jacobian
 from dropper_jax.run.arrays import body_motion, breaks, words
-from dropper_jax.run.bends import bends, crushed_links, twist_remarks
+from dropper_jax.run.bends import crushed_links, twist_remarks
 from dropper_jax.run.chunks import RunOutcome
 from dropper_jax.run.end_of_run import Last, last_row, name_leaves
 from dropper_jax.run.plausibility import scene_warnings
@@ -192,8 +192,7 @@ def _remarks(solution: Kind, model: Model, tension: np.ndarray) -> Iterator[str]
         yield from pose_remarks(scene, solution.positions[0], tension)
     for row in solution.broken:
         yield words(row)
-    if bends(scene):
-        yield from crushed_links(scene, solution.positions)
+    yield from crushed_links(scene, solution.positions)
     if solution.torque is not None:
         yield from twist_remarks(scene, solution.positions, solution.tension, solution.torque)
 

@@ -98,6 +98,8 @@ def crushed_links(scene: Scene, positions: np.ndarray) -> Iterator[str]:
     Args:
         positions: all nodes (k, nodes, 3) [m].
     """
+    if not bends(scene):
+        return
     stiffness = bending_stiffness(scene)
     for line, where in sliced_lines(scene):
         if not (line.goes_slack and np.any(stiffness[where.links] > 0.0)):

@@ -283,9 +283,10 @@ class GradientSteps:
         direction = np.where(ahead, direction, 0.0) * np.min(span[ahead] / direction[ahead], initial=1.0)
         slope = float(newton.gradient @ direction)
         searched = self.descent.searches
-        if searched and not slope < 0:
-            return None
-        if searched:  # the first trial is not beyond the minimum that the information predicts along the direction
+        if searched:
+            if not slope < 0:
+                return None
+            # the first trial is not beyond the minimum that the information predicts along the direction
             direction = direction * min(-slope / max(float(direction @ newton.information @ direction), 1e-300), 1.0)
             slope = float(newton.gradient @ direction)
         for trial in range(TRIALS if searched else 1):

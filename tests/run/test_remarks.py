@@ -161,7 +161,7 @@ def test_a_sag_of_three_links_is_warned_of(links, sag, warned):
 
 
 def bent_rope(law):
-    """A rope with bending stiffness that hangs from a clamp above, which turns it upside down."""
+    """A line with bending stiffness that stands on a clamp."""
     return {
         "run": {"accuracy": 0.01, "duration": 0.3},
         "point": [

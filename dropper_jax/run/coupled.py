@@ -26,8 +26,14 @@ from dropper_jax.run.coupled_lines import (
     coupled_points,
 )
 from dropper_jax.run.end_of_run import name_leaves, restore_carry, same_scene
+from dropper_jax.stepping.adaptive import Adaptive
 
 _step = cached_jit(kernel=True)(CoupledLines.step)
+_follow = cached_jit(kernel=True)(CoupledLines.follow)
+_start = cached_jit(static=("follows",))(CoupledLines.init)
+
+#: Maximum number of inner steps of one coupling step, if they are equal.
+MOST_STEPS = 1_000_000
 
 
 class Coupled:
@@ -38,8 +44,9 @@ class Coupled:
         force = c.step(positions, velocities, dt)     # positions and velocities at the end of dt
 
     Within a step a point moves along the cubic through both positions and velocities (the quintic with accelerations).
-    A coupling step consists of a whole number of inner steps of `run.dt` or slightly less. The force on a point is the
-    sum of the tensions along the end links of its lines in the last inner step. Weight, buoyancy and drag of the half
+    Inner steps follow the accuracy of the scene, and the last one ends with the coupling step. Of a scene with `run.dt`
+    they are equal, of this length or slightly less. The force on a point is the sum of the tensions along the end links
+    of its lines in the last inner step. Weight, buoyancy and drag of the half
     links that belong to the point are added:
 
         F = sum_j T_j d_j/|d_j| + F_effects,    d_j from the point along link j
@@ -48,9 +55,9 @@ class Coupled:
     body that uses them explicitly therefore needs steps that are short compared with its own periods.
 
     Args:
-        scene: as for `simulate`; its `[run]` gives the scheme and the maximum inner step.
+        scene: as for `simulate`; its `[run]` gives the scheme and the accuracy, or the maximum inner step.
         points: names of fixed points of the scene; default: the fixed point, if there is only one.
-        dt: maximum inner step [s]; default that of the scene.
+        dt: maximum equal inner step [s] in place of those of the scene.
         accelerations: whether `init` and `step` take accelerations.
 
     Attributes:
@@ -74,7 +81,9 @@ class Coupled:
         accelerations: bool = False,
     ) -> None:
         scene = load_scene(scene)
-        self.scene: Scene = scene.with_equal_steps() if dt is None else scene.with_values({"run.dt": dt})
+        if dt is not None:
+            scene = scene.with_values({"run.dt": dt})
+        self.scene: Scene = scene
         self.points = coupled_points(self.scene, points)
         self.accelerations = accelerations
         self.status, self.failure, self.residual, self.retried = "ok", "", 0.0, 0
@@ -102,7 +111,7 @@ class Coupled:
         else:
             rates = self._read("velocities", velocities)
         self._lines = coupled_lines(self._moved_to(all_positions), self.points, rates, self.accelerations)
-        return self._accept(self._lines.init())
+        return self._accept(_start(self._lines, follows=self.scene.run.accuracy is not None))
 
     def step(
         self, positions: Vectors, velocities: Vectors, dt: float, accelerations: Vectors | None = None
@@ -116,7 +125,6 @@ class Coupled:
             SceneError: values that are not finite or not of this shape, a step before `init`.
             SimulationError: the step failed, see `status`; the state is that before the step.
         """
-        most = 1_000_000  # maximum number of inner steps of one coupling step
         saved = self._state()
         if not (math.isfinite(dt) and dt > 0.0):
             raise SceneError(f"dt: {dt} is out of range; allowed: more than 0 s")
@@ -127,15 +135,20 @@ class Coupled:
             bends = np.zeros_like(read[0])
         else:
             bends = self._read("accelerations", accelerations)
-        count = max(1, math.ceil(dt / self.scene.run.step - 1e-9))
-        if count > most:
-            why = f"is {count:.3g} inner steps of {self.scene.run.step:g} s"
-            raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {most}")
-        inner = jnp.asarray(dt, self._lines.model.dtype), jnp.asarray(count, jnp.int32)
-        state, outputs = _step(self._lines, saved, PointMotion(*read, bends), *inner)
+        motion = PointMotion(*read, bends)
+        time = jnp.asarray(dt, self._lines.model.dtype)
+        run = self.scene.run
+        if run.accuracy is None:
+            count = self._count(dt)
+            inner = f"{count} inner steps of {dt / count:.3g} s"
+            state, outputs = _step(self._lines, saved, motion, time, jnp.asarray(count, jnp.int32))
+        else:
+            inner = run.steps_in_words
+            accuracy = jnp.asarray(run.accuracy, self._lines.model.dtype)
+            state, outputs = _follow(self._lines, saved, motion, time, accuracy)
         self.residual, self.retried = float(outputs.residual), int(outputs.retried)
         if outputs.failed or not np.all(np.isfinite(outputs.forces)):
-            self._fail(dt, count)
+            self._fail(dt, inner)
         return self._accept(state)
 
     def save(self, path: str | Path | None = None) -> dict[str, np.ndarray]:
@@ -165,6 +178,12 @@ class Coupled:
     @property
     def time(self) -> float:
         return float(self._state().progress.state.t)
+
+    @property
+    def unresolved(self) -> int:
+        """Number of inner steps so far of the shortest length, whose error is larger than the accuracy allows."""
+        progress = self._state().progress
+        return int(progress.shortest) if isinstance(progress, Adaptive) else 0
 
     @property
     def forces(self) -> np.ndarray:
@@ -210,13 +229,21 @@ class Coupled:
         """Positions (c, 3) [m] of the points in the scene."""
         return np.array([self.scene.point(name).position for name in self.points])
 
-    def _fail(self, dt: float, count: int) -> None:
+    def _count(self, dt: float) -> int:
+        """Number of equal inner steps of a coupling step of dt [s]."""
+        count = max(1, math.ceil(dt / self.scene.run.step - 1e-9))
+        if count > MOST_STEPS:
+            why = f"is {count:.3g} inner steps of {self.scene.run.step:g} s"
+            raise SceneError(f"dt: {dt:g} s {why}; allowed: at most {MOST_STEPS}")
+        return count
+
+    def _fail(self, dt: float, inner: str) -> None:
         end = self.time + dt
         if not math.isfinite(self.residual):
             self.status, why = "non_finite", "non-finite values"
         else:
             self.status, why = "not_converged", f"scaled residual {self.residual:.3g}"
-        self.failure = f"{self.status}: the step to t = {end:.6g} s, {count} inner steps of {dt / count:.3g} s: {why}"
+        self.failure = f"{self.status}: the step to t = {end:.6g} s, {inner}: {why}"
         raise SimulationError(self.failure)
 
     def _read(self, what: str, values: Vectors) -> np.ndarray:
@@ -241,6 +268,9 @@ class Coupled:
         except Exception:  # any error of a file in another format
             raise SceneError(f"{path}: not a saved coupling; allowed: a file written by `Coupled.save`") from None
         same_scene(self.scene, scene)
+        if (scene.run.accuracy is None) != (self.scene.run.accuracy is None):
+            own = self.scene.run.steps_in_words
+            raise SceneError(f"{path}: was saved with {scene.run.steps_in_words}; allowed: a file of {own}")
         if points != self.points:
             raise SceneError(f"{path}: couples {', '.join(points)}; allowed: {', '.join(self.points)}")
         return arrays

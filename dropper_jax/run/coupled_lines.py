@@ -19,6 +19,7 @@ from dropper_jax.model import Displacement, Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build_model, initial_state, stepper_of
 from dropper_jax.run.coupled_forces import half_link_mass, point_forces, set_free
+from dropper_jax.stepping.adaptive import Adaptive, adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import Progress, begin, next_progress
 
 Array = jax.Array | np.ndarray
@@ -36,7 +37,7 @@ class PointMotion(NamedTuple):
 class CoupledState(NamedTuple):
     """The whole state of a coupling: the lines, the points at the end of the last step, forces (c, 3) [N] on them."""
 
-    progress: Progress
+    progress: Progress | Adaptive
     motion: PointMotion
     forces: Array
 
@@ -57,7 +58,10 @@ class CoupledLines:
 
         lines = dj.coupled_lines("mooring.txt", ["fairlead"])
         state = lines.init()
-        state, outputs = lines.step(state, (positions, velocities), dt)
+        state, outputs = lines.step(state, (positions, velocities), dt)                 # equal steps
+
+        state = lines.init(follows=True)
+        state, outputs = lines.follow(state, (positions, velocities), dt, accuracy)
 
     Attributes:
         model: the model; its leaves are the parameters. `replace(lines, model=...)` is the same scene with others.
@@ -69,11 +73,17 @@ class CoupledLines:
     start: State
     stepper: Stepper
 
-    def init(self, start: State | None = None) -> CoupledState:
-        """The state at t = 0, from `start` (default: that of the scene) with the points where the scene has them."""
+    def init(self, start: State | None = None, follows: bool = False) -> CoupledState:
+        """The state at t = 0, from `start` (default: that of the scene) with the points where the scene has them.
+
+        Args:
+            follows: for `follow`; otherwise for `step`.
+        """
         motion = self._motion
         start = self.start if start is None else start
         progress = begin(self.stepper, self.model, start)
+        if follows:
+            progress = adaptive_start(self.stepper, self.model, progress)
         at_rest = PointMotion(motion.home, motion.velocities[0], jnp.zeros_like(motion.home))
         return CoupledState(progress, at_rest, _forces(self, progress.state))
 
@@ -89,8 +99,7 @@ class CoupledLines:
         Returns:
             State and outputs. A step that fails raises nothing; `outputs.failed` stays true from then on.
         """
-        given = [jnp.asarray(a, self.model.dtype) for a in inputs if a is not None]
-        motion = PointMotion(*given, *[jnp.zeros_like(given[0])] * (3 - len(given)))
+        motion = self._read(inputs)
         dt = jnp.asarray(dt, self.model.dtype)
         lines = self.moving(state.motion, motion, state.progress.t, dt)
 
@@ -106,6 +115,35 @@ class CoupledLines:
         forces = lines.forces(progress.state)
         outputs = CoupledOutputs(forces, residual, retried, progress.has_failed)
         return CoupledState(progress, motion, forces), outputs
+
+    def follow(
+        self,
+        state: CoupledState,
+        inputs: PointMotion | tuple[Array, ...],
+        dt: Array | float,
+        accuracy: Array | float,
+    ) -> tuple[CoupledState, CoupledOutputs]:
+        """Advance by dt [s] in steps that follow an accuracy, the last of which ends with dt; as `step` otherwise.
+
+        Derivatives exist in forward mode, with the lengths of the steps held constant.
+
+        Args:
+            state: from `init(follows=True)` and `follow`.
+            accuracy: as `run.accuracy` of a scene.
+        """
+        motion = self._read(inputs)
+        dt = jnp.asarray(dt, self.model.dtype)
+        accuracy = jnp.asarray(accuracy, self.model.dtype)
+        lines = self.moving(state.motion, motion, state.progress.t, dt)
+        progress, (rows, _) = advance_adaptively(lines.stepper, lines.model, state.progress, dt, accuracy, saves=1)
+        forces = lines.forces(progress.state)
+        outputs = CoupledOutputs(forces, rows.residual[0], rows.retried[0], progress.has_failed)
+        return CoupledState(progress, motion, forces), outputs
+
+    def _read(self, inputs: PointMotion | tuple[Array, ...]) -> PointMotion:
+        """Motion of the points at the end of a step, accelerations included."""
+        given = [jnp.asarray(a, self.model.dtype) for a in inputs if a is not None]
+        return PointMotion(*given, *[jnp.zeros_like(given[0])] * (3 - len(given)))
 
     def moving(self, since: PointMotion, to: PointMotion, t: Array | float, dt: Array | float) -> CoupledLines:
         """The lines with points that move from one motion to the other between t and t + dt [s]."""
@@ -155,7 +193,7 @@ def coupled_lines(
     Raises:
         SceneError: as `Coupled`.
     """
-    scene = load_scene(scene).with_equal_steps()
+    scene = load_scene(scene)
     points = coupled_points(scene, points)
     model = build_model(scene)
     if any(e.moves(name) for e in model.having(Displacement) for name in points):

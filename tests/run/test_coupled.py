@@ -99,6 +99,41 @@ def test_a_restored_state_repeats_to_the_bit(coupled, tmp_path):
         coupled.restore(tmp_path / "text.npz")
 
 
+#: The loop with steps that follow an accuracy.
+FOLLOWING = {**LOOP, "run": {"accuracy": 1e-3, "duration": 0.5}}
+
+
+@pytest.fixture(scope="module")
+def following():
+    return dj.Coupled(FOLLOWING, points=ENDS, accelerations=True)
+
+
+def test_steps_from_outside_are_divided_as_the_accuracy_of_the_scene_requires(following):
+    """The run with the same motion that saves at the same times; its ends start with a jump of speed."""
+    whole = dj.simulate({**moved(), "run": {**FOLLOWING["run"], "save_interval": 0.1}})
+    model, _ = dj.build(moved())
+    following.init(velocities=model.ends(0.0).velocities)
+    for i, t in enumerate(TIMES[1:], start=1):
+        ends, bends = model.ends(t), model.end_acceleration(np.asarray(t))
+        following.step(ends.positions, ends.velocities, 0.1, bends)
+        np.testing.assert_allclose(following.time, t, atol=1e-12)
+        np.testing.assert_allclose(following.positions, whole.positions[i], atol=1e-12, rtol=0)
+    assert following.status == "ok"
+    assert f"accuracy: {following.unresolved} of" in " ".join(whole.warnings)
+
+
+def test_a_restored_state_with_an_accuracy_repeats_to_the_bit(following, tmp_path):
+    following.init()
+    steps(following, 2)
+    following.save(tmp_path / "saved.npz")
+    after = steps(following, 3)
+    other = dj.Coupled(FOLLOWING, points=ENDS, accelerations=True)
+    other.restore(tmp_path / "saved.npz")
+    np.testing.assert_array_equal(steps(other, 3), after)
+    with pytest.raises(SceneError, match="accuracy 0.001; allowed: a file of steps of 0.01 s"):
+        dj.Coupled(LOOP, points=ENDS, accelerations=True).restore(tmp_path / "saved.npz")
+
+
 def test_a_caller_may_go_on_in_its_own_arrays(coupled):
     coupled.init()
     after = steps(coupled, 3)

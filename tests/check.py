@@ -25,7 +25,8 @@ MOST = 3600.0
 TOLD = 40
 #: Only the parts themselves use the cores: threads of OpenBLAS beside them wait for each other.
 ALONE = {"OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
-TESTS = ("-m", "pytest", "-q", "--durations=10", "--durations-min=5")
+#: One line for each test, with its time: a part that runs out of time says how far it came and what took long.
+TESTS = ("-m", "pytest", "-v", "-o", "console_output_style=times", "--durations=10", "--durations-min=5")
 
 
 @dataclass(frozen=True)
@@ -71,15 +72,18 @@ def plain(name: str, *where: str) -> Part:
 
 
 #: Folders whose marked tests are parts of their own; the part `check rest` takes whatever stands elsewhere.
-APART = ("fitting", "effects", "stepping", "integrators", "docs")
+APART = ("fitting", "effects", "stepping", "integrators", "docs", "moordyn", "statics")
+CALIBRATION = "tests/fitting/calibration"
 #: Every command and piece of Python of the pages.
 PAGES = "tests/docs/test_everything_runs.py"
 #: The catalogue in short, which `hard cases` runs in full.
 SHORT_CASES = "tests/hard_cases/test_hard_cases.py::test_hard_case_keeps_its_claim"
 #: Longest first.
 PARTS = (
-    marked("fitting", "tests/fitting"),
+    marked("calibration", CALIBRATION),
+    marked("fitting", "tests/fitting", f"--ignore={CALIBRATION}"),
     marked("rest", "tests", *(f"--ignore=tests/{name}" for name in APART), f"--deselect={SHORT_CASES}"),
+    marked("moorings", "tests/moordyn", "tests/statics"),
     Part("hard cases", ("-m", "dropper_jax", "stability", "--quiet")),
     as_users("effects", "tests/effects"),
     marked("pages", PAGES),

@@ -15,11 +15,15 @@ from dropper_jax.base.fields import component
 #: Relative change of length below which the mean tension is that in the middle of the change: exact to second order,
 #: where a difference of energies would be lost in rounding.
 SHORT_CHANGE = 1e-7
+#: Strain beyond the first row at which a slack link takes its stiffness: there is none before.
+JUST_TAUT = 1e-6
 
 
 @component
 class Tabulated(Rope):
     """Link whose tension is tabulated over strain: a monotone cubic through the rows (see `force_table`).
+
+        T(s) = T_i + a s + b s^2 + c s^3,    s from 0 to 1 in the interval from row i to the next
 
     The link is slack up to the first row. Beyond the last row the tension continues with the slope there. In between,
     tension and slope are continuous. Internal damping as in `Rope`. `EA` [N] is the maximum slope; it only scales
@@ -62,8 +66,7 @@ class Tabulated(Rope):
         return length * (1.0 + self.strain[:, 0])
 
     def _stiffness(self, step: StretchStep) -> jax.Array:
-        # slack links are just beyond the first row
-        at = jnp.maximum(step.size, self._slack(step.length) + 1e-6 * step.length)
+        at = jnp.maximum(step.size, self._slack(step.length) + JUST_TAUT * step.length)
         return jax.jvp(lambda size: self.spring(size, step.length), (at,), (jnp.ones_like(at),))[1]
 
     def _mean(self, step: StretchStep, size: jax.Array) -> jax.Array:

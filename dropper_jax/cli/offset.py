@@ -83,6 +83,7 @@ def _text(rows: list[Table]) -> str:
         if row["status"] == "ok":
             loads = (row["restoring_n"], row["transverse_n"], row["force_n"][2])
             numbers = (*loads, row["end_tension_n"], row["max_tension_n"])
+            # adding zero turns -0 into 0
             values += [*(f"{round(value, 6) + 0.0:.5g}" for value in numbers), row["max_line"]]
         lines.append((*values, *["-"] * (len(lines[0]) - len(values))))
     note = "force of the lines on the displaced points together: against the offset, to the left of it, upwards"

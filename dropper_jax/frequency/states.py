@@ -44,7 +44,7 @@ class _Basis(NamedTuple):
     tension_rate: jax.Array
 
 
-class _Solved(NamedTuple):
+class SolvedStates(NamedTuple):
     """A state: amplitudes at the picked links (c, picked) [N] and nodes (c, picked, 3) [m], standard deviation and mean
     shift of all tensions (n,) [N], D (2, free, 3, 3) [N s/m] of water and other effects, its last relative change."""
 
@@ -58,10 +58,14 @@ class _Solved(NamedTuple):
 
 #: Change of the linearised drag in an iteration, over its size, at which it has converged.
 TOLERANCE = 1e-3
+#: States per call of the compiled program, so that any number of states uses the same one.
+TOGETHER = 8
+#: The basis has responses with the drag of nodes that do not move, and with this fraction of the flow.
+FLOW_SHARES = (1.0, 0.1)
 
 
 @cached_jit()
-def _jit_loads(still: Model, pose: State, waves: Waves) -> WaveLoads:
+def _chunk_loads(still: Model, pose: State, waves: Waves) -> WaveLoads:
     """The loads of several states."""
     return jax.vmap(partial(wave_loads, still, pose))(waves)
 
@@ -98,20 +102,20 @@ def _project_basis(still: Model, linear: LinearMotion, motions: jax.Array, omega
 
 
 @cached_jit()
-def _batch(
+def _solve_chunk(
     dragging: tuple[Model, Model],
     pose: State,
     basis: _Basis,
     picked: tuple[jax.Array, jax.Array],
     loads: WaveLoads,
     omega: jax.Array,
-) -> _Solved:
+) -> SolvedStates:
     """Several states in the basis, one after another; `picked` are links and nodes."""
     links, nodes = picked
     parts = basis.motions
     along = lambda d: jnp.einsum("ani,nij,bnj->ab", parts, d, parts)  # noqa: E731
 
-    def solve(state: tuple[WaveLoads, jax.Array]) -> _Solved:
+    def solve(state: tuple[WaveLoads, jax.Array]) -> SolvedStates:
         loads, omega = state
         rate = 1j * omega[:, None]
         w = omega[:, None, None]
@@ -131,14 +135,14 @@ def _batch(
         tension = q @ basis.tension + (rate * q) @ basis.tension_rate + loads.tension
         mean = jnp.linalg.solve(basis.soft, jnp.einsum("ani,ni->a", parts, shift)) @ basis.tension
         deviation = jnp.sqrt(0.5 * jnp.sum(jnp.abs(tension) ** 2, axis=0))
-        return _Solved(tension[:, links], jnp.tensordot(q, parts[:, nodes], 1), deviation, mean, drag, change)
+        return SolvedStates(tension[:, links], jnp.tensordot(q, parts[:, nodes], 1), deviation, mean, drag, change)
 
     return jax.lax.map(solve, (loads, omega))
 
 
 def solve_states(
     still: Model, pose: State, waves: Waves, links: np.ndarray, nodes: np.ndarray
-) -> tuple[_Solved, float]:
+) -> tuple[SolvedStates, float]:
     """All states in one basis, and the error of the basis.
 
     Args:
@@ -148,43 +152,80 @@ def solve_states(
     """
     linear = linearise(still, pose)
     dragging = dragging_effects(still)
-    every = np.asarray(waves.omega)
-    # states per call of the compiled program, so that any number of states uses the same one
-    size = 8
+    omega = np.asarray(waves.omega)
+    chosen = _extreme_states(waves)
+    loads = _loads_of(still, pose, waves, chosen)
+    responses = _responses(still, pose, linear, dragging, loads, omega[chosen])
+    motions = jnp.asarray(_basis_motions(still, linear, responses, omega))
+    basis = _project_basis(still, linear, motions, waves.omega)
+    picked = jnp.asarray(links), jnp.asarray(nodes)
+    parts = []
+    for states in np.split(np.arange(len(omega)), range(TOGETHER, len(omega), TOGETHER)):
+        own = _chunk(waves, states)
+        solved = _solve_chunk(dragging, pose, basis, picked, _chunk_loads(still, pose, own), own.omega)
+        parts.append(_first_states(solved, len(states)))
+    found = jax.tree.map(lambda *x: np.concatenate(x), *parts)
+    return found, _basis_error(still, linear, found, chosen, loads, omega)
 
-    def chunk(states: np.ndarray) -> Waves:
-        """The waves of these states, repeated up to a full chunk."""
-        return jax.tree.map(lambda x: x[np.resize(states, size)], waves)
 
-    # the basis: responses of the lowest, highest, shortest and longest seas, with the drag of fixed nodes and a tenth
+def _chunk(waves: Waves, states: np.ndarray) -> Waves:
+    """The waves of these states, repeated up to a full chunk."""
+    return jax.tree.map(lambda x: x[np.resize(states, TOGETHER)], waves)
+
+
+def _first_states(solved: SolvedStates, count: int) -> SolvedStates:
+    return jax.tree.map(lambda x: np.asarray(x)[:count], solved)
+
+
+def _extreme_states(waves: Waves) -> np.ndarray:
+    """The states with the lowest, highest, shortest and longest seas."""
     height = np.linalg.norm(waves.amplitude, axis=1)
-    length = -np.mean(every, axis=1)
-    chosen = np.unique([pick(x) for x in (height, length) for pick in (np.argmin, np.argmax)])
-    loads = jax.tree.map(np.asarray, _jit_loads(still, pose, chunk(chosen)))
-    loads = [jax.tree.map(lambda x, i=i: x[i], loads) for i in range(len(chosen))]
+    frequency = np.mean(waves.omega, axis=1)
+    return np.unique([pick(x) for x in (height, frequency) for pick in (np.argmin, np.argmax)])
+
+
+def _loads_of(still: Model, pose: State, waves: Waves, states: np.ndarray) -> list[WaveLoads]:
+    """The loads of each of these states, at most a chunk."""
+    loads = jax.tree.map(np.asarray, _chunk_loads(still, pose, _chunk(waves, states)))
+    return [jax.tree.map(lambda x, i=i: x[i], loads) for i in range(len(states))]
+
+
+def _responses(
+    still: Model,
+    pose: State,
+    linear: LinearMotion,
+    dragging: tuple[Model, Model],
+    loads: list[WaveLoads],
+    omega: np.ndarray,
+) -> np.ndarray:
+    """Displacements (k, free, 3) of states by the full equations, real and imaginary parts."""
     found = []
-    for own, omega in zip(loads, every[chosen], strict=True):
-        for share in (1.0, 0.1):
+    for own, frequencies in zip(loads, omega, strict=True):
+        for share in FLOW_SHARES:
             drag, constant = _fixed_drag(dragging, pose, share * own.flow)
-            x = np.asarray(_amplitudes(still, linear, drag, constant, own, omega)[0])
-            found += [x.real, x.imag]
-    motions = jnp.asarray(_basis_motions(still, linear, np.concatenate(found), every))
-    basis = _project_basis(still, linear, motions, every)
+            x, _ = _amplitudes(still, linear, drag, constant, own, jnp.asarray(frequencies))
+            found += [np.real(x), np.imag(x)]
+    return np.concatenate(found)
 
-    def solve(states: np.ndarray) -> _Solved:
-        own = chunk(states)
-        solved = _batch(dragging, pose, basis, (links, nodes), _jit_loads(still, pose, own), own.omega)
-        return jax.tree.map(lambda x: np.asarray(x)[: len(states)], solved)
 
-    chunks = np.split(np.arange(len(every)), range(size, len(every), size))
-    solved = jax.tree.map(lambda *x: np.concatenate(x), *map(solve, chunks))
+def _basis_error(
+    still: Model,
+    linear: LinearMotion,
+    solved: SolvedStates,
+    states: np.ndarray,
+    loads: list[WaveLoads],
+    omega: np.ndarray,
+) -> float:
+    """The largest error of the deviations of tension of these states, with their own linearised drag, over the largest
+    deviation of the state by the full equations."""
     errors = []
-    for state, own in zip(chosen, loads, strict=True):
+    for state, own in zip(states, loads, strict=True):
         drag = jnp.asarray(solved.drag[state])
-        tension = _amplitudes(still, linear, drag, jnp.zeros_like(constant), own, every[state])[1]
+        no_force = jnp.zeros(own.flow.shape[1:], still.dtype)
+        _, tension = _amplitudes(still, linear, drag, no_force, own, jnp.asarray(omega[state]))
         exact = np.sqrt(0.5 * np.sum(np.abs(tension) ** 2, axis=0))
         errors.append(np.max(np.abs(solved.deviation[state] - exact)) / np.max(exact))
-    return solved, float(max(errors))
+    return float(max(errors))
 
 
 #: Singular values of the responses that span the basis, relative to the largest one.

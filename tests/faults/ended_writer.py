@@ -11,6 +11,7 @@ import resource
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from fitting.sweep.store import SweepStore
 
 #: More chunks than sixty writers append in 20 ms each; rows of a chunk.
 CHUNKS, ROWS = {"run": 4000, "cases": 1000, "sweep": 400}, 5
+TENSIONS = ("tension_max", "tension_mean", "tension_min")
 VERSIONS = dict.fromkeys(("jax", "jaxlib", "dropper-jax"), "1")
 
 
@@ -62,7 +64,8 @@ def chunk(kind: str, key: int) -> Any:
         return [numbers], {"end": numbers[-1]}
     if kind == "cases":
         return {"largest": numbers}
-    return {"excursion": numbers[:, 0], "angle_max": numbers[:, :1], "status": np.zeros(ROWS, np.int8)}
+    found = dict.fromkeys(("energy_final", "excursion", "failed_at", *TENSIONS), numbers[:, 0])
+    return {**found, "angle_max": numbers[:, :1], "status": np.zeros(ROWS, np.int8)}
 
 
 def is_right(kind: str, store: Store, key: int) -> bool:
@@ -95,16 +98,28 @@ def check(kind: str, store: Store, keys: list[int], noted: list[int]) -> None:
 
 
 def forked(work: Callable[[], None]) -> int:
-    """The process that does this work, and prints the error that ends it."""
+    """The process that does this work, and prints the error that ends it; any but a full disk is its exit status."""
     process = os.fork()
     if not process:
+        status = 1
         try:
             work()
+            status = 0
         except OSError as error:
             print(json.dumps({"refused": str(error)}), flush=True)
+            status = 0
+        except BaseException:
+            traceback.print_exc()
         finally:
-            os._exit(0)
+            os._exit(status)
     return process
+
+
+def wait(process: int) -> None:
+    """The end of a process, which may have been killed."""
+    status = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    if status not in (0, -signal.SIGKILL):
+        sys.exit(status)
 
 
 def main(kind: str, folder: Path, count: int) -> None:
@@ -121,9 +136,9 @@ def main(kind: str, folder: Path, count: int) -> None:
                 time.sleep(0.001)
             time.sleep(rng.uniform(0.0, 0.02))
             os.kill(process, signal.SIGKILL)
-        os.waitpid(process, 0)
+        wait(process)
         noted = [int(line) for line in log.read_text().split()]
-        os.waitpid(forked(lambda noted=noted: check(kind, store(folder / "store"), keys, noted)), 0)
+        wait(forked(lambda noted=noted: check(kind, store(folder / "store"), keys, noted)))
 
 
 if __name__ == "__main__":

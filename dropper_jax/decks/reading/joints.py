@@ -35,12 +35,12 @@ def join_lines(lines: list[dict[str, Any]], joints: Collection[str]) -> tuple[li
         lines: with `from`, `to`, `type`, `length` and `links`.
         joints: names of the points that may join lines.
     """
-    at: dict[str, list[dict[str, Any]]] = {name: [] for name in joints}
+    lines_at: dict[str, list[dict[str, Any]]] = {name: [] for name in joints}
     for line in lines:
-        for end in {line["from"], line["to"]} & at.keys():
-            at[end].append(line)
-    pairs = {name: ends for name, ends in at.items() if len(ends) == 2}
-    found = []
+        for end in {line["from"], line["to"]} & lines_at.keys():
+            lines_at[end].append(line)
+    pairs = {name: ends for name, ends in lines_at.items() if len(ends) == 2}
+    joined = []
     parts = {}
     for line in lines:
         if line["name"] in parts:
@@ -50,20 +50,20 @@ def join_lines(lines: list[dict[str, Any]], joints: Collection[str]) -> tuple[li
         for own, turned in steps:
             parts[own["name"]] = Part(line["name"], first, own["links"], turned)
             first += own["links"]
-        found.append(line if len(steps) == 1 else _joined(line["name"], steps))
-    return found, parts
+        joined.append(line if len(steps) == 1 else _line_of_sections(line["name"], steps))
+    return joined, parts
 
 
 def _chain(line: dict[str, Any], pairs: dict[str, list[dict[str, Any]]]) -> list[Step]:
     """A line with those before and after it; a closed ring stays in pieces."""
-    after = list(_onwards(line, False, pairs))
-    before = list(_onwards(line, True, pairs))
+    after = list(_lines_beyond(line, False, pairs))
     if any(other is line for other, _ in after):
         return [(line, False)]
+    before = list(_lines_beyond(line, True, pairs))
     return [*((own, not turned) for own, turned in reversed(before)), (line, False), *after]
 
 
-def _onwards(line: dict[str, Any], turned: bool, pairs: dict[str, list[dict[str, Any]]]) -> Iterator[Step]:
+def _lines_beyond(line: dict[str, Any], turned: bool, pairs: dict[str, list[dict[str, Any]]]) -> Iterator[Step]:
     """The lines that follow a line past its last end, or past its first end if it is turned."""
     start = line
     end = line["from"] if turned else line["to"]
@@ -75,7 +75,7 @@ def _onwards(line: dict[str, Any], turned: bool, pairs: dict[str, list[dict[str,
         end = line["from"] if line["to"] == end else line["to"]
 
 
-def _joined(name: str, steps: list[Step]) -> dict[str, Any]:
+def _line_of_sections(name: str, steps: list[Step]) -> dict[str, Any]:
     first, first_turned = steps[0]
     last, last_turned = steps[-1]
     return {

@@ -49,17 +49,15 @@ class ChangingLength(AxialLaw):
         return self.law.intact
 
     @property
-    def EA(self) -> jax.Array:
-        """Axial stiffness (n,) [N]."""
-        return self.law.EA
-
-    @property
     def work_names(self) -> tuple[str, ...]:
         return self.law.work_names
 
     @property
     def _middle(self) -> jax.Array:
         return 0.5 * (self.before + self.after)
+
+    def axial_stiffness(self) -> jax.Array:
+        return self.law.axial_stiffness()
 
     def rigid(self, links: int) -> np.ndarray:
         return self.law.rigid(links)

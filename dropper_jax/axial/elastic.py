@@ -35,7 +35,7 @@ class Elastic(AxialLaw):
 
     elastic: ClassVar[bool] = True
     EA: jax.Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
-    damping: jax.Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, optional=True)
+    damping: jax.Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, default=None)
     intact: jax.Array | None = None  # (n,): 0 if the link has broken (see `failure`), else 1
 
     @property
@@ -47,8 +47,14 @@ class Elastic(AxialLaw):
     def stiffness(self, length: jax.Array) -> jax.Array:
         return self.EA / length
 
+    def axial_stiffness(self) -> jax.Array:
+        return self.EA
+
     def soften(self, share: float) -> AxialLaw:
         return replace(self, EA=share * self.EA)
+
+    def with_broken_links(self, intact: jax.Array) -> AxialLaw:
+        return replace(self, intact=intact)
 
     def unstretch_broken(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Link vectors (n, 3) [m] as the law uses them: a broken link is unstretched."""
@@ -114,7 +120,6 @@ class Elastic(AxialLaw):
         return mean / (0.5 * (safe_norm(d0) + safe_norm(d1)))[:, None]
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
-        """Tension (n,) [N] of links d stretching at d' = `rate`, for explicit integrators."""
         size = safe_norm(d)
         tension = self.EA * (size - length) / length
         if self.damping is not None:
@@ -122,7 +127,6 @@ class Elastic(AxialLaw):
         return self.zero_broken(tension)
 
     def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        """The law at one instant, (n,) [m]: of links d that stretch at d' = `rate` (n, 3) [m/s]."""
         d, stretching = self._stretching(d, rate, length)
         law = safe_norm(d) - length - length * tension / self.EA
         if self.damping is None:
@@ -157,11 +161,14 @@ class Elastic(AxialLaw):
         if self.damping is None:
             return {}
         stretching = jnp.sum(d * rate, axis=-1) / safe_norm(d)
-        return {INTERNAL_DAMPING: -jnp.sum(self._damper(d, stretching, tension, length) * stretching)}
+        damper = self._damper(self.damping, d, stretching, tension, length)
+        return {INTERNAL_DAMPING: -jnp.sum(damper * stretching)}
 
-    def _damper(self, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def _damper(
+        self, damping: jax.Array, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array
+    ) -> jax.Array:
         """Part of the tension (n,) [N] due to the internal damping."""
-        return self.zero_broken(self.damping / length * stretching)
+        return self.zero_broken(damping / length * stretching)
 
 
 class StretchStep(NamedTuple):
@@ -179,10 +186,12 @@ class StretchStep(NamedTuple):
 
     @classmethod
     def of(cls, law: Elastic, start: LinkStart, length: jax.Array, h: jax.Array) -> StretchStep:
+        if start.rate is None:
+            raise ValueError("start.rate: missing; links that stretch need the rates of their vectors")
         d, stretching = law._stretching(start.d, start.rate, length)
         size = safe_norm(d)
         expected = size + h * stretching
-        if start.acceleration is None:
+        if start.acceleration is None or start.lightness is None:
             return cls(size, expected, length, h, weight=0.0, memory=0.0)
         turning = dot(start.rate, start.rate) - stretching**2
         acceleration = law.zero_broken((dot(d, start.acceleration) + turning) / size)

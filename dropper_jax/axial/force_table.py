@@ -89,28 +89,23 @@ def read_tables(table: Values, path: str, links: int) -> tuple[ForceTable, ...]:
             raise SceneError(f"{path}.{key}: missing; needed: {ROWS}")
     strain = plain(table["strain"])
     tension = plain(table["tension"])
-    nested = []
-    for x in (strain, tension):
-        nested.append(isinstance(x, list) and any(isinstance(row, list) for row in x))
-    if not any(nested):
+    if not _is_nested(strain) and not _is_nested(tension):
         return (ForceTable.read(strain, tension, path),) * links
-    for key, column in (("strain", strain), ("tension", tension)):
-        read_list(column, f"{path}.{key}", links, f"{links} lists, one per link")
-    found = []
-    for i, (e, force) in enumerate(zip(strain, tension, strict=True)):
-        found.append(ForceTable.read(e, force, f"{path}.{i}"))
-    return tuple(found)
+    allowed = f"{links} lists, one per link"
+    strains = read_list(strain, f"{path}.strain", links, allowed)
+    tensions = read_list(tension, f"{path}.tension", links, allowed)
+    return tuple(ForceTable.read(strains[i], tensions[i], f"{path}.{i}") for i in range(links))
+
+
+def _is_nested(column: Plain) -> bool:
+    return isinstance(column, list) and any(isinstance(row, list) for row in column)
 
 
 def tables_of(tables: Sequence[ForceTable]) -> Table:
     """Plain values from which `read_tables` reconstructs the tables."""
     if all(t == tables[0] for t in tables):
-        tables = tables[0]
-        return {"strain": plain(tables.strain), "tension": plain(tables.tension)}
-    found = {}
-    for key in ("strain", "tension"):
-        found[key] = [plain(getattr(t, key)) for t in tables]
-    return found
+        return {"strain": plain(tables[0].strain), "tension": plain(tables[0].tension)}
+    return {"strain": [plain(t.strain) for t in tables], "tension": [plain(t.tension) for t in tables]}
 
 
 def stack_tables(tables: Sequence[ForceTable]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

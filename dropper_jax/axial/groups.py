@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -39,10 +41,8 @@ class Groups(AxialLaw):
             return None
         return self._together([jnp.ones(len(m)) if law.intact is None else law.intact for law, m in self._each()])
 
-    @property
-    def EA(self) -> jax.Array:
-        """Axial stiffness (n,) [N]; only if all groups stretch."""
-        return self._together([jnp.broadcast_to(law.EA, len(m)) for law, m in self._each()])
+    def axial_stiffness(self) -> jax.Array:
+        return self._together([jnp.broadcast_to(law.axial_stiffness(), len(m)) for law, m in self._each()])
 
     def _each(self) -> Iterator[tuple[AxialLaw, np.ndarray]]:
         return zip(self.laws, map(np.array, self.members), strict=True)
@@ -91,15 +91,13 @@ class Groups(AxialLaw):
         return self._together([law.direction(d0[m], d1[m], mean[m], length[m]) for law, m in self._each()])
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
-        """Only if all groups stretch."""
         return self._together([law.tension(d[m], rate[m], length[m]) for law, m in self._each()])
 
     def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        """Only if all groups stretch."""
         return self._together([law.instant(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
-        return sum(law.energy(d[m], length[m]) for law, m in self._each())
+        return sum((law.energy(d[m], length[m]) for law, m in self._each()), jnp.zeros((), d.dtype))
 
     def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
         return self._add_tables([law.works(_of(start, m), d1[m], length[m], h) for law, m in self._each()])
@@ -110,9 +108,9 @@ class Groups(AxialLaw):
     def _add_tables(self, tables: list[dict[str, jax.Array]]) -> dict[str, jax.Array]:
         found = {}
         for name in self.work_names:
-            found[name] = sum(table[name] for table in tables if name in table)
+            found[name] = functools.reduce(operator.add, [table[name] for table in tables if name in table])
         return found
 
 
 def _of(start: LinkStart, members: np.ndarray) -> LinkStart:
-    return LinkStart(*(None if values is None else values[members] for values in start))
+    return jax.tree.map(lambda values: values[members], start)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -49,14 +49,24 @@ class SlackTangent:
 class AxialLaw(ABC):
     """Base of the axial laws; d, d0, d1 are link vectors (n, 3) [m], now, before and after a step h [s]."""
 
-    #: Whether the tensions of all links follow from lengths, so that `tension`, `instant` and the energy of stretch
-    #: exist.
-    elastic: ClassVar[bool]
-    #: Whether the condensed matrix, of which links at the ends of a step are all, is good enough for the law.
-    condensable: ClassVar[bool] = True
+    @property
+    @abstractmethod
+    def elastic(self) -> bool:
+        """Whether the tensions of all links follow from lengths: `axial_stiffness`, `instant` and the energy exist."""
 
-    #: (n,): 0 if the link has broken, else 1; None if no link can break.
-    intact: ClassVar[jax.Array | None] = None
+    @property
+    def condensable(self) -> bool:
+        """Whether the condensed matrix, of which links at the ends of a step are all, is good enough for the law."""
+        return True
+
+    @property
+    def intact(self) -> jax.Array | None:
+        """(n,): 0 if the link has broken, else 1; None if no link can break."""
+        return None
+
+    def axial_stiffness(self) -> jax.Array:
+        """EA (n,) [N], or one number; only if all links stretch."""
+        raise NotImplementedError
 
     def rigid(self, links: int) -> np.ndarray:
         """Which of the links (n,) are inextensible."""
@@ -81,7 +91,7 @@ class AxialLaw(ABC):
 
     def with_broken_links(self, intact: jax.Array) -> AxialLaw:
         """The law with broken links: `intact` (n,) is 0 for these, else 1."""
-        return replace(self, intact=intact)
+        return self
 
     @property
     def work_names(self) -> tuple[str, ...]:
@@ -102,6 +112,14 @@ class AxialLaw(ABC):
     @abstractmethod
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
         """Force direction of a unit tension over a step, (n, 3), whose work is exactly `T (|d1| - |d0|)`."""
+
+    @abstractmethod
+    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+        """Tension (n,) [N] of links d stretching at d' = `rate`; zero for inextensible ones."""
+
+    def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+        """The law at one instant, (n,) [m]: of links d that stretch at d' = `rate` (n, 3) [m/s]."""
+        raise NotImplementedError
 
     def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
         """Stored energy, scalar [J]."""

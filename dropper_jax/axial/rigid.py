@@ -26,9 +26,6 @@ class Rigid(AxialLaw):
             return Elastic(EA=EA)
         return Rope(EA=EA)
 
-    def with_broken_links(self, intact: jax.Array) -> AxialLaw:
-        return self  # scenes do not allow rigid links to break
-
     def residual(
         self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
     ) -> jax.Array:
@@ -39,7 +36,6 @@ class Rigid(AxialLaw):
         return (dot(d, d) - length**2) / (2 * length)
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
-        """Zeros (n,): no tension follows from the length."""
         return jnp.zeros_like(length)
 
     def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:

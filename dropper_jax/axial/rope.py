@@ -110,7 +110,9 @@ class Rope(Elastic):
             return spring
         return spring + never_more(self.damping / length * stretching, spring)
 
-    def _damper(self, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def _damper(
+        self, damping: jax.Array, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array
+    ) -> jax.Array:
         return tension - self.zero_broken(self.spring(safe_norm(d), length))
 
     def _stored_energy(self, size: jax.Array, length: jax.Array) -> jax.Array:

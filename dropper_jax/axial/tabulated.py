@@ -30,9 +30,9 @@ class Tabulated(Rope):
     residuals.
     """
 
-    strain: jax.Array | None = None  # (n, k)
-    force: jax.Array | None = None  # (n, k) [N]
-    slope: jax.Array | None = None  # (n, k) [N]
+    strain: jax.Array = dataclasses.field(kw_only=True)  # (n, k)
+    force: jax.Array = dataclasses.field(kw_only=True)  # (n, k) [N]
+    slope: jax.Array = dataclasses.field(kw_only=True)  # (n, k) [N]
 
     def soften(self, share: float) -> AxialLaw:
         return dataclasses.replace(self, EA=share * self.EA, force=share * self.force, slope=share * self.slope)

@@ -25,7 +25,6 @@ def parameter(
     low: float | None = None,
     high: float | None = None,
     open_low: bool = False,
-    optional: bool = False,
     key: str | None = None,
     **kwargs: Any,
 ) -> Any:
@@ -37,14 +36,12 @@ def parameter(
         shape: one of `SHAPES`: a number, one per node, link or joint, a 3-vector, a table (k,), vectors (k, 3), numbers
             (one, or a table).
         low, high: allowed range, ends included; `open_low` excludes the lower end.
-        optional: the scene may omit it; the field is then None and adds no computation.
         key: its name in a scene, if it differs from the attribute's.
-        **kwargs: `default` and similar, passed to `dataclasses.field`.
+        **kwargs: `default` and similar, passed to `dataclasses.field`. A field whose default is None may be omitted in
+            the scene and then adds no computation.
     """
     if shape not in SHAPES:
         raise ValueError(f"shape {shape!r} is not one of {SHAPES}")
-    if optional:
-        kwargs.setdefault("default", None)
     return dataclasses.field(
         metadata={
             "kind": "parameter",
@@ -54,7 +51,6 @@ def parameter(
             "low": low,
             "high": high,
             "open_low": open_low,
-            "optional": optional,
             "key": key,
         },
         **kwargs,

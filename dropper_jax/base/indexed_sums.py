@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 
-def index_table(lists: Sequence[Sequence[int]], none: int) -> np.ndarray:
+def index_table(lists: Sequence[Sequence[int] | np.ndarray], none: int) -> np.ndarray:
     """Lists of unequal length as columns (most, lists), filled with `none`."""
     table = np.full((max(map(len, lists), default=0), len(lists)), none)
     for column, numbers in zip(table.T, lists, strict=True):

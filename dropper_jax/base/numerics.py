@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
 
@@ -22,6 +23,11 @@ def components(x: jax.Array) -> Components:
     return x[..., 0], x[..., 1], x[..., 2]
 
 
+def each(f: Callable[[jax.Array], jax.Array], x: Components) -> Components:
+    """A function of each component."""
+    return f(x[0]), f(x[1]), f(x[2])
+
+
 def dot_components(a: Components, b: Components) -> jax.Array:
     """Scalar products."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -33,13 +39,14 @@ def _cross(a: Components, b: Components) -> Components:
 
 def inverse_rows(node: jax.Array) -> tuple[Components, Components, Components]:
     """Rows of the inverses of 3x3 matrices (..., 3, 3) by cofactors, elementwise."""
-    columns = [components(node[..., :, i]) for i in range(3)]
-    crosses = [_cross(columns[1], columns[2]), _cross(columns[2], columns[0]), _cross(columns[0], columns[1])]
-    scale = 1.0 / dot_components(columns[0], crosses[0])
-    found = []
-    for row in crosses:
-        found.append(tuple(c * scale for c in row))
-    return tuple(found)
+    first, second, third = (components(node[..., :, i]) for i in range(3))
+    row = _cross(second, third)
+    scale = 1.0 / dot_components(first, row)
+
+    def scaled(row: Components) -> Components:
+        return each(lambda c: c * scale, row)
+
+    return scaled(row), scaled(_cross(third, first)), scaled(_cross(first, second))
 
 
 def store_once(x: Tree) -> Tree:

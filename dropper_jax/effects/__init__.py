@@ -98,8 +98,7 @@ def register_file(file: str) -> None:
         for cls in effects:
             register(cls)
     except Exception as error:  # a foreign file may raise any error
-        EFFECTS.clear()
-        EFFECTS.update(before)
+        EFFECTS.data = before
         what = " ".join(f"{type(error).__name__}: {error}".split())
         raise SceneError(f"--effects: {file!r} cannot be used: {what}") from error
     if not effects:

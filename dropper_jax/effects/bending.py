@@ -43,7 +43,7 @@ class Bending(Effect):
     parts: ClassVar[bool] = True
     EI: jax.Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
     directions: jax.Array | None = parameter(
-        "directions of lines at their clamped points", unit="-", shape="vectors", optional=True
+        "directions of lines at their clamped points", unit="-", shape="vectors", default=None
     )
     clamped: tuple[str, ...] = option("fixed points at which a line is clamped", type=list, default=())
     joined: tuple[tuple[str, str], ...] = option(

@@ -136,7 +136,7 @@ class BodyBuoyancy(Effect):
 
     def force(self, k: Kinematics) -> jax.Array:
         model = k.model
-        size = k.model.sea.density * k.model.sea.gravity
+        size = k.sea.density * k.sea.gravity
         push = lambda r: size * self.pieces.push(model, r, self._level(k))  # noqa: E731
         if k.h is None:
             return push(k.r)
@@ -144,7 +144,7 @@ class BodyBuoyancy(Effect):
         return jnp.sum(jnp.asarray(WEIGHTS, k.r.dtype)[:, None, None] * jax.vmap(push)(k.r + along), axis=0)
 
     def potential(self, k: Kinematics) -> jax.Array:
-        return k.model.sea.density * k.model.sea.gravity * self.pieces.energy(k.model, k.r, self._level(k))
+        return k.sea.density * k.sea.gravity * self.pieces.energy(k.model, k.r, self._level(k))
 
 
 @component
@@ -160,8 +160,8 @@ class BodyBuoyancyInWaves(Effect):
 
     def prepare(self, k: Kinematics) -> jax.Array:
         """Elevation (c + s,) [m] of the surface over the pieces."""
-        return k.model.sea.elevation(self.pieces.middles(k.model, k.r), k.t)
+        return k.sea.elevation(self.pieces.middles(k.model, k.r), k.t)
 
     def force(self, k: Kinematics) -> jax.Array:
-        sea = k.model.sea
+        sea = k.sea
         return sea.density * sea.gravity * self.pieces.push(k.model, k.r, k.prepared(self))

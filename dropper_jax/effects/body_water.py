@@ -70,7 +70,7 @@ class BodyWater(Effect):
         return jnp.concatenate([field[:count] - dot(field[:count], along)[:, None] * along, field[count:]])
 
     def prepare(self, k: Kinematics) -> Around:
-        sea = k.model.sea
+        sea = k.sea
         positions = self.pieces.middles(k.model, k.r)
         motion = sea.at(jnp.concatenate([positions, self._ends(k.model, k.r)]), k.t)
         count = positions.shape[0]
@@ -99,7 +99,7 @@ class BodyWater(Effect):
         model = k.model
         around = k.prepared(self)
         pieces = self.pieces
-        density = model.sea.density
+        density = k.sea.density
         along, out, wet, under = self._cut(k)
         u = self._across(along, around.velocity - pieces.middles(model, k.v))
         frontal, volume = self._drag_sizes()
@@ -137,7 +137,7 @@ class BodyWater(Effect):
         return find_water()
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
-        density = k.model.sea.density
+        density = k.sea.density
         along, out, wet, under = self._cut(k)
         across = self._across(along, self.pieces.middles(k.model, a))
         total = self.pieces.spread(k.model, (density * self.can * wet)[:, None] * across)
@@ -147,7 +147,7 @@ class BodyWater(Effect):
         return total + self._at_ends(k.model, (end_mass * dot(self._ends(k.model, a), out))[:, None] * out)
 
     def kinetic(self, k: Kinematics) -> jax.Array:
-        sea = k.model.sea
+        sea = k.sea
         positions = self.pieces.middles(k.model, k.r)
         levels = sea.elevation(positions, k.t), sea.elevation(self._ends(k.model, k.r), k.t)
         along, out, wet, under = self._cut(k, levels)

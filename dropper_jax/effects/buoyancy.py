@@ -30,7 +30,7 @@ class Buoyancy(Effect):
     name: ClassVar[str] = "buoyancy"
     needs_water: ClassVar[bool] = True
     wet_weight: jax.Array | None = parameter(
-        "weight in water per link, from which the volume follows", unit="N", shape="link", optional=True
+        "weight in water per link, from which the volume follows", unit="N", shape="link", default=None
     )
 
     @classmethod
@@ -44,7 +44,7 @@ class Buoyancy(Effect):
 
     def per_link(self, model: ModelView) -> jax.Array:
         """Buoyancy of each link under water (n,) [N]."""
-        return model.sea.density * model.sea.gravity * model.line.volume
+        return model.needed_sea.density * model.needed_sea.gravity * model.line.volume
 
     def force(self, k: Kinematics) -> jax.Array:
         water = k.water

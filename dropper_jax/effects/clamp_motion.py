@@ -46,13 +46,13 @@ class ClampMotion(Effect):
         "direction (unit vector) in which the line leaves the point, at those times",
         unit="-",
         shape="vectors",
-        optional=True,
+        default=None,
     )
     quaternion: jax.Array | None = parameter(
-        "turn of the clamp at those times, w, x, y, z of each row in one list", unit="-", shape="table", optional=True
+        "turn of the clamp at those times, w, x, y, z of each row in one list", unit="-", shape="table", default=None
     )
     along: jax.Array | None = parameter(
-        "direction of the line in the frame that the quaternions turn", unit="-", shape="vector", optional=True
+        "direction of the line in the frame that the quaternions turn", unit="-", shape="vector", default=None
     )
     point: str = option("name of the fixed point where the line is clamped", type=str, default="")
 

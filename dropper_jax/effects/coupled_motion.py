@@ -27,7 +27,7 @@ class CoupledMotion(Effect):
     positions: jax.Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
     velocities: jax.Array = parameter("at both instants (2, c, 3)", unit="m/s", shape="vectors")
     accelerations: jax.Array | None = parameter(
-        "at both instants (2, c, 3)", unit="m/s^2", shape="vectors", optional=True
+        "at both instants (2, c, 3)", unit="m/s^2", shape="vectors", default=None
     )
     points: tuple[str, ...] = option("names of the points", type=list, default=())
 

@@ -30,12 +30,12 @@ class EndMotion(HeldMotion):
     """
 
     name: ClassVar[str] = "end_motion"
-    amplitude: jax.Array | None = parameter("amplitude per axis", unit="m", shape="vector", optional=True)
-    period: jax.Array | None = parameter("period", unit="s", low=0.0, open_low=True, optional=True)
-    phase: jax.Array | None = parameter("phase", unit="rad", optional=True)
-    ramp: jax.Array | None = parameter("time to reach the full motion", unit="s", low=0.0, open_low=True, optional=True)
-    time: jax.Array | None = parameter("times of the table", unit="s", shape="table", optional=True)
-    displacement: jax.Array | None = parameter("displacement at those times", unit="m", shape="vectors", optional=True)
+    amplitude: jax.Array | None = parameter("amplitude per axis", unit="m", shape="vector", default=None)
+    period: jax.Array | None = parameter("period", unit="s", low=0.0, open_low=True, default=None)
+    phase: jax.Array | None = parameter("phase", unit="rad", default=None)
+    ramp: jax.Array | None = parameter("time to reach the full motion", unit="s", low=0.0, open_low=True, default=None)
+    time: jax.Array | None = parameter("times of the table", unit="s", shape="table", default=None)
+    displacement: jax.Array | None = parameter("displacement at those times", unit="m", shape="vectors", default=None)
     point: str = option("name of the point that moves", type=str, default="")
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 

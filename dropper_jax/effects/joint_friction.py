@@ -38,10 +38,10 @@ class JointFriction(Law):
     single_line: ClassVar[bool] = True
     reach: ClassVar[int] = 2
     viscous: jax.Array | None = parameter(
-        "viscous coefficient c", unit="N m s/rad", shape="joint", low=0.0, optional=True
+        "viscous coefficient c", unit="N m s/rad", shape="joint", low=0.0, default=None
     )
-    dry: jax.Array | None = parameter("dry friction torque tau", unit="N m", shape="joint", low=0.0, optional=True)
-    axis: jax.Array | None = parameter("direction of the pins", unit="-", shape="vector", optional=True)
+    dry: jax.Array | None = parameter("dry friction torque tau", unit="N m", shape="joint", low=0.0, default=None)
+    axis: jax.Array | None = parameter("direction of the pins", unit="-", shape="vector", default=None)
 
     @classmethod
     def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:

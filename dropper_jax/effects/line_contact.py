@@ -46,7 +46,7 @@ class LineContact(Effect):
         "sliding speed at which friction is 0.7 of its value", unit="m/s", low=0.0, open_low=True, default=0.01
     )
     radius: jax.Array | None = parameter(
-        "radius of the links; half the diameter if not given", unit="m", shape="link", low=0.0, optional=True
+        "radius of the links; half the diameter if not given", unit="m", shape="link", low=0.0, default=None
     )
     pairs: tuple[tuple[str, str], ...] = option("lines that may touch each other", type=Pairs, default=())
     bodies: tuple[tuple[str, str], ...] = option(
@@ -134,10 +134,10 @@ class LinksInContact(LineContact):
     """The same with indices for names and its work recorded; a negative owner of a bar is a buoy's point."""
 
     bars: jax.Array = parameter(
-        "axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors", optional=True
+        "axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors", default=None
     )
-    bar_radius: jax.Array = parameter("their radii", unit="m", shape="table", optional=True)
-    mixed: jax.Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors", optional=True)
+    bar_radius: jax.Array = parameter("their radii", unit="m", shape="table", default=None)
+    mixed: jax.Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors", default=None)
     corner: int = option("number of the first body's first corner among the points", type=int, default=0)
     beside: tuple[tuple[Group, Group], ...] = option("pairs of lines", type=tuple, default=())
     along: tuple[tuple[Group, int], ...] = option("lines and the owner of each bar", type=tuple, default=())

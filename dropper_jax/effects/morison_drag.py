@@ -37,28 +37,24 @@ class MorisonDrag(Effect):
 
     name: ClassVar[str] = "morison_drag"
     needs_water: ClassVar[bool] = True
-    cdn: jax.Array | None = parameter(
-        "drag coefficient across the link", unit="-", shape="link", low=0.0, optional=True
-    )
+    cdn: jax.Array | None = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
     cdt: jax.Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
     shelter: jax.Array | None = parameter(
-        "factor on the current that reaches the link", unit="-", shape="link", low=0.0, optional=True
+        "factor on the current that reaches the link", unit="-", shape="link", low=0.0, default=None
     )
     roughness: jax.Array | None = parameter(
-        "height k of the roughness, for rough_cylinder", unit="m", shape="link", low=0.0, optional=True
+        "height k of the roughness, for rough_cylinder", unit="m", shape="link", low=0.0, default=None
     )
-    table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, optional=True)
-    table_cdn: jax.Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, optional=True)
-    table_re: jax.Array | None = parameter(
-        "minimum and maximum Re of the table", unit="-", shape="table", optional=True
-    )
+    table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
+    table_cdn: jax.Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, default=None)
+    table_re: jax.Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
     tangents: str = option("directions of the links", choices=("frozen", "implicit"), default="frozen")
     turbulence: jax.Array | None = parameter(
         "turbulence intensity of the undisturbed current (rms over mean), for wakes",
         unit="-",
         low=0.0,
         high=1.0,
-        optional=True,
+        default=None,
     )
     coefficients: str = option("source of cdn", choices=SOURCES, default="given")
     wakes: str = option("effect of lines on the current behind them", choices=("none", "porous"), default="none")
@@ -104,7 +100,7 @@ class MorisonDrag(Effect):
         tangents = k.tangents
         if self.tangents == "frozen":
             tangents = water.tangents
-        skin = 0.5 * k.model.sea.density * line.drag_diameter * line.length
+        skin = 0.5 * k.sea.density * line.drag_diameter * line.length
         relative = water.motion.velocity - drag_velocity(k, self._decay(k, skin))
         total = jnp.zeros_like(k.v)
         for part in k.line.parts():

@@ -29,7 +29,7 @@ class _InertiaForce(Effect):
     def _wet_mass(self, k: Kinematics, part: LinkEnd) -> jax.Array:
         """Mass of the water displaced by the submerged ends of links (n, 1) [kg]."""
         wet = wet_share(k, part, k.water.tangents, k.water.motion.elevation)
-        return (part.share * (k.model.sea.density * k.line.volume) * wet)[:, None]
+        return (part.share * (k.sea.density * k.line.volume) * wet)[:, None]
 
     def force(self, k: Kinematics) -> jax.Array:
         water = k.water
@@ -77,17 +77,15 @@ class MorisonInertia(_InertiaForce):
     name: ClassVar[str] = "morison_inertia"
     needs_water: ClassVar[bool] = True
     can: jax.Array | None = parameter(
-        "added mass coefficient across the link", unit="-", shape="link", low=0.0, optional=True
+        "added mass coefficient across the link", unit="-", shape="link", low=0.0, default=None
     )
     cat: jax.Array | None = parameter(
-        "added mass coefficient along the link", unit="-", shape="link", low=0.0, optional=True
+        "added mass coefficient along the link", unit="-", shape="link", low=0.0, default=None
     )
     fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")
-    table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, optional=True)
-    table_can: jax.Array | None = parameter("can at those", unit="-", shape="table", low=0.0, optional=True)
-    table_re: jax.Array | None = parameter(
-        "minimum and maximum Re of the table", unit="-", shape="table", optional=True
-    )
+    table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
+    table_can: jax.Array | None = parameter("can at those", unit="-", shape="table", low=0.0, default=None)
+    table_re: jax.Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
     added_mass: str = option(
         "force of added mass that turns with its link", choices=("morison", "lagrangian"), default="morison"
     )
@@ -118,8 +116,7 @@ class MorisonInertia(_InertiaForce):
         """Whether added mass may gain energy by turning, as in Morison's form if can and cat differ."""
         return self.added_mass == "morison"
 
-    @property
-    def differs(self) -> jax.Array:
+    def gains(self) -> jax.Array:
         """Whether can and cat actually differ anywhere."""
         return jnp.any(self.can != self.cat)
 
@@ -167,7 +164,7 @@ class MorisonInertia(_InertiaForce):
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         """Kinetic energy of the added mass at a plain instant [J]."""
-        sea = k.model.sea
+        sea = k.sea
         line = k.line
         elevation = sea.elevation(k.r, k.t)
         total = jnp.zeros((), k.r.dtype)

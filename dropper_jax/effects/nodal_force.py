@@ -33,13 +33,13 @@ class NodalForce(Effect):
     single_line: ClassVar[bool] = True
     constant: ClassVar[bool] = True
     force_n: jax.Array = parameter("force on each named node", unit="N", shape="vectors")
-    start: jax.Array | None = parameter("when the ramp starts", unit="s", low=0.0, optional=True)
+    start: jax.Array | None = parameter("when the ramp starts", unit="s", low=0.0, default=None)
     rise: jax.Array | None = parameter(
-        "time from zero to the full force", unit="s", low=0.0, open_low=True, optional=True
+        "time from zero to the full force", unit="s", low=0.0, open_low=True, default=None
     )
-    release: jax.Array | None = parameter("when the force is released", unit="s", low=0.0, optional=True)
-    time: jax.Array | None = parameter("times of the table", unit="s", shape="table", optional=True)
-    scale: jax.Array | None = parameter("factor at those times", unit="-", shape="table", optional=True)
+    release: jax.Array | None = parameter("when the force is released", unit="s", low=0.0, default=None)
+    time: jax.Array | None = parameter("times of the table", unit="s", shape="table", default=None)
+    scale: jax.Array | None = parameter("factor at those times", unit="-", shape="table", default=None)
     nodes: tuple[int, ...] = option(
         "node numbers, counted from 1 at the node next to the first point", type=tuple, default=()
     )

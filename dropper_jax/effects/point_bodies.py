@@ -62,7 +62,7 @@ class PointBodies(Effect):
     def _wet_mass(self, k: Kinematics, elevation: jax.Array) -> jax.Array:
         """Mass of the displaced water (bodies,) [kg] under a surface at the bodies (bodies,) [m]."""
         s = jnp.clip(0.5 + (elevation - k.r[self.nodes(k.model), 2]) / self._diameter(), 0.0, 1.0)
-        return k.model.sea.density * self.volume * s * s * (3.0 - 2.0 * s)
+        return k.sea.density * self.volume * s * s * (3.0 - 2.0 * s)
 
     def force(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)
@@ -71,11 +71,11 @@ class PointBodies(Effect):
         if self.wet:
             water = k.water.motion
             displaced = self._wet_mass(k, k.water.motion.elevation[nodes])
-            share = displaced / jnp.where(self.volume > 0, k.model.sea.density * self.volume, 1.0)
+            share = displaced / jnp.where(self.volume > 0, k.sea.density * self.volume, 1.0)
             share = jnp.where(self.volume > 0, share, 1.0)
             u = water.velocity[nodes] - k.v[nodes]
-            drag = 0.5 * k.model.sea.density * self.drag_area * share * safe_norm(u)
-            total = total - (displaced * k.model.sea.gravity)[:, None] * down + drag[:, None] * u
+            drag = 0.5 * k.sea.density * self.drag_area * share * safe_norm(u)
+            total = total - (displaced * k.sea.gravity)[:, None] * down + drag[:, None] * u
             total = total + ((1.0 + self.added_mass) * displaced)[:, None] * water.acceleration[nodes]
         return scatter_add(nodes, total, k.free)
 
@@ -93,5 +93,5 @@ class WetPointBodies(PointBodies):
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)
-        mass = self.added_mass * self._wet_mass(k, k.model.sea.elevation(k.r[nodes], k.t))
+        mass = self.added_mass * self._wet_mass(k, k.sea.elevation(k.r[nodes], k.t))
         return 0.5 * jnp.sum(mass[:, None] * k.v[nodes] ** 2)

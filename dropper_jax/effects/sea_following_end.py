@@ -30,7 +30,7 @@ class SeaFollowingEnd(HeldMotion):
     needs_sea: ClassVar[bool] = True
     heave: jax.Array = parameter("vertical motion over the elevation", unit="-", shape="numbers", default=1.0)
     surge: jax.Array = parameter("horizontal motion over the water's", unit="-", shape="numbers", default=1.0)
-    omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", optional=True)
+    omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", default=None)
     place: jax.Array | None = None
     settled: jax.Array | None = None  # start and end of the sea's ramp (2,) [s]
     point: str = option("name of the point that moves", type=str, default="")

@@ -31,11 +31,11 @@ class Seabed(Effect):
     name: ClassVar[str] = "seabed"
     stiffness: jax.Array = parameter("contact stiffness", unit="Pa/m", low=0.0, open_low=True, default=3e6)
     damping: jax.Array = parameter("contact damping", unit="Pa s/m", low=0.0, default=3e5)
-    depth: jax.Array | None = parameter("depth of a flat bed", unit="m", low=0.0, open_low=True, optional=True)
-    bed_x: jax.Array | None = parameter("x of the depth grid", unit="m", shape="table", optional=True)
-    bed_y: jax.Array | None = parameter("y of the depth grid", unit="m", shape="table", optional=True)
+    depth: jax.Array | None = parameter("depth of a flat bed", unit="m", low=0.0, open_low=True, default=None)
+    bed_x: jax.Array | None = parameter("x of the depth grid", unit="m", shape="table", default=None)
+    bed_y: jax.Array | None = parameter("y of the depth grid", unit="m", shape="table", default=None)
     bed_depth: jax.Array | None = parameter(
-        "depths of the grid, ordered by x (all y of the first x first)", unit="m", shape="table", optional=True
+        "depths of the grid, ordered by x (all y of the first x first)", unit="m", shape="table", default=None
     )
 
     @classmethod

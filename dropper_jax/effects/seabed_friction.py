@@ -45,7 +45,7 @@ class SeabedFriction(Law):
     node_local: ClassVar[bool] = True
     needs: ClassVar[tuple[str, ...]] = ("seabed",)
     kinetic: jax.Array = parameter("kinetic coefficient of friction", unit="-", low=0.0)
-    static: jax.Array | None = parameter("static coefficient of friction", unit="-", low=0.0, optional=True)
+    static: jax.Array | None = parameter("static coefficient of friction", unit="-", low=0.0, default=None)
     damping: jax.Array = parameter(
         "MoorDyn's FricDamp: friction per speed and coefficient, of each node", unit="N s/m", low=0.0, default=200.0
     )

@@ -84,7 +84,7 @@ class SparBuoys(Effect):
 
     def prepare(self, k: Kinematics) -> Around:
         r = k.r[self.nodes(k.model)]
-        sea = k.model.sea
+        sea = k.sea
         base = r[:, 2] - self.attachment
         elevation = sea.elevation(r, k.t)
         heights = base[:, None] + self.draught(base, elevation)[:, None] * jnp.asarray(NODES, r.dtype)
@@ -95,7 +95,7 @@ class SparBuoys(Effect):
 
     def force(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)
-        sea = k.model.sea
+        sea = k.sea
         around = k.prepared(self)
         v = k.v[nodes]
         wet = self.draught(k.r[nodes, 2] - self.attachment, around.elevation)
@@ -132,12 +132,12 @@ class SparBuoys(Effect):
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         nodes = self.nodes(k.model)
         wet = self.draught(k.r[nodes, 2] - self.attachment, k.prepared(self).elevation)
-        return scatter_add(nodes, self._added_mass(k.model.sea, wet) * a[nodes], k.free)
+        return scatter_add(nodes, self._added_mass(k.sea, wet) * a[nodes], k.free)
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)
-        wet = self.draught(k.r[nodes, 2] - self.attachment, k.model.sea.elevation(k.r[nodes], k.t))
-        return 0.5 * jnp.sum(dot(self._added_mass(k.model.sea, wet) * k.v[nodes], k.v[nodes]))
+        wet = self.draught(k.r[nodes, 2] - self.attachment, k.sea.elevation(k.r[nodes], k.t))
+        return 0.5 * jnp.sum(dot(self._added_mass(k.sea, wet) * k.v[nodes], k.v[nodes]))
 
 
 def _between(s: jax.Array) -> jax.Array:

@@ -34,9 +34,7 @@ class ThesisWaveForce(Effect):
     constant: ClassVar[bool] = True
     c_d: jax.Array = parameter("drag coefficient", unit="-", low=0.0, default=2.0)
     c_m: jax.Array = parameter("inertia coefficient", unit="-", low=0.0, default=1.0)
-    c_a: jax.Array | None = parameter(
-        "added mass coefficient, with relative velocity", unit="-", low=0.0, optional=True
-    )
+    c_a: jax.Array | None = parameter("added mass coefficient, with relative velocity", unit="-", low=0.0, default=None)
     velocity: str = option(
         "velocity of the water: absolute, or relative to the node", choices=VELOCITIES, default="absolute"
     )
@@ -55,7 +53,7 @@ class ThesisWaveForce(Effect):
 
     def prepare(self, k: Kinematics) -> Motion:
         """The water at the origin."""
-        return k.model.sea.at(jnp.zeros((1, 3), k.r.dtype), k.t)
+        return k.sea.at(jnp.zeros((1, 3), k.r.dtype), k.t)
 
     def force(self, k: Kinematics) -> jax.Array:
         inertia, drag = self._coefficients(k)
@@ -66,7 +64,7 @@ class ThesisWaveForce(Effect):
     def _coefficients(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
         """Mass [kg] by the acceleration and drag [kg/m] by the squared velocity of the water, each (nodes, 1)."""
         line = k.line
-        density = k.model.sea.density
+        density = k.sea.density
         inertia = line.node_share(density * line.volume * self.c_m)
         return inertia[:, None], line.node_share(0.5 * density * line.diameter * line.length * self.c_d)[:, None]
 
@@ -99,7 +97,7 @@ class RelativeThesisWaveForceWithAddedMass(RelativeThesisWaveForce):
     name: ClassVar[str] = "thesis_wave_force"
 
     def _added_mass(self, k: Kinematics) -> jax.Array:
-        return (k.line.node_share(k.model.sea.density * k.line.volume) * self.c_a)[:, None]
+        return (k.line.node_share(k.sea.density * k.line.volume) * self.c_a)[:, None]
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         """Inertia force (nodes, 3) [N] of the added mass."""

@@ -50,7 +50,7 @@ class Torsion(Effect):
         "torque per rate of twist per length", unit="N m^2 s", shape="link", low=0.0, default=0.0
     )
     coupling: jax.Array | None = parameter(
-        "k_tt, tension per twist per length, and torque per strain", unit="N m", shape="link", optional=True
+        "k_tt, tension per twist per length, and torque per strain", unit="N m", shape="link", default=None
     )
     torque: jax.Array = parameter("moment on last points that are free to turn", unit="N m", default=0.0)
     turn: jax.Array = parameter("angle to which last points that are held are turned", unit="rad", default=0.0)

@@ -27,7 +27,7 @@ class Weight(Effect):
     gravity: jax.Array = parameter(
         "acceleration of gravity, by default that of the sea", unit="m/s^2", low=0.0, default=GRAVITY
     )
-    wet_weight: jax.Array | None = parameter("weight in water per link", unit="N", shape="link", optional=True)
+    wet_weight: jax.Array | None = parameter("weight in water per link", unit="N", shape="link", default=None)
 
     def per_link(self, line: Line) -> jax.Array:
         """Weight of each link (n,) [N]."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import AddedMass, Kinematics, Model
+from dropper_jax.model import AddedMass, Kinematics, Model, TurningMass
 from dropper_jax.residual import StepProblem, Unknowns, couples_inertia
 from dropper_jax.solvers import SOLVERS
 
@@ -30,7 +30,8 @@ class ProjectionProblem(StepProblem):
     pieces = ()  # the forces in the rows do not depend on the unknowns
 
     def __init__(self, k: Kinematics, added: bool) -> None:
-        self.model, self.h = k.model, jnp.ones((), k.r.dtype)
+        self.model = k.model
+        self.h = jnp.ones((), k.r.dtype)
         self.k, self.added = k.over(INSTANT) if added else k, added
         self.link_direction = k.links / k.line.length[:, None]
         self.rigid = k.line.axial.rigid(k.line.links)
@@ -137,11 +138,11 @@ def sawtooth_grows(model: Model) -> bool:
 
 def feeds_sawtooth(model: Model) -> jax.Array:
     """Whether it actually does so, according to its coefficients."""
-    return jnp.any(jnp.stack([e.differs for e in _turning(model)]))
+    return jnp.any(jnp.stack([e.gains() for e in _turning(model)]))
 
 
-def _turning(model: Model) -> list[AddedMass]:
-    return [e for e in model.having(AddedMass) if e.turns]
+def _turning(model: Model) -> list[TurningMass]:
+    return [e for e in model.having(TurningMass) if e.turns]
 
 
 def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:

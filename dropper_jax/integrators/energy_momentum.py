@@ -41,8 +41,11 @@ class EnergyMomentum(Implicit):
     takes_laws: ClassVar[bool] = True
     takes_constraints: ClassVar[bool] = True
     tension_time: ClassVar[float] = 0.5
-    #: Weight of the new time.
-    weighting: ClassVar[float] = 0.5
+
+    @property
+    def weighting(self) -> float:
+        """Weight of the new time."""
+        return 0.5
 
     @property
     def local_error(self) -> LocalError | None:
@@ -90,7 +93,7 @@ class MidpointProblem(StepProblem):
         self.links0 = model.links(s.r, ends0)
         self.ends = ends1
         self.end_acceleration = None
-        if model.moving:
+        if ends0.velocities is not None and ends1.velocities is not None:
             middle = (1 - gamma) * ends0.positions + gamma * ends1.positions
             moved = ends1.positions - ends0.positions
             self.ends = Ends(middle, moved / h)

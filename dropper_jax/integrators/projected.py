@@ -191,6 +191,8 @@ def _after_jump(model: Model, s: State, track: bool) -> State:
         return replace(s, v=v)
     before = model.ends(time_just_after(s.t, -1.0))
     after = model.ends(time_just_after(s.t, 1.0))
+    if before.velocities is None or after.velocities is None:
+        return replace(s, v=v)
     mean = before._replace(velocities=0.5 * (before.velocities + after.velocities))
     work = s.work + book_works(model, {MOVING_ENDS: model.end_powers(impulse, mean)[MOVING_ENDS]})
     return replace(s, v=v, work=work)

@@ -107,7 +107,7 @@ class RungeKutta(Explicit):
         return combine(model, s, h, _weigh_slopes(self.b, slopes))
 
 
-def _weigh_slopes(weights: tuple[float, ...], slopes: list[tuple[jax.Array, ...]]) -> tuple[jax.Array, ...]:
+def _weigh_slopes(weights: tuple[float, ...], slopes: list[Rates]) -> Rates:
     """The weighted sum of slopes; zero weights are skipped."""
     kept, used = zip(*((weight, slope) for weight, slope in zip(weights, slopes, strict=True) if weight), strict=True)
     return jax.tree.map(lambda *k: sum(map(operator.mul, kept, k)), *used)

@@ -47,17 +47,21 @@ class ThesisAngles(Implicit):
         return super().refuse(model)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> AnglesProblem:
-        return AnglesProblem(model, self.begin(model, s), h, self.gamma, carried=s.angles is not None)
+        return AnglesProblem(model, s, h, self.gamma)
 
     def begin(self, model: Model, s: State) -> State:
-        """The state with the angles that correspond to its positions and velocities."""
-        if s.angles is not None:
-            return s
-        return replace(s, angles=angles_of_links(model.links(s.r, model.ends(s.t)), model.rates(s.v, None)))
+        return replace(s, angles=angles_of_state(model, s))
 
 
 #: A vertical link has no azimuth: its rate is left at zero, which is an inherent defect of the scheme.
 VERTICAL = 1e-9
+
+
+def angles_of_state(model: Model, s: State) -> tuple[jax.Array, ...]:
+    """The angles that the state carries, or those that correspond to its positions and velocities."""
+    if s.angles is not None:
+        return s.angles
+    return angles_of_links(model.links(s.r, model.ends(s.t)), model.rates(s.v, None))
 
 
 def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
@@ -96,18 +100,19 @@ class Motion(NamedTuple):
 class AnglesProblem(StepProblem):
     """Unknowns: x = (theta, phi, theta', phi') of the new time (n, 4), y = T.
 
-    `carried` means that the state carries the angles. Without them, each step computes them from the positions.
+    If the state does not carry the angles, each step computes them from the positions.
     """
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array, carried: bool) -> None:
+    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array) -> None:
         super().__init__(model, s, h)
-        self.gamma, self.carried = gamma, carried
+        self.gamma = gamma
+        self.angles = angles_of_state(model, s)
         self.ends0, self.ends1 = model.ends(s.t), model.ends(s.t + h)
         self.mass = model.line.mass[: model.free_nodes, None]
-        self.old = self._motion(jnp.stack(s.angles, -1), s.t, self.ends0, s.tension)
+        self.old = self._motion(jnp.stack(self.angles, -1), s.t, self.ends0, s.tension)
 
     def guess(self) -> Unknowns:
-        theta, phi, theta_rate, phi_rate = self.s.angles
+        theta, phi, theta_rate, phi_rate = self.angles
         h = self.h
         moved = theta + h * theta_rate, phi + h * phi_rate, theta_rate, phi_rate
         return Unknowns(jnp.stack(moved, -1), self.s.tension)
@@ -136,17 +141,16 @@ class AnglesProblem(StepProblem):
         h = self.h
         gamma = self.gamma
         free = model.free_nodes
-        old = jnp.stack(s.angles, -1)
+        old = jnp.stack(self.angles, -1)
         kinematic = (u.x[:, :2] - old[:, :2]) / h - gamma * u.x[:, 2:] - (1 - gamma) * old[:, 2:]
         new = self._motion(u.x, s.t + h, self.ends1, u.y)
         a = jax.jvp(_unit, (u.x[:, 0], u.x[:, 1]), tuple(((u.x[:, 2:] - old[:, 2:]) / h).T))[1]
         a = jnp.cumsum(model.line.length[:, None] * a, axis=0)
         b = gamma * new.bend + (1 - gamma) * self.old.bend
         rows = self.mass * (a + b)[:free] - gamma * new.force - (1 - gamma) * self.old.force
-        if model.end_held:
-            rows = jnp.concatenate(
-                [rows, (new.end - self.ends1.end)[None] * (self._force()[-1] / model.line.length[-1])]
-            )
+        end = self.ends1.end
+        if end is not None:
+            rows = jnp.concatenate([rows, (new.end - end)[None] * (self._force()[-1] / model.line.length[-1])])
         # kinematic rows are rates times the ratio of the force scale to a rate, so that one tolerance serves all rows
         return Unknowns(jnp.concatenate([kinematic * h * self._force(), rows[:, :2]], 1), rows[:, 2])
 
@@ -165,7 +169,7 @@ class AnglesProblem(StepProblem):
     def finish(self, u: Unknowns) -> State:
         after = self._motion(u.x, self.s.t + self.h, self.ends1, u.y).k
         angles = None
-        if self.carried:
+        if self.s.angles is not None:
             angles = tuple(u.x.T)
         return self.end_state(
             r=after.r,

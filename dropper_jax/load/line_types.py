@@ -62,22 +62,22 @@ class LineType:
     mass: float = parameter("mass per metre", unit="kg/m", low=0.0, open_low=True)
     diameter: float = parameter("diameter of the displaced volume", unit="m", low=0.0, open_low=True)
     outer_diameter: float | None = parameter(
-        "diameter for drag and added mass (default: `diameter`)", unit="m", low=0.0, open_low=True, optional=True
+        "diameter for drag and added mass (default: `diameter`)", unit="m", low=0.0, open_low=True, default=None
     )
-    EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, optional=True)
-    strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", optional=True)
-    tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", optional=True)
+    EA: float | None = parameter("axial stiffness", unit="N", low=0.0, open_low=True, default=None)
+    strain: np.ndarray | None = parameter("strains of a table, rising", unit="-", shape="table", default=None)
+    tension: np.ndarray | None = parameter("tensions at those strains", unit="N", shape="table", default=None)
     law: str = option("axial law", choices=tuple(LAWS), default="rope")
-    damping: float | None = parameter("internal damping BA", unit="N s", low=0.0, optional=True)
+    damping: float | None = parameter("internal damping BA", unit="N s", low=0.0, default=None)
     damping_ratio: float | None = parameter(
-        "damping ratio (internal damping over critical), per link", unit="-", low=0.0, optional=True
+        "damping ratio (internal damping over critical), per link", unit="-", low=0.0, default=None
     )
-    EI: float | None = parameter("bending stiffness", unit="N m^2", low=0.0, optional=True)
-    breaking_load: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, optional=True)
-    cdn: float | None = parameter("drag coefficient across", unit="-", low=0.0, optional=True)
-    cdt: float | None = parameter("drag coefficient along", unit="-", low=0.0, optional=True)
-    can: float | None = parameter("added mass coefficient across", unit="-", low=0.0, optional=True)
-    cat: float | None = parameter("added mass coefficient along", unit="-", low=0.0, optional=True)
+    EI: float | None = parameter("bending stiffness", unit="N m^2", low=0.0, default=None)
+    breaking_load: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, default=None)
+    cdn: float | None = parameter("drag coefficient across", unit="-", low=0.0, default=None)
+    cdt: float | None = parameter("drag coefficient along", unit="-", low=0.0, default=None)
+    can: float | None = parameter("added mass coefficient across", unit="-", low=0.0, default=None)
+    cat: float | None = parameter("added mass coefficient along", unit="-", low=0.0, default=None)
     constants: dict[str, float] = dataclasses.field(default_factory=dict)
 
     @classmethod

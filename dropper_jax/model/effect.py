@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import jax
@@ -25,20 +26,12 @@ class Effect:
     """Base of all effects; subclasses are `component` dataclasses with a `name`, the key in `[effects.NAME]`."""
 
     name: ClassVar[str]
-    #: Reach of the force in nodes: 0 own node, 1 neighbouring nodes, 2 next neighbours. Solvers rely on it.
-    reach: ClassVar[int] = 0
     #: Whether the force is independent of positions and velocities, so that it adds nothing to a Jacobian.
     constant: ClassVar[bool] = False
     #: Whether its `displace` takes the sea as a second argument.
     needs_sea: ClassVar[bool] = False
     #: Whether it reads `k.water`; the scene must then have a sea, whose kinematics are computed once per step.
     needs_water: ClassVar[bool] = False
-    #: Whether it reads `k.water.material`, the material acceleration of the water.
-    needs_material: bool = False
-    #: Whether it reads `k.water.current`, the current alone.
-    needs_current: bool = False
-    #: Whether its added mass turns with its link.
-    turns: bool = False
     #: Whether it counts nodes, links or joints of one line, and so supports scenes of one line only.
     single_line: ClassVar[bool] = False
     #: Names of effects that it requires.
@@ -47,6 +40,21 @@ class Effect:
     bodily: ClassVar[bool] = False
     #: Whether a part of its potential is lost when a link breaks (see `failure`).
     parts: ClassVar[bool] = False
+
+    @property
+    def reach(self) -> int:
+        """Reach of the force in nodes: 0 own node, 1 neighbouring nodes, 2 next neighbours. Solvers rely on it."""
+        return 0
+
+    @property
+    def needs_material(self) -> bool:
+        """Whether it reads `k.water.material`, the material acceleration of the water."""
+        return False
+
+    @property
+    def needs_current(self) -> bool:
+        """Whether it reads `k.water.current`, the current alone."""
+        return False
 
     @property
     def kinks(self) -> jax.Array | None:
@@ -85,8 +93,15 @@ class Effect:
 class HeldMotion(Effect):
     """An effect that moves fixed points together: it has the options `point` and `also`, and `displace`."""
 
-    point: str
-    also: tuple[str, ...]
+    @property
+    def point(self) -> str:
+        """Name of the point that moves."""
+        raise NotImplementedError
+
+    @property
+    def also(self) -> tuple[str, ...]:
+        """Further points that move with it."""
+        return ()
 
     def moves(self, name: str) -> bool:
         """Whether a fixed point of that name moves: `point` and those that move with it."""
@@ -110,8 +125,11 @@ class Law(Effect, ABC):
 
     #: Whether each row of z acts on one free node and depends on that node only; rows are then the free nodes.
     node_local: ClassVar[bool] = False
-    #: Whether z follows from positions and velocities alone, by `at`; explicit schemes support such laws.
-    of_state: bool = False
+
+    @property
+    def of_state(self) -> bool:
+        """Whether z follows from positions and velocities alone, by `at`; explicit schemes support such laws."""
+        return False
 
     @property
     @abstractmethod
@@ -160,6 +178,7 @@ class Law(Effect, ABC):
         """Scale of a row, scalar: the residual tolerance is relative to it."""
 
 
+@dataclass(frozen=True)
 class HolonomicConstraint(Effect, ABC):
     """Equality constraints between nodes, at most quadratic in their positions, with one multiplier each.
 
@@ -171,8 +190,11 @@ class HolonomicConstraint(Effect, ABC):
     bodily: ClassVar[bool] = True
     #: Masses of the bodies (bodies,) [kg].
     mass: jax.Array
-    #: Numbers of the bodies whose reference point is pinned: their three gaps come last.
-    pinned: tuple[int, ...] = ()
+
+    @property
+    def pinned(self) -> tuple[int, ...]:
+        """Numbers of the bodies whose reference point is pinned: their three gaps come last."""
+        return ()
 
     @abstractmethod
     def pose(self, model: ModelView, r: jax.Array) -> tuple[jax.Array, jax.Array]:

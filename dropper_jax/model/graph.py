@@ -155,7 +155,7 @@ class Graph:
         return tuple(found)
 
     @cached_property
-    def near_share(self) -> np.ndarray | float:
+    def near_share(self) -> jax.Array | np.ndarray | float:
         """Fraction of each link's mass and forces (n,) at its first node; one number if it is the same for all."""
         if len({m.far for m in self.members}) == 1:
             return 0.0 if self.members[0].far else 0.5
@@ -220,7 +220,7 @@ class Graph:
             return jnp.concatenate([take(value, inner), gather_sums(value, at_points)])
         return take(value, inner)
 
-    def at_ends(self, first: jax.Array, last: jax.Array) -> jax.Array:
+    def at_ends(self, first: jax.Array | np.ndarray, last: jax.Array | np.ndarray) -> jax.Array:
         """Sum on the free nodes (free, ...) of values (n, ...) of links at their first and at their last nodes."""
         return self.from_first(first) + self.from_last(last)
 

@@ -33,8 +33,8 @@ class ModelView(Protocol):
         """Points where lines start and end."""
 
     @property
-    def sea(self) -> Sea | None:
-        """The water; None without any."""
+    def needed_sea(self) -> Sea:
+        """The water, for effects that need it."""
 
     @property
     def free_nodes(self) -> int:
@@ -62,6 +62,15 @@ class ModelView(Protocol):
     def gather(self, pull: jax.Array) -> jax.Array:
         """Sum on the free nodes (nodes, ...) of tension forces of links (n, ...)."""
 
+    def force(self, k: Kinematics) -> jax.Array:
+        """Sum of the effects' nodal forces (nodes, 3) [N]."""
+
+    def nodal_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+        """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
+
+    def inertia(self, k: Kinematics, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+        """The same with added mass."""
+
 
 #: Data that an effect freezes over a step: any tree of arrays.
 Frozen = Any
@@ -70,7 +79,9 @@ Frozen = Any
 class Named(Protocol):
     """Something with a name, as effects are."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Its key in `[effects.NAME]`."""
 
 
 class Kinematics:
@@ -93,7 +104,7 @@ class Kinematics:
         t: jax.Array,
         ends: Ends,
         prepared: dict[str, Any] | None = None,
-        h: jax.Array | None = None,
+        h: jax.Array | float | None = None,
         before: jax.Array | None = None,
     ) -> None:
         self.model, self.r, self.v, self.t, self.ends, self.h, self.before = model, r, v, t, ends, h, before
@@ -103,6 +114,10 @@ class Kinematics:
     @property
     def line(self) -> Line:
         return self.model.line
+
+    @property
+    def sea(self) -> Sea:
+        return self.model.needed_sea
 
     @property
     def free(self) -> int:

@@ -48,13 +48,13 @@ class Line:
     mass: jax.Array = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
     geometry: Graph = option("how nodes, links and points belong together")
     centre_of_mass: jax.Array | None = parameter(
-        "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, optional=True
+        "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, default=None
     )
     inertia: jax.Array | None = parameter(
-        "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, optional=True
+        "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, default=None
     )
     diameter: jax.Array | None = parameter(
-        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
+        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, default=None
     )
     outer_diameter: jax.Array | None = parameter(
         "diameter for drag and added mass (default: that of the displaced volume)",
@@ -62,7 +62,7 @@ class Line:
         shape="link",
         low=0.0,
         open_low=True,
-        optional=True,
+        default=None,
     )
     axial: AxialLaw = Rigid()
     failures: Failures | None = None
@@ -79,24 +79,35 @@ class Line:
     @property
     def volume(self) -> jax.Array:
         """Displaced volume of each link (n,) [m^3]."""
-        return 0.25 * jnp.pi * self.diameter**2 * self.length
+        return 0.25 * jnp.pi * self.needed_diameter**2 * self.length
+
+    @property
+    def needed_diameter(self) -> jax.Array:
+        """Diameter of the displaced volume (n,) [m].
+
+        Raises:
+            ValueError: a line has none.
+        """
+        if self.diameter is None:
+            raise ValueError(
+                "line.diameter: missing; forces of the water and of the seabed need that of every line [m]"
+            )
+        return self.diameter
 
     @property
     def drag_diameter(self) -> jax.Array:
         """Diameter for drag and added mass of each link (n,) [m]."""
         if self.outer_diameter is None:
-            return self.diameter
+            return self.needed_diameter
         return self.outer_diameter
-
-    @property
-    def second_moment(self) -> jax.Array:
-        """J = I + m y^2 about the first node (n,) [kg m^2]."""
-        return self.inertia + self.mass * self.centre_of_mass**2
 
     def blocks(self) -> tuple[jax.Array, jax.Array, jax.Array]:
         """M11, M12, M22 of every compound link, each (n,) [kg]."""
+        if self.centre_of_mass is None or self.inertia is None:
+            raise ValueError("line.centre_of_mass, line.inertia: links are compound with both, point masses without")
         ratio = self.centre_of_mass / self.length
-        turn = self.second_moment / self.length**2
+        second_moment = self.inertia + self.mass * self.centre_of_mass**2
+        turn = second_moment / self.length**2
         return self.mass * (1 - 2 * ratio) + turn, self.mass * ratio - turn, turn
 
     @property

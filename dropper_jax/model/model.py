@@ -65,6 +65,17 @@ class Model:
         return self.geometry.free
 
     @property
+    def needed_sea(self) -> Sea:
+        """The sea, for effects that need it.
+
+        Raises:
+            ValueError: the model has none.
+        """
+        if self.sea is None:
+            raise ValueError("sea: missing; an effect needs the water")
+        return self.sea
+
+    @property
     def end_held(self) -> bool:
         """Whether the second end of a single line is fixed too."""
         return self.geometry.ends == 2
@@ -238,15 +249,17 @@ class Model:
 
         With an instant k also the power into potentials that couple nodes, as for lines with bending stiffness.
         """
-        if not self.moving:
+        if rates.velocities is None:
             return {}
         power = -jnp.sum(self.geometry.held_force(pull) * rates.velocities)
         bent = tuple(e for e in self.having(Potential) if isinstance(e, ElementForce))
         if k is None or not bent:
             return {MOVING_ENDS: power}
+        r, v, t = k.r, k.v, k.t
 
         def stored_energy(positions: jax.Array) -> jax.Array:
-            return sum(e.potential(self.kinematics(k.r, k.v, k.t, Ends(positions, rates.velocities))) for e in bent)
+            moved = self.kinematics(r, v, t, Ends(positions, rates.velocities))
+            return sum((e.potential(moved) for e in bent), jnp.zeros((), self.dtype))
 
         return {MOVING_ENDS: power + jax.jvp(stored_energy, (rates.positions,), (rates.velocities,))[1]}
 
@@ -326,7 +339,7 @@ class Model:
     def kinetic_energy(self, k: Kinematics) -> jax.Array:
         """Kinetic energy, scalar [J]; for moving ends including that of the link masses at them."""
         own = 0.5 * jnp.sum(k.v * self.nodal_inertia(k.v, k.ends.velocities))
-        if self.line.compound and self.moving:
+        if self.line.compound and k.ends.velocities is not None:
             held = self.geometry.held_at_ends(*self.line.inertia_forces(k.v, k.ends.velocities))
             own = own + 0.5 * jnp.sum(k.ends.velocities * held)
         return sum((e.kinetic(k) for e in self.having(AddedMass)), own)

@@ -9,17 +9,22 @@ import numpy as np
 
 from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model.graph import Graph
-from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView
+from dropper_jax.model.kinematics import Frozen, Kinematics, ModelView, Named
 from dropper_jax.model.line import Line
+from dropper_jax.sea import Sea
 
 
 @runtime_checkable
-class Force(Protocol):
+class Force(Named, Protocol):
     """A force on the free nodes."""
 
-    name: str
-    reach: int
-    constant: bool
+    @property
+    def reach(self) -> int:
+        """How many neighbouring nodes the force couples."""
+
+    @property
+    def constant(self) -> bool:
+        """Whether it is independent of positions and velocities."""
 
     def force(self, k: Kinematics) -> jax.Array:
         """Nodal force, (nodes, 3) [N]."""
@@ -28,6 +33,10 @@ class Force(Protocol):
 @runtime_checkable
 class Potential(Force, Protocol):
     """A conservative force: its energy is part of the balance; otherwise its work is."""
+
+    @property
+    def parts(self) -> bool:
+        """Whether a part of its potential is lost when a link breaks."""
 
     def potential(self, k: Kinematics) -> jax.Array:
         """Energy whose negative gradient is `force`, scalar [J]."""
@@ -56,15 +65,12 @@ class LimitsTimeStep(Protocol):
 
 
 @runtime_checkable
-class AddedMass(Protocol):
+class AddedMass(Named, Protocol):
     """Inertia beyond that of the lines."""
 
-    name: str
-    reach: int
-
     @property
-    def turns(self) -> bool:
-        """Whether it turns with its link."""
+    def reach(self) -> int:
+        """How many neighbouring nodes it couples."""
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         """Inertia force for nodal accelerations a (nodes, 3) [m/s^2], (nodes, 3) [N]."""
@@ -74,24 +80,32 @@ class AddedMass(Protocol):
 
 
 @runtime_checkable
-class Prepared(Protocol):
-    """Something expensive that may be frozen over a step."""
+class TurningMass(AddedMass, Protocol):
+    """Added mass that turns with its link."""
 
-    name: str
+    @property
+    def turns(self) -> bool:
+        """Whether it may gain energy by turning."""
+
+    def gains(self) -> jax.Array:
+        """Whether it actually does so, according to its coefficients, scalar."""
+
+
+@runtime_checkable
+class Prepared(Named, Protocol):
+    """Something expensive that may be frozen over a step."""
 
     def prepare(self, k: Kinematics) -> Frozen:
         """Evaluated once at the predicted middle of the step; `k.prepared(self)` returns the result."""
 
 
 @runtime_checkable
-class Stateful(Protocol):
+class Stateful(Named, Protocol):
     """An internal state that a run changes, as for creep or wear: a tree of arrays `own`, constant over each step.
 
     A step uses `own` as it is at its start, and updates it at its end. A halved step does so at the end of each part.
     First order in the step.
     """
-
-    name: str
 
     def begin(self, model: ModelView) -> Frozen:
         """`own` at the start of a run."""
@@ -107,13 +121,21 @@ class Stateful(Protocol):
 class Displacement(Protocol):
     """A prescribed motion of fixed points."""
 
-    needs_sea: bool
-    kinks: jax.Array | None
+    @property
+    def needs_sea(self) -> bool:
+        """Whether `displace` takes the sea."""
+
+    @property
+    def kinks(self) -> jax.Array | None:
+        """Times (k,) [s] at which velocity or acceleration jump."""
 
     def moves(self, name: str) -> bool:
         """Whether the fixed point of that name moves."""
 
-    def displace(self, t: jax.Array) -> jax.Array:
+    def of(self, name: str) -> Displacement:
+        """The effect that moves the fixed point of that name."""
+
+    def displace(self, t: jax.Array, *sea: Sea | None) -> jax.Array:
         """Displacement at time t, (3,) [m]; with `needs_sea` the sea is a second argument."""
 
 

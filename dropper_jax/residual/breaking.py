@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import BREAKING, Model, Parted, State, as_parted, book_works
+from dropper_jax.model import BREAKING, Failures, Model, Parted, Potential, State, as_parted, book_works
 
 
 def without_broken_links(model: Model, s: State) -> Model:
@@ -33,7 +33,10 @@ def break_links(model: Model, before: Model, s: State, s1: State) -> State:
         before: the model during the step.
         s, s1: start and end of the step; `parted` is that of s.
     """
-    parted = _part(model, s.parted, s1)
+    failures = model.line.failures
+    if failures is None or s.parted is None:
+        return s1
+    parted = _part(failures, s.parted, s1)
     work = s1.work
     if work.size:
         kept = as_parted(model, parted).with_internal_state(s1.own)
@@ -47,15 +50,14 @@ def _link_energy(model: Model, s: State) -> jax.Array:
     k = model.kinematics(s.r, s.v, s.t)
     line = model.with_lengths(s.t).line
     own = line.axial.energy(k.links, line.length)
-    return sum((e.potential(k) for e in model.effects if e.parts), own)
+    return sum((e.potential(k) for e in model.having(Potential) if e.parts), own)
 
 
 #: Relative rounding of a time that is a whole number of steps.
 SAME_TIME = 1e-9
 
 
-def _part(model: Model, parted: Parted, s1: State) -> Parted:
-    failures = model.line.failures
+def _part(failures: Failures, parted: Parted, s1: State) -> Parted:
     tension, t = jax.lax.stop_gradient((s1.tension, s1.t))
     share = tension / failures.load
     named = jnp.asarray(failures.named, jnp.int32)

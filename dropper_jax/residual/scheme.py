@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.read import read_number
-from dropper_jax.model import AddedMass, Model, State
+from dropper_jax.model import AddedMass, Model, ModelView, State
 from dropper_jax.residual.problem import StepProblem
 
 
@@ -42,14 +42,20 @@ class Integrator:
     name: ClassVar[str]
     #: Design order of convergence in positions.
     order: ClassVar[int]
-    #: Whether rigid links keep their lengths by construction; schemes with drift are stopped at `DRIFT_LIMIT`.
-    holds_length: ClassVar[bool] = True
-    #: Time of the reported tension within the step: 0.5 for step averages, 1.0 for values at the new time.
-    tension_time: ClassVar[float] = 1.0
     #: Whether a step solves equations.
     implicit: ClassVar[bool] = True
     #: Fractions of the substeps (compositions have several).
     stages: ClassVar[tuple[float, ...]] = (1.0,)
+
+    @property
+    def holds_length(self) -> bool:
+        """Whether rigid links keep their lengths by construction; schemes with drift are stopped at `DRIFT_LIMIT`."""
+        return True
+
+    @property
+    def tension_time(self) -> float:
+        """Time of the reported tension within the step: 0.5 for step averages, 1.0 for values at the new time."""
+        return 1.0
 
     @property
     def dissipates(self) -> bool:
@@ -95,6 +101,14 @@ class Integrator:
         """The state with the additional variables of this scheme besides positions and velocities."""
         return s
 
+    def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
+        """The equations of one step, of an implicit scheme."""
+        raise NotImplementedError
+
+    def advance(self, model: Model, s: State, h: jax.Array) -> State:
+        """One step of an explicit scheme."""
+        raise NotImplementedError
+
     def change_step(self, model: Model, s: State, h: jax.Array) -> State:
         """The state from which steps of h [s] continue smoothly after one of another length."""
         return s
@@ -124,7 +138,6 @@ class Implicit(Integrator, ABC):
         """The equations of one step of a model that includes the internal states of its effects."""
 
     def problem(self, model: Model, s: State, h: jax.Array) -> StepProblem:
-        """The equations of one step."""
         return self.equations(model.with_internal_state(s.own).with_lengths(s.t, h), s, h)
 
     def refuse(self, model: Model) -> str | None:
@@ -151,10 +164,6 @@ class Explicit(Integrator, ABC):
 
     implicit: ClassVar[bool] = False
 
-    @abstractmethod
-    def advance(self, model: Model, s: State, h: jax.Array) -> State:
-        """One step."""
-
     def refuse(self, model: Model) -> str | None:
         if not model.line.axial.elastic:
             return "explicit schemes need tensions that follow from lengths, but the links are rigid; set axial.law"
@@ -171,9 +180,12 @@ class Explicit(Integrator, ABC):
 class Embedded(Explicit):
     """An explicit scheme that estimates the error of its step."""
 
-    follows_accuracy = True
     #: h b/m above which damping makes the scheme unstable; b/m is the rate at which damping would stop a node.
     stable: ClassVar[float]
+
+    @property
+    def follows_accuracy(self) -> bool:
+        return True
 
     @abstractmethod
     def advance_with_error(self, model: Model, s: State, h: jax.Array, tolerance: jax.Array) -> tuple[State, jax.Array]:
@@ -183,7 +195,7 @@ class Embedded(Explicit):
         return self.advance_with_error(model, s, h, jnp.ones((), model.dtype))[0]
 
 
-def couples_inertia(model: Model) -> bool:
+def couples_inertia(model: ModelView) -> bool:
     """Whether added mass couples neighbouring nodes, so that accelerations need more than each node's own mass."""
     added = model.having(AddedMass)
     return bool(added) and (model.line.compound or any(e.reach > 0 for e in added))

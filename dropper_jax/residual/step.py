@@ -28,7 +28,7 @@ from dropper_jax.base.numerics import store_once
 from dropper_jax.model import LimitsTimeStep, Model, State
 from dropper_jax.residual.breaking import with_breaking
 from dropper_jax.residual.problem import StepProblem, Unknowns
-from dropper_jax.residual.scheme import Integrator
+from dropper_jax.residual.scheme import Implicit, Integrator
 
 #: Rows within the tolerance that fall by less than this factor per correction are rounding. With 0.3, energy of a loop
 #: of 1 g between 10 kg drifts by 1.2e-6 of its scale; with 0.6 by 3e-10.
@@ -65,7 +65,7 @@ class Solver(Protocol):
     def name(self) -> str:
         """Its name in `[run]`."""
 
-    def refuse(self, model: Model, integrator: Integrator) -> str | None:
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
         """Why it cannot solve the model with a scheme, or None."""
 
     def linearise(self, problem: StepProblem, u: Unknowns) -> Linear:
@@ -101,6 +101,12 @@ class Newton:
         if self.solver is None:
             return "none"
         return self.solver.name
+
+    def linearise(self, problem: StepProblem, u: Unknowns) -> Linear:
+        """The factored matrix of the solver at the unknowns."""
+        if self.solver is None:
+            raise ValueError("solver: None is that of an explicit scheme, which solves nothing")
+        return self.solver.linearise(problem, u)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +187,7 @@ def newton(method: Newton, problem: StepProblem, tolerance: jax.Array | float) -
         return end.u, end.now
 
     def correct_once(u: Unknowns, _: None) -> tuple[Unknowns, None]:
-        return subtract(u, method.solver.linearise(problem, u).apply(problem.residual(u))), None
+        return subtract(u, method.linearise(problem, u).apply(problem.residual(u))), None
 
     u, _ = jax.lax.scan(correct_once, problem.guess(), None, length=method.iterations)
     return u, largest_row(problem.residual(u), problem.row_scale())
@@ -193,11 +199,12 @@ def correct_until_enough(
     """Newton's method with `enough`; `filtering` uses its last matrix once more."""
     guess = problem.guess()
     scale = problem.row_scale()
+    enough = tolerance * (method.enough or 0.0)
 
     def unsolved(c: Corrections) -> jax.Array:
         # a NaN compares false: no correction removes it
         falling = (c.now > tolerance) | (c.now < FALLING * c.before)
-        wanted = (c.now > method.enough * tolerance) & falling & (c.count < method.iterations)
+        wanted = (c.now > enough) & falling & (c.count < method.iterations)
         return (c.count < method.least) | wanted
 
     def correct(matrix: Linear, c: Corrections) -> Corrections:
@@ -216,7 +223,7 @@ def correct_until_enough(
         return jax.tree.map(partial(jnp.where, worse), shorter, after)
 
     def correct_with_one_matrix(c: Corrections) -> Corrections:
-        matrix = method.solver.linearise(problem, c.u)
+        matrix = method.linearise(problem, c.u)
         first = c.count
 
         def serves(c: Corrections) -> jax.Array:
@@ -241,7 +248,7 @@ def correct_until_enough(
     return jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
 
 
-def solve_smoothed(solver: Solver, problem: StepProblem) -> tuple[Unknowns, jax.Array]:
+def solve_smoothed(method: Newton, problem: StepProblem) -> tuple[Unknowns, jax.Array]:
     """The same for set-valued laws whose active set is unknown: a scan of corrections with ever less smoothed laws.
 
     Newton on the laws themselves cycles if several joints stop at once. The primal-dual form of the smoothed law (Chan,
@@ -251,7 +258,7 @@ def solve_smoothed(solver: Solver, problem: StepProblem) -> tuple[Unknowns, jax.
 
     def correct(u: Unknowns, easing: jax.Array) -> tuple[Unknowns, None]:
         smoothed = problem.with_smoothing(easing)
-        u = subtract(u, solver.linearise(smoothed, u).apply(smoothed.residual(u)))
+        u = subtract(u, method.linearise(smoothed, u).apply(smoothed.residual(u)))
         admissible = tuple(law.admissible(z) for law, z in zip(laws, u.z, strict=False))
         return u._replace(z=admissible + u.z[len(laws) :]), None  # multipliers of constraints follow those of laws
 
@@ -275,7 +282,7 @@ def solve(
         end = correct_until_enough(stepper, problem, tolerance, filtering)
         u, row, filtered = end.u, end.now, end.filtered
     if stepper.easing:
-        u, row = jax.lax.cond(row <= tolerance, lambda: (u, row), lambda: solve_smoothed(stepper.solver, problem))
+        u, row = jax.lax.cond(row <= tolerance, lambda: (u, row), lambda: solve_smoothed(stepper, problem))
     return u, row, filtered
 
 
@@ -317,7 +324,7 @@ def _implicit_derivative(
             return partial(refine, lambda b: ravel_pytree(matrix.apply(unravel(b)))[0], scale)
 
         problem = problem_at(values)
-        matrix = stepper.solver.linearise(problem, u)
+        matrix = stepper.linearise(problem, u)
         _, jacobian = jax.linearize(partial(rows, values), flat)
         _, change = jax.jvp(lambda values: rows(values, flat), (values,), (dots,))
         forward = solve_by(matrix, _flat_scale(problem.column_scale(), u))

@@ -312,7 +312,7 @@ def _explicit(stepper: Stepper, model: Model) -> str:
     line = model.line
     if stepper.integrator.implicit or not line.axial.elastic:
         return ""
-    omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.EA / (line.length * line.mass)))))
+    omega = 2.0 * float(np.sqrt(np.max(np.asarray(line.axial.axial_stiffness() / (line.length * line.mass)))))
     return f"; {stepper.integrator.name} is explicit; its stability limit with these lines is about {2.0 / omega:.1g} s"
 
 

@@ -31,9 +31,9 @@ class FailureSpec(SectionValues):
         unit="N",
         low=0.0,
         open_low=True,
-        optional=True,
+        default=None,
     )
-    time: float | None = parameter("time at which it breaks", unit="s", low=0.0, open_low=True, optional=True)
+    time: float | None = parameter("time at which it breaks", unit="s", low=0.0, open_low=True, default=None)
 
     @classmethod
     def read(cls, table: Plain, path: str, lines: tuple[LineSpec, ...]) -> FailureSpec:

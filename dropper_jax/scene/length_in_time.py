@@ -59,14 +59,14 @@ class LengthInTimeSpec(DeclaredSection):
         metadata={"kind": "option", "meaning": "one link, from 1, in place of `end`", "type": int, "low": 1},
         default=None,
     )
-    time: np.ndarray | None = parameter("times of the rows", unit="s", shape="table", optional=True)
+    time: np.ndarray | None = parameter("times of the rows", unit="s", shape="table", default=None)
     length: np.ndarray | None = parameter(
         "total unstretched length of the links at those times",
         unit="m",
         shape="table",
         low=0.0,
         open_low=True,
-        optional=True,
+        default=None,
     )
     between: str = option("length between the rows", choices=("linear", "smooth"), default="linear")
     control: WinchSpec | None = part(WinchSpec.read, default=None)

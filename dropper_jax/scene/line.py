@@ -48,13 +48,13 @@ class LineSpec(DeclaredSection):
     length: np.ndarray = parameter("length of each link", unit="m", shape="link", low=0.0, open_low=True)
     mass: np.ndarray = parameter("mass of each link", unit="kg", shape="link", low=0.0, open_low=True)
     centre_of_mass: np.ndarray | None = parameter(
-        "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, optional=True
+        "distance of the centre of mass from the link's first node", unit="m", shape="link", low=0.0, default=None
     )
     inertia: np.ndarray | None = parameter(
-        "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, optional=True
+        "moment of inertia about the centre of mass", unit="kg m^2", shape="link", low=0.0, default=None
     )
     diameter: np.ndarray | None = parameter(
-        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, optional=True
+        "diameter of the displaced volume", unit="m", shape="link", low=0.0, open_low=True, default=None
     )
     outer_diameter: np.ndarray | None = parameter(
         "diameter for drag and added mass (default: `diameter`)",
@@ -62,10 +62,10 @@ class LineSpec(DeclaredSection):
         shape="link",
         low=0.0,
         open_low=True,
-        optional=True,
+        default=None,
     )
     breaking_load: np.ndarray | None = parameter(
-        "breaking load", unit="N", shape="link", low=0.0, open_low=True, optional=True
+        "breaking load", unit="N", shape="link", low=0.0, open_low=True, default=None
     )
     nodes: str | None = option(
         "nodes of a link's mass and water forces: its far node, or half at both; default: `far` for a line "

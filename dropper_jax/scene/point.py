@@ -20,10 +20,10 @@ class PointSpec(DeclaredSection):
     name: str = option("name", type=str)
     position: np.ndarray = parameter("position", unit="m", shape="vector")
     kind: str = option("fixed or free", choices=("fixed", "free"), default="fixed")
-    mass: float | None = parameter("mass of a body at the point", unit="kg", low=0.0, optional=True)
-    volume: float | None = parameter("its displaced volume", unit="m^3", low=0.0, optional=True)
-    drag_area: float | None = parameter("its drag coefficient times area", unit="m^2", low=0.0, optional=True)
-    added_mass: float | None = parameter("its added mass coefficient", unit="-", low=0.0, optional=True)
+    mass: float | None = parameter("mass of a body at the point", unit="kg", low=0.0, default=None)
+    volume: float | None = parameter("its displaced volume", unit="m^3", low=0.0, default=None)
+    drag_area: float | None = parameter("its drag coefficient times area", unit="m^2", low=0.0, default=None)
+    added_mass: float | None = parameter("its added mass coefficient", unit="-", low=0.0, default=None)
 
     #: The body to which it is attached, if it was created by one.
     on: str | None = None

@@ -42,18 +42,16 @@ class RunSpec(SectionValues):
         low=0.0,
         open_low=True,
         high=1.0,
-        optional=True,
+        default=None,
     )
-    save_interval: float | None = parameter(
-        "time between saved states", unit="s", low=0.0, open_low=True, optional=True
-    )
-    dt: float | None = parameter("time step, if all are equal", unit="s", low=0.0, open_low=True, optional=True)
+    save_interval: float | None = parameter("time between saved states", unit="s", low=0.0, open_low=True, default=None)
+    dt: float | None = parameter("time step, if all are equal", unit="s", low=0.0, open_low=True, default=None)
     source_dt: float | None = parameter(
         "time step of the source of the scene, of studies that take equal steps",
         unit="s",
         low=0.0,
         open_low=True,
-        optional=True,
+        default=None,
     )
     integrator: str = option("integrator", type=str, default="energy_momentum")
     solver: str = option("linear solver", choices=SOLVERS, default="auto")

@@ -56,9 +56,9 @@ class SeasonSpec(SectionValues):
     correlation: float = parameter("correlation length of the thickness", unit="m", low=0.0, open_low=True, default=1.0)
     seed: int = count("seed of the random thickness", low=0, default=0)
     attachment: float | None = parameter(
-        "attachment strength of one mussel", unit="N", low=0.0, open_low=True, optional=True
+        "attachment strength of one mussel", unit="N", low=0.0, open_low=True, default=None
     )
-    mussel_mass: float | None = parameter("mass of one mussel", unit="kg", low=0.0, open_low=True, optional=True)
+    mussel_mass: float | None = parameter("mass of one mussel", unit="kg", low=0.0, open_low=True, default=None)
     thickness: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod

@@ -49,14 +49,14 @@ class StartSpec(SectionValues):
     release_nodes: tuple[int, ...] | None = dataclasses.field(
         metadata={"kind": "option", "meaning": "nodes released at t = 0", "type": tuple, "low": 1}, default=None
     )
-    release_force: np.ndarray | None = parameter("forces released at t = 0", unit="N", shape="vectors", optional=True)
-    polar: np.ndarray | None = parameter("polar angle of each link", unit="rad", shape="table", optional=True)
-    azimuth: np.ndarray | None = parameter("azimuth of each link", unit="rad", shape="table", optional=True)
-    polar_rate: np.ndarray | None = parameter("rate of the polar angle", unit="rad/s", shape="table", optional=True)
-    azimuth_rate: np.ndarray | None = parameter("rate of the azimuth", unit="rad/s", shape="table", optional=True)
+    release_force: np.ndarray | None = parameter("forces released at t = 0", unit="N", shape="vectors", default=None)
+    polar: np.ndarray | None = parameter("polar angle of each link", unit="rad", shape="table", default=None)
+    azimuth: np.ndarray | None = parameter("azimuth of each link", unit="rad", shape="table", default=None)
+    polar_rate: np.ndarray | None = parameter("rate of the polar angle", unit="rad/s", shape="table", default=None)
+    azimuth_rate: np.ndarray | None = parameter("rate of the azimuth", unit="rad/s", shape="table", default=None)
     zero: str | None = option("where the polar angle is zero", choices=("horizontal", "down"), default=None)
-    positions: np.ndarray | None = parameter("positions of all nodes", unit="m", shape="vectors", optional=True)
-    velocities: np.ndarray | None = parameter("velocities of all nodes", unit="m/s", shape="vectors", optional=True)
+    positions: np.ndarray | None = parameter("positions of all nodes", unit="m", shape="vectors", default=None)
+    velocities: np.ndarray | None = parameter("velocities of all nodes", unit="m/s", shape="vectors", default=None)
 
     @property
     def is_static(self) -> bool:

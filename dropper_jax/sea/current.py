@@ -24,11 +24,11 @@ class Level:
     """
 
     offset: Any = parameter("constant part", unit="m", default=0.0)
-    time: Any = parameter("times of a table", unit="s", shape="table", optional=True)
-    height: Any = parameter("heights at those times", unit="m", shape="table", optional=True)
-    amplitude: Any = parameter("of constituents", unit="m", shape="table", optional=True)
-    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
-    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
+    time: Any = parameter("times of a table", unit="s", shape="table", default=None)
+    height: Any = parameter("heights at those times", unit="m", shape="table", default=None)
+    amplitude: Any = parameter("of constituents", unit="m", shape="table", default=None)
+    period: Any = parameter("their periods", unit="s", shape="table", default=None)
+    phase: Any = parameter("their lags", unit="rad", shape="table", default=None)
 
     def at(self, t: jax.Array) -> jax.Array:
         """The level [m] at time t [s]; a table is constant outside its times."""
@@ -54,16 +54,16 @@ class Current:
 
     speed: Any = parameter("speed at the reference height", unit="m/s", default=0.0)
     direction: Any = parameter("direction of flow, +x towards +y", unit="rad", low=-6.29, high=6.29, default=0.0)
-    exponent: Any = parameter("exponent of the power law", unit="-", low=0.0, optional=True)
-    reference: Any = parameter("height where the speed is given", unit="m", high=0.0, optional=True)
-    heights: Any = parameter("heights of the table, rising", unit="m", shape="table", optional=True)
-    velocities: Any = parameter("velocities at the heights", unit="m/s", shape="vectors", optional=True)
-    time: Any = parameter("times of the factor", unit="s", shape="table", optional=True)
-    factor: Any = parameter("factor at those times", unit="-", shape="table", optional=True)
-    amplitude: Any = parameter("constituents of the factor", unit="-", shape="table", optional=True)
-    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
-    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
-    veer: Any = parameter("turn of the direction per metre down", unit="rad/m", optional=True)
+    exponent: Any = parameter("exponent of the power law", unit="-", low=0.0, default=None)
+    reference: Any = parameter("height where the speed is given", unit="m", high=0.0, default=None)
+    heights: Any = parameter("heights of the table, rising", unit="m", shape="table", default=None)
+    velocities: Any = parameter("velocities at the heights", unit="m/s", shape="vectors", default=None)
+    time: Any = parameter("times of the factor", unit="s", shape="table", default=None)
+    factor: Any = parameter("factor at those times", unit="-", shape="table", default=None)
+    amplitude: Any = parameter("constituents of the factor", unit="-", shape="table", default=None)
+    period: Any = parameter("their periods", unit="s", shape="table", default=None)
+    phase: Any = parameter("their lags", unit="rad", shape="table", default=None)
+    veer: Any = parameter("turn of the direction per metre down", unit="rad/m", default=None)
     kind: str = option("profile over depth", choices=KINDS, default="uniform")
 
     @property

@@ -191,7 +191,7 @@ class BoundWaves(Waves):
     """
 
     speed: jax.Array = parameter("velocity of the harmonics", unit="m/s", shape="table", default=None)
-    drift: jax.Array | None = parameter("uniform flow of the wave", unit="m/s", optional=True)
+    drift: jax.Array | None = parameter("uniform flow of the wave", unit="m/s", default=None)
     flow: jax.Array = parameter("mean speed in the frame of the wave", unit="m/s", default=None)
     head: jax.Array = parameter("Bernoulli's constant", unit="m^2/s^2", default=None)
     theory: str = option("theory of the wave", type=str, default="stream")

@@ -40,8 +40,8 @@ class Waves:
     wave_number: jax.Array = parameter("wave number", unit="rad/m", shape="table")
     phase: jax.Array = parameter("phase", unit="rad", shape="table")
     direction: jax.Array = parameter("direction of travel from +x towards +y: one, or one per component", unit="rad")
-    intrinsic: jax.Array | None = parameter("intrinsic frequency on a current", unit="rad/s", optional=True)
-    ramp: jax.Array | None = parameter("time to reach the full height", unit="s", low=0.0, optional=True)
+    intrinsic: jax.Array | None = parameter("intrinsic frequency on a current", unit="rad/s", default=None)
+    ramp: jax.Array | None = parameter("time to reach the full height", unit="s", low=0.0, default=None)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
 
     @property

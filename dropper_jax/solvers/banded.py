@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
-from dropper_jax.residual import Integrator, Solver, StepProblem, Unknowns
+from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
 from dropper_jax.solvers.elimination import apply, inverse, multiply
 
 
@@ -81,7 +81,7 @@ class Banded(Solver):
 
     name: str = "banded"
 
-    def refuse(self, model: Model, integrator: Integrator) -> str | None:
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
         if not model.geometry.is_path:
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if model.laws:

@@ -22,7 +22,7 @@ from dropper_jax.base.indexed_sums import scatter_add, scatter_add_many
 from dropper_jax.model import Graph, HolonomicConstraint
 from dropper_jax.residual import StepProblem, Unknowns
 from dropper_jax.solvers.coupling import Coupling
-from dropper_jax.solvers.elimination import apply, optimization_barrier
+from dropper_jax.solvers.elimination import Pair, apply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
 from dropper_jax.solvers.saddle import Saddle, Stretching
 
@@ -88,9 +88,13 @@ class BodyNodeMap:
         pairs = np.array(between.pairs, int).reshape(-1, 2)
         inside = np.isin(pairs, self.retained_nodes).all(axis=1)
         own = np.searchsorted(self.retained_nodes, pairs[inside])
-        within = Coupling(tuple(map(tuple, own.tolist())), between.blocks[np.flatnonzero(inside)])
-        others = Coupling(tuple(map(tuple, pairs[~inside].tolist())), between.blocks[np.flatnonzero(~inside)])
+        within = Coupling(_as_pairs(own), between.blocks[np.flatnonzero(inside)])
+        others = Coupling(_as_pairs(pairs[~inside]), between.blocks[np.flatnonzero(~inside)])
         return within if within.pairs else None, others if others.pairs else None
+
+
+def _as_pairs(nodes: np.ndarray) -> tuple[Pair, ...]:
+    return tuple((row, column) for row, column in nodes.tolist())
 
 
 @lru_cache(maxsize=64)

@@ -18,9 +18,9 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
-from dropper_jax.base.numerics import Components, components, dot_components, inverse_rows, store_once
+from dropper_jax.base.numerics import Components, components, dot_components, each, inverse_rows, store_once
 from dropper_jax.model import Graph, Model
-from dropper_jax.residual import Integrator, Solver, StepProblem, Unknowns, local_jacobian
+from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, local_jacobian
 from dropper_jax.solvers.links import LinkParts
 
 #: Inverses of the node blocks: (nodes,), or three rows of three components (nodes,).
@@ -58,12 +58,13 @@ class ConstraintMatrix(NamedTuple):
 
 def _times(inverse: Inverse, x: Components) -> Components:
     if isinstance(inverse, tuple):
-        return tuple(dot_components(row, x) for row in inverse)
-    return tuple(inverse * c for c in x)
+        first, second, third = inverse
+        return dot_components(first, x), dot_components(second, x), dot_components(third, x)
+    return each(lambda c: inverse * c, x)
 
 
 def _part(x: Components, where: slice) -> Components:
-    return tuple(c[where] for c in x)
+    return each(operator.itemgetter(where), x)
 
 
 class Tensions(NamedTuple):
@@ -87,15 +88,20 @@ class Tensions(NamedTuple):
 
     def apply(self, rows: Unknowns) -> Unknowns:
         loose = _times(self.inverse, components(rows.x))
-        moved = tuple(self.geometry.differences(c, None) for c in loose)
+        moved = each(lambda c: self.geometry.differences(c, None), loose)
         y = solve_tridiagonal(*store_once((*self.matrix, dot_components(self.gradient, moved) - rows.y)))
-        back = _times(self.inverse, tuple(self.geometry.gather(y * p) for p in self.force))
+        back = _times(self.inverse, each(lambda p: self.geometry.gather(y * p), self.force))
         return Unknowns(jnp.stack([a + b for a, b in zip(loose, back, strict=True)], axis=-1), y)
 
     def transpose(self) -> Tensions:
         inverse = self.inverse
         if isinstance(inverse, tuple):
-            inverse = tuple(zip(*inverse, strict=True))
+            first, second, third = inverse
+            inverse = (
+                (first[0], second[0], third[0]),
+                (first[1], second[1], third[1]),
+                (first[2], second[2], third[2]),
+            )
         return Tensions.of(self.geometry, inverse, self.gradient, self.force, self.compliance)
 
 
@@ -105,7 +111,7 @@ class Condensed(Solver):
 
     name: str = "condensed"
 
-    def refuse(self, model: Model, integrator: Integrator) -> str | None:
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
         if not model.geometry.is_path:
             return "it follows one line, but the scene is a system of lines; use network or dense"
         if not integrator.condensable:

@@ -11,7 +11,7 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.model import Model
-from dropper_jax.residual import Integrator, Solver, StepProblem, Unknowns
+from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns
 
 #: Diagonal added for the unknowns of laws, far below their rows, which have the same size. They are undetermined if
 #: several joints stick; Newton still converges to one of the solutions.
@@ -38,7 +38,7 @@ class Dense(Solver):
 
     name: str = "dense"
 
-    def refuse(self, model: Model, integrator: Integrator) -> str | None:
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
         return None
 
     def linearise(self, problem: StepProblem, u: Unknowns) -> LU:

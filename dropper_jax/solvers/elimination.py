@@ -16,7 +16,7 @@ eliminated in the same rounds: a longline of 99 nodes takes 7 rounds, one of 234
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -76,7 +76,7 @@ class Order:
 
 
 def elimination_order(
-    count: int, blocks: list[Pair], after: dict[int, Iterable[int]] | None = None, most: int = 2
+    count: int, blocks: list[Pair], after: Mapping[int, Iterable[int]] | None = None, most: int = 2
 ) -> Order:
     """The order for `count` nodes whose matrix is the sum of `blocks`, listed by (row, column).
 
@@ -111,7 +111,7 @@ def elimination_order(
 
 
 def _rounds(
-    count: int, pairs: set[Pair], after: dict[int, Iterable[int]], few: int
+    count: int, pairs: set[Pair], after: Mapping[int, Iterable[int]], few: int
 ) -> list[tuple[dict[int, list[int]], int]]:
     """Nodes of each round with their neighbours, and the maximum number of neighbours."""
     near: list[set[int]] = [set() for _ in range(count)]

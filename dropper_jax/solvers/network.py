@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import ElementForce, Model
-from dropper_jax.residual import Integrator, Solver, StepProblem, Unknowns, local_jacobian
+from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, local_jacobian
 from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
 from dropper_jax.solvers.coupling import coupling
 from dropper_jax.solvers.elimination import apply, inverse, multiply, optimization_barrier
@@ -69,7 +69,7 @@ class Network(Solver):
 
     name: str = "network"
 
-    def refuse(self, model: Model, integrator: Integrator) -> str | None:
+    def refuse(self, model: Model, integrator: Implicit) -> str | None:
         if model.geometry.is_path:
             return "it is for systems of lines, but the scene is one line; use condensed, banded or dense"
         if not integrator.networkable:

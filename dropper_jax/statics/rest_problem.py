@@ -104,7 +104,7 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
     line = model.line
     length = xp.asarray(line.length)
     if line.axial.elastic:
-        stiffness = xp.max(xp.asarray(line.axial.EA) / length)
+        stiffness = xp.max(xp.asarray(line.axial.axial_stiffness()) / length)
     else:
         stiffness = 0.0
     bed = model.effect("seabed")

@@ -188,7 +188,7 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
         )
     flexibility = 0.0
     if line.axial.elastic:
-        flexibility = 1.0 / line.axial.EA
+        flexibility = 1.0 / line.axial.axial_stiffness()
     end = None
     if ends.end is not None:
         end = np.asarray(ends.end, float)

@@ -53,7 +53,7 @@ def with_static_seabed_friction(model: Model, s: State, mu: jax.Array) -> tuple[
     length = model.line.length
     ends = model.ends(s.t).positions
     field = graph.everywhere(s.r, ends)
-    stiffness = model.line.axial.EA / length
+    stiffness = model.line.axial.axial_stiffness() / length
     inner = []
     positions = [jnp.zeros((0, 2), model.dtype)]
     grips = [jnp.zeros(0, model.dtype)]

@@ -69,7 +69,7 @@ def record(stepper: Stepper, model: Model, s: State, h: jax.Array, steps: int) -
     h = jnp.asarray(h, model.dtype)
 
     def one(s: State, _: None) -> tuple[State, tuple[State, Unknowns, jax.Array]]:
-        u, row, _ = solve(stepper, (model, s, h))
+        u, row = solve(stepper, (model, s, h))[:2]
         after, row = finish_step(stepper, (model, s, h), u, row)
         return after, (s, u, row)
 

@@ -8,6 +8,8 @@ contribution at every step, so that the cotangent grows by about k: the times ar
 
 from __future__ import annotations
 
+import functools
+import operator
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -36,7 +38,7 @@ def start_meter(leaves: list[jax.Array]) -> jax.Array:
 @start_meter.defjvp
 def _start_meter_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[jax.Array, jax.Array]:
     meter = start_meter(*primals)
-    total = sum(map(jnp.sum, tangents[0])).astype(meter.dtype)
+    total = functools.reduce(operator.add, map(jnp.sum, tangents[0])).astype(meter.dtype)
 
     def warn_of(ct: jax.Array) -> jax.Array:
         jax.debug.callback(_warn, ct)

@@ -439,17 +439,17 @@ def _interval_means(found: Steps, tension: jax.Array) -> jax.Array:
 
 
 def _scan(
-    f: Callable[[Carry, Any], tuple[Carry, Rows]], start: Carry, rows: tuple[jax.Array, ...], checkpoint: bool
+    f: Callable[[Carry, Any], tuple[Carry, Rows]], start: Carry, rows: tuple[jax.Array | None, ...], checkpoint: bool
 ) -> tuple[Carry, Rows]:
     """`jax.lax.scan`, with `checkpoint` in about sqrt(n) pieces that reverse mode repeats."""
-    count = len(rows[0])
+    count = len(jax.tree.leaves(rows)[0])
     if not checkpoint or count < 4:
         return jax.lax.scan(f, start, rows)
     per = math.isqrt(count)
     whole = count // per * per
 
     @jax.checkpoint
-    def piece(carry: Carry, rows: tuple[jax.Array, ...]) -> tuple[Carry, Rows]:
+    def piece(carry: Carry, rows: tuple[jax.Array | None, ...]) -> tuple[Carry, Rows]:
         return jax.lax.scan(f, carry, rows)
 
     pieces = jax.tree.map(lambda a: a[:whole].reshape(-1, per, *a.shape[1:]), rows)

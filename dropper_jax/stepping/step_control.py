@@ -113,6 +113,8 @@ def error_rows(stepper: Stepper, before: jax.Array) -> Filter:
         before: the last step [s].
     """
     about = stepper.integrator.local_error
+    if about is None:
+        raise ValueError(f"integrator: {stepper.integrator.name!r} does not know the error of its step")
 
     def rows(problem: Any, u: Unknowns) -> Unknowns:
         h = problem.h

@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.model import Model
 from dropper_jax.residual import Implicit, Integrator, Solver, Stepper
-from dropper_jax.solvers import SOLVERS
+from dropper_jax.solvers import SOLVERS, Dense
 
 #: Number of unknowns up to which LU of the full Jacobian is faster than block elimination (measured at 3 compound
 #: links).
@@ -51,7 +51,7 @@ def make_stepper(
     reason = scheme.refuse(model)
     if reason:
         raise SceneError(f"run.integrator: {integrator!r} cannot run this scene: {reason}")
-    if not scheme.implicit:
+    if not isinstance(scheme, Implicit):
         if solver != "auto":
             raise SceneError(f"run.solver: {solver!r} is given, but integrator {integrator!r} solves nothing; use auto")
         if settings.pop("iterations", None) is not None:
@@ -108,7 +108,7 @@ def choose_solver(model: Model, scheme: Implicit) -> Solver:
     """The fastest solver that takes the model and the scheme."""
     suitable = [name for name in ("condensed", "network", "banded") if SOLVERS[name].refuse(model, scheme) is None]
     best = suitable[0] if suitable else "dense"
-    if best == "banded" and SOLVERS["dense"].size(model) <= FEW_UNKNOWNS:
+    if best == "banded" and Dense().size(model) <= FEW_UNKNOWNS:
         best = "dense"
     return SOLVERS[best]
 

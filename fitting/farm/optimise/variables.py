@@ -32,7 +32,7 @@ class Variable(DeclaredSection):
     name: str = option("name of the number: one of [parameters], or a path", type=str)
     low: float = parameter("lower bound", unit="-")
     high: float = parameter("upper bound", unit="-")
-    catalogue: tuple[float, ...] = parameter("available sizes", unit="-", shape="table", optional=True)
+    catalogue: tuple[float, ...] = parameter("available sizes", unit="-", shape="table", default=None)
     path: str = ""
     value: float = np.nan
 

@@ -66,11 +66,11 @@ class RunValues(Section):
     """`[run]`: settings of every run, and the statistics over its seeds."""
 
     duration: float = parameter("simulated time of a run", unit="s", low=0.0, open_low=True)
-    dt: float | None = parameter("time step", unit="s", low=0.0, open_low=True, optional=True)
+    dt: float | None = parameter("time step", unit="s", low=0.0, open_low=True, default=None)
     seeds: int = whole_number("realisations of each sea", default=10)
     first_seed: int = whole_number("seed of the first one", low=0, default=1)
     skip: float = parameter("time at the start that is not counted", unit="s", low=0.0, default=30.0)
-    ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
+    ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, default=None)
     storm: float = parameter("duration of the storm", unit="s", low=0.0, open_low=True, default=10800.0)
     characteristic: str = option("characteristic load", choices=("mean", "most_probable"), default="mean")
     confidence: float = parameter("level of intervals", unit="-", low=0.5, high=0.999, default=0.9)
@@ -83,7 +83,7 @@ class SeaState(Section):
     """`[[sea_state]]`: an irregular sea; Hs = 0 is calm water."""
 
     name: str = option("name", type=str)
-    hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=8766.0, optional=True)
+    hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=8766.0, default=None)
     return_period: str | None = option("years, or `associated`", type=str, default=None)
     sea: WaveSpec | None = None
 
@@ -124,8 +124,8 @@ class GrowthTable(Section):
 class Factors(Section):
     """`[factors]`: the user's table of factors on loads."""
 
-    intact: float | None = parameter("with all lines intact", unit="-", low=1.0, optional=True)
-    broken: float | None = parameter("if a line breaks", unit="-", low=1.0, optional=True)
+    intact: float | None = parameter("with all lines intact", unit="-", low=1.0, default=None)
+    broken: float | None = parameter("if a line breaks", unit="-", low=1.0, default=None)
     source: str = option("source of the factors", type=str, default="not given: check against your standard")
     edition: str = option("edition of the source", type=str, default="not given")
     clause: str = option("clause of the source", type=str, default="not given")
@@ -175,7 +175,7 @@ class PartTable(Section):
 
     name: str = option("name in reports", type=str)
     lines: tuple[str, ...] = patterns("lines of the part")
-    capacity: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, optional=True)
+    capacity: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, default=None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -186,7 +186,7 @@ class AnchorTable(Section, AnchorSpec):
 
     points: tuple[str, ...] = patterns("fixed points")
     name: str | None = option("name in reports", type=str, default=None)
-    uplift: float | None = parameter("maximum angle of the load", unit="deg", low=0.0, high=90.0, optional=True)
+    uplift: float | None = parameter("maximum angle of the load", unit="deg", low=0.0, high=90.0, default=None)
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
@@ -212,8 +212,8 @@ class Backbone(Section):
     PATTERNS = ("lines",)
 
     lines: tuple[str, ...] = patterns("lines of the backbone")
-    shallowest: float | None = parameter("least depth", unit="m", optional=True)
-    deepest: float | None = parameter("largest depth", unit="m", low=0.0, open_low=True, optional=True)
+    shallowest: float | None = parameter("least depth", unit="m", default=None)
+    deepest: float | None = parameter("largest depth", unit="m", low=0.0, open_low=True, default=None)
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
@@ -237,5 +237,5 @@ class SeasonValues(Section):
         "minimum ratio of the need to the lift: floats that carry less rise", unit="-", low=0.0, high=1.0, default=0.1
     )
     start: int | None = whole_number("floats before the first month", low=0, default=None)
-    currents: Any = parameter("of the static poses", unit="m/s", shape="table", optional=True)
-    levels: Any = parameter("of the static poses", unit="m", shape="table", optional=True)
+    currents: Any = parameter("of the static poses", unit="m/s", shape="table", default=None)
+    levels: Any = parameter("of the static poses", unit="m", shape="table", default=None)

@@ -29,10 +29,10 @@ from fitting.calibration.law_fits import OF_JOINTS, PARTS
 from fitting.calibration.preparation import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate.factors import invert_spd, solve_spd
+from fitting.estimate.least_squares import level_of
 from fitting.estimate.normal_equations import prior_of
 from fitting.estimate.release import TIME, Release
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.parameter import Parameter, resolve

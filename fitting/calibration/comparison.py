@@ -45,11 +45,11 @@ from fitting.calibration.law_fits import (
 )
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.factors import solve_spd
-from fitting.estimate.least_squares import continue_windows
+from fitting.estimate.least_squares import Objective, continue_windows, descend
 from fitting.estimate.noise import lag_one
 from fitting.estimate.residual_noise import fit_with_noise
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
+from fitting.estimate.shooting import SCHEDULE, fit_shooting
 from fitting.estimate.step_size import finer_step, refine
 from fitting.estimate.windows import Windows
 from fitting.parameters.parameter import Parameter
@@ -99,8 +99,7 @@ def join_laws(
 def _onward(inner: Solution, frozen: np.ndarray, weight: float) -> Solution:
     """From a law's joined solution to a law that contains it, whose additional parts start at zero."""
     problem = replace(inner.problem, frozen=frozen)
-    level = JoinedWindows(problem, weight, intermediate=True)
-    return level.descend(replace(inner, problem=problem), ONWARD)
+    return descend(Objective(problem, weight, intermediate=True), replace(inner, problem=problem), ONWARD)
 
 
 #: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.

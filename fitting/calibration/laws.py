@@ -42,9 +42,10 @@ from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.blocks import Pieces, block_of, jackknife, pieces
 from fitting.estimate.factors import eliminate_rows, solve_spd
-from fitting.estimate.normal_equations import Evaluation, Prior, move_along
+from fitting.estimate.least_squares import level_of
+from fitting.estimate.normal_equations import Evaluation, Prior, eliminate, move_along
 from fitting.estimate.residuals import Residuals, Solution
-from fitting.estimate.shooting import SCHEDULE, level_of, loosest_of
+from fitting.estimate.shooting import SCHEDULE, loosest_of
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Uncertainty
 from fitting.parameters.missing_forces import tested_parameters
@@ -185,7 +186,7 @@ def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTest
     prior = _wide_prior(solution, evaluation)
     still = np.zeros(len(prior.gradient))
     alone = level_of(problem, None)
-    separate = alone.eliminate(alone.system(evaluation, solution.values), 0.0, prior, still, still).information
+    separate = eliminate(alone.system(evaluation, solution.values), 0.0, prior, still, still).information
     return _judge(solution, u, suspects, _levels(solution, evaluation, prior, scale), separate)
 
 
@@ -271,7 +272,7 @@ def _levels(solution: Solution, evaluation: Evaluation, prior: Prior, scale: flo
     for weight in weights:
         level = level_of(solution.problem, weight)
         try:
-            step = level.eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
+            step = eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
         except LinAlgError:  # tight joins of a chaotic motion exhaust the digits
             break
         gain = step.predicted - level.cost(evaluation, solution.values)

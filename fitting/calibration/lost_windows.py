@@ -25,7 +25,6 @@ from fitting.estimate.least_squares import fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.residuals import Problem, Solution
-from fitting.estimate.shooting import gaps
 from fitting.estimate.uncertainty import start_covariances
 from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts, pick, with_rows
 
@@ -198,7 +197,7 @@ def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
     windows = solution.windows
     if windows.follows.sum() < FEWEST_GAPS or solution.status != "ok":
         return prepared
-    found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
+    found = solution.problem.gaps(solution.evaluation, solution.values)
     covariance, _ = start_covariances(solution)
     spread = found.before @ covariance[found.left] @ np.swapaxes(found.before, 1, 2)
     spread += found.after @ covariance[found.left + 1] @ np.swapaxes(found.after, 1, 2)

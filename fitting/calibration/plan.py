@@ -24,10 +24,10 @@ from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
 from fitting.estimate.factors import invert_spd
-from fitting.estimate.least_squares import fit_windows
+from fitting.estimate.least_squares import Objective, fit_windows
 from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Problem
-from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
+from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE
 from fitting.estimate.windows import PER_WINDOW, Windows, pick
 from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
@@ -155,7 +155,7 @@ def _errors(
 
 def at_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray, weight: float) -> Step:
     """The Gauss-Newton step of joined windows at one weight of the gaps; its information is the inverse covariance."""
-    step = JoinedWindows(problem, weight).undamped_step(evaluation, values, 0.0)
+    step = Objective(problem, weight).undamped_step(evaluation, values, 0.0)
     if step is None:
         raise SceneError("free: the parameters are not identifiable from these traces. Use fewer of them, or priors")
     return step

@@ -23,6 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fitting.estimate.least_squares import level_of
 from fitting.estimate.noise import (
     WHITE,
     Noise,
@@ -36,7 +37,6 @@ from fitting.estimate.noise import (
 )
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import Residuals, Solution
-from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import leverage, start_covariances
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace

@@ -15,9 +15,8 @@ from dropper_jax.base.toml_text import SCHEMA
 from dropper_jax.load.scene import Scene
 from fitting.estimate.blocks import block_of, pieces, resample
 from fitting.estimate.factors import invert_spd
-from fitting.estimate.least_squares import descend
+from fitting.estimate.least_squares import descend, level_of
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS
 from fitting.estimate.uncertainty import FEW, Uncertainty, degrees_of_freedom
 from fitting.parameters.names import full_names

@@ -17,10 +17,9 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fitting.estimate.blocks import raised_to, scatter, scores
 from fitting.estimate.factors import Factor, invert_spd, scale_diagonal
+from fitting.estimate.least_squares import level_of
 from fitting.estimate.loss import Loss
-from fitting.estimate.normal_equations import Normal
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import level_of
 
 #: Number of blocks below which intervals use Student's quantile and a warning is given.
 FEW = 15
@@ -28,14 +27,11 @@ FEW = 15
 
 def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
     """Covariances (K, m2, m2) of the windows' starts at given parameters, and the log determinant of their inverse."""
-    level = level_of(point.problem, point.gap_weight)
-    system = level.system(point.evaluation, point.values)
-    if isinstance(system, Normal):
-        largest = np.einsum("kii->ki", system.A).max(initial=0.0)
-        A = system.A + (1e-12 * largest + 1e-300) * np.eye(system.A.shape[1])
+    system = level_of(point.problem, point.gap_weight).system(point.evaluation, point.values)
+    A = system.damped(0.0)
+    if system.below is None:
         return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
-    A = system.normal.A
-    factor = Factor(A + 1e-13 * np.einsum("kii->ki", A).max() * np.eye(A.shape[1]), system.below)
+    factor = Factor(A, system.below)
     return factor.inverse_diagonal(), factor.log_determinant
 
 

@@ -30,7 +30,7 @@ from fitting.calibration.preparation import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate.factors import invert_spd, solve_spd
 from fitting.estimate.least_squares import level_of
-from fitting.estimate.normal_equations import prior_of
+from fitting.estimate.normal_equations import eliminate, prior_of
 from fitting.estimate.release import TIME, Release
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
@@ -182,7 +182,9 @@ def joint_information(
     values = np.concatenate([solution.values, [p.value for p in more]])
     extended = replace(problem, simulator=simulator.view_of(every), parameters=every, frozen=None, known=known)
     evaluation = extended.evaluate(values, solution.starts)
-    step = level_of(extended, solution.gap_weight).undamped_step(evaluation, values, 0.0)
+    system = level_of(extended, solution.gap_weight).system(evaluation, values)
+    still = np.zeros(len(values))
+    step = eliminate(system, 0.0, extended.prior(values), still, still)
     prior = prior_of(every, values, known.common)
     data = step.information - prior.curvature
     slope = step.gradient - prior.gradient

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.read import ScenePath
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.toml_text import Json, jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
@@ -73,7 +72,7 @@ class Law:
         """Whether the law is not refuted."""
         return not self.refuted
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """Plain values."""
         return jsonable(
             {key: value for key, value in vars(self).items() if key != "free"} | {"possible": self.possible}

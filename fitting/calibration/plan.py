@@ -14,12 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.toml_text import Json, jsonable
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
@@ -56,7 +55,7 @@ class Planned:
     score: float
     gap_weight: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """Plain values."""
         return jsonable(
             {

@@ -354,7 +354,7 @@ def prepare(
         read = [motion.trace]
         parameters = (*parameters, *some_of(motion.parameters, of_recordings))
         delays = {p.name: p.value for p in motion.parameters if p.name.endswith(".delay")}
-        changed[0] |= {name: value for name, value in delays.items() if name in changed[0]}
+        changed.start.update({name: value for name, value in delays.items() if name in changed.start})
     elif of_recordings:
         raise SceneError(f"free: {of_recordings[0]!r}: only for recordings of one motion. Use --same-motion")
     parameters = adjust_parameters(parameters, *changed)
@@ -597,7 +597,7 @@ def windows_along_motion(
 def check_effects(simulator: Simulator, first: FirstWindows, values: np.ndarray) -> None:
     """Reject parameters that change no angle."""
     slopes = simulator(values, first.starts, first.windows).jacobian[..., simulator.freedoms :]
-    for p, effective in zip(simulator.parameters, slopes.any(axis=(0, 1, 2)), strict=True):
+    for p, effective in zip(simulator.parameters, np.any(slopes, axis=(0, 1, 2)), strict=True):
         if not effective:
             raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")
 

@@ -54,9 +54,10 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
             f"the motion of {prepared.traces[run].name} jumps at {at:.3f} s, as after a kick, a contact or lost frames"
             "; windows are not joined there"
         )
-    if u.inflation > 1 or abs(u.correlation_1) > 4 * CORRELATION_FLOOR:
+    correlation = float(u.correlation_1[0])
+    if u.inflation > 1 or abs(correlation) > 4 * CORRELATION_FLOOR:
         found.append(
-            f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were multiplied "
+            f"residuals are not noise: neighbours correlate by {correlation:.2f}; standard errors were multiplied "
             f"by up to {u.inflation:.2g}"
         )
     noise = solution.problem.noise

@@ -77,10 +77,12 @@ class Trials:
         windows = prepared.windows
         scored = scored_windows(prepared)
         self.spans = stretches(prepared, scored)
-        self.used, self.loss = ~scored, loss
+        self.used = ~scored
+        self.loss = loss
+        self.noise = Noise.as_claimed(*prepared.floor.shape)
         fitted = map(Span, windows.run, windows.begin, windows.ends)
         inside = fitted_parts(prepared.traces, list(fitted))
-        self.prepared = replace(prepared, traces=inside, held_out=tuple(span for _, *span in self.spans))
+        self.prepared = replace(prepared, traces=inside, held_out=tuple((low, high) for _, low, high in self.spans))
         self.windows = self.prepared.windows.pick(self.used)
 
     def weigh(self, errors: np.ndarray, weight: np.ndarray, run: np.ndarray, memory: float) -> None:
@@ -96,17 +98,18 @@ class Trials:
         self.claimed = self.prepared.windows.pick(self.used)
         self.windows = noise.apply_to(self.claimed, self.prepared.traces)
         self.prepared = replace(self.prepared, noise=noise)
+        self.noise = noise
 
     def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
         """A short fit of the windows that are not scored."""
         at = self.prepared.with_parameters(parameters, values)
-        problem = at.problem(self.loss).with_noise(at.noise, self.windows, values)
+        problem = at.problem(self.loss).with_noise(self.noise, self.windows, values)
         return fit_windows(problem, values, starts, iterations=TRIAL_ITERATIONS)
 
     def score(self, solution: Solution) -> float:
         """Mean logarithm of the RMS errors [rad] of the windows of all scored stretches."""
         at = self.prepared.with_parameters(solution.problem.parameters, solution.values)
-        held = [score_held_out(at, solution.values, span, [run]).solution for run, *span in self.spans]
+        held = [score_held_out(at, solution.values, (low, high), [run]).solution for run, low, high in self.spans]
         known = np.concatenate([(one.windows.weight > 0).sum(axis=(1, 2)) for one in held])
         square = np.concatenate([np.sum(one.errors**2, axis=(1, 2)) for one in held])
         return float(np.mean(0.5 * np.log(np.maximum(square[known > 0] / known[known > 0], 1e-24))))

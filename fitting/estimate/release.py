@@ -137,7 +137,7 @@ class Release:
         loads = self._loads(model, parameters, jnp.asarray(values), run)
         if run not in self._near:
             found = statics.equilibrium(apply(model, parameters, jnp.asarray(values)), loads)
-            if found.status != "ok":
+            if found.status != "ok" or found.state is None:
                 raise SceneError(f"static start: {found.message}")
             self._near[run] = found.state
         if "pose" not in self._programs:

@@ -124,8 +124,8 @@ class Residuals(ABC):
         """Times of the samples."""
 
     @abstractmethod
-    def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
-        """Correlation of neighbouring weighted residuals, of all or by channel; whether it is significant."""
+    def correlation(self, point: Solution) -> tuple[np.ndarray, bool]:
+        """Correlation of neighbouring weighted residuals (c,), of all or by channel; whether it is significant."""
 
     def with_noise(self, noise: Noise, windows: Windows, values: np.ndarray) -> Residuals:
         """The problem with this noise, which its samples have; `values` (k,) are those of the parameters."""
@@ -266,10 +266,10 @@ class Problem(Residuals):
         run = np.broadcast_to(windows.run[:, None], times.shape)
         return Timing(times, run, known, begin, float(windows.lengths.sum()), windows.count)
 
-    def correlation(self, point: Solution) -> tuple[float, bool]:
+    def correlation(self, point: Solution) -> tuple[np.ndarray, bool]:
         """Correlation of neighbours, of all links together."""
         correlation, error = lag_one(point.weights * point.evaluation.residual, self.sample_mask)
-        return correlation, correlates(abs(correlation), error, 4.0, CORRELATION_FLOOR)
+        return np.array([correlation]), correlates(abs(correlation), error, 4.0, CORRELATION_FLOOR)
 
     def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
         """All windows at parameter values (k,) and starts, residuals and derivatives in units of independent noise."""
@@ -370,16 +370,17 @@ class Solution(Generic[P, E]):
         return self.information[np.ix_(self.free, self.free)]
 
     @property
-    def chi2(self) -> float:
+    def chi2(self: Solution[Problem, Evaluation]) -> float:
         """Sum of squared weighted residuals of the measured angles."""
         return float(np.sum(self.weights * self.evaluation.residual**2))
 
     @property
-    def errors(self) -> np.ndarray:
+    def errors(self: Solution[Problem, Evaluation]) -> np.ndarray:
         """Simulated minus measured angles (K, S, n) [rad], 0 where there is no sample."""
-        return np.where(self.windows.weight > 0, wrap(np.asarray(self.evaluation.theta - self.windows.theta)), 0.0)
+        off = wrap(self.evaluation.theta - self.problem.windows.theta)
+        return np.where(self.problem.windows.weight > 0, off, 0.0)
 
     @property
-    def rms(self) -> float:
+    def rms(self: Solution[Problem, Evaluation]) -> float:
         """RMS of the errors [rad]."""
         return float(np.sqrt(np.sum(self.errors**2) / (self.windows.weight > 0).sum()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -16,7 +16,7 @@ from dropper_jax.load.scene import Scene
 from fitting.estimate.blocks import block_of, pieces, resample
 from fitting.estimate.factors import invert_spd
 from fitting.estimate.least_squares import descend, level_of
-from fitting.estimate.residuals import Solution
+from fitting.estimate.residuals import E, P, Solution
 from fitting.estimate.step_size import LARGEST_BIAS
 from fitting.estimate.uncertainty import FEW, Uncertainty, degrees_of_freedom
 from fitting.parameters.names import full_names
@@ -126,7 +126,7 @@ def common_warnings(solution: Solution, u: Uncertainty) -> list[str]:
 
 
 @dataclass(kw_only=True)
-class SceneFit:
+class SceneFit(Generic[P, E]):
     """A scene fitted to measurements.
 
     Attributes:
@@ -140,7 +140,7 @@ class SceneFit:
     """
 
     scene: Scene
-    solution: Solution
+    solution: Solution[P, E]
     uncertainty: Uncertainty
     warnings: list[str] = field(default_factory=list)
     seconds: float | dict[str, float] = 0.0
@@ -240,12 +240,14 @@ class SceneFit:
         keys = ("low", "high", "values", "growth", "converged")
         found = {
             "profile": {p.name: {key: getattr(p, key) for key in keys} for p in self.profiles},
-            "bootstrap": self.bootstrap is not None and self.bootstrap_table(),
+            "bootstrap": self.bootstrap_table(),
         }
         return {name: table for name, table in found.items() if table}
 
     def bootstrap_table(self) -> dict[str, dict[str, float]]:
-        """Standard deviation and 90 % quantiles of the resampled parameters."""
+        """Standard deviation and 90 % quantiles of the resampled parameters; empty without a bootstrap."""
+        if self.bootstrap is None:
+            return {}
         rows = np.array([self.bootstrap.std(axis=0, ddof=1), *np.quantile(self.bootstrap, [0.05, 0.95], axis=0)]).T
         keys = ("std_error", "low", "high")
         return {p.name: dict(zip(keys, row, strict=True)) for p, row in zip(self.parameters, rows, strict=True)}

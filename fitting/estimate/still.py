@@ -27,7 +27,7 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[f
     the mean of five neighbouring frames stays within five of its standard deviations, at least 2 mrad, of its value at
     that end of the trace. `sigma` (n,) [rad] is the noise of a frame.
     """
-    found = []
+    found: list[tuple[float, float]] = []
     known = np.flatnonzero(np.isfinite(trace.theta).any(axis=1))
     if not len(known):
         return found
@@ -36,7 +36,8 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[f
         times = trace.t[whole][::way]
         count = still_frames(times, trace.theta[whole][::way], sigma)
         if count >= max(FEWEST, 2 * WIDTH) and abs(times[count - 1] - times[0]) >= max(SHORTEST, periods * slowest):
-            found.append(tuple(sorted((float(times[0]), float(times[count - 1])))))
+            low, high = sorted((float(times[0]), float(times[count - 1])))
+            found.append((low, high))
     return list(dict.fromkeys(found))
 
 

@@ -69,7 +69,7 @@ class Uncertainty:
         low, high: ends of the 90 % intervals (k,).
         at_bound: (k,) bool.
         noise: standard deviation of the residuals in units of the assumed noise.
-        correlation_1: correlation of neighbouring residuals, one for each channel (c,).
+        correlation_1: correlation of neighbouring residuals (c,), of all angles, or of each channel.
         inflation: maximum factor on a standard error due to the correlation.
         undetermined: directions (name -> share) that the data do not determine.
         blocks: number of blocks of scores behind the errors; 0 if they come from the noise.
@@ -81,7 +81,7 @@ class Uncertainty:
     high: np.ndarray
     at_bound: np.ndarray
     noise: float
-    correlation_1: float | np.ndarray
+    correlation_1: np.ndarray
     inflation: float
     undetermined: tuple[dict[str, float], ...]
     blocks: int = 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -60,7 +60,7 @@ class Windows:
         index, fraction: time of each slot in steps after the start, integer and fraction, (K, S).
         dt, steps: time step [s], and the step capacity of programs for these windows.
         released: whether the model determines the start of a window, see `release` (K,).
-        step_counts: steps of each window (K,), at most `steps`; default: all of them.
+        step_counts: steps of each window (K,), at most `steps`.
         substeps: number of parts of every step.
         decay: decay rate of the noise's autocorrelation (K, n) [1/s]; None if it is white.
         jitter: ratio of the standard deviation by frames' common delays to that of the noise, with the sign of the
@@ -77,14 +77,10 @@ class Windows:
     dt: float
     steps: int
     released: np.ndarray
-    step_counts: np.ndarray | None = None
+    step_counts: np.ndarray
     substeps: int = 1
     decay: np.ndarray | None = None
     jitter: np.ndarray | None = None
-
-    def __post_init__(self) -> None:
-        if self.step_counts is None:
-            object.__setattr__(self, "step_counts", np.full(len(self.begin), self.steps))
 
     @property
     def count(self) -> int:
@@ -135,9 +131,9 @@ class Windows:
         Windows with the shapes of earlier ones need no compilation.
         """
         more = max(0, slots - self.theta.shape[1])
-        given = {f: getattr(self, f) for f in ("theta", "weight", "index", "fraction", "jitter")}
         padded = {}
-        for f, a in given.items():
+        for f in ("theta", "weight", "index", "fraction", "jitter"):
+            a = getattr(self, f)
             if a is not None:
                 padded[f] = np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)])
         return replace(self, steps=max(steps, self.steps), **padded)
@@ -262,11 +258,15 @@ def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarra
     return np.where(known, theta, 0.0), np.where(known, 1.0 / error, 0.0), index, fraction
 
 
-class Starts(NamedTuple):
+#: Arrays of NumPy or of JAX.
+A = TypeVar("A", np.ndarray, jax.Array)
+
+
+class Starts(NamedTuple, Generic[A]):
     """Window starts: angles and rates, each (K, n), which close."""
 
-    theta: np.ndarray
-    omega: np.ndarray
+    theta: A
+    omega: A
 
 
 #: A named tuple of arrays with a row for each window.

@@ -80,7 +80,7 @@ def scale_direction(model: Model) -> Direction:
     def grown(share: jax.Array) -> Model:
         line = model.line
         lengths = {"length": line.length * share}
-        if line.compound:
+        if line.centre_of_mass is not None and line.inertia is not None:
             lengths |= {"centre_of_mass": line.centre_of_mass * share, "inertia": line.inertia * share**2}
         points = tuple(replace(p, position=p.position * share) for p in model.points)
         return replace(model, lines=(replace(line, **lengths), *model.lines[1:]), points=points)

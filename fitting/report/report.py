@@ -171,7 +171,7 @@ def _modes(result: FitResult) -> str:
     """Periods and damping ratios of the slowest modes with the fitted values, about the pose at rest."""
     model = build_model(fitted_scene(result.scene, result.model, result.parameters, result.values))
     pose = equilibrium(model)
-    if pose.status != "ok":
+    if pose.status != "ok" or pose.state is None:
         return f"No equilibrium was found: {pose.message}."
     modes = natural_modes(model, pose.state, 6)
     amplitude = 0.1 * float(np.mean(model.line.length))

@@ -226,16 +226,3 @@ def least_loss(full: Solution, family: Family, law: str) -> float:
     c = full.values[lacks]
     left = eliminate_rows(full.information, np.flatnonzero(free & used), lacks)
     return 0.5 * float(c @ left @ c) / full.problem.memory
-
-
-def fit_inside(near: Solution, family: Family, law: str, iterations: int) -> Solution:
-    """A law fitted with the simulator and step of a larger law, from the end of that fit, without its other parts."""
-    used = family.free_mask(law)
-    problem = replace(near.problem, frozen=~used)
-    return fit_windows(problem, np.where(used, near.values, 0.0), near.starts, iterations=iterations)
-
-
-def fit_again(law: Solution, inside: Solution, iterations: int) -> Solution:
-    """A law's fit repeated from its end inside a larger law, whose simulator may have further parameters."""
-    values = np.array([inside.by_name[p.name] for p in law.problem.parameters])
-    return fit_windows(law.problem, values, inside.starts, iterations=iterations)

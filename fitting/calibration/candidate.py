@@ -39,11 +39,11 @@ class Candidate:
     """
 
     name: str
-    free: tuple[str, ...]
-    changes: dict[str, float]
-    errors: dict[str, float]
-    gain: float
-    p: float
+    free: tuple[str, ...] = ()
+    changes: Mapping[str, float] = field(default_factory=dict)
+    errors: Mapping[str, float] = field(default_factory=dict)
+    gain: float = 0.0
+    p: float = 0.0
     worth: float = 0.0
     alike: tuple[str, ...] = ()
     moves: Mapping[str, float] = field(default_factory=dict)
@@ -84,13 +84,3 @@ def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Para
     for move in moves:
         found.append(np.array([move.get(p.name, 0.0) for p in parameters]))
     return tuple(found)
-
-
-def holm(probabilities: Sequence[float]) -> list[float]:
-    """Probabilities over all of several tests (Holm 1979), in the order of the tests."""
-    found = np.empty(len(probabilities))
-    worst = 0.0
-    for i, test in enumerate(np.argsort(probabilities, kind="stable")):
-        worst = max(worst, min(1.0, probabilities[test] * (len(probabilities) - i)))
-        found[test] = worst
-    return found.tolist()

@@ -143,7 +143,7 @@ class LawFits:
         self.laws = laws
         self.iterations = iterations
         self.say = say
-        others = [p.name for p in prepared.parameters if not p.name.startswith(tuple(PARTS.values()))]
+        others = [name for name in prepared.names if not name.startswith(tuple(PARTS.values()))]
         self.families = {dry: family_of(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
         self.firsts: dict[str, Solution] = {}
         self.found: dict[str, Solution] = {}
@@ -306,7 +306,7 @@ def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
 
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:
     """Parts of one coefficient that act like another, which replaces them; a part that the fit already has stays."""
-    names = [p.name for p in first.problem.parameters]
+    names = first.problem.names
     owner = []
     for name in names:
         owner.append(next((part for part, path in PARTS.items() if name.startswith(path)), None))

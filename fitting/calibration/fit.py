@@ -44,7 +44,7 @@ def fit(
     until: float | None = None,
     held_out: Sequence[tuple[float, float]] = (),
     settings: FitSettings = AUTOMATIC,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> FitResult:
     """Calibrate parameters of a scene to measured angles.
 
@@ -72,7 +72,6 @@ def fit(
     """
     method = as_method(method)
     loss = as_loss(loss)
-    progress = progress or silent
     whole = prepare(
         traces,
         scene,
@@ -110,7 +109,7 @@ def fit_and_free(
     *,
     method: Method | GradientDescent | str = "shooting",
     loss: Loss | str = LEAST_SQUARES,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     **options: Any,
 ) -> FitResult:
     """The fit with what the traces show to be wrong freed too, one candidate at a time, while the fit improves.
@@ -121,7 +120,6 @@ def fit_and_free(
     """
     chosen = as_method(method)
     loss = as_loss(loss)
-    progress = progress or silent
     whole = prepare(traces, scene, free, progress=progress, **options)
     refuse_tied("auto_free", whole.parameters)
 

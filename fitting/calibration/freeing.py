@@ -46,7 +46,7 @@ LEAST_LOST = 0.7
 
 def with_freed(prepared: Prepared, paths: Sequence[str], simulator: Simulator, value: float | None = None) -> Prepared:
     """The preparation with more free parameters."""
-    old = {p.name for p in prepared.parameters}
+    old = prepared.names
     more = resolve(prepared.simulator.model, paths, release=prepared.simulator.release)
     more = [p for p in at_frames(more, prepared.traces) if p.name not in old]
     begin = np.concatenate([prepared.values, [p.value if value is None else value for p in more]])
@@ -174,7 +174,7 @@ class Freeing:
         _, numbers, candidate, self.prepared, self.solution = near[0]
         if len(near) > 1:
             k = len(self.solution.values) - numbers
-            names = [p.name for p in self.prepared.parameters]
+            names = self.prepared.names
             back = _back(self.prepared, self.solution, names[k:])
             doubt = {}
             for row in near[1:]:
@@ -195,14 +195,14 @@ class Freeing:
             self.loss = StudentT()
             self.prepared = prepared
             self.solution = solution
-            self.names.append(Candidate(f"outliers ({count} samples)", ("--student",), {}, {}, float(count), 0.0))
+            self.names.append(Candidate(f"outliers ({count} samples)", ("--student",), gain=float(count)))
 
     def reconsider(self, candidate: Candidate) -> Freeing:
         """The fit without one of several freed candidates, or with another one instead, if that is more likely.
 
         With two faults, the first candidate to be freed had to explain both.
         """
-        mine = [p.name for p in self.prepared.parameters if p.name.startswith(candidate.free)]
+        mine = [name for name in self.prepared.names if name.startswith(candidate.free)]
         rest = [c for c in self.names if c is not candidate]
         if not mine or candidate not in self.names or not any(c.changes for c in rest):
             return self
@@ -294,7 +294,7 @@ class Freeing:
             words = f"{seconds / trace.interval:.1f} lost frames before frame {lost.frame} of {trace.name}"
             words += f" ({trace.t[lost.frame]:.3f} s)"
             errors = {name: float(solution.information[-1, -1]) ** -0.5}
-            self.names.append(Candidate(words, (name,), {name: seconds}, errors, gain, 0.0))
+            self.names.append(Candidate(words, (name,), {name: seconds}, errors, gain))
 
 
 def free_by_advice(

@@ -77,7 +77,7 @@ def without_kicks(
         else:
             what = "is kicked or touched at"
         words = f" about {kick.time:.2f} s: windows from {kick.begin:.3g} to {last:.3g} s left out"
-        names.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}", (), {}, {}, 0.0, 0.0))
+        names.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}"))
         removed.append((kick.run, kick.begin, last))
         if kick.begin < windows.begin[kick.windows[0]]:
             windows = windows.end_early(kick.windows[0] - 1, kick.begin)

@@ -125,7 +125,7 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     """A family with every coefficient of the laws with or without dry friction."""
     parts = [part for part in PARTS if dry or part != "dry"]
     names = [PARTS[part] for part in parts]
-    free = [p.name for p in prepared.parameters]
+    free = prepared.names
     each = [
         part
         for part in OF_JOINTS

@@ -37,7 +37,6 @@ from scipy.linalg import LinAlgError
 from scipy.special import ndtri, stdtr
 
 from dropper_jax.run.build import build
-from fitting.calibration.candidate import holm
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.blocks import Pieces, block_of, jackknife, pieces
@@ -167,6 +166,16 @@ class LawTests:
         return next((test for test in self.significant if test.matters), None)
 
 
+def holm(probabilities: Sequence[float]) -> list[float]:
+    """Probabilities over all of several tests (Holm 1979), in the order of the tests."""
+    found = np.empty(len(probabilities))
+    worst = 0.0
+    for i, test in enumerate(np.argsort(probabilities, kind="stable")):
+        worst = max(worst, min(1.0, probabilities[test] * (len(probabilities) - i)))
+        found[test] = worst
+    return found.tolist()
+
+
 def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTests:
     """Test every candidate at the end of a fit with these errors."""
     problem = solution.problem
@@ -192,7 +201,7 @@ def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTest
 
 def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
     """Candidates that are not free, and changes of the free coefficients of drag, in the order of the derivatives."""
-    names = [p.name for p in compress(problem.parameters, ~problem.held_mask)]
+    names = list(compress(problem.names, ~problem.held_mask))
     found = []
     for p in tested_parameters(prepared.simulator.model, problem.parameters):
         name, path = FORCES.get(p.where.field, ("a roll of the camera", CAMERA))
@@ -290,7 +299,7 @@ def _judge(
     free = np.flatnonzero(~solution.problem.held_mask & ~u.at_bound)
     candidates = len(solution.values) + np.arange(len(suspects))
     alone = np.diag(eliminate_rows(separate, free, candidates)) / np.maximum(np.diag(separate)[candidates], 1e-300)
-    names = [p.name for p in solution.problem.parameters]
+    names = solution.problem.names
     hidden = []
     left = []
     for i, suspect in enumerate(suspects):
@@ -375,8 +384,8 @@ class Judge:
         else:
             p = 2 * float(stdtr(degrees, -abs(t)))
         own = moved[: len(self.free)]
-        names = [self.solution.problem.parameters[j].name for j in self.free]
-        moves = dict(zip(names, map(float, own), strict=True))
+        names = self.solution.problem.names
+        moves = {names[j]: float(move) for j, move in zip(self.free, own, strict=True)}
         matters = _matters(self.solution, self.u, suspect, self.free, own, abs(moved[-1]))
         gain = max(evidence) - without
         test = LawTest(suspect.name, suspect.free, float(moved[-1]), error, t, p, moves, gain, matters)

@@ -92,7 +92,7 @@ def recover_windows(
     jump: tuple[int, float] | None = None
     for last in (False,) * ROUNDS + (True,):
         if solution.status != "ok":
-            solution = refit_starts(solution)
+            solution = _with_starts(solution, np.ones(solution.windows.count, bool), solution.starts)
         lost = lost_windows(solution) & ~_windows_at(solution.windows, jump)
         if not lost.any():
             break
@@ -122,11 +122,6 @@ def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
     """The windows (K,) bool that contain a given time of a run, and those that start or end there."""
     run, time = jump or (-1, 0.0)
     return (windows.run == run) & (windows.begin - windows.dt <= time) & (time <= windows.ends + windows.dt)
-
-
-def refit_starts(solution: Solution) -> Solution:
-    """The solution with the start of each window fitted alone with fixed parameters."""
-    return _with_starts(solution, np.ones(solution.windows.count, bool), solution.starts)
 
 
 def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solution:

@@ -126,7 +126,7 @@ def plan(
             )
             for duration in durations:
                 errors, weight = _errors(problem, there.evaluation, prepared.values, duration, gap_weight)
-                by_name = {p.name: float(e) for p, e in zip(problem.parameters, errors, strict=True)}
+                by_name = dict(zip(problem.names, map(float, errors), strict=True))
                 mine = []
                 for name, e in by_name.items():
                     if any(name == a or name.startswith(f"{a}.") for a in asked):

@@ -16,7 +16,14 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.spans import check_spans, check_step, fitted_spans, time_step, without_held_starts
+from fitting.calibration.spans import (
+    advice_on_rest,
+    check_spans,
+    check_step,
+    fitted_spans,
+    time_step,
+    without_held_starts,
+)
 from fitting.calibration.window_length import SHORTEST_PART, follow_motion, longest_window
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss
@@ -26,7 +33,6 @@ from fitting.estimate.residuals import Descent, Problem, Solution
 from fitting.estimate.rest import Rest, rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.still import advice_on_rest
 from fitting.estimate.windows import Piece, Span, Starts, Windows, cut, fewest_frames, fill, first_starts
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
@@ -301,6 +307,11 @@ class Prepared:
         return np.maximum(rounding / np.array(claimed), 1e-9)
 
     @property
+    def names(self) -> list[str]:
+        """Names of the free parameters."""
+        return [p.name for p in self.parameters]
+
+    @property
     def order(self) -> int:
         """Order of the scheme for which the windows' step was chosen."""
         return self.simulator.stepper.integrator.order
@@ -325,7 +336,7 @@ def prepare(
     held_out: Sequence[tuple[float, float]] = (),
     settings: FitSettings = AUTOMATIC,
     simulator: Simulator | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Prepared:
     """Read and check everything, cut windows, find their starts.
 
@@ -336,8 +347,7 @@ def prepare(
     compiled_before = 0.0
     if simulator is not None:
         compiled_before = simulator.compile_s
-    say = progress or silent
-    say(0.0, "reading")
+    progress(0.0, "reading")
     scene = load_scene(scene)
     names, rig, of_recordings = _free_names(scene, free, settings)
     scene = with_effects(scene, names)
@@ -367,7 +377,7 @@ def prepare(
         simulator = simulator.view_of(parameters)
     plan = plan_windows(samples, simulator, settings)
     simulator.capacity = program_capacity(samples, plan)
-    say(0.02, f"windows of at most {plan.length:.3g} s: compiling")
+    progress(0.02, f"windows of at most {plan.length:.3g} s: compiling")
     values = np.array([p.value for p in parameters])
     first = windows_along_motion(samples, simulator, release, plan, values)
     check_effects(simulator, first, values)

@@ -228,7 +228,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
             )
         wrong = self.laws.wrong
         if self.status == "model_error" and wrong is not None:
-            names = [p.name for p in self.parameters]
+            names = self.solution.problem.names
             found.append(f"the law is wrong: the trace shows {freeing_option(wrong, names)}")
         if self.status == "misfit" and self.misses and not self.wrong_file:
             times = float(np.sqrt(self.chi2_per_dof))

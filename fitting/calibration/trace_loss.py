@@ -71,7 +71,7 @@ class TraceLoss:
 
     def __init__(self, prepared: Prepared) -> None:
         self.prepared, windows = prepared, prepared.windows
-        self.names = tuple(p.name for p in prepared.parameters)
+        self.names = tuple(prepared.names)
         self.params = jnp.asarray(prepared.values)
         self.low = jnp.array([p.low for p in prepared.parameters])
         self.high = jnp.array([p.high for p in prepared.parameters])
@@ -237,6 +237,6 @@ def loss_of_trace(
     """
     prepared = prepare(traces, scene, free, **options)
     if prepared.simulator.release is not None or losses(prepared.parameters):
-        name = next(p.name for p in prepared.parameters if p.name.startswith(("release.", "clock.lost")))
+        name = next(name for name in prepared.names if name.startswith(("release.", "clock.lost")))
         raise SceneError(f"free: {name!r} cannot be part of this loss. Use parameters of the model, or `fit`")
     return TraceLoss(prepared)

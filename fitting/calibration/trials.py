@@ -153,7 +153,7 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
     scene = prepared.scene
     own = prepared.simulator
     given = scene.effects.get("joint_friction", {})
-    free = {p.name for p in prepared.parameters}
+    free = prepared.names
     zero = {part: 0.0 for part in OF_JOINTS if PARTS[part] in free}
     dry = given.get("dry") is not None or own.model.line.compound
     scene = scene_with_law(scene, dry, zero, OF_JOINTS)
@@ -204,7 +204,7 @@ def free_groups(
         return None
     best = search.best
     at = trials.prepared.with_parameters(best.problem.parameters, best.values)
-    scene = without_unused_parts(at.scene, before.scene, [p.name for p in at.parameters])
+    scene = without_unused_parts(at.scene, before.scene, at.names)
     at = replace(
         at,
         scene=scene,
@@ -350,4 +350,4 @@ def _candidate(group: Group, factor: float, solution: Solution) -> Candidate:
     changes = {p.name: solution.by_name[p.name] - p.value for p in group.parameters}
     errors = {name: float(max(error[name], 1e-300)) for name in changes}
     name = f"{group.name} (held-out error {factor:.2f} times larger without)"
-    return Candidate(name, tuple(changes), changes, errors, float(np.log(factor)), 0.0)
+    return Candidate(name, tuple(changes), changes, errors, float(np.log(factor)))

@@ -28,19 +28,9 @@ LARGEST_DAMPING = 1e8
 
 #: Limit of a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth. Measured
 #: double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors; three links
-#: with dry joints: 0.12. The limit is 0.3 standard errors.
+#: with dry joints: 0.12. The limit is 0.3 standard errors. Window starts that are far off predict more decrease than the
+#: standard deviation of chi-square itself, about the root of the samples, even if the parameters are fixed.
 SWITCHING_STEP = 0.3
-
-
-def nearly_there(moved: float, decrease: float, samples: int) -> bool:
-    """Whether a step that does not lower the cost indicates a non-smooth cost, not a step that is too long.
-
-    Args:
-        moved: length of the step, in standard errors, squared.
-        decrease: predicted decrease of chi-square. Window starts that are far off predict more than the standard
-            deviation of chi-square itself, about the root of the samples, even if the parameters are fixed.
-    """
-    return moved < (SWITCHING_STEP**2) and decrease < np.sqrt(samples)
 
 
 #: Damping of the first step, of separate and of joined windows.
@@ -144,11 +134,6 @@ class Objective:
     def record(self, cost: float, values: np.ndarray) -> Visited:
         """A row of the history."""
         return Visited(cost, values.tolist(), 2 * cost / max(self.problem.samples, 1), self.weight)
-
-    def remaining_gain(self, newton: Step, evaluation: Evaluation, cost: float) -> tuple[float, float]:
-        """Effect of a full step: the move in standard errors, squared, and the decrease of chi-square."""
-        unit = max(self.unit(evaluation, cost), 1e-12)
-        return float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
 
     def solution(self, values: np.ndarray, evaluation: Evaluation, cost: float, step: Step | Solution) -> Solution:
         """The solution at a point, not converged, with the normal equations of a step from it."""
@@ -273,7 +258,8 @@ class Mover(Protocol):
         """Report the progress of the descent."""
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
-        """Whether the remaining gain (`Objective.remaining_gain`) is small enough for the point to be the minimum."""
+        """Whether a point is the minimum, by the rest of a full step: its move of the parameters in standard errors,
+        squared, and its decrease of chi-square."""
 
     def move(self, point: Point, system: Normal, newton: Step | None, near: bool) -> Point | None:
         """The next point, by its normal equations and the full step from this one, or None."""
@@ -353,14 +339,17 @@ def descend(
         moved = np.inf
         decrease = np.inf
         if newton is not None:
-            moved, decrease = objective.remaining_gain(newton, point.evaluation, point.cost)
+            unit = max(objective.unit(point.evaluation, point.cost), 1e-12)
+            moved = float(newton.dp @ newton.information @ newton.dp) / unit
+            decrease = 2 * newton.predicted / unit
         if newton is not None and mover.is_minimum(moved, decrease):
             best = point
             known = newton
             status = "ok"
             message = ""
             break
-        near = nearly_there(moved, decrease, problem.samples)
+        # a step that does not lower the cost is then not too long, but the cost is non-smooth
+        near = moved < SWITCHING_STEP**2 and decrease < np.sqrt(problem.samples)
         if point.cost <= best.cost:
             best = point
             known = newton or known

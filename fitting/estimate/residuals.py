@@ -145,6 +145,11 @@ class Residuals(ABC):
         return True
 
     @property
+    def names(self) -> list[str]:
+        """Names of the parameters."""
+        return [p.name for p in self.parameters]
+
+    @property
     def held_mask(self) -> np.ndarray:
         """Which parameters are fixed (k,) bool."""
         if self.frozen is None:
@@ -248,7 +253,8 @@ class Problem(Residuals):
         rows = np.zeros((len(left), m2, 2 * n))
         rows[:, : m2 // 2, :n] = turn / GAP_SCALE[0]
         rows[:, m2 // 2 :, n:] = turn / GAP_SCALE[1]
-        rows /= self.windows.gap_shares[:, None, None]
+        # the standard deviation that a gap allows grows as the root of time
+        rows /= np.sqrt(self.windows.lengths[left] / self.windows.lengths.mean())[:, None, None]
         difference = evaluation.end[left] - evaluation.start[right]
         difference[:, :n] = wrap(difference[:, :n])
         end = rows @ evaluation.end_jacobian[left]
@@ -357,7 +363,7 @@ class Solution(Generic[P, E]):
     @property
     def by_name(self) -> dict[str, float]:
         """Values of the parameters by their names."""
-        return dict(zip((p.name for p in self.problem.parameters), map(float, self.values), strict=True))
+        return dict(zip(self.problem.names, map(float, self.values), strict=True))
 
     @property
     def free(self) -> np.ndarray:

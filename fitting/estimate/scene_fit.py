@@ -58,7 +58,7 @@ def profile(
     (correlated residuals, a partly wrong model), the growth is scaled down accordingly (Kent 1982).
     """
     solution = result.solution
-    index = [p.name for p in solution.problem.parameters].index(name)
+    index = solution.problem.names.index(name)
     std_error = float(result.uncertainty.std_error[index])
     p = solution.problem.parameters[index]
     held = solution.problem.held_mask.copy()
@@ -186,7 +186,7 @@ class SceneFit(Generic[P, E]):
 
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by its path."""
-        return float(self.values[[p.name for p in self.parameters].index(name)])
+        return float(self.values[self.solution.problem.names.index(name)])
 
     def note(self, i: int) -> str:
         """Remark on a parameter, by its number."""
@@ -259,7 +259,7 @@ def profiles(result: SceneFit, names: Sequence[str] = (), progress: Progress = s
     Raises:
         SceneError: a parameter that is not free.
     """
-    known = [p.name for p in result.parameters]
+    known = result.solution.problem.names
     found = []
     for name in names or known:
         if name in known:

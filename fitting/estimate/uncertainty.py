@@ -35,13 +35,6 @@ def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
     return factor.inverse_diagonal(), factor.log_determinant
 
 
-def hat_diagonal(rows: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Diagonal (...) of the hat matrix of rows (..., k) of this information (k, k), which may be singular."""
-    scaled, size = scale_diagonal(information)
-    inverse = np.linalg.pinv(scaled, hermitian=True) * np.outer(size, size)
-    return np.einsum("...p,pq,...q->...", rows, inverse, rows, optimize=True)
-
-
 def leverage(point: Solution) -> np.ndarray:
     """Degrees of freedom that the fit has used of each sample (K, S, n): the diagonal of its hat matrix."""
     m2 = point.problem.freedoms
@@ -51,7 +44,9 @@ def leverage(point: Solution) -> np.ndarray:
     taken = np.einsum("ksni,kij,ksnj->ksn", own, start_covariances(point)[0], own, optimize=True)
     if len(free):
         score = (root * scores(point.evaluation, point))[..., free]
-        taken = taken + hat_diagonal(score, point.free_information)
+        scaled, size = scale_diagonal(point.free_information)
+        inverse = np.linalg.pinv(scaled, hermitian=True) * np.outer(size, size)
+        taken = taken + np.einsum("...p,pq,...q->...", score, inverse, score, optimize=True)
     return taken
 
 

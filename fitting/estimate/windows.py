@@ -107,12 +107,6 @@ class Windows:
         return self.begin + self.lengths
 
     @property
-    def gap_shares(self) -> np.ndarray:
-        """Standard deviation allowed by each gap relative to the mean window's (g,): it grows as the root of time."""
-        left = np.flatnonzero(self.follows) - 1
-        return np.sqrt(self.lengths[left] / self.lengths.mean())
-
-    @property
     def length(self) -> float:
         """Duration of the longest window [s]."""
         return float(self.lengths.max())
@@ -230,11 +224,10 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
 
 def _all_samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
     """The samples of a trace, or of all recordings of its motion one after another, each in its own columns."""
-    if not trace.recordings:
-        return _samples(trace, begin, steps, dt, sigma)
     found = []
-    count = len(trace.recordings)
-    for i, one in enumerate(trace.recordings):
+    recordings = trace.recordings or (trace,)
+    count = len(recordings)
+    for i, one in enumerate(recordings):
         mine = slice(i * trace.links, (i + 1) * trace.links)
         theta, weight, index, fraction = _samples(one, begin, steps, dt, sigma[mine])
         wide = np.zeros((2, len(theta), count * trace.links))

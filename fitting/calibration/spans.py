@@ -138,9 +138,8 @@ def still_spans(trace: Trace, sigma: np.ndarray, slowest: float) -> list[tuple[f
     for way, periods in ((1, FIRST_PERIODS), (-1, LAST_PERIODS)):
         times = trace.t[whole][::way]
         count = still_frames(times, trace.theta[whole][::way], sigma)
-        if count >= max(FEWEST_AT_REST, 2 * WIDTH) and abs(times[count - 1] - times[0]) >= max(
-            SHORTEST, periods * slowest
-        ):
+        shortest = max(SHORTEST, periods * slowest)
+        if count >= max(FEWEST_AT_REST, 2 * WIDTH) and abs(times[count - 1] - times[0]) >= shortest:
             low, high = sorted((float(times[0]), float(times[count - 1])))
             found.append((low, high))
     return list(dict.fromkeys(found))

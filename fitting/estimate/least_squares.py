@@ -28,7 +28,7 @@ LARGEST_DAMPING = 1e8
 
 #: Limit of a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth. Measured
 #: double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors; three links
-#: with dry joints: 0.12. The limit is 0.3 standard errors. Window starts that are far off predict more decrease than the
+#: with dry joints: 0.12. The limit is 0.3 standard errors. Window starts that are far off predict more than the
 #: standard deviation of chi-square itself, about the root of the samples, even if the parameters are fixed.
 SWITCHING_STEP = 0.3
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.toml_text import Json
 from fitting.parameters.parameter import Parameter
 
 #: Gain in log likelihood below which a candidate is not suggested.
@@ -59,7 +59,7 @@ class Candidate:
         """Whether the traces distinguish it from the free parameters."""
         return bool(self.changes)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """Plain values."""
         keys = ("name", "free", "changes", "errors", "gain", "p", "worth", "alike")
         return {**{key: getattr(self, key) for key in keys}, "named": self.worth_naming, "told": self.identifiable}

@@ -30,12 +30,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
 from scipy.special import ndtri, stdtr
 
+from dropper_jax.base.toml_text import Json
 from dropper_jax.run.build import build
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
@@ -138,7 +139,7 @@ class LawTest:
     matters: bool
     alike: tuple[str, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """Plain values."""
         return asdict(self)
 

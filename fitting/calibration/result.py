@@ -298,7 +298,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
         requested = {
             "descent": self.descent,
             "comparison": [row.to_json() for row in self.comparison],
-            "recordings": [row.to_json() for row in self.recordings],
+            "recordings": [asdict(row) for row in self.recordings],
             "law": self.comparison and verdict(self.comparison),
             "left_out": [
                 {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out

@@ -37,6 +37,10 @@ class Blocks(NamedTuple):
     gp: jax.Array
 
 
+#: The best blocks so far, the next start and its damping.
+Trial = tuple[Blocks, jax.Array, jax.Array]
+
+
 class GaussNewton(NamedTuple):
     """A loss at parameters (k,): value, gradient (k,) and information (k, k), the starts of the windows eliminated."""
 
@@ -196,7 +200,7 @@ class TraceLoss:
             cross = own.T @ shared
             return Blocks(z, 0.5 * r @ r, own.T @ own, cross, shared.T @ shared, own.T @ r, shared.T @ r)
 
-        def trial(carry: tuple[Blocks, jax.Array, jax.Array], _: None) -> tuple[Any, None]:
+        def trial(carry: Trial, _: None) -> tuple[Trial, None]:
             best, z, damping = carry
             found = blocks(z)
             better = found.cost < best.cost

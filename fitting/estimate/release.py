@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from typing import NamedTuple
 
 import jax
@@ -83,17 +84,9 @@ class Release:
     def _all(self) -> list[Parameter]:
         times = [Parameter(f"{TIME}.{i}", ReleasePlace(i, "time"), 0.0, unit="s") for i in range(self.runs)]
         forces = []
-        for i in range(self.runs):
-            for j, node in enumerate(self.nodes):
-                for c in (0, 2):
-                    forces.append(
-                        Parameter(
-                            f"{FORCE}.{i}.{node}.{AXES[c]}",
-                            ReleasePlace(i, "force", 3 * j + c),
-                            float(self.force[j, c]),
-                            unit="N",
-                        )
-                    )
+        for i, (j, node), c in product(range(self.runs), enumerate(self.nodes), (0, 2)):
+            where = ReleasePlace(i, "force", 3 * j + c)
+            forces.append(Parameter(f"{FORCE}.{i}.{node}.{AXES[c]}", where, float(self.force[j, c]), unit="N"))
         return times + forces
 
     def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:

@@ -207,14 +207,15 @@ class Simulator:
         for i in range(0, len(parts), len(chunks)):
             columns = zip(*parts[i : i + len(chunks)], strict=True)
             joined.append([np.concatenate(column)[back] for column in columns])
-        whole = Evaluation(*joined[0])
         columns = self.freedoms + len(self.parameters)
+        whole = []
         for i, field in enumerate(Evaluation._fields):
+            found = joined[0][i]
             if field.endswith("jacobian"):
                 found = np.concatenate([some[i] for some in joined], axis=-1)[..., :columns]
-                without = [(0, 0)] * (found.ndim - 1) + [(0, columns - found.shape[-1])]
-                whole = whole._replace(**{field: np.pad(found, without)})
-        return whole._replace(**{f: getattr(whole, f)[:, :slots] for f in ("theta", "residual", "jacobian")})
+                found = np.pad(found, [(0, 0)] * (found.ndim - 1) + [(0, columns - found.shape[-1])])
+            whole.append(found[:, :slots] if field in ("theta", "residual", "jacobian") else found)
+        return Evaluation(*whole)
 
     def _seeds(self) -> list[np.ndarray]:
         """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
@@ -405,6 +406,10 @@ def choose_stepper(model: Model, integrator: str | None = None, solver: str = "a
 ACCURACY_PER_LENGTH = 0.1
 
 
+#: A state and the number of failed steps before it.
+Counted = tuple[State, jax.Array]
+
+
 def march(
     stepper: Stepper,
     model: Model,
@@ -428,8 +433,8 @@ def march(
         end, (found, _) = advance_adaptively(stepper, model, start, dt, accuracy, capacity)
         return *jax.vmap(partial(planar.from_nodes, model))(found.r, found.v), end.has_failed.astype(jnp.int32)
 
-    def full_interval(carry: tuple[State, jax.Array], i: jax.Array) -> tuple[tuple[State, jax.Array], tuple[Any, ...]]:
-        def part(_: jax.Array, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+    def full_interval(carry: Counted, i: jax.Array) -> tuple[Counted, tuple[jax.Array, jax.Array]]:
+        def part(_: jax.Array, carry: Counted) -> Counted:
             taken = advance_over(stepper, model, carry[0], dt / substeps, carry[1] == 0)
             return taken.state, carry[1] + jnp.where(i < counted, taken.failed, 0)
 

@@ -24,7 +24,6 @@ from fitting.calibration.spans import (
     time_step,
     without_held_starts,
 )
-from fitting.calibration.window_length import SHORTEST_PART, follow_motion, longest_window
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
@@ -33,7 +32,19 @@ from fitting.estimate.residuals import Descent, Problem, Solution
 from fitting.estimate.rest import Rest, rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.windows import Piece, Span, Starts, Windows, cut, fewest_frames, fill, first_starts
+from fitting.estimate.windows import (
+    SHORTEST_PART,
+    Piece,
+    Span,
+    Starts,
+    Windows,
+    cut,
+    fewest_frames,
+    fill,
+    first_starts,
+    follow_motion,
+    longest_window,
+)
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
 from fitting.parameters.of_scene import free_of_traces
@@ -354,7 +365,9 @@ def prepare(
     model, state = build(scene)
     check_planar(model, state)
     read, notes = read_traces(traces, model, settings, names)
-    release = release_of(scene, state, names, len(read), settings.static_start)
+    release = None
+    if settings.static_start or any(name.startswith("release.") for name in names):
+        release = release_of(scene, state, len(read))
     changed = by_full_path(scene, start, bounds, priors, (RECORDING,))
     parameters = free_of_traces(scene, model, [*names, *rig], release)
     if settings.same_motion:
@@ -524,7 +537,8 @@ def choose_samples(
     for i, trace in enumerate(traces):
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
-    found = Samples(traces, spans, sigma, held, rests(traces, sigma, rest), slowest, period, notes)
+    poses = rests(traces, sigma, rest) if rest else None
+    found = Samples(traces, spans, sigma, held, poses, slowest, period, notes)
     if not rest and not released:
         for trace, size in zip(found.observed, sigma, strict=True):
             notes += advice_on_rest(trace, size[: model.line.links], slowest)

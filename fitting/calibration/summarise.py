@@ -122,7 +122,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     scored = finer.noisy(solution.problem.noise)
     laws = test_laws(prepared, solution, u)
-    rows = disagreements(prepared, solution)
+    rows = disagreements(prepared, solution) if prepared.traces[0].recordings else []
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(
         scene=prepared.scene,

@@ -24,7 +24,6 @@ from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.preparation import Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
-from fitting.calibration.window_length import LONGEST
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one
@@ -32,7 +31,7 @@ from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.estimate.windows import Span, Starts, pick, with_rows
+from fitting.estimate.windows import LONGEST, Span, Starts, pick, with_rows
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.targets import all_joints
 

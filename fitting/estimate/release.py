@@ -238,14 +238,12 @@ def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
     return found
 
 
-def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, requested: bool) -> Release | None:
-    """The release that these free names or the caller request; None if every window is free.
+def release_of(scene: Scene, state: State, runs: int) -> Release:
+    """The release of this number of runs, all from the scene's own start.
 
     Raises:
         SceneError: a scene that releases no node.
     """
-    if not requested and not any(name.startswith("release.") for name in names):
-        return None
     start = scene.start
     if start.kind != "static":
         return Release(runs, (), np.zeros((0, 3)), state)

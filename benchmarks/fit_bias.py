@@ -23,9 +23,8 @@ from fitting import Convention, Trace, prepare
 from fitting.calibration.estimating import estimate
 from fitting.calibration.lost_windows import with_sound_windows
 from fitting.calibration.summarise import summarise
-from fitting.estimate.least_squares import descend
+from fitting.estimate.least_squares import descend, level_of
 from fitting.estimate.residuals import Problem, Solution
-from fitting.estimate.shooting import level_of
 
 #: Rate of the camera of every third draw [1/s].
 SLOW_CAMERA = 60.0

@@ -26,9 +26,9 @@ from fitting.calibration.freeing import free_by_advice, with_freed
 from fitting.calibration.lost_windows import with_sound_windows
 from fitting.calibration.preparation import Prepared
 from fitting.calibration.summarise import summarise
+from fitting.estimate.least_squares import level_of
 from fitting.estimate.noise import Noise
 from fitting.estimate.residual_noise import ResidualNoiseModel
-from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 
 LENGTH = np.array([0.15, 0.14, 0.16, 0.15])

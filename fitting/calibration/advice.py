@@ -24,20 +24,32 @@ from scipy.special import chdtrc
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
-from fitting.calibration.candidate import Candidate, holm
+from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS
+from fitting.calibration.laws import holm
 from fitting.calibration.preparation import Prepared
 from fitting.calibration.result import FitResult
 from fitting.estimate.factors import invert_spd, solve_spd
-from fitting.estimate.normal_equations import prior_of
+from fitting.estimate.least_squares import level_of
+from fitting.estimate.normal_equations import eliminate, prior_of
 from fitting.estimate.release import TIME, Release
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import level_of
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.rig_priors import rig_priors
-from fitting.parameters.targets import CAMERA, CLOCK, LOST, MARKER, NODE, SCALE, LostPlace
+from fitting.parameters.targets import (
+    CAMERA,
+    CLOCK,
+    LOST,
+    MARKER,
+    NODE,
+    SCALE,
+    CameraPlace,
+    ClockPlace,
+    LostPlace,
+    ModelPlace,
+)
 
 #: Standard deviations of numbers without a prior. A fraction of the value for quantities measured on a bench or
 #: computed from a drawing; angles [rad] for markers that are glued, and encoders set to zero, by eye; a fraction for
@@ -86,7 +98,7 @@ def wide(prepared: Prepared, further: Sequence[Parameter] = ()) -> Simulator:
     frames."""
     own = prepared.simulator
     model = own.model
-    names = {p.name for p in prepared.parameters}
+    names = prepared.names
     asked = [*(p for _, _, found in candidates(model, own.release) for p in found), *further]
     more = list({p.name: p for p in asked if p.name not in names}.values())
     # number of lost stretches of frames that programs reserve space for
@@ -119,11 +131,11 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
     for one in asked:
         change = score_change(S, g, data, free, one.rows)
         if change is None:
-            undistinguished.append(Candidate(one.name, one.paths, {}, {}, 0.0, 1.0))
+            undistinguished.append(Candidate(one.name, one.paths, p=1.0))
         else:
             tested.append((one, change))
     price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
-    names = [problem.parameters[i].name for i in free]
+    names = [problem.names[i] for i in free]
     found = []
     for (one, change), p in zip(tested, holm([change.p for _, change in tested]), strict=True):
         row = _candidate(one, change, p, price, names)
@@ -182,7 +194,9 @@ def joint_information(
     values = np.concatenate([solution.values, [p.value for p in more]])
     extended = replace(problem, simulator=simulator.view_of(every), parameters=every, frozen=None, known=known)
     evaluation = extended.evaluate(values, solution.starts)
-    step = level_of(extended, solution.gap_weight).undamped_step(evaluation, values, 0.0)
+    system = level_of(extended, solution.gap_weight).system(evaluation, values)
+    still = np.zeros(len(values))
+    step = eliminate(system, 0.0, extended.prior(values), still, still)
     prior = prior_of(every, values, known.common)
     data = step.information - prior.curvature
     slope = step.gradient - prior.gradient
@@ -282,9 +296,15 @@ def _existing(model: Model, paths: Sequence[str], release: Release | None = None
 
 def _with_width(model: Model, p: Parameter) -> Parameter:
     """A parameter with the default prior of its kind if none is given; coefficients have none."""
-    lengths = SHARE * float(np.mean(np.asarray(model.line.length)))
-    widths = {"lines": SHARE * abs(p.value), "points": lengths, "camera": TURNED, "clock": CLOCKS}
-    width = widths.get(p.where.section, 0.0)
+    width = 0.0
+    if isinstance(p.where, CameraPlace):
+        width = TURNED
+    elif isinstance(p.where, ClockPlace):
+        width = CLOCKS
+    elif isinstance(p.where, ModelPlace) and p.where.section == "lines":
+        width = SHARE * abs(p.value)
+    elif isinstance(p.where, ModelPlace) and p.where.section == "points":
+        width = SHARE * float(np.mean(np.asarray(model.line.length)))
     if width > 0:
         return replace(p, prior=(p.value, width))
     return p

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from dropper_jax.base.toml_text import Json
 from fitting.parameters.parameter import Parameter
 
 #: Gain in log likelihood below which a candidate is not suggested.
@@ -39,11 +39,11 @@ class Candidate:
     """
 
     name: str
-    free: tuple[str, ...]
-    changes: dict[str, float]
-    errors: dict[str, float]
-    gain: float
-    p: float
+    free: tuple[str, ...] = ()
+    changes: Mapping[str, float] = field(default_factory=dict)
+    errors: Mapping[str, float] = field(default_factory=dict)
+    gain: float = 0.0
+    p: float = 0.0
     worth: float = 0.0
     alike: tuple[str, ...] = ()
     moves: Mapping[str, float] = field(default_factory=dict)
@@ -59,7 +59,7 @@ class Candidate:
         """Whether the traces distinguish it from the free parameters."""
         return bool(self.changes)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """Plain values."""
         keys = ("name", "free", "changes", "errors", "gain", "p", "worth", "alike")
         return {**{key: getattr(self, key) for key in keys}, "named": self.worth_naming, "told": self.identifiable}
@@ -84,13 +84,3 @@ def omitted_parameter_bias(names: Sequence[Candidate], parameters: Sequence[Para
     for move in moves:
         found.append(np.array([move.get(p.name, 0.0) for p in parameters]))
     return tuple(found)
-
-
-def holm(probabilities: Sequence[float]) -> list[float]:
-    """Probabilities over all of several tests (Holm 1979), in the order of the tests."""
-    found = np.empty(len(probabilities))
-    worst = 0.0
-    for i, test in enumerate(np.argsort(probabilities, kind="stable")):
-        worst = max(worst, min(1.0, probabilities[test] * (len(probabilities) - i)))
-        found[test] = worst
-    return found.tolist()

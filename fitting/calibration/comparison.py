@@ -38,18 +38,16 @@ from fitting.calibration.law_fits import (
     Law,
     contains,
     family_of,
-    fit_again,
-    fit_inside,
     fit_law,
     least_loss,
 )
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.factors import solve_spd
-from fitting.estimate.least_squares import continue_windows
+from fitting.estimate.least_squares import Objective, continue_windows, descend, fit_windows
 from fitting.estimate.noise import lag_one
 from fitting.estimate.residual_noise import fit_with_noise
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import SCHEDULE, JoinedWindows, fit_shooting
+from fitting.estimate.shooting import SCHEDULE, fit_shooting
 from fitting.estimate.step_size import finer_step, refine
 from fitting.estimate.windows import Windows
 from fitting.parameters.parameter import Parameter
@@ -60,49 +58,6 @@ if TYPE_CHECKING:
 #: Evaluations of separate windows in the widest law's family, and between a law and one that contains it.
 ITERATIONS = 25
 ONWARD = 15
-
-
-def join_laws(
-    prepared: Prepared, family: Family, laws: Mapping[str, Solution], progress: Progress = silent
-) -> dict[str, Solution]:
-    """Joined solutions of laws by name; empty if windows do not follow each other or a law does not converge.
-
-    Args:
-        family: contains the parts of all these laws.
-        laws: solutions of separate windows.
-    """
-    if not prepared.windows.follows.any():
-        return {}
-    order = sorted(laws, key=lambda law: len(LADDER[law]))
-    most = order[-1]
-    progress(0.95, f"law {most}, joined")
-    widest = fit_shooting(fit_law(prepared, family, most, [laws[most]], ITERATIONS), finer=finer_step)
-    if widest.status != "ok" or not widest.gap_weight:
-        return {}
-    family = replace(family, substeps=widest.windows.substeps)
-    schedule = [weight for weight in SCHEDULE if weight >= widest.gap_weight]
-    found: dict[str, Solution] = {}
-    for law in order:
-        progress(0.95, f"law {law}, joined")
-        inner = sorted((one for name, one in found.items() if contains(law, name)), key=lambda one: one.cost)
-        tries = [widest] if law == most else []
-        tries += [_onward(best, ~family.free_mask(law), widest.gap_weight) for best in inner[:1]]
-        if not any(one.status == "ok" for one in tries):
-            begin = fit_law(prepared, family, law, [laws[law]], ITERATIONS)
-            tries.append(fit_shooting(begin, choose=False, schedule=schedule))
-        found[law] = min(tries, key=lambda one: (one.status != "ok", one.cost))
-    if all(one.status == "ok" for one in found.values()):
-        return found
-    return {}
-
-
-def _onward(inner: Solution, frozen: np.ndarray, weight: float) -> Solution:
-    """From a law's joined solution to a law that contains it, whose additional parts start at zero."""
-    problem = replace(inner.problem, frozen=frozen)
-    level = JoinedWindows(problem, weight, intermediate=True)
-    return level.descend(replace(inner, problem=problem), ONWARD)
-
-
 #: Maximum evaluations of a law started from the end of a larger one, which suffices in the same local minimum.
 #: Maximum number of larger laws to start from, as each may have found a better local minimum.
 NEAR = 8
@@ -114,7 +69,7 @@ HOPELESS = 1000.0
 
 
 def compare(
-    result: FitResult, laws: Sequence[str] = tuple(LADDER), iterations: int = 25, progress: Progress | None = None
+    result: FitResult, laws: Sequence[str] = tuple(LADDER), iterations: int = ITERATIONS, progress: Progress = silent
 ) -> list[Law]:
     """Which damping laws the traces of a fit leave possible; see `compare_laws`.
 
@@ -133,7 +88,7 @@ def refuse_tied(option: str, parameters: Sequence[Parameter]) -> None:
 
 
 def compare_laws(
-    prepared: Prepared, laws: Sequence[str] = tuple(LADDER), iterations: int = 25, progress: Progress | None = None
+    prepared: Prepared, laws: Sequence[str] = tuple(LADDER), iterations: int = ITERATIONS, progress: Progress = silent
 ) -> list[Law]:
     """Fit laws to the same windows by `windows`, and report which of them the traces leave possible.
 
@@ -146,133 +101,196 @@ def compare_laws(
     for law in laws:
         if law not in LADDER:
             raise SceneError(f"laws: {law!r} is unknown; {nearest(law, LADDER)}")
-    say = progress or silent
-    laws = sorted(laws, key=lambda law: (len(LADDER[law]), list(LADDER).index(law)))
-    others = [p.name for p in prepared.parameters if not p.name.startswith(tuple(PARTS.values()))]
-    families = {dry: family_of(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
-    prepared, families, firsts = _first_fits(prepared, families, laws, iterations, say)
-    first = firsts[laws[-1]]
+    ordered = sorted(laws, key=lambda law: (len(LADDER[law]), list(LADDER).index(law)))
+    fits = LawFits(prepared, ordered, iterations, progress)
+    first = fits.fit_fullest()
     memory = first.problem.memory
-    same = _same_parts(laws, prepared, first)
-    found: dict[str, Solution] = {}
-    for i, law in enumerate(laws):
-        if set(same) & set(LADDER[law]):
-            continue
-        say(0.95, f"law {i + 1} of {len(laws)}: {law}")
-        inner = [one for name, one in found.items() if contains(law, name)]
-        inner += [firsts[law]] if law in firsts else []
-        found[law] = fit_law(prepared, families["dry" in LADDER[law]], law, inner, iterations)
-    near = [law for law in found if least_loss(first, families["dry" in LADDER[laws[-1]]], law) < HOPELESS]
-    found, costs = _from_larger(found, near, families, iterations)
-    folds = fair(blocks(prepared.windows.run), prepared.windows.released)
-    scores = [score(one, folds) for one in found.values()]
-    per_unit = {dry: unit_work(prepared, one.simulator, one.owner) for dry, one in families.items()}
-    open_parts = lambda law, one, dry: unseen(one, families[dry].owner, per_unit[dry])  # noqa: E731
+    same = _same_parts(ordered, prepared, first)
+    fits.fit_others(first, same)
+    folds = fair(blocks(fits.prepared.windows.run), fits.prepared.windows.released)
+    scores = [score(one, folds) for one in fits.found.values()]
+    per_unit = {dry: unit_work(fits.prepared, one.simulator, one.owner) for dry, one in fits.families.items()}
+    open_parts = lambda one, dry: unseen(one, fits.families[dry].owner, per_unit[dry])  # noqa: E731
     rows = []
-    for row, one in zip(_rows(prepared, families, found, costs, scores), found.values(), strict=True):
-        rows.append(
-            replace(
-                row, equals=_equals(row.name, same, laws), unseen=open_parts(row.name, one, "dry" in LADDER[row.name])
-            )
-        )
+    for row in fits.rows(scores):
+        alike = tuple(other for other in ordered if other != row.name and _same_law(row.name, other, same))
+        rows.append(replace(row, equals=alike, unseen=open_parts(fits.found[row.name], "dry" in LADDER[row.name])))
     scores = [replace(one, log_score=one.log_score / memory) for one in scores]
     rows = _with_errors(decide(rows, scores), scores)
-    left = {row.name: found[row.name] for row in rows if row.possible}
+    left = {row.name: fits.found[row.name] for row in rows if row.possible}
     if len(left) == 1:
         return rows
     dry = any("dry" in LADDER[law] for law in left)
-    joined = join_laws(prepared, families[dry], left, say)
+    joined = fits.join(left, fits.families[dry])
     costs = {law: one.cost / memory for law, one in joined.items()}
-    return decide_joined(rows, costs, {law: open_parts(law, one, dry) for law, one in joined.items()})
+    return decide_joined(rows, costs, {law: open_parts(one, dry) for law, one in joined.items()})
 
 
-def _first_fits(
-    prepared: Prepared, families: dict[bool, Family], laws: Sequence[str], iterations: int, say: Progress
-) -> tuple[Prepared, dict[bool, Family], dict[str, Solution]]:
-    """The noise that the fullest law leaves, families with the step size that it requires, and their fullest laws."""
-    families = dict(families)
-    fullest = laws[-1]
-    say(0.95, f"law {fullest}: noise")
-    widest = "dry" in LADDER[fullest]
-    first = fit_law(prepared, families[widest], fullest, [], iterations)
-    noisy = partial(fit_with_noise, claimed=prepared.claimed_windows, floor=prepared.floor, traces=prepared.traces)
-    first = refine(noisy(first, again=continue_windows))
-    prepared = prepared.noisy(first.problem.noise)
-    enough = FAR * first.cost
-    families = {dry: replace(family, enough=enough) for dry, family in families.items()}
-    families[widest] = replace(families[widest], substeps=first.windows.substeps)
-    found = {fullest: first}
-    for dry, family in families.items():
-        # otherwise the step error would distinguish the schemes, and so the laws
-        law = next(law for law in reversed(laws) if ("dry" in LADDER[law]) == dry)
-        if law != fullest:
-            found[law] = refine(fit_law(prepared, family, law, [first], iterations))
-            families[dry] = replace(families[dry], substeps=found[law].windows.substeps)
-    return prepared, families, found
+class LawFits:
+    """Fits of laws to the same windows.
 
+    Args:
+        laws: from the simplest one on.
 
-def _from_larger(
-    found: dict[str, Solution], near: Sequence[str], families: dict[bool, Family], iterations: int
-) -> tuple[dict[str, Solution], dict[str, float]]:
-    """The laws and their costs; those `near` that a larger one would refute are refitted from the end of that one.
-
-    The cost of windows is non-smooth, most of all for joints that stick and for chaotic chains: the larger law may have
-    found the better local minimum. Its scheme may also have a different step error, which may fit the noise better by
-    chance. The cost of a law is therefore the minimum of those by its own scheme and by that of the larger law.
+    Attributes:
+        families: with and without dry friction.
+        found: the laws' fits.
+        costs: minus their log likelihoods, in units of independent samples.
     """
-    found, costs = dict(found), {law: one.cost / one.problem.memory for law, one in found.items()}
-    for law in reversed(near):
-        more = [name for name in found if contains(name, law)]
-        for _ in range(TRIES):
-            against = [(chance(costs[law] - costs[name], len(LADDER[name]) - len(LADDER[law])), name) for name in more]
-            p, larger = min(against, key=lambda pair: pair[0], default=(1.0, ""))
-            if p >= LACKS:
-                break
-            more.remove(larger)
-            one = found[law]
-            inside = fit_inside(found[larger], families["dry" in LADDER[larger]], law, NEAR)
-            if inside.cost < one.cost:
-                again = fit_again(one, inside, iterations)
-                found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))
-                costs[law] = min(costs[law], *(fit.cost / fit.problem.memory for fit in (inside, found[law])))
-    return found, costs
 
+    def __init__(self, prepared: Prepared, laws: Sequence[str], iterations: int, say: Progress) -> None:
+        self.prepared = prepared
+        self.laws = laws
+        self.iterations = iterations
+        self.say = say
+        others = [name for name in prepared.names if not name.startswith(tuple(PARTS.values()))]
+        self.families = {dry: family_of(prepared, others, dry) for dry in {("dry" in LADDER[law]) for law in laws}}
+        self.firsts: dict[str, Solution] = {}
+        self.found: dict[str, Solution] = {}
+        self.costs: dict[str, float] = {}
 
-def _rows(
-    prepared: Prepared,
-    families: dict[bool, Family],
-    found: dict[str, Solution],
-    costs: dict[str, float],
-    scores: Sequence[Scores],
-) -> list[Law]:
-    """The laws' rows before any decision; costs are in units of independent samples."""
-    rows: list[Law] = []
-    windows = prepared.windows
-    kinds = (last_third(windows.begin, windows.run), other_runs(windows.run))
-    folds = [fair(each, windows.released) for each in kinds]
-    for (law, one), scored in zip(found.items(), scores, strict=True):
-        family = families["dry" in LADDER[law]]
-        used = family.free_mask(law)
-        ahead, beside = (score(one, each).rms if each else np.nan for each in folds)
-        row = Law(
-            name=law,
-            coefficients=sum(on and part is not None for on, part in zip(used.tolist(), family.owner, strict=True)),
-            rms=one.rms,
-            held_out=scored.rms,
-            held_out_error=0.0,
-            status=one.status,
-            values={name: value for (name, value), on in zip(one.by_name.items(), used, strict=True) if on},
-            free=int(used.sum()),
-            cost=costs[law],
-            unreached=remaining_decrease(one) / one.problem.memory,
-            extrapolated=ahead,
-            other_run=beside,
+    def family(self, law: str) -> Family:
+        """The family of a law."""
+        return self.families["dry" in LADDER[law]]
+
+    def fit(self, law: str, inner: list[Solution]) -> Solution:
+        """A law fitted from the best of those that it contains."""
+        return fit_law(self.prepared, self.family(law), law, inner, self.iterations)
+
+    def fit_fullest(self) -> Solution:
+        """The fullest law, whose noise all laws have, and the step size that each family requires."""
+        fullest = self.laws[-1]
+        self.say(0.95, f"law {fullest}: noise")
+        own = self.prepared
+        noisy = partial(fit_with_noise, claimed=own.claimed_windows, floor=own.floor, traces=own.traces)
+        first = refine(noisy(self.fit(fullest, []), again=continue_windows))
+        self.prepared = own.noisy(first.problem.noise)
+        enough = FAR * first.cost
+        self.firsts = {fullest: first}
+        for dry, family in self.families.items():
+            self.families[dry] = replace(family, enough=enough)
+            law = next(law for law in reversed(self.laws) if ("dry" in LADDER[law]) == dry)
+            if law != fullest:  # otherwise the step error would distinguish the schemes, and so the laws
+                self.firsts[law] = refine(self.fit(law, [first]))
+            substeps = self.firsts[law].windows.substeps
+            self.families[dry] = replace(self.families[dry], substeps=substeps)
+        return first
+
+    def fit_others(self, first: Solution, same: Mapping[str, str]) -> None:
+        """All laws, each from those that it contains; those that a larger one would refute also from that one.
+
+        The cost of windows is non-smooth, most of all for joints that stick and for chaotic chains: the larger law may
+        have found the better local minimum. Its scheme may also have a different step error, which may fit the noise
+        better by chance. The cost of a law is therefore the minimum of those by its own scheme and by that of the
+        larger law.
+
+        Args:
+            first: the fullest law.
+            same: parts that act like others, whose laws are left out.
+        """
+        for i, law in enumerate(self.laws):
+            if set(same) & set(LADDER[law]):
+                continue
+            self.say(0.95, f"law {i + 1} of {len(self.laws)}: {law}")
+            inner = [one for name, one in self.found.items() if contains(law, name)]
+            inner += [self.firsts[law]] if law in self.firsts else []
+            self.found[law] = self.fit(law, inner)
+        widest = self.family(self.laws[-1])
+        near = [law for law in self.found if least_loss(first, widest, law) < HOPELESS]
+        self.costs = {law: one.cost / one.problem.memory for law, one in self.found.items()}
+        for law in reversed(near):
+            more = [name for name in self.found if contains(name, law)]
+            for _ in range(TRIES):
+                against = []
+                for name in more:
+                    parts = len(LADDER[name]) - len(LADDER[law])
+                    against.append((chance(self.costs[law] - self.costs[name], parts), name))
+                p, larger = min(against, key=lambda pair: pair[0], default=(1.0, ""))
+                if p >= LACKS:
+                    break
+                more.remove(larger)
+                self.fit_from_larger(law, larger)
+
+    def fit_from_larger(self, law: str, larger: str) -> None:
+        """A law fitted again from the end of a larger one, without the other parts of that one."""
+        one = self.found[law]
+        near = self.found[larger]
+        used = self.family(larger).free_mask(law)
+        inside = fit_windows(
+            replace(near.problem, frozen=~used), np.where(used, near.values, 0.0), near.starts, iterations=NEAR
         )
-        rows.append(row)
-    # a law contains itself with further parts at zero, so its cost is at most theirs for any error of its scheme's step
-    inner = [[one.cost for one in rows if contains(row.name, one.name)] for row in rows]
-    rows = [replace(row, cost=min([row.cost, *less])) for row, less in zip(rows, inner, strict=True)]
-    return with_bic(rows, [one.evaluation.residual for one in found.values()], windows)
+        if not inside.cost < one.cost:
+            return
+        values = np.array([inside.by_name[p.name] for p in one.problem.parameters])  # the larger one may have more
+        again = fit_windows(one.problem, values, inside.starts, iterations=self.iterations)
+        self.found[law] = min(one, again, key=lambda fit: (fit.status != "ok", fit.cost))
+        for fit in (inside, self.found[law]):
+            self.costs[law] = min(self.costs[law], fit.cost / fit.problem.memory)
+
+    def join(self, laws: Mapping[str, Solution], family: Family) -> dict[str, Solution]:
+        """Joined solutions of laws by name; empty if windows do not follow each other or a law does not converge.
+
+        Args:
+            laws: solutions of separate windows.
+            family: contains the parts of all these laws.
+        """
+        if not self.prepared.windows.follows.any():
+            return {}
+        order = sorted(laws, key=lambda law: len(LADDER[law]))
+        most = order[-1]
+        self.say(0.95, f"law {most}, joined")
+        begin = fit_law(self.prepared, family, most, [laws[most]], ITERATIONS)
+        widest = fit_shooting(begin, finer=finer_step)
+        if widest.status != "ok" or not widest.gap_weight:
+            return {}
+        family = replace(family, substeps=widest.windows.substeps)
+        schedule = [weight for weight in SCHEDULE if weight >= widest.gap_weight]
+        found: dict[str, Solution] = {}
+        for law in order:
+            self.say(0.95, f"law {law}, joined")
+            inner = sorted((one for name, one in found.items() if contains(law, name)), key=lambda one: one.cost)
+            tries = [widest] if law == most else []
+            for best in inner[:1]:  # its additional parts start at zero
+                problem = replace(best.problem, frozen=~family.free_mask(law))
+                level = Objective(problem, widest.gap_weight, intermediate=True)
+                tries.append(descend(level, replace(best, problem=problem), ONWARD))
+            if not any(one.status == "ok" for one in tries):
+                begin = fit_law(self.prepared, family, law, [laws[law]], ITERATIONS)
+                tries.append(fit_shooting(begin, choose=False, schedule=schedule))
+            found[law] = min(tries, key=lambda one: (one.status != "ok", one.cost))
+        if all(one.status == "ok" for one in found.values()):
+            return found
+        return {}
+
+    def rows(self, scores: Sequence[Scores]) -> list[Law]:
+        """The laws' rows before any decision."""
+        rows: list[Law] = []
+        windows = self.prepared.windows
+        kinds = (last_third(windows.begin, windows.run), other_runs(windows.run))
+        folds = [fair(each, windows.released) for each in kinds]
+        for (law, one), scored in zip(self.found.items(), scores, strict=True):
+            family = self.family(law)
+            used = family.free_mask(law)
+            ahead, beside = (score(one, each).rms if each else np.nan for each in folds)
+            # a law contains itself with further parts at zero, so its cost is at most theirs for any error of its
+            # scheme's step
+            least = min([self.costs[law], *(row.cost for row in rows if contains(law, row.name))])
+            row = Law(
+                name=law,
+                coefficients=sum(on and part is not None for on, part in zip(used.tolist(), family.owner, strict=True)),
+                rms=one.rms,
+                held_out=scored.rms,
+                held_out_error=0.0,
+                status=one.status,
+                values={name: value for (name, value), on in zip(one.by_name.items(), used, strict=True) if on},
+                free=int(used.sum()),
+                cost=least,
+                unreached=remaining_decrease(one) / one.problem.memory,
+                extrapolated=ahead,
+                other_run=beside,
+            )
+            rows.append(row)
+        return with_bic(rows, [one.evaluation.residual for one in self.found.values()], windows)
 
 
 def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
@@ -288,7 +306,7 @@ def _with_errors(rows: list[Law], scores: list[Scores]) -> list[Law]:
 
 def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dict[str, str]:
     """Parts of one coefficient that act like another, which replaces them; a part that the fit already has stays."""
-    names = [p.name for p in first.problem.parameters]
+    names = first.problem.names
     owner = []
     for name in names:
         owner.append(next((part for part, path in PARTS.items() if name.startswith(path)), None))
@@ -306,10 +324,9 @@ def _same_parts(laws: Sequence[str], prepared: Prepared, first: Solution) -> dic
     return found
 
 
-def _equals(law: str, same: dict[str, str], laws: Sequence[str]) -> tuple[str, ...]:
-    """Laws that are the same as this one under other names."""
-    means = lambda name: {same.get(part, part) for part in LADDER[name]}  # noqa: E731
-    return tuple(other for other in laws if other != law and means(other) == set(LADDER[law]))
+def _same_law(law: str, other: str, same: Mapping[str, str]) -> bool:
+    """Whether another law is this one under another name."""
+    return {same.get(part, part) for part in LADDER[other]} == set(LADDER[law])
 
 
 def remaining_decrease(solution: Solution) -> float:

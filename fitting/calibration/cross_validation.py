@@ -49,11 +49,6 @@ class Scores:
     count: np.ndarray
 
     @property
-    def total(self) -> float:
-        """Sum of the log scores of all windows."""
-        return float(self.log_score.sum())
-
-    @property
     def rms(self) -> float:
         """RMS angle error [rad]."""
         return float(np.sqrt(self.square.sum() / max(self.count.sum(), 1)))

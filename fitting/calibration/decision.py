@@ -37,7 +37,7 @@ from scipy.special import chdtrc, ndtri
 
 from dropper_jax.effects.joint_friction import JointFriction
 from dropper_jax.model import Model
-from dropper_jax.model.slots import Potential
+from dropper_jax.model.slots import Force
 from fitting.calibration.cross_validation import Scores
 from fitting.calibration.law_fits import LADDER, Law, contains
 from fitting.calibration.preparation import Prepared
@@ -55,12 +55,9 @@ def dissipation(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
     s = planar.to_state(model, theta, omega)
     k = model.instant(s.r, s.v, s.t, model.ends(s.t))
     taken = jnp.zeros(())
-    for effect in model.without_slot(Potential).effects:
-        force = None
+    for effect in model.having(Force):
         if effect.name in DAMPING:
-            force = effect.force(k)
-        if force is not None:
-            taken = taken - jnp.sum(force * k.v)
+            taken = taken - jnp.sum(effect.force(k) * k.v)
         if isinstance(effect, JointFriction) and effect.dry is not None:
             rate = jnp.sum(jnp.abs(effect.relative_rates(k)), axis=1)
             taken = taken + jnp.sum(jnp.broadcast_to(effect.dry, (model.line.links + 1,))[: len(rate)] * rate)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,10 +49,6 @@ class Disagreement:
             f"{self.recording} disagrees with the others in {self.stretches} of {STRETCHES} stretches of link "
             f"{self.link}, most from {self.low:.3g} to {self.high:.3g} s: {self.mean:+.2g} +- {self.std_error:.1g} rad"
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values with the keys of the command line's JSON."""
-        return asdict(self)
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def fit(
     until: float | None = None,
     held_out: Sequence[tuple[float, float]] = (),
     settings: FitSettings = AUTOMATIC,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> FitResult:
     """Calibrate parameters of a scene to measured angles.
 
@@ -72,7 +72,6 @@ def fit(
     """
     method = as_method(method)
     loss = as_loss(loss)
-    progress = progress or silent
     whole = prepare(
         traces,
         scene,
@@ -110,7 +109,7 @@ def fit_and_free(
     *,
     method: Method | GradientDescent | str = "shooting",
     loss: Loss | str = LEAST_SQUARES,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     **options: Any,
 ) -> FitResult:
     """The fit with what the traces show to be wrong freed too, one candidate at a time, while the fit improves.
@@ -121,7 +120,6 @@ def fit_and_free(
     """
     chosen = as_method(method)
     loss = as_loss(loss)
-    progress = progress or silent
     whole = prepare(traces, scene, free, progress=progress, **options)
     refuse_tied("auto_free", whole.parameters)
 
@@ -172,21 +170,27 @@ def free_laws(
     """
     method = as_method(method)
     found = list(freed)
-    while result.status == "model_error" and result.laws.wrong.free and len(found) < MOST_FREED:
-        found.append(result.laws.wrong)
-        law = with_law(result.prepared, result.laws.wrong.free, result.solution)
-        result = summarise(law, method.name, estimate(law, method, loss, progress))
+    while result.status == "model_error" and len(found) < MOST_FREED:
+        wrong = result.laws.wrong
+        if wrong is None or not wrong.free:
+            break
+        found.append(wrong)
+        result = fit_with_force(result, wrong, method, loss, progress)
     result.freed = found
     return result
+
+
+def fit_with_force(result: FitResult, test: LawTest, method: Method, loss: Loss, progress: Progress) -> FitResult:
+    """The fit with a force of the score tests free too, from its end."""
+    law = with_law(result.prepared, test.free, result.solution)
+    return summarise(law, method.name, estimate(law, method, loss, progress))
 
 
 #: Forces that a misfit frees in turn, and how many of them are tried.
 MOST_TRIED = 2
 
 
-def complete_law(
-    result: FitResult, method: Method | GradientDescent, loss: Loss = LEAST_SQUARES, progress: Progress = silent
-) -> FitResult:
+def complete_law(result: FitResult, method: Method, loss: Loss, progress: Progress) -> FitResult:
     """The fit with one more force of the damping law if the scene's own forces miss the trace and it explains them.
 
     For fits with the default free parameters: the scene's damping is then a first guess of the law. Score tests are
@@ -197,8 +201,7 @@ def complete_law(
         return result
     order = sorted((test for test in result.laws.tests if test.free), key=lambda test: test.name != QUADRATIC)
     for test in order[:MOST_TRIED]:
-        law = with_law(result.prepared, test.free, result.solution)
-        found = summarise(law, method.name, estimate(law, method, loss, progress))
+        found = fit_with_force(result, test, method, loss, progress)
         if found.status == "ok":
             found.freed = [test]
             found.warnings.append(
@@ -222,7 +225,8 @@ def explain(result: FitResult, prepared: Prepared) -> FitResult:
 
 def likeliest(result: FitResult) -> str:
     """The force or the number of the scene that explains most of a misfit, and what frees it; empty if none does."""
-    candidates = [candidate for candidate in result.tested if candidate.worth_naming][:1]
+    candidates: list[Candidate | LawTest] = []
+    candidates += [candidate for candidate in result.tested if candidate.worth_naming][:1]
     candidates += [test for test in result.laws.significant if test.free][:1]
     best = max(candidates, key=lambda candidate: candidate.gain, default=None)
     if best is None:

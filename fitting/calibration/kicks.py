@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,20 +49,14 @@ class Kick(NamedTuple):
     lasting: bool
 
 
-class Fit(Protocol):
-    """Fits a preparation by a method with a loss; `frozen` parameters (k,) stay at their start values."""
-
-    def __call__(
-        self, prepared: Prepared, method: str, loss: Loss, *, frozen: np.ndarray | None = None
-    ) -> Solution: ...
-
-
-def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> tuple[Prepared, list[Candidate]]:
+def without_kicks(
+    prepared: Prepared, fit: Callable[..., Solution], loss: Loss = LEAST_SQUARES
+) -> tuple[Prepared, list[Candidate]]:
     """The preparation without the windows that kicks disturb, started from the end of their fit, and their names.
 
     Args:
         prepared: with the noise claimed by the traces, its windows not yet split.
-        fit: an estimator.
+        fit: an estimator, such as `estimate`.
     """
 
     def fit_some(off: np.ndarray, begin: Solution) -> Solution:
@@ -83,7 +77,7 @@ def without_kicks(prepared: Prepared, fit: Fit, loss: Loss = LEAST_SQUARES) -> t
         else:
             what = "is kicked or touched at"
         words = f" about {kick.time:.2f} s: windows from {kick.begin:.3g} to {last:.3g} s left out"
-        names.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}", (), {}, {}, 0.0, 0.0))
+        names.append(Candidate(f"{prepared.traces[kick.run].name} {what}{words}"))
         removed.append((kick.run, kick.begin, last))
         if kick.begin < windows.begin[kick.windows[0]]:
             windows = windows.end_early(kick.windows[0] - 1, kick.begin)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.read import ScenePath
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.toml_text import Json, jsonable
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.build import build
 from fitting.calibration.preparation import STEPS_PER_PERIOD, Prepared
@@ -73,7 +72,7 @@ class Law:
         """Whether the law is not refuted."""
         return not self.refuted
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """Plain values."""
         return jsonable(
             {key: value for key, value in vars(self).items() if key != "free"} | {"possible": self.possible}
@@ -126,7 +125,7 @@ def family_of(prepared: Prepared, others: list[str], dry: bool) -> Family:
     """A family with every coefficient of the laws with or without dry friction."""
     parts = [part for part in PARTS if dry or part != "dry"]
     names = [PARTS[part] for part in parts]
-    free = [p.name for p in prepared.parameters]
+    free = prepared.names
     each = [
         part
         for part in OF_JOINTS
@@ -227,16 +226,3 @@ def least_loss(full: Solution, family: Family, law: str) -> float:
     c = full.values[lacks]
     left = eliminate_rows(full.information, np.flatnonzero(free & used), lacks)
     return 0.5 * float(c @ left @ c) / full.problem.memory
-
-
-def fit_inside(near: Solution, family: Family, law: str, iterations: int) -> Solution:
-    """A law fitted with the simulator and step of a larger law, from the end of that fit, without its other parts."""
-    used = family.free_mask(law)
-    problem = replace(near.problem, frozen=~used)
-    return fit_windows(problem, np.where(used, near.values, 0.0), near.starts, iterations=iterations)
-
-
-def fit_again(law: Solution, inside: Solution, iterations: int) -> Solution:
-    """A law's fit repeated from its end inside a larger law, whose simulator may have further parameters."""
-    values = np.array([inside.by_name[p.name] for p in law.problem.parameters])
-    return fit_windows(law.problem, values, inside.starts, iterations=iterations)

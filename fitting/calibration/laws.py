@@ -30,21 +30,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
 from scipy.special import ndtri, stdtr
 
+from dropper_jax.base.toml_text import Json
 from dropper_jax.run.build import build
-from fitting.calibration.candidate import holm
 from fitting.calibration.law_fits import substeps_of
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.blocks import Pieces, block_of, jackknife, pieces
 from fitting.estimate.factors import eliminate_rows, solve_spd
-from fitting.estimate.normal_equations import Evaluation, Prior, move_along
+from fitting.estimate.least_squares import level_of
+from fitting.estimate.normal_equations import Evaluation, Prior, eliminate, move_along
 from fitting.estimate.residuals import Residuals, Solution
-from fitting.estimate.shooting import SCHEDULE, level_of, loosest_of
+from fitting.estimate.shooting import SCHEDULE, loosest_of
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Uncertainty
 from fitting.parameters.missing_forces import tested_parameters
@@ -138,7 +139,7 @@ class LawTest:
     matters: bool
     alike: tuple[str, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """Plain values."""
         return asdict(self)
 
@@ -166,6 +167,16 @@ class LawTests:
         return next((test for test in self.significant if test.matters), None)
 
 
+def holm(probabilities: Sequence[float]) -> list[float]:
+    """Probabilities over all of several tests (Holm 1979), in the order of the tests."""
+    found = np.empty(len(probabilities))
+    worst = 0.0
+    for i, test in enumerate(np.argsort(probabilities, kind="stable")):
+        worst = max(worst, min(1.0, probabilities[test] * (len(probabilities) - i)))
+        found[test] = worst
+    return found.tolist()
+
+
 def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTests:
     """Test every candidate at the end of a fit with these errors."""
     problem = solution.problem
@@ -182,16 +193,20 @@ def test_laws(prepared: Prepared, solution: Solution, u: Uncertainty) -> LawTest
         return LawTests()
     evaluation = _with_changes(solution, evaluation, [s for s in suspects if s.of is not None])
     scale = u.noise**2 * problem.memory
-    prior = _wide_prior(solution, evaluation)
+    own = problem.prior(solution.values)  # without knowledge of the candidates
+    more = evaluation.jacobian.shape[-1] - problem.freedoms - len(solution.values)
+    prior = Prior(own.cost, np.pad(own.gradient, (0, more)), np.pad(own.curvature, (0, more)))
     still = np.zeros(len(prior.gradient))
-    alone = level_of(problem, None)
-    separate = alone.eliminate(alone.system(evaluation, solution.values), 0.0, prior, still, still).information
-    return _judge(solution, u, suspects, _levels(solution, evaluation, prior, scale), separate)
+    system = level_of(problem, None).system(evaluation, solution.values)
+    separate = eliminate(system, 0.0, prior, still, still).information
+    levels = _levels(solution, evaluation, prior, scale)
+    free = np.flatnonzero(~problem.held_mask & ~u.at_bound)
+    return Judge(solution, u, suspects, levels, separate, free, scale).judge()
 
 
 def _suspects(prepared: Prepared, problem: Residuals) -> list[Suspect]:
     """Candidates that are not free, and changes of the free coefficients of drag, in the order of the derivatives."""
-    names = [p.name for p in compress(problem.parameters, ~problem.held_mask)]
+    names = list(compress(problem.names, ~problem.held_mask))
     found = []
     for p in tested_parameters(prepared.simulator.model, problem.parameters):
         name, path = FORCES.get(p.where.field, ("a roll of the camera", CAMERA))
@@ -253,13 +268,6 @@ class Level(NamedTuple):
         return self.evidence + 0.5 * float(gradient @ step) / scale
 
 
-def _wide_prior(solution: Solution, evaluation: Evaluation) -> Prior:
-    """The fit's prior, without knowledge of the candidates."""
-    own = solution.problem.prior(solution.values)
-    more = evaluation.jacobian.shape[-1] - solution.problem.freedoms - len(solution.values)
-    return Prior(own.cost, np.pad(own.gradient, (0, more)), np.pad(own.curvature, (0, more)))
-
-
 def _levels(solution: Solution, evaluation: Evaluation, prior: Prior, scale: float) -> list[Level]:
     """The linear model at the gap weight of the fit and at all tighter ones."""
     every = np.arange(len(prior.gradient))
@@ -271,7 +279,7 @@ def _levels(solution: Solution, evaluation: Evaluation, prior: Prior, scale: flo
     for weight in weights:
         level = level_of(solution.problem, weight)
         try:
-            step = level.eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
+            step = eliminate(level.system(evaluation, solution.values), 0.0, prior, still, still)
         except LinAlgError:  # tight joins of a chaotic motion exhaust the digits
             break
         gain = step.predicted - level.cost(evaluation, solution.values)
@@ -280,43 +288,6 @@ def _levels(solution: Solution, evaluation: Evaluation, prior: Prior, scale: flo
         evidence = gain / scale - level.log_volume(step)
         found.append(Level(step.information, step.gradient, evidence, pieces(at, every)))
     return found
-
-
-def _judge(
-    solution: Solution, u: Uncertainty, suspects: Sequence[Suspect], levels: Sequence[Level], separate: np.ndarray
-) -> LawTests:
-    """The tests of all candidates, from the linear models and the information of separate windows."""
-    free = np.flatnonzero(~solution.problem.held_mask & ~u.at_bound)
-    candidates = len(solution.values) + np.arange(len(suspects))
-    alone = np.diag(eliminate_rows(separate, free, candidates)) / np.maximum(np.diag(separate)[candidates], 1e-300)
-    names = [p.name for p in solution.problem.parameters]
-    hidden = []
-    left = []
-    for i, suspect in enumerate(suspects):
-        twin = _nearest(separate, free, candidates[i])
-        if alone[i] > REMAINS:
-            left.append(i)
-        elif suspect.grows and twin is not None:
-            hidden.append((names[twin], suspect.name))
-    judge = Judge(solution, u, suspects, levels, free)
-    shown: list[LawTest] = []
-    given = free
-    while True:
-        rows = judge.test(left, given)
-        first = next((row for row in rows if row.test.p < LEVEL), None)
-        if first is None or len(shown) == MOST:
-            break
-        shown.append(replace(first.test, alike=judge.alike(first, rows, given)))
-        given = np.append(given, candidates[first.suspect])
-        left.remove(first.suspect)
-    for row in rows:
-        where = judge.hides_in(row, given)
-        if where is not None:
-            hidden.append((names[where], row.test.name))
-    included: dict[str, tuple[str, ...]] = {}
-    for name, force in hidden:
-        included[name] = (*included.get(name, ()), force)
-    return LawTests((*shown, *(row.test for row in rows)), included)
 
 
 class Row(NamedTuple):
@@ -329,18 +300,52 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Judge:
-    """Tests candidates of one fit; `free` are the numbers of its free parameters that are not at a bound."""
+    """Tests candidates of one fit.
+
+    Attributes:
+        levels: linear models at several gap weights.
+        separate: information of separate windows.
+        free: numbers of the free parameters that are not at a bound.
+        scale: variance of the noise and its memory.
+    """
 
     solution: Solution
     u: Uncertainty
     suspects: Sequence[Suspect]
     levels: Sequence[Level]
+    separate: np.ndarray
     free: np.ndarray
+    scale: float
 
-    @property
-    def scale(self) -> float:
-        """Variance of the noise and its memory."""
-        return self.u.noise**2 * self.solution.problem.memory
+    def judge(self) -> LawTests:
+        """The tests of all candidates."""
+        candidates = len(self.solution.values) + np.arange(len(self.suspects))
+        rest = np.diag(eliminate_rows(self.separate, self.free, candidates))
+        alone = rest / np.maximum(np.diag(self.separate)[candidates], 1e-300)
+        names = self.solution.problem.names
+        included: dict[str, tuple[str, ...]] = {}
+        left = []
+        for i, suspect in enumerate(self.suspects):
+            twin = self._nearest(candidates[i])
+            if alone[i] > REMAINS:
+                left.append(i)
+            elif suspect.grows and twin is not None:
+                included[names[twin]] = (*included.get(names[twin], ()), suspect.name)
+        shown: list[LawTest] = []
+        given = self.free
+        while True:
+            rows = self.test(left, given)
+            first = next((row for row in rows if row.test.p < LEVEL), None)
+            if first is None or len(shown) == MOST:
+                break
+            shown.append(replace(first.test, alike=self.alike(first, rows, given)))
+            given = np.append(given, candidates[first.suspect])
+            left.remove(first.suspect)
+        for row in rows:
+            where = self.hides_in(row, given)
+            if where is not None:
+                included[names[where]] = (*included.get(names[where], ()), row.test.name)
+        return LawTests((*shown, *(row.test for row in rows)), included)
 
     def test(self, left: Sequence[int], given: np.ndarray) -> list[Row]:
         """Tests of these suspects with the given parameters and candidates free: forces first, by decreasing gain."""
@@ -367,19 +372,27 @@ class Judge:
         if degrees < FEWEST:
             return None
         degrees += NOISE_DEGREES
+        change = float(moved[-1])
         error = float(errors[-1])
-        t = float(moved[-1]) / error
+        t = change / error
         if suspect.grows:
             p = float(stdtr(degrees, -t))
         else:
             p = 2 * float(stdtr(degrees, -abs(t)))
         own = moved[: len(self.free)]
-        names = [self.solution.problem.parameters[j].name for j in self.free]
-        moves = dict(zip(names, map(float, own), strict=True))
-        matters = _matters(self.solution, self.u, suspect, self.free, own, abs(moved[-1]))
+        names = self.solution.problem.names
+        moves = {names[j]: float(move) for j, move in zip(self.free, own, strict=True)}
+        off = np.abs(own)
+        if suspect.of is not None:  # a changing coefficient is off by its own spread
+            off = np.where(self.free == suspect.of, np.maximum(off, abs(change)), off)
+        matters = bool(np.any(off > self._noticed(ERRORS)))
         gain = max(evidence) - without
-        test = LawTest(suspect.name, suspect.free, float(moved[-1]), error, t, p, moves, gain, matters)
-        return Row(test, i, level)
+        return Row(LawTest(suspect.name, suspect.free, change, error, t, p, moves, gain, matters), i, level)
+
+    def _noticed(self, errors: float) -> np.ndarray:
+        """Changes of the free parameters that exceed this number of their errors and a fraction of them."""
+        values = np.abs(self.solution.values[self.free])
+        return np.maximum(errors * self.u.std_error[self.free], SHARE * values)
 
     def alike(self, row: Row, rows: Sequence[Row], given: np.ndarray) -> tuple[str, ...]:
         """Names of other forces that are shown and that the traces cannot distinguish from one."""
@@ -398,11 +411,17 @@ class Judge:
         information = row.level.information
         slope = solve_spd(information[np.ix_(given, given)], information[given, mine])[: len(self.free)]
         largest = max(row.test.change, 0.0) + float(ndtri(EXCLUDED)) * row.test.error
-        least = np.maximum(HIDDEN * self.u.std_error[self.free], SHARE * np.abs(self.solution.values[self.free]))
-        ratio = np.abs(slope) * largest / least
+        ratio = np.abs(slope) * largest / self._noticed(HIDDEN)
         if not np.any(ratio > 1):
             return None
         return int(self.free[np.argmax(ratio)])
+
+    def _nearest(self, mine: int) -> int | None:
+        """The free parameter whose effect in separate windows is most like a candidate's; None without any effect."""
+        if not self.separate[mine, mine] > 0 or not len(self.free):
+            return None
+        size = np.sqrt(np.maximum(np.diag(self.separate), 1e-300))
+        return int(self.free[np.argmax(np.abs(self.separate[self.free, mine]) / size[self.free])])
 
 
 def _one_step(level: Level, chosen: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, int]:
@@ -422,25 +441,6 @@ def _one_step(level: Level, chosen: np.ndarray, scale: float) -> tuple[np.ndarra
     share = NOISE_DEGREES / (NOISE_DEGREES + max(degrees, 0))
     variance = share * least + (1 - share) * np.diag(scatter)
     return moved, np.sqrt(np.maximum(variance, least)), degrees
-
-
-def _matters(
-    solution: Solution, u: Uncertainty, suspect: Suspect, free: np.ndarray, moved: np.ndarray, size: float
-) -> bool:
-    """Whether a reported value changes by more than its errors and a fraction of it; a changing coefficient is off by
-    its own spread."""
-    change = np.abs(moved)
-    if suspect.of is not None:
-        change = np.where(free == suspect.of, np.maximum(change, size), change)
-    return bool(np.any(change > np.maximum(ERRORS * u.std_error[free], SHARE * np.abs(solution.values[free]))))
-
-
-def _nearest(information: np.ndarray, free: np.ndarray, mine: int) -> int | None:
-    """The free parameter whose effect is most like a candidate's; None without any effect."""
-    if not information[mine, mine] > 0 or not len(free):
-        return None
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    return int(free[np.argmax(np.abs(information[free, mine]) / size[free])])
 
 
 def freeing_option(test: LawTest, names: Sequence[str]) -> str:

@@ -75,7 +75,7 @@ def fit_short_windows(
         windows = at.cut(min(high - low for _, low, high in pieces), pieces)
     except SceneError:
         return Misfit(np.array([np.inf]), np.inf, prepared.values)
-    names = [p.name for p in prepared.parameters]
+    names = prepared.names
     damping = np.array([name.startswith(DAMPING_PATHS) for name in names])
     free = damping | [name.startswith(tuple(paths)) for name in names]
     values = np.where(damping, [p.low for p in prepared.parameters], prepared.values)
@@ -126,7 +126,7 @@ def likely_cause(prepared: Prepared, pieces: Sequence[Span]) -> Cause:
 
 def _wrong_number(prepared: Prepared, pieces: Sequence[Span], given: float) -> Cause | None:
     """The number of the scene that explains most if it is free."""
-    free = [p.name for p in prepared.parameters]
+    free = prepared.names
     simulator = wide(prepared)
     best = max(LEAVES * given, EXPLAINED)
     cause = None
@@ -151,7 +151,7 @@ def _plausible(parameters: Sequence[Parameter], values: np.ndarray) -> bool:
 
 def free_too(prepared: Prepared, paths: Sequence[str]) -> str:
     """The option that also frees these paths."""
-    return f"free them: {free_option([p.name for p in prepared.parameters], paths)}"
+    return f"free them: {free_option(prepared.names, paths)}"
 
 
 def _driven_beginning(prepared: Prepared, length: float) -> Cause | None:

@@ -68,7 +68,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
     """
     # with the noise claimed by the traces: the residuals of a jump would count as noise
     windows = replace(prepared.windows, substeps=solution.windows.substeps)
-    fitted = (solution.windows.weight > 0).any(axis=(1, 2))
+    fitted = np.any(solution.windows.weight > 0, axis=(1, 2))
     right = np.flatnonzero(windows.follows)
     if not len(right):
         return None
@@ -79,7 +79,7 @@ def lost_frames(prepared: Prepared, solution: Solution) -> Lost | None:
         return None
     best = SHOWN
     where = None
-    half = (windows.weight > 0).any(axis=2).sum(axis=1) // 2  # none of windows that were not fitted
+    half = np.any(windows.weight > 0, axis=2).sum(axis=1) // 2  # none of windows that were not fitted
     for pair, times in enumerate(both.times()):
         slots = np.flatnonzero(np.r_[True, np.diff(times) > 0])
         slots = slots[np.argsort(times[slots])]

@@ -25,7 +25,6 @@ from fitting.estimate.least_squares import fit_starts, fit_windows, window_costs
 from fitting.estimate.loss import LEAST_SQUARES, Loss, initial_loss
 from fitting.estimate.noise import Noise
 from fitting.estimate.residuals import Problem, Solution
-from fitting.estimate.shooting import gaps
 from fitting.estimate.uncertainty import start_covariances
 from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts, pick, with_rows
 
@@ -93,7 +92,7 @@ def recover_windows(
     jump: tuple[int, float] | None = None
     for last in (False,) * ROUNDS + (True,):
         if solution.status != "ok":
-            solution = refit_starts(solution)
+            solution = _with_starts(solution, np.ones(solution.windows.count, bool), solution.starts)
         lost = lost_windows(solution) & ~_windows_at(solution.windows, jump)
         if not lost.any():
             break
@@ -123,11 +122,6 @@ def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
     """The windows (K,) bool that contain a given time of a run, and those that start or end there."""
     run, time = jump or (-1, 0.0)
     return (windows.run == run) & (windows.begin - windows.dt <= time) & (time <= windows.ends + windows.dt)
-
-
-def refit_starts(solution: Solution) -> Solution:
-    """The solution with the start of each window fitted alone with fixed parameters."""
-    return _with_starts(solution, np.ones(solution.windows.count, bool), solution.starts)
 
 
 def restart(prepared: Prepared, solution: Solution, lost: np.ndarray) -> Solution:
@@ -198,7 +192,7 @@ def break_far_gaps(prepared: Prepared, solution: Solution) -> Prepared:
     windows = solution.windows
     if windows.follows.sum() < FEWEST_GAPS or solution.status != "ok":
         return prepared
-    found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
+    found = solution.problem.gaps(solution.evaluation, solution.values)
     covariance, _ = start_covariances(solution)
     spread = found.before @ covariance[found.left] @ np.swapaxes(found.before, 1, 2)
     spread += found.after @ covariance[found.left + 1] @ np.swapaxes(found.after, 1, 2)

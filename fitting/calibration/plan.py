@@ -14,20 +14,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.toml_text import jsonable
+from dropper_jax.base.toml_text import Json, jsonable
 from dropper_jax.load.scene import load_scene
 from dropper_jax.run.build import SceneLike
 from fitting.calibration.preparation import prepare
 from fitting.estimate.factors import invert_spd
-from fitting.estimate.least_squares import fit_windows
+from fitting.estimate.least_squares import Objective, fit_windows
 from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Problem
-from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE, JoinedWindows
+from fitting.estimate.shooting import SAME_EVIDENCE, SCHEDULE
 from fitting.estimate.windows import PER_WINDOW, Windows, pick
 from fitting.parameters.names import full_names
 from fitting.traces.synthetic import Camera, observe, simulate_truth
@@ -56,7 +55,7 @@ class Planned:
     score: float
     gap_weight: float
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Json:
         """Plain values."""
         return jsonable(
             {
@@ -127,7 +126,7 @@ def plan(
             )
             for duration in durations:
                 errors, weight = _errors(problem, there.evaluation, prepared.values, duration, gap_weight)
-                by_name = {p.name: float(e) for p, e in zip(problem.parameters, errors, strict=True)}
+                by_name = dict(zip(problem.names, map(float, errors), strict=True))
                 mine = []
                 for name, e in by_name.items():
                     if any(name == a or name.startswith(f"{a}.") for a in asked):
@@ -155,7 +154,7 @@ def _errors(
 
 def at_weight(problem: Problem, evaluation: Evaluation, values: np.ndarray, weight: float) -> Step:
     """The Gauss-Newton step of joined windows at one weight of the gaps; its information is the inverse covariance."""
-    step = JoinedWindows(problem, weight).undamped_step(evaluation, values, 0.0)
+    step = Objective(problem, weight).undamped_step(evaluation, values, 0.0)
     if step is None:
         raise SceneError("free: the parameters are not identifiable from these traces. Use fewer of them, or priors")
     return step

@@ -76,7 +76,7 @@ def predict(result: FitResult, run: int = 0) -> Prediction | None:
     trace = result.traces[run]
     begin = float(windows.begin[first])
     # the clock changes at lost frames
-    lost = (result.parameters[i].where for i in losses(result.parameters))
+    lost = losses(result.parameters).values()
     end = min([trace.t[-1], *(frame.time for frame in lost if frame.run == run)])
     inside = (trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9)
     t = trace.t[inside]

@@ -16,8 +16,14 @@ from dropper_jax.base.errors import Progress, SceneError, nearest, silent
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import SceneLike, build
-from fitting.calibration.spans import check_spans, check_step, fitted_spans, time_step, without_held_starts
-from fitting.calibration.window_length import SHORTEST_PART, follow_motion, longest_window
+from fitting.calibration.spans import (
+    advice_on_rest,
+    check_spans,
+    check_step,
+    fitted_spans,
+    time_step,
+    without_held_starts,
+)
 from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_file
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise
@@ -26,8 +32,19 @@ from fitting.estimate.residuals import Descent, Problem, Solution
 from fitting.estimate.rest import Rest, rests
 from fitting.estimate.shooting import lyapunov, transitions
 from fitting.estimate.simulator import Simulator, choose_stepper
-from fitting.estimate.still import advice_on_rest
-from fitting.estimate.windows import Piece, Span, Starts, Windows, cut, fewest_frames, fill, first_starts
+from fitting.estimate.windows import (
+    SHORTEST_PART,
+    Piece,
+    Span,
+    Starts,
+    Windows,
+    cut,
+    fewest_frames,
+    fill,
+    first_starts,
+    follow_motion,
+    longest_window,
+)
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import by_full_path, default_free, default_rig, full_names
 from fitting.parameters.of_scene import free_of_traces
@@ -301,6 +318,11 @@ class Prepared:
         return np.maximum(rounding / np.array(claimed), 1e-9)
 
     @property
+    def names(self) -> list[str]:
+        """Names of the free parameters."""
+        return [p.name for p in self.parameters]
+
+    @property
     def order(self) -> int:
         """Order of the scheme for which the windows' step was chosen."""
         return self.simulator.stepper.integrator.order
@@ -325,7 +347,7 @@ def prepare(
     held_out: Sequence[tuple[float, float]] = (),
     settings: FitSettings = AUTOMATIC,
     simulator: Simulator | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Prepared:
     """Read and check everything, cut windows, find their starts.
 
@@ -336,15 +358,16 @@ def prepare(
     compiled_before = 0.0
     if simulator is not None:
         compiled_before = simulator.compile_s
-    say = progress or silent
-    say(0.0, "reading")
+    progress(0.0, "reading")
     scene = load_scene(scene)
     names, rig, of_recordings = _free_names(scene, free, settings)
     scene = with_effects(scene, names)
     model, state = build(scene)
     check_planar(model, state)
     read, notes = read_traces(traces, model, settings, names)
-    release = release_of(scene, state, names, len(read), settings.static_start)
+    release = None
+    if settings.static_start or any(name.startswith("release.") for name in names):
+        release = release_of(scene, state, len(read))
     changed = by_full_path(scene, start, bounds, priors, (RECORDING,))
     parameters = free_of_traces(scene, model, [*names, *rig], release)
     if settings.same_motion:
@@ -354,7 +377,7 @@ def prepare(
         read = [motion.trace]
         parameters = (*parameters, *some_of(motion.parameters, of_recordings))
         delays = {p.name: p.value for p in motion.parameters if p.name.endswith(".delay")}
-        changed[0] |= {name: value for name, value in delays.items() if name in changed[0]}
+        changed.start.update({name: value for name, value in delays.items() if name in changed.start})
     elif of_recordings:
         raise SceneError(f"free: {of_recordings[0]!r}: only for recordings of one motion. Use --same-motion")
     parameters = adjust_parameters(parameters, *changed)
@@ -367,7 +390,7 @@ def prepare(
         simulator = simulator.view_of(parameters)
     plan = plan_windows(samples, simulator, settings)
     simulator.capacity = program_capacity(samples, plan)
-    say(0.02, f"windows of at most {plan.length:.3g} s: compiling")
+    progress(0.02, f"windows of at most {plan.length:.3g} s: compiling")
     values = np.array([p.value for p in parameters])
     first = windows_along_motion(samples, simulator, release, plan, values)
     check_effects(simulator, first, values)
@@ -514,7 +537,8 @@ def choose_samples(
     for i, trace in enumerate(traces):
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
-    found = Samples(traces, spans, sigma, held, rests(traces, sigma, rest), slowest, period, notes)
+    poses = rests(traces, sigma, rest) if rest else None
+    found = Samples(traces, spans, sigma, held, poses, slowest, period, notes)
     if not rest and not released:
         for trace, size in zip(found.observed, sigma, strict=True):
             notes += advice_on_rest(trace, size[: model.line.links], slowest)
@@ -597,7 +621,7 @@ def windows_along_motion(
 def check_effects(simulator: Simulator, first: FirstWindows, values: np.ndarray) -> None:
     """Reject parameters that change no angle."""
     slopes = simulator(values, first.starts, first.windows).jacobian[..., simulator.freedoms :]
-    for p, effective in zip(simulator.parameters, slopes.any(axis=(0, 1, 2)), strict=True):
+    for p, effective in zip(simulator.parameters, np.any(slopes, axis=(0, 1, 2)), strict=True):
         if not effective:
             raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")
 

@@ -17,8 +17,9 @@ from fitting.calibration.law_fits import Law
 from fitting.calibration.laws import DRAG, LawTest, LawTests, freeing_option
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.least_squares import fit_windows
-from fitting.estimate.noise import mean_by_run
-from fitting.estimate.residuals import Solution
+from fitting.estimate.noise import Noise, mean_by_run
+from fitting.estimate.normal_equations import Evaluation
+from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.shooting import SCHEDULE
 from fitting.estimate.windows import Span, Windows, first_starts
@@ -35,8 +36,9 @@ def score_held_out(
     pieces = []
     for i, part in parts:
         if len(part.t) > 2:
-            pieces.append((i, max(low, float(part.t[0])), min(high, float(part.t[-1]) + prepared.traces[i].interval)))
-    length = min(window_length(prepared, span), *(end - begin for _, begin, end in pieces))
+            end = min(high, float(part.t[-1]) + prepared.traces[i].interval)
+            pieces.append(Span(i, max(low, float(part.t[0])), end))
+    length = min(window_length(prepared, span), *(piece.high - piece.low for piece in pieces))
     windows = prepared.cut(length, pieces).pad_to(*_shape(prepared))
     return HeldOut(low, high, fit_starts(prepared, windows, values))
 
@@ -124,7 +126,7 @@ class Combination:
 
 
 @dataclass(kw_only=True)
-class FitResult(SceneFit):
+class FitResult(SceneFit[Problem, Evaluation]):
     """A calibrated model: the content of every fit (`SceneFit`), and that of windows of traces.
 
     Attributes:
@@ -198,7 +200,7 @@ class FitResult(SceneFit):
         noise = self.solution.problem.noise
         if noise is not None and noise.kind != "white":
             return not self.windows_join
-        return abs(self.uncertainty.correlation_1) > CORRELATED_MISFIT
+        return abs(self.uncertainty.correlation_1[0]) > CORRELATED_MISFIT
 
     @property
     def windows_join(self) -> bool:
@@ -224,9 +226,10 @@ class FitResult(SceneFit):
                 f"{self.left_out_share:.1%} of the samples lie in windows that no start explains. "
                 "Try a finer --dt or a shorter --window, or cut these stretches out"
             )
-        if self.status == "model_error":
-            names = [p.name for p in self.parameters]
-            found.append(f"the law is wrong: the trace shows {freeing_option(self.laws.wrong, names)}")
+        wrong = self.laws.wrong
+        if self.status == "model_error" and wrong is not None:
+            names = self.solution.problem.names
+            found.append(f"the law is wrong: the trace shows {freeing_option(wrong, names)}")
         if self.status == "misfit" and self.misses and not self.wrong_file:
             times = float(np.sqrt(self.chi2_per_dof))
             advice = "Try --auto-free, state a model_error in [fit], or accept it by --accept-misfit"
@@ -243,7 +246,7 @@ class FitResult(SceneFit):
                     "State them as model_error, as the tables of `dropper run` do, add a camera's noise "
                     "(fitting.traces.synthetic.observe) or accept it by --accept-misfit"
                 )
-            reason = f"neighbours correlate by {self.uncertainty.correlation_1:.2f}"
+            reason = f"neighbours correlate by {self.uncertainty.correlation_1[0]:.2f}"
             if not self.windows_join:
                 reason = "the windows of the fit do not join to one motion"
             found.append(
@@ -295,7 +298,7 @@ class FitResult(SceneFit):
         requested = {
             "descent": self.descent,
             "comparison": [row.to_json() for row in self.comparison],
-            "recordings": [row.to_json() for row in self.recordings],
+            "recordings": [asdict(row) for row in self.recordings],
             "law": self.comparison and verdict(self.comparison),
             "left_out": [
                 {"trace": self.traces[run].name, "from_s": low, "to_s": high} for run, low, high in self.left_out
@@ -342,14 +345,13 @@ class FitResult(SceneFit):
         `kept` is the fraction of its noise that a sample passes to the next one.
         """
         windows = self.windows
-        noise = self.solution.problem.noise
         known = windows.weight > 0
         square = mean_by_run(1 / np.where(known, windows.weight, 1.0) ** 2, known, windows.run, len(self.traces))
-        kind = "white" if noise is None else noise.kind
-        found: dict[str, Any] = {"kind": kind, "sigma_rad": np.sqrt(square)}
-        if kind == "correlated":
+        noise = self.solution.problem.noise or Noise.as_claimed(*square.shape)
+        found: dict[str, Any] = {"kind": noise.kind, "sigma_rad": np.sqrt(square)}
+        if noise.kind == "correlated":
             interval = np.array([trace.interval for trace in self.traces])[:, None]
             found["kept"] = np.exp(-noise.decay * interval)
-        if kind == "jitter":
+        if noise.kind == "jitter":
             found["delay_s"] = noise.delay
         return found

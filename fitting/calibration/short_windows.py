@@ -15,7 +15,7 @@ import numpy as np
 from fitting.calibration.likely_cause import fit_short_windows, likely_cause
 from fitting.calibration.preparation import Prepared
 from fitting.estimate.windows import Span
-from fitting.traces.conventions import Change, changes, in_model, late_columns, resting_angles, shift
+from fitting.traces.conventions import Change, changes, late_columns, resting_angles, shift
 from fitting.traces.planar import wrap
 from fitting.traces.trace import Convention, Trace
 
@@ -90,8 +90,8 @@ def _moving_pieces(prepared: Prepared) -> list[Span]:
 def _apply_change(trace: Trace, change: Change) -> Trace:
     """A trace in the model's convention, changed in the convention of its file."""
     at = Convention(trace.convention.zero or "horizontal", trace.convention.sign or 1, "rad")
-    raw = at.sign * in_model(trace.theta, replace(at, sign=1))
-    return replace(trace, theta=in_model(change.apply(raw), at), se=None)
+    raw = (at.sign or 1) * replace(at, sign=1).in_model(trace.theta)
+    return replace(trace, theta=at.in_model(change.apply(raw)), se=None)
 
 
 def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
@@ -100,9 +100,8 @@ def _resting_shifts(prepared: Prepared) -> Iterator[Change]:
     trace = prepared.traces[0]
     if model.end_held:
         return  # open frames were handled before
-    at = trace.convention
     mean = np.angle(np.nanmean(np.exp(1j * trace.theta), axis=0))
-    off = wrap(resting_angles(model) - mean) * (-at.sign if at.zero == "down" else at.sign or 1)
+    off = wrap(resting_angles(model) - mean) * trace.convention.turn
     for part in (0.7, 1.0, 1.3):  # the mean of a few swings differs from the angle at rest
         for j, by in enumerate(off):
             yield shift(j, part * float(by))

@@ -54,9 +54,10 @@ def warnings_of(prepared: Prepared, solution: Solution, u: Uncertainty, chi2: fl
             f"the motion of {prepared.traces[run].name} jumps at {at:.3f} s, as after a kick, a contact or lost frames"
             "; windows are not joined there"
         )
-    if u.inflation > 1 or abs(u.correlation_1) > 4 * CORRELATION_FLOOR:
+    correlation = float(u.correlation_1[0])
+    if u.inflation > 1 or abs(correlation) > 4 * CORRELATION_FLOOR:
         found.append(
-            f"residuals are not noise: neighbours correlate by {u.correlation_1:.2f}; standard errors were multiplied "
+            f"residuals are not noise: neighbours correlate by {correlation:.2f}; standard errors were multiplied "
             f"by up to {u.inflation:.2g}"
         )
     noise = solution.problem.noise
@@ -121,7 +122,7 @@ def summarise(prepared: Prepared, method: str, solution: Solution) -> FitResult:
     finer = replace(prepared, windows=replace(prepared.windows, substeps=windows.substeps))
     scored = finer.noisy(solution.problem.noise)
     laws = test_laws(prepared, solution, u)
-    rows = disagreements(prepared, solution)
+    rows = disagreements(prepared, solution) if prepared.traces[0].recordings else []
     compiled = simulator.compile_s - prepared.compiled_before
     return FitResult(
         scene=prepared.scene,

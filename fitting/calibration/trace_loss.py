@@ -37,6 +37,10 @@ class Blocks(NamedTuple):
     gp: jax.Array
 
 
+#: The best blocks so far, the next start and its damping.
+Trial = tuple[Blocks, jax.Array, jax.Array]
+
+
 class GaussNewton(NamedTuple):
     """A loss at parameters (k,): value, gradient (k,) and information (k, k), the starts of the windows eliminated."""
 
@@ -71,7 +75,7 @@ class TraceLoss:
 
     def __init__(self, prepared: Prepared) -> None:
         self.prepared, windows = prepared, prepared.windows
-        self.names = tuple(p.name for p in prepared.parameters)
+        self.names = tuple(prepared.names)
         self.params = jnp.asarray(prepared.values)
         self.low = jnp.array([p.low for p in prepared.parameters])
         self.high = jnp.array([p.high for p in prepared.parameters])
@@ -105,17 +109,17 @@ class TraceLoss:
         value, gradient = self.value_and_grad(*primals)
         return value, gradient @ tangents[0]
 
-    def residuals(self, params: jax.Array, starts: Starts) -> jax.Array:
+    def residuals(self, params: jax.Array, starts: Starts[jax.Array]) -> jax.Array:
         """Simulated minus measured angles over their noise (windows, samples, links), 0 where there is no sample."""
         found = jax.vmap(partial(self._derivatives, params))(*starts, self._basis, *self._samples)[0]
         return found.reshape(self.prepared.windows.theta.shape)
 
-    def _loss(self, params: jax.Array, starts: Starts) -> jax.Array:
+    def _loss(self, params: jax.Array, starts: Starts[jax.Array]) -> jax.Array:
         """Half of chi-square and the priors, at parameters (k,) and starts."""
         cost = jax.vmap(self._cost, in_axes=(None, *(0 for _ in range(8))))(params, *starts, *self._samples)
         return jnp.sum(cost) + self._prior(params)
 
-    def _gauss_newton(self, params: jax.Array, starts: Starts | None = None) -> GaussNewton:
+    def _gauss_newton(self, params: jax.Array, starts: Starts[jax.Array] | None = None) -> GaussNewton:
         """The loss with the starts at their optimum, its gradient and information by the parameters (k,).
 
         The elimination is written in JAX: `INNER` damped Gauss-Newton steps of every window's start in a `lax.scan`,
@@ -131,16 +135,16 @@ class TraceLoss:
         information = jnp.sum(best.C, axis=0) - eliminated[:, :-1] + jax.hessian(self._prior)(params)
         return GaussNewton(jnp.sum(best.cost) + prior, gradient, information)
 
-    def value_and_grad(self, params: jax.Array, starts: Starts | None = None) -> tuple[jax.Array, jax.Array]:
+    def value_and_grad(self, params: jax.Array, starts: Starts[jax.Array] | None = None) -> tuple[jax.Array, jax.Array]:
         """The loss with the starts at their optimum and its gradient (k,), as of `gauss_newton`."""
         found = self.gauss_newton(params, starts)
         return found.value, found.gradient
 
-    def best_starts(self, params: jax.Array, starts: Starts | None = None) -> Starts:
+    def best_starts(self, params: jax.Array, starts: Starts[jax.Array] | None = None) -> Starts[jax.Array]:
         """The starts at their optimum for these parameters, for example for the next call of `value_and_grad`."""
         return self._moved_starts(params, starts or self.starts)
 
-    def _move_starts(self, params: jax.Array, first: Starts) -> Starts:
+    def _move_starts(self, params: jax.Array, first: Starts[jax.Array]) -> Starts[jax.Array]:
         model = apply(self.prepared.simulator.model, self.prepared.parameters, params)
         z = self._best(params, first).z
         moves = jnp.einsum("kij,ksj->ski", self._basis, z.reshape(len(z), 2, -1))  # of angles and of rates
@@ -177,7 +181,7 @@ class TraceLoss:
         known += [(each.share @ params - 1) / each.sigma for each in self.prepared.known.common]
         return 0.5 * sum((one**2 for one in known), jnp.zeros((), params.dtype))
 
-    def _best(self, params: jax.Array, starts: Starts | None) -> Blocks:
+    def _best(self, params: jax.Array, starts: Starts[jax.Array] | None) -> Blocks:
         """Every window at the best start found, beginning at `starts`."""
         starts = starts or self.starts
         return jax.vmap(partial(self._best_start, params))(*starts, self._basis, *self._samples)
@@ -196,7 +200,7 @@ class TraceLoss:
             cross = own.T @ shared
             return Blocks(z, 0.5 * r @ r, own.T @ own, cross, shared.T @ shared, own.T @ r, shared.T @ r)
 
-        def trial(carry: tuple[Blocks, jax.Array, jax.Array], _: None) -> tuple[Any, None]:
+        def trial(carry: Trial, _: None) -> tuple[Trial, None]:
             best, z, damping = carry
             found = blocks(z)
             better = found.cost < best.cost
@@ -237,6 +241,6 @@ def loss_of_trace(
     """
     prepared = prepare(traces, scene, free, **options)
     if prepared.simulator.release is not None or losses(prepared.parameters):
-        name = next(p.name for p in prepared.parameters if p.name.startswith(("release.", "clock.lost")))
+        name = next(name for name in prepared.names if name.startswith(("release.", "clock.lost")))
         raise SceneError(f"free: {name!r} cannot be part of this loss. Use parameters of the model, or `fit`")
     return TraceLoss(prepared)

@@ -24,7 +24,6 @@ from fitting.calibration.candidate import Candidate
 from fitting.calibration.law_fits import OF_JOINTS, PARTS, scene_with_law, substeps_of, without_unused_parts
 from fitting.calibration.preparation import Prepared, fitted_parts
 from fitting.calibration.result import score_held_out, window_length
-from fitting.calibration.window_length import LONGEST
 from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.loss import Loss
 from fitting.estimate.noise import Noise, lag_one
@@ -32,7 +31,7 @@ from fitting.estimate.residual_noise import memory_of
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import degrees_of_freedom
-from fitting.estimate.windows import Span, Starts, pick, with_rows
+from fitting.estimate.windows import LONGEST, Span, Starts, pick, with_rows
 from fitting.parameters.parameter import Parameter, resolve
 from fitting.parameters.targets import all_joints
 
@@ -77,10 +76,12 @@ class Trials:
         windows = prepared.windows
         scored = scored_windows(prepared)
         self.spans = stretches(prepared, scored)
-        self.used, self.loss = ~scored, loss
+        self.used = ~scored
+        self.loss = loss
+        self.noise = Noise.as_claimed(*prepared.floor.shape)
         fitted = map(Span, windows.run, windows.begin, windows.ends)
         inside = fitted_parts(prepared.traces, list(fitted))
-        self.prepared = replace(prepared, traces=inside, held_out=tuple(span for _, *span in self.spans))
+        self.prepared = replace(prepared, traces=inside, held_out=tuple((low, high) for _, low, high in self.spans))
         self.windows = self.prepared.windows.pick(self.used)
 
     def weigh(self, errors: np.ndarray, weight: np.ndarray, run: np.ndarray, memory: float) -> None:
@@ -96,17 +97,18 @@ class Trials:
         self.claimed = self.prepared.windows.pick(self.used)
         self.windows = noise.apply_to(self.claimed, self.prepared.traces)
         self.prepared = replace(self.prepared, noise=noise)
+        self.noise = noise
 
     def fit(self, parameters: Sequence[Parameter], values: np.ndarray, starts: Starts) -> Solution:
         """A short fit of the windows that are not scored."""
         at = self.prepared.with_parameters(parameters, values)
-        problem = at.problem(self.loss).with_noise(at.noise, self.windows, values)
+        problem = at.problem(self.loss).with_noise(self.noise, self.windows, values)
         return fit_windows(problem, values, starts, iterations=TRIAL_ITERATIONS)
 
     def score(self, solution: Solution) -> float:
         """Mean logarithm of the RMS errors [rad] of the windows of all scored stretches."""
         at = self.prepared.with_parameters(solution.problem.parameters, solution.values)
-        held = [score_held_out(at, solution.values, span, [run]).solution for run, *span in self.spans]
+        held = [score_held_out(at, solution.values, (low, high), [run]).solution for run, low, high in self.spans]
         known = np.concatenate([(one.windows.weight > 0).sum(axis=(1, 2)) for one in held])
         square = np.concatenate([np.sum(one.errors**2, axis=(1, 2)) for one in held])
         return float(np.mean(0.5 * np.log(np.maximum(square[known > 0] / known[known > 0], 1e-24))))
@@ -150,7 +152,7 @@ def with_full_law(prepared: Prepared, solution: Solution) -> tuple[Prepared, lis
     scene = prepared.scene
     own = prepared.simulator
     given = scene.effects.get("joint_friction", {})
-    free = {p.name for p in prepared.parameters}
+    free = prepared.names
     zero = {part: 0.0 for part in OF_JOINTS if PARTS[part] in free}
     dry = given.get("dry") is not None or own.model.line.compound
     scene = scene_with_law(scene, dry, zero, OF_JOINTS)
@@ -201,7 +203,7 @@ def free_groups(
         return None
     best = search.best
     at = trials.prepared.with_parameters(best.problem.parameters, best.values)
-    scene = without_unused_parts(at.scene, before.scene, [p.name for p in at.parameters])
+    scene = without_unused_parts(at.scene, before.scene, at.names)
     at = replace(
         at,
         scene=scene,
@@ -347,4 +349,4 @@ def _candidate(group: Group, factor: float, solution: Solution) -> Candidate:
     changes = {p.name: solution.by_name[p.name] - p.value for p in group.parameters}
     errors = {name: float(max(error[name], 1e-300)) for name in changes}
     name = f"{group.name} (held-out error {factor:.2f} times larger without)"
-    return Candidate(name, tuple(changes), changes, errors, float(np.log(factor)), 0.0)
+    return Candidate(name, tuple(changes), changes, errors, float(np.log(factor)))

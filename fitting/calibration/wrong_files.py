@@ -21,7 +21,6 @@ from fitting.parameters.names import DAMPING, free_option
 from fitting.traces.conventions import (
     Change,
     changes,
-    in_model,
     late_columns,
     missing_reach,
     off_rest,
@@ -73,8 +72,8 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     every = [Convention(zero, int(sign), "rad") for zero, sign in product(ZEROS, SIGNS)]
     allowed = [c for c in every if named.zero in (None, c.zero) and named.sign in (None, c.sign)]
     rows = unit * trace.theta
-    own = min(allowed, key=lambda c: _opening(model, in_model(rows, c)))
-    given = _opening(model, in_model(rows, own))
+    own = min(allowed, key=lambda c: _opening(model, c.in_model(rows)))
+    given = _opening(model, own.in_model(rows))
     if given <= OPEN:
         return []
     moves = any(part in name for name in free for part in GEOMETRY)
@@ -85,21 +84,21 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
     for at in (at for at in every if at not in allowed):
         words = f"angles count as zero={at.zero}, sign={at.sign}"
         tried.append((Change(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
-    tried = [(_opening(model, in_model(change.apply(rows), at)), change, at) for change, at in tried]
+    tried = [(_opening(model, at.in_model(change.apply(rows))), change, at) for change, at in tried]
     best = min(left for left, _, _ in tried)
     apart = f"the links at their angles end {_distance(model, given)} m from the second hook"
     if best < min(OPEN, CLOSES * given):
         # of changes that close equally well, the one with links that hang as at rest
         alike = [one for one in tried if one[0] < 1.5 * best + 1e-3]
         rest = resting_angles(model)
-        off = [round(off_rest(in_model(change.apply(rows), at), rest), 2) for _, change, at in alike]
+        off = [round(off_rest(at.in_model(change.apply(rows)), rest), 2) for _, change, at in alike]
         left, change, _ = alike[int(np.argmin(off))]
         words = f"{change.mistake}, as it seems: {apart} as given, {_distance(model, left)} m without this mistake"
         if given <= TOO_OPEN:  # a camera rolled by 2 degrees opens them as far, and a fit may free its roll
             return [f"{trace.name}: {words}: {change.fix}, or free what opens them (--auto-free)"]
         raise SceneError(f"{trace.name}: {words}. To correct it: {change.fix}")
     if given > TOO_OPEN and not moves:
-        cause = _open_cause(model, in_model(rows, own), free)
+        cause = _open_cause(model, own.in_model(rows), free)
         raise SceneError(f"{trace.name}: {apart} in the median frame; likeliest cause: {cause}")
     return [f"{trace.name}: {apart} in the median frame: check lengths, hooks and the zeros of the angles"]
 
@@ -148,13 +147,12 @@ def _distance(model: Model, opening: float) -> str:
 
 def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Change]:
     """Shifts of one column, or of all, that close the frames best."""
-    angle = in_model(theta, at)
+    angle = at.in_model(theta)
     angle = angle[np.isfinite(angle).all(axis=1)]
     missing = missing_reach(model, angle)
     link = np.asarray(model.line.length) * np.exp(1j * angle)
-    turn = -at.sign if at.zero == "down" else at.sign
     for j, reach in [*enumerate(link.T), (None, link.sum(axis=1))]:
-        yield shift(j, turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
+        yield shift(j, at.turn * float(np.angle(np.sum((missing + reach) * reach.conj()))))
 
 
 #: Half width of the smoother of the energy, as a fraction of the shortest link's period.

@@ -11,6 +11,7 @@ from scipy.special import stdtrit
 
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import Scene
+from fitting.channels.problem import Evaluation, Problem
 from fitting.channels.setup import setup_with_directions
 from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import SceneFit
@@ -165,7 +166,7 @@ VERDICTS = {"yes": "", "no": "not determined", "prior": "by its prior alone", "u
 
 
 @dataclass(kw_only=True)
-class ChannelFit(SceneFit):
+class ChannelFit(SceneFit[Problem, Evaluation]):
     """A scene fitted to channels: the content of every fit (`SceneFit`), and that of channels.
 
     Attributes:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import bullets
 from dropper_jax.base.memory import available_cores
+from dropper_jax.base.read import Table
 from dropper_jax.cli.given import output_folder, positive_integer
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.printing import FAILED, OK, done_object, listing, print_result, progress
+
+if TYPE_CHECKING:
+    from fitting.farm.site import Site
 
 help = "run the load cases of a site and report the utilisation of each part"
 
@@ -59,29 +63,34 @@ def run(args: argparse.Namespace) -> int:
     from fitting.farm.cases.run import run_cases
     from fitting.farm.cases.step_errors import step_errors
 
+    folder = Path(args.out)
     dt = site.prepared().run.step
-    how = {"workers": args.workers or available_cores(), "scheduler": args.scheduler, "progress": progress(args.quiet)}
+    how: Table = {
+        "workers": args.workers or available_cores(),
+        "scheduler": args.scheduler,
+        "progress": progress(args.quiet),
+    }
     try:
-        done = run_cases(site, out, dt=dt, **how)
-        found = assess(site, out, dt)
-        steps = step_errors(site, out, dt, found, **how)
+        done = run_cases(site, folder, dt=dt, **how)
+        found = assess(site, folder, dt)
+        steps = step_errors(site, folder, dt, found, **how)
     except CasesStopped as error:
         return print_result(args, {}, failure=("interrupted", str(error)))
-    found = assess(site, out, dt, steps)
-    files = write_page(found, out)
-    found |= {"out": str(out), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
+    found = assess(site, folder, dt, steps)
+    files = write_page(found, folder)
+    found |= {"out": str(folder), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
     print_result(args, found, text(found, files))
     return FAILED if found["failed"] else OK
 
 
-def _list(site: Any, args: argparse.Namespace) -> int:
+def _list(site: Site, args: argparse.Namespace) -> int:
     names = [storm.name for storm in site.storms]
     found = done_object(site=site.name, cases=names, runs=len(site.cases))
     lines = [*(f"{i}  {label}" for i, label in enumerate(names)), f"\ncases: {len(names)}, runs: {len(site.cases)}"]
     return print_result(args, found, "\n".join(lines))
 
 
-def text(found: dict[str, Any], files: dict[str, Path]) -> str:
+def text(found: Table, files: dict[str, Path]) -> str:
     """The result as text."""
     storms = {case["case"]: case["name"] for case in found["cases"]}
     pairs = [("cases", f"{len(found['cases'])}, {found['runs']} runs, {found['resumed']} of them resumed")]

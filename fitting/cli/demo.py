@@ -16,12 +16,13 @@ title = "calibrating synthetic traces of scenarios A, B and C"
 
 def run_part(folder: Path, progress: Progress | None) -> DemoPart:
     """The calibration part of `dropper demo`."""
+    from dropper_jax.base.errors import silent
     from dropper_jax.base.markdown import markdown_table
     from dropper_jax.cli.demo import DemoPart
     from fitting.report.example import EXAMPLE, LABEL, calibrate_synthetic, calibrated_rows
     from fitting.report.tables import summary
 
-    result = calibrate_synthetic(folder, EXAMPLE, progress=progress)
+    result = calibrate_synthetic(folder, EXAMPLE, progress=progress or silent)
     rows = calibrated_rows(result, EXAMPLE)
     heading = f"Calibration of {len(result.traces)} runs together ({LABEL})"
     status = result.outcome

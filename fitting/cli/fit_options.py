@@ -196,8 +196,11 @@ OF_TRACES = {
 def held_out_spans(text: str | None, option: str = "--held-out") -> list[tuple[float, float]]:
     """Spans [s] of `lo:hi,lo:hi`."""
     reason = "is not lo:hi; allowed: spans in s such as 40:45,45:50"
-    parts = filter(None, (text or "").split(","))
-    return [tuple(read_numbers(part, option, reason, ":", 2)) for part in parts]
+    found = []
+    for part in filter(None, (text or "").split(",")):
+        low, high = read_numbers(part, option, reason, ":", 2)
+        found.append((low, high))
+    return found
 
 
 def _pairs(option: str, texts: list[str]) -> list[tuple[str, str]]:
@@ -232,7 +235,8 @@ def _bounds(name: str, text: str) -> tuple[float | None, float | None]:
     low, colon, high = text.partition(":")
     if not colon:
         raise SceneError(f"--bounds: {name}={text!r} is not a range; allowed: NAME=LOW:HIGH, one end may be omitted")
-    return tuple(_number("bounds", name, end) if end.strip() else None for end in (low, high))
+    ends = [_number("bounds", name, end) if end.strip() else None for end in (low, high)]
+    return ends[0], ends[1]
 
 
 def _prior(name: str, text: str) -> tuple[float, float]:

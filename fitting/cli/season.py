@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from dropper_jax.base.markdown import bullets
+from dropper_jax.base.read import Table
 from dropper_jax.cli.given import output_folder
 from dropper_jax.cli.options import add_effects, add_examples, add_json, add_quiet, register_effects
 from dropper_jax.cli.outputs import add_plot, picture
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     return print_result(args, found, text(found))
 
 
-def text(found: dict[str, Any]) -> str:
+def text(found: Table) -> str:
     """The result as text."""
     pairs = []
     for row in found["months"]:

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     if args.plot and found.finite:
         from fitting.sensitivity.tornado import global_picture, local_picture
 
-        if args.method:
+        if isinstance(found, sensitivity.Global):
             global_picture(found, args.of, picture(args.plot, "tornado"))
         else:
             local_picture(found, picture(args.plot, "tornado"))

@@ -127,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
             result = sweep(scene, vary, args.out, traces=args.traces, **options)
     except SweepStopped as error:
         return print_result(args, {}, failure=("interrupted", str(error)))
-    fitted = _fit(args, scene, scores) if args.fit else None
+    fitted = _fit(args, scene, scores) if scores and args.fit else None
     warnings = [*(scores.warnings if scores else []), *result.verdict.warnings]
     print_warnings(warnings)
     failed = sum(count for status, count in result.counts.items() if status not in ("ok", "pending"))

@@ -69,15 +69,18 @@ def run(args: argparse.Namespace) -> int:
         value = getattr(args, key)
         if value is not None and not (0 < value < math.inf):
             raise SceneError(f"--{key}: {value:g} is out of range; allowed: > 0 {unit}")
-    out = output_file(args.out or f"{Path(args.video).stem}.csv", "--out", (".csv",))
+    out = Path(args.out or f"{Path(args.video).stem}.csv")
+    output_file(out, "--out", (".csv",))
     positions = output_file(args.positions, "--positions", (".csv",))
     overlay = output_file(args.overlay, "--overlay", (".png", ".avi", ".mp4"))
 
     allowed = "is not X,Y; allowed: pixels such as 120,85"
-    if args.start is None:
-        start = None
-    else:
-        start = [read_numbers(text, "--start", allowed, count=2) for text in args.start]
+    start = None
+    if args.start is not None:
+        start = []
+        for text_of_node in args.start:
+            x, y = read_numbers(text_of_node, "--start", allowed, count=2)
+            start.append((x, y))
 
     from fitting.films.ordering import AmbiguousOrderError
     from fitting.films.overlay import write_overlay

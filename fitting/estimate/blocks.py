@@ -24,7 +24,6 @@ import numpy as np
 from fitting.estimate.factors import invert_spd, scale_diagonal, solve_spd
 from fitting.estimate.normal_equations import Evaluation, Step
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import gaps
 
 #: Minimum number of blocks, for any memory of the scores.
 FEWEST = 4
@@ -74,7 +73,7 @@ def pieces(solution: Solution, free: np.ndarray) -> Pieces:
     rows = [(number(timing.t, timing.run)[known], weighted_score[known], square[known])]
     if solution.gap_weight and solution.windows.follows.any():
         windows = solution.windows
-        found = gaps(solution.problem.simulator, windows, solution.evaluation, solution.values)
+        found = solution.problem.gaps(solution.evaluation, solution.values)
         left = found.left
         right = found.left + 1
         along = solution.eliminated

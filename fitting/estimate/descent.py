@@ -33,8 +33,8 @@ from scipy.linalg import eigvalsh, solve_triangular
 
 from dropper_jax.base.errors import Progress, SceneError, nearest
 from fitting.estimate.factors import cholesky_root
-from fitting.estimate.least_squares import Point, Separate
-from fitting.estimate.normal_equations import Step
+from fitting.estimate.least_squares import Objective, Point
+from fitting.estimate.normal_equations import Normal, Step
 
 #: Steps between restarts of an optimizer without a line search (Loshchilov and Hutter 2017: adam's cosine decay).
 CYCLE = 20
@@ -126,11 +126,11 @@ class GradientDescent:
     @property
     def transformation(self) -> optax.GradientTransformation:
         """The optimizer in optax, whose updates are compiled."""
-        if self.name == "optax":
-            return self.optimizer
-        return _compiled(self.name, self.rate)
+        if isinstance(self.optimizer, str):
+            return _compiled(self.optimizer, self.rate)
+        return self.optimizer
 
-    def mover(self, objective: Separate, count: int = 0) -> GradientSteps:
+    def mover(self, objective: Objective, count: int) -> GradientSteps:
         """Its steps on an objective, after this number of evaluations."""
         return GradientSteps(self, objective, count)
 
@@ -155,7 +155,7 @@ class Coordinates:
             errors from the minimum and the other one only a few.
     """
 
-    def __init__(self, descent: GradientDescent, objective: Separate, point: Point, newton: Step, free: np.ndarray):
+    def __init__(self, descent: GradientDescent, objective: Objective, point: Point, newton: Step, free: np.ndarray):
         self.descent, self.free, self.taken = descent, free, 0
         if descent.preconditioner == "size":
             scale = np.array([p.scale for p in objective.problem.parameters])[free]
@@ -211,7 +211,7 @@ class GradientSteps:
         damping: of the next step of the starts.
     """
 
-    def __init__(self, descent: GradientDescent, objective: Separate, count: int = 0) -> None:
+    def __init__(self, descent: GradientDescent, objective: Objective, count: int) -> None:
         self.descent, self.objective, self.count, self.taken = descent, objective, count, 0
         self.why = f"{objective.goal} in {descent.steps} steps of {descent.name}. Use more steps"
         self.damping, self.first = objective.damping, np.inf
@@ -231,18 +231,20 @@ class GradientSteps:
         part = INTERMEDIATE if close > ARRIVED**2 else 1.0
         return moved < max(INTERMEDIATE * close, ARRIVED**2) and decrease < part * self.objective.little()
 
-    def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
+    def move(self, point: Point, system: Normal, newton: Step | None, near: bool) -> Point | None:
         if self.taken == 0:
             self.first = point.cost
         if self.taken == self.descent.steps or newton is None:
             return None
         free = self._free(point, newton)
-        if self.x is None or self.x.is_outdated(newton, free):
-            self.x = Coordinates(self.descent, self.objective, point, newton, free)
-        found = self._next(point, newton)
-        if found is None and self.x.taken > 1:  # its memory of earlier steps is misleading
-            self.x = Coordinates(self.descent, self.objective, point, newton, free)
-            found = self._next(point, newton)
+        x = self.x
+        if x is None or x.is_outdated(newton, free):
+            x = Coordinates(self.descent, self.objective, point, newton, free)
+        found = self._next(x, point, system, newton)
+        if found is None and x.taken > 1:  # its memory of earlier steps is misleading
+            x = Coordinates(self.descent, self.objective, point, newton, free)
+            found = self._next(x, point, system, newton)
+        self.x = x
         if found is None:
             self.why = ""
             return None
@@ -273,10 +275,10 @@ class GradientSteps:
         steps = f"{self.taken} steps of {descent.name}"
         return f"the loss {size} after {steps} with learning rate {descent.rate:g}. {advice}"
 
-    def _next(self, point: Point, newton: Step) -> Point | None:
+    def _next(self, x: Coordinates, point: Point, system: Normal, newton: Step) -> Point | None:
         """The next point; None if a line search finds none."""
         problem = self.objective.problem
-        direction = self.x.step(point.values, newton.gradient)
+        direction = x.step(point.values, newton.gradient)
         low, high = problem.bounds(point.values)
         span = np.where(direction > 0, high - point.values, low - point.values)
         ahead = (direction != 0) & (span != 0)
@@ -293,22 +295,22 @@ class GradientSteps:
             # starts follow the parameters; a shorter step also withholds more of their own move
             damping = self.damping * 10.0**trial
             part = SHORTER**trial
-            found = self._moved(point, part * direction, damping)
+            found = self._moved(point, system, part * direction, damping)
             if found is not None and (not searched or found.cost <= point.cost + ENOUGH * part * slope):
                 return self._accepted(found, damping)
         # far from the minimum of the starts a step of the parameters changes the loss by less than the starts do
-        found = self._moved(point, 0 * direction, self.damping)
+        found = self._moved(point, system, 0 * direction, self.damping)
         if found is not None and found.cost < point.cost:
             return self._accepted(found, self.damping)
         return None
 
-    def _moved(self, point: Point, change: np.ndarray, damping: float) -> Point | None:
+    def _moved(self, point: Point, system: Normal, change: np.ndarray, damping: float) -> Point | None:
         """The point after a change (k,) of the parameters, which the starts follow; None if they cannot."""
         objective = self.objective
         problem = objective.problem
         nowhere = 0 * point.values
         self.count += 1
-        step = objective.solve(point.system, point.values, damping, nowhere, nowhere)
+        step = objective.solve(system, point.values, damping, nowhere, nowhere)
         if step is None:
             return None
         low, high = problem.bounds(point.values)

@@ -7,13 +7,14 @@ by damped steps of the equations in `normal_equations`.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from dataclasses import replace
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.normal_equations import Evaluation, Joined, Normal, Step, eliminate, normal_blocks
+from fitting.estimate.normal_equations import Evaluation, Normal, Step, eliminate, join, normal_blocks
 from fitting.estimate.residuals import Problem, Residuals, Solution, Visited
 from fitting.estimate.windows import Starts, pick, with_rows
 
@@ -27,62 +28,81 @@ LARGEST_DAMPING = 1e8
 
 #: Limit of a remaining step that does not lower the cost: switching of dry friction makes the cost non-smooth. Measured
 #: double pendulum: jumps of 1e-8 to 1e-4 of the cost, remaining steps of 0.015 to 0.083 standard errors; three links
-#: with dry joints: 0.12. The limit is 0.3 standard errors.
+#: with dry joints: 0.12. The limit is 0.3 standard errors. Window starts that are far off predict more than the
+#: standard deviation of chi-square itself, about the root of the samples, even if the parameters are fixed.
 SWITCHING_STEP = 0.3
 
 
-def nearly_there(moved: float, decrease: float, samples: int) -> bool:
-    """Whether a step that does not lower the cost indicates a non-smooth cost, not a step that is too long.
+#: Damping of the first step, of separate and of joined windows.
+FIRST_DAMPING = 1e-3
+JOINED_DAMPING = 1e-4
+#: Accuracy of intermediate gap weights: parameters within 0.2 standard errors, evidence within 0.25. Only the chosen
+#: weight is solved to the end.
+INTERMEDIATE = 0.2**2
+LITTLE = 0.5
+
+
+class Objective:
+    """Cost and steps of windows that are separate, or joined by gaps of one weight.
 
     Args:
-        moved: length of the step, in standard errors, squared.
-        decrease: predicted decrease of chi-square. Window starts that are far off predict more than the standard
-            deviation of chi-square itself, about the root of the samples, even if the parameters are fixed.
+        weight: of the gaps; None: the windows are separate.
+        intermediate: whether the descent only has to be accurate enough for the choice of the weight.
+
+    Attributes:
+        damping: of the first step.
+        goal: message if the descent does not converge.
+        close: convergence limit of the parameters' next step in standard errors, squared.
     """
-    return moved < (SWITCHING_STEP**2) and decrease < np.sqrt(samples)
 
-
-class Separate:
-    """Cost and steps of independent windows."""
-
-    #: Damping of the first step, and the message if the descent does not converge.
-    damping = 1e-3
-    goal = "no convergence"
-    #: Weight of the gaps between windows; None: they are not joined.
-    weight: float | None = None
-    #: Convergence limits at the minimum: the parameters' next step in standard errors, squared, and its decrease of
-    #: chi-square.
-    close = STEP_TOLERANCE
+    def __init__(self, problem: Residuals, weight: float | None = None, intermediate: bool = False) -> None:
+        self.problem = problem
+        self.weight = weight
+        self.intermediate = intermediate
+        self.close = INTERMEDIATE if intermediate else STEP_TOLERANCE
+        self.damping = FIRST_DAMPING
+        self.goal = "no convergence"
+        if weight is not None:
+            self.damping = JOINED_DAMPING
+            self.goal = f"no convergence at gap weight {weight:g}"
 
     def little(self) -> float:
         """Permitted remaining decrease of chi-square: well below its own standard deviation."""
+        if self.intermediate:
+            return LITTLE
         return DECREASE_TOLERANCE * float(np.sqrt(self.problem.samples))
-
-    def __init__(self, problem: Residuals) -> None:
-        self.problem = problem
 
     def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
         """The objective; infinite if the motion is not finite."""
-        return self.problem.data_cost(evaluation) + self.problem.prior(values).cost
+        total = self.problem.data_cost(evaluation) + self.problem.prior(values).cost
+        if not np.isfinite(total):
+            return np.inf
+        if self.weight is None:
+            return total
+        value = self.problem.gaps(evaluation, values).value
+        return total + 0.5 * float(np.sum((value / self.weight) ** 2))
 
     def unit(self, evaluation: Evaluation, cost: float) -> float:
         """Variance of the noise in units of the assumed one, multiplied by the memory of the samples."""
+        if self.weight is not None:
+            cost = self.problem.data_cost(evaluation)
         return 2 * cost / max(self.problem.samples, 1) * self.problem.memory
 
-    def system(self, evaluation: Evaluation, values: np.ndarray) -> Normal | Joined:
+    def system(self, evaluation: Evaluation, values: np.ndarray) -> Normal:
         """Normal equations."""
-        return self.problem.normal(evaluation)
+        normal = self.problem.normal(evaluation)
+        if self.weight is None:
+            return normal
+        return join(normal, self.problem.gaps(evaluation, values), self.weight)
 
     def solve(
-        self, system: Normal | Joined, values: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
+        self, system: Normal, values: np.ndarray, damping: float, low: np.ndarray, high: np.ndarray
     ) -> Step | None:
         """The damped step with parameter changes between low and high (k,); None if the equations are singular."""
         try:
-            return self.eliminate(system, damping, self.problem.prior(values), low, high)
+            return eliminate(system, damping, self.problem.prior(values), low, high)
         except LinAlgError:
             return None
-
-    eliminate = staticmethod(eliminate)
 
     def undamped_step(
         self, evaluation: Evaluation, values: np.ndarray, reach: np.ndarray | float | None = None
@@ -94,23 +114,29 @@ class Separate:
             limits = np.outer([-1, 1], reach + 0 * values)
         return self.solve(self.system(evaluation, values), values, 0.0, *limits)
 
+    def evidence(self, point: Solution) -> float:
+        """Laplace's log evidence of the gap weight w, up to constants: -cost - (gaps) log w - log det H / 2.
+
+        The cost is the minimum of its linear model at the point.
+        """
+        step = self.undamped_step(point.evaluation, point.values)
+        if step is None:
+            return -np.inf
+        return step.predicted - self.cost(point.evaluation, point.values) - self.log_volume(step)
+
     def log_volume(self, step: Step) -> float:
-        """The terms of a gap weight's evidence that are not the cost; without joins all weights are one."""
-        return 0.0
+        """The terms of the evidence that are not the cost; without joins all weights are one."""
+        if self.weight is None:
+            return 0.0
+        count = int(self.problem.windows.follows.sum()) * self.problem.freedoms
+        return count * float(np.log(self.weight)) + 0.5 * step.log_determinant
 
     def record(self, cost: float, values: np.ndarray) -> Visited:
         """A row of the history."""
         return Visited(cost, values.tolist(), 2 * cost / max(self.problem.samples, 1), self.weight)
 
-    def remaining_gain(self, newton: Step, evaluation: Evaluation, cost: float) -> tuple[float, float]:
-        """Effect of a full step: the move in standard errors, squared, and the decrease of chi-square."""
-        unit = max(self.unit(evaluation, cost), 1e-12)
-        return float(newton.dp @ newton.information @ newton.dp) / unit, 2 * newton.predicted / unit
-
-    def solution(
-        self, values: np.ndarray, evaluation: Evaluation, cost: float, step: Step | Solution, **outcome: Any
-    ) -> Solution:
-        """The solution at a point, with the normal equations of a step from it."""
+    def solution(self, values: np.ndarray, evaluation: Evaluation, cost: float, step: Step | Solution) -> Solution:
+        """The solution at a point, not converged, with the normal equations of a step from it."""
         return Solution(
             problem=self.problem,
             values=values,
@@ -122,18 +148,25 @@ class Separate:
             gradient=step.gradient,
             eliminated=step.eliminated,
             gap_weight=self.weight,
-            **outcome,
         )
+
+
+def level_of(problem: Residuals, gap_weight: float | None) -> Objective:
+    """Cost and steps of a problem whose windows are separate (None) or joined with this gap weight."""
+    if gap_weight is None or not problem.windows.follows.any():
+        return Objective(problem)
+    return Objective(problem, gap_weight)
 
 
 def first_solution(problem: Residuals, values: np.ndarray, evaluation: Evaluation) -> Solution:
     """The point where a fit starts, not solved: its normal equations are zero."""
-    objective = Separate(problem)
+    objective = Objective(problem)
     k = len(values)
     m2 = problem.freedoms
     cost = objective.cost(evaluation, values)
     nothing = Step(np.zeros(k), np.zeros((0, m2)), 0.0, np.zeros((k, k)), np.zeros(k), np.zeros((0, m2, k)))
-    return objective.solution(values, evaluation, cost, nothing, history=[objective.record(cost, values)])
+    found = objective.solution(values, evaluation, cost, nothing)
+    return replace(found, history=[objective.record(cost, values)])
 
 
 def fit_windows(
@@ -151,7 +184,7 @@ def fit_windows(
     """
     values = np.asarray(values, float)
     begin = first_solution(problem, values, problem.evaluate(values, starts))
-    return descend(Separate(problem), begin, iterations, count=1, progress=progress)
+    return descend(Objective(problem), begin, iterations, count=1, progress=progress)
 
 
 def window_costs(problem: Residuals, residual: np.ndarray) -> np.ndarray:
@@ -170,14 +203,14 @@ def fit_starts(problem: Problem, values: np.ndarray, starts: Starts, iterations:
     """
     evaluation = problem.evaluate(values, starts)
     starts = evaluation.starts
-    damping = np.full(len(starts.theta), Separate.damping)
+    damping = np.full(len(starts.theta), FIRST_DAMPING)
     cost = window_costs(problem, evaluation.residual)
     for _ in range(iterations - 1):
         normal = normal_blocks(evaluation, problem.weights(evaluation), problem.freedoms)
         diagonal = np.einsum("kii->ki", normal.A)
         floor = 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
         A = normal.A + (damping[:, None] * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
-        usable = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(cost)
+        usable = np.all(np.isfinite(A), axis=(1, 2)) & np.isfinite(cost)
         A = np.where(usable[:, None, None], A, np.eye(A.shape[1]))
         slope = np.where(usable[:, None], normal.gz, 0.0)
         dz = -np.linalg.solve(A, slope[..., None])[..., 0]
@@ -198,25 +231,7 @@ CONTINUED = 12
 
 def continue_windows(point: Solution, iterations: int = CONTINUED, progress: Progress = silent) -> Solution:
     """Continue from a solution of separate windows with its own problem, whose noise may have changed."""
-    return descend(Separate(point.problem), point, iterations, progress=progress)
-
-
-def descend(
-    objective: Separate, begin: Solution, iterations: int, *, count: int = 0, progress: Progress = silent
-) -> Solution:
-    """The Levenberg-Marquardt method, or the problem's own descent, from a point that is already evaluated.
-
-    Args:
-        begin: the point; its information is returned if the end has none.
-        count: number of earlier evaluations, part of `iterations`.
-    """
-    problem = objective.problem
-    gradient = problem.descent is not None and not problem.held_mask.all()
-    if gradient:
-        mover = problem.descent.mover(objective, count)
-    else:
-        mover = DampedSteps(objective, iterations, count)
-    return minimise(objective, begin, mover, progress)
+    return descend(Objective(point.problem), point, iterations, progress=progress)
 
 
 class Point(NamedTuple):
@@ -225,7 +240,7 @@ class Point(NamedTuple):
     values: np.ndarray
     evaluation: Evaluation
     cost: float
-    system: Normal | Joined | None
+    system: Normal | None
 
 
 class Mover(Protocol):
@@ -243,18 +258,22 @@ class Mover(Protocol):
         """Report the progress of the descent."""
 
     def is_minimum(self, moved: float, decrease: float) -> bool:
-        """Whether the remaining gain (`Separate.remaining_gain`) is small enough for the point to be the minimum."""
+        """Whether a point is the minimum, by the rest of a full step: its move of the parameters in standard errors,
+        squared, and its decrease of chi-square."""
 
-    def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
-        """The next point, by the full step from this one, or None."""
+    def move(self, point: Point, system: Normal, newton: Step | None, near: bool) -> Point | None:
+        """The next point, by its normal equations and the full step from this one, or None."""
 
 
 class DampedSteps:
     """Levenberg-Marquardt steps: every one lowers the cost."""
 
-    def __init__(self, objective: Separate, iterations: int, count: int) -> None:
-        self.objective, self.iterations, self.count = objective, iterations, count
-        self.damping, self.why = objective.damping, f"{objective.goal} in {iterations} iterations"
+    def __init__(self, objective: Objective, iterations: int, count: int) -> None:
+        self.objective = objective
+        self.iterations = iterations
+        self.count = count
+        self.damping = objective.damping
+        self.why = f"{objective.goal} in {iterations} iterations"
 
     def report(self, point: Point, progress: Progress) -> None:
         unit = self.objective.unit(point.evaluation, point.cost)
@@ -263,13 +282,13 @@ class DampedSteps:
     def is_minimum(self, moved: float, decrease: float) -> bool:
         return moved < self.objective.close and decrease < self.objective.little()
 
-    def move(self, point: Point, newton: Step | None, near: bool) -> Point | None:
+    def move(self, point: Point, system: Normal, newton: Step | None, near: bool) -> Point | None:
         objective = self.objective
         problem = self.objective.problem
         failure = ""
         limits = problem.step_bounds(point.values)
         while self.count < self.iterations and self.damping < LARGEST_DAMPING:
-            step = objective.solve(point.system, point.values, self.damping, *limits)
+            step = objective.solve(system, point.values, self.damping, *limits)
             if step is None:
                 self.damping *= 10
                 continue
@@ -277,7 +296,8 @@ class DampedSteps:
             starts = problem.move_starts(point.evaluation.starts, point.values, step.dz)
             evaluation = problem.evaluate(values, starts)
             cost = objective.cost(evaluation, values)
-            self.count, failure = self.count + 1, problem.failure(evaluation) or failure
+            self.count += 1
+            failure = problem.failure(evaluation) or failure
             if cost < point.cost:
                 gain = (point.cost - cost) / max(step.predicted, 1e-300)
                 self.damping = max(self.damping * (0.1 if gain > 0.5 else 1.0 if gain > 0.1 else 3.0), 1e-9)
@@ -291,11 +311,22 @@ class DampedSteps:
         return None
 
 
-def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progress = silent) -> Solution:
-    """The lowest point that a mover finds from one that is already evaluated; converged if the mover has arrived."""
+def descend(
+    objective: Objective, begin: Solution, iterations: int, *, count: int = 0, progress: Progress = silent
+) -> Solution:
+    """The lowest point from one that is already evaluated, by the Levenberg-Marquardt method or the problem's own
+    descent.
+
+    Args:
+        begin: the point; its information is returned if the end has none.
+        count: number of earlier evaluations, part of `iterations`.
+    """
     problem = objective.problem
+    mover: Mover = DampedSteps(objective, iterations, count)
+    if problem.descent is not None and not problem.held_mask.all():
+        mover = problem.descent.mover(objective, count)
     history = list(begin.history)
-    known = begin
+    known: Step | Solution = begin
     best = Point(begin.values, begin.evaluation, objective.cost(begin.evaluation, begin.values), None)
     status = "not_converged"
     message = "the simulation of the start values is not finite"
@@ -305,22 +336,24 @@ def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progr
     while point.system is not None:
         mover.report(point, progress)
         newton = objective.solve(point.system, point.values, 0.0, *problem.step_bounds(point.values))
-        if newton:
-            moved, decrease = objective.remaining_gain(newton, point.evaluation, point.cost)
-        else:
-            moved = np.inf
-            decrease = np.inf
+        moved = np.inf
+        decrease = np.inf
+        if newton is not None:
+            unit = max(objective.unit(point.evaluation, point.cost), 1e-12)
+            moved = float(newton.dp @ newton.information @ newton.dp) / unit
+            decrease = 2 * newton.predicted / unit
         if newton is not None and mover.is_minimum(moved, decrease):
             best = point
             known = newton
             status = "ok"
             message = ""
             break
-        near = nearly_there(moved, decrease, problem.samples)
+        # a step that does not lower the cost is then not too long, but the cost is non-smooth
+        near = moved < SWITCHING_STEP**2 and decrease < np.sqrt(problem.samples)
         if point.cost <= best.cost:
             best = point
             known = newton or known
-        following = mover.move(point, newton, near)
+        following = mover.move(point, point.system, newton, near)
         if following is None:
             if near and not mover.why:
                 status = "ok"
@@ -329,5 +362,5 @@ def minimise(objective: Separate, begin: Solution, mover: Mover, progress: Progr
             break
         point = following
         history.append(objective.record(point.cost, point.values))
-    outcome = {"status": status, "message": message, "iterations": mover.count, "history": history}
-    return objective.solution(best.values, best.evaluation, best.cost, known, **outcome)
+    found = objective.solution(best.values, best.evaluation, best.cost, known)
+    return replace(found, status=status, message=message, iterations=mover.count, history=history)

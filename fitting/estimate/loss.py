@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import ndtr
@@ -11,52 +11,40 @@ from scipy.special import ndtr
 from dropper_jax.base.errors import SceneError, nearest
 
 
-class Loss(Protocol):
-    """A sum over residuals r of a function that is `r^2/2` near zero."""
+class Loss:
+    """A sum over residuals r of a function that is `r^2/2` near zero; itself `r^2/2` throughout, for normal noise.
 
-    @property
-    def redescends(self) -> bool:
-        """Whether its slope returns to zero, so that outliers lose their weight."""
+    Attributes:
+        redescends: whether the slope returns to zero, so that outliers lose their weight.
+    """
+
+    redescends: ClassVar[bool] = False
 
     def squares(self, residual: np.ndarray) -> np.ndarray:
         """Contributions to the variance of the noise, of the residuals' shape: of mean 1 for standard normal ones."""
-
-    def cost(self, residual: np.ndarray) -> float:
-        """The sum over all residuals."""
-
-    def weights(self, residual: np.ndarray) -> np.ndarray:
-        """Slope over r, of the residuals' shape: weights with which least squares has the same slope."""
-
-    def curvature(self, residual: np.ndarray) -> np.ndarray:
-        """Derivative of the slope, of the residuals' shape."""
-
-
-class LeastSquares:
-    """`r^2/2`: for normal noise."""
-
-    redescends = False
-
-    def squares(self, residual: np.ndarray) -> np.ndarray:
         return residual**2
 
     def cost(self, residual: np.ndarray) -> float:
+        """The sum over all residuals."""
         return 0.5 * float(np.sum(residual**2))
 
     def weights(self, residual: np.ndarray) -> np.ndarray:
+        """Slope over r, of the residuals' shape: weights with which least squares has the same slope."""
         return np.ones_like(residual)
 
-    curvature = weights
+    def curvature(self, residual: np.ndarray) -> np.ndarray:
+        """Derivative of the slope, of the residuals' shape."""
+        return np.ones_like(residual)
 
 
-LEAST_SQUARES = LeastSquares()
+LEAST_SQUARES = Loss()
 
 
 @dataclass(frozen=True)
-class Huber:
+class Huber(Loss):
     """`r^2/2` up to `threshold`, in standard deviations, and `threshold |r| - threshold^2/2` beyond (Huber 1964)."""
 
     threshold: float = 3.0
-    redescends: ClassVar[bool] = False
 
     def squares(self, residual: np.ndarray) -> np.ndarray:
         c = self.threshold
@@ -77,7 +65,7 @@ class Huber:
 
 
 @dataclass(frozen=True)
-class StudentT:
+class StudentT(Loss):
     """`nu/2 log(1 + r^2/nu)`, of Student's t with `nu` degrees of freedom: outliers lose their weight (Lange 1989).
 
     It may have several minima, so that a fit with it starts at the end of one with Huber's loss.

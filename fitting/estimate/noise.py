@@ -124,13 +124,13 @@ def in_units(evaluation: Evaluation, old: Windows, new: Windows) -> Evaluation:
 def whiten(windows: Windows, e: Evaluation) -> Evaluation:
     """The evaluation with residuals and derivatives of unit and independent noise."""
     if windows.decay is not None:
-        before, phi, size = _memory(windows)
+        before, phi, size = _memory(windows, windows.decay)
         pick = np.maximum(before, 0)
         previous = np.take_along_axis(e.residual, pick, 1), np.take_along_axis(e.jacobian, pick[..., None], 1)
         residual = size * (e.residual - phi * previous[0])
         return e._replace(residual=residual, jacobian=size[..., None] * (e.jacobian - phi[..., None] * previous[1]))
     if windows.jitter is not None:
-        b, share = _late(windows)
+        b, share = _late(windows, windows.jitter)
         residual = e.residual - share * b * np.sum(b * e.residual, axis=2, keepdims=True)
         turned = np.einsum("ksn,ksnj->ksj", b, e.jacobian)
         return e._replace(residual=residual, jacobian=e.jacobian - (share * b)[..., None] * turned[:, :, None])
@@ -142,13 +142,13 @@ def log_volume(windows: Windows) -> float:
     known = windows.weight > 0
     total = -2 * float(np.sum(np.log(windows.weight[known])))
     if windows.decay is not None:
-        total -= 2 * float(np.sum(np.log(_memory(windows)[2][known])))
+        total -= 2 * float(np.sum(np.log(_memory(windows, windows.decay)[2][known])))
     if windows.jitter is not None:
-        total += float(np.sum(np.log1p(np.sum(_late(windows)[0] ** 2, axis=2))))
+        total += float(np.sum(np.log1p(np.sum(_late(windows, windows.jitter)[0] ** 2, axis=2))))
     return total
 
 
-def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _memory(windows: Windows, decay: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For every sample (K, S, n): the previous sample of its channel (-1: none), phi, and the remaining size."""
     known = windows.weight > 0
     slots = np.arange(known.shape[1])[None, :, None]
@@ -156,7 +156,7 @@ def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     before = np.concatenate([np.full_like(last[:, :1], -1), last[:, :-1]], axis=1)
     t = np.broadcast_to(windows.times()[..., None], known.shape)
     apart = t - np.take_along_axis(t, np.maximum(before, 0), 1)
-    decay = windows.decay[:, None, :]
+    decay = decay[:, None, :]
     first = before < 0
     phi = np.where(first, 0.0, np.exp(-decay * np.maximum(apart, 1e-300)))
     neighbours = (known[:, 1:] & known[:, :-1]).any(2)
@@ -170,9 +170,9 @@ def _memory(windows: Windows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return before, np.where(known, phi, 0.0), np.where(known, size, 0.0)
 
 
-def _late(windows: Windows) -> tuple[np.ndarray, np.ndarray]:
+def _late(windows: Windows, jitter: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """b (K, S, n) of every existing sample, and `(1 - 1/sqrt(1 + b'b))/(b'b)` of its frame (K, S, 1)."""
-    b = np.where(windows.weight > 0, windows.jitter, 0.0)
+    b = np.where(windows.weight > 0, jitter, 0.0)
     square = np.sum(b**2, axis=2, keepdims=True)
     root = np.sqrt(1 + square)
     return b, 1 / (root * (1 + root))  # the same, without the division by b'b
@@ -206,6 +206,8 @@ def lag_one_by_source(windows: Windows, residual: np.ndarray, sources: int) -> t
     return found[0], found[1]
 
 
-def correlates(correlation: np.ndarray, error: np.ndarray, deviations: float = 5.0, floor: float = 0.1) -> bool:
+def correlates(
+    correlation: np.ndarray | float, error: np.ndarray | float, deviations: float = 5.0, floor: float = 0.1
+) -> bool:
     """Whether a positive correlation of neighbours, or any of several, exceeds its standard errors and a floor."""
     return bool(np.any(correlation > np.maximum(deviations * np.asarray(error), floor)))

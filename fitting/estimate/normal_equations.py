@@ -79,13 +79,26 @@ def move_along(e: Evaluation, dz: np.ndarray) -> Evaluation:
 
 
 class Normal(NamedTuple):
-    """Blocks of the normal equations: A (K, m2, m2), B (K, m2, k), C (k, k), gz (K, m2), gp (k,)."""
+    """Blocks of the normal equations: A (K, m2, m2), B (K, m2, k), C (k, k), gz (K, m2), gp (k,).
+
+    `below`: of joined windows the blocks (K - 1, m2, m2) left of the next one's A; None of separate windows.
+    """
 
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
     gz: np.ndarray
     gp: np.ndarray
+    below: np.ndarray | None = None
+
+    def damped(self, damping: float) -> np.ndarray:
+        """The starts' blocks A with their diagonals scaled by 1 + damping, and invertible."""
+        diagonal = np.einsum("kii->ki", self.A)
+        if self.below is None:
+            floor = 1e-12 * diagonal.max(initial=0.0) + 1e-300
+        else:
+            floor = 1e-13 * diagonal.max()
+        return self.A + (damping * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
 
 
 class Prior(NamedTuple):
@@ -120,7 +133,7 @@ def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Norma
     r = root * evaluation.residual.reshape(count, -1)
     jacobian = root[..., None] * evaluation.jacobian.reshape(count, r.shape[1], -1)
     square = np.swapaxes(jacobian, 1, 2) @ jacobian
-    held = ~jacobian[..., :m2].any(axis=(1, 2))  # a released window; or one without a derivative
+    held = ~np.any(jacobian[..., :m2], axis=(1, 2))  # a released window; or one without a derivative
     square[:, :m2, :m2] += held[:, None, None] * np.eye(m2)
     slope = np.einsum("kij,ki->kj", jacobian, r)
     return Normal(
@@ -128,10 +141,43 @@ def normal_blocks(evaluation: Evaluation, weights: np.ndarray, m2: int) -> Norma
     )
 
 
+class Gaps(NamedTuple):
+    """Gaps after windows `left` (g,) in the chart of the next: values (g, m2), derivatives by both windows' z and p."""
+
+    left: np.ndarray
+    value: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    shared: np.ndarray
+
+
+def join(normal: Normal, g: Gaps, weight: float) -> Normal:
+    """The normal equations with gaps of this weight."""
+    A = normal.A.copy()
+    B = normal.B.copy()
+    gz = normal.gz.copy()
+    below = np.zeros((len(A) - 1, *A.shape[1:]))
+    value = g.value / weight
+    before = g.before / weight
+    after = g.after / weight
+    shared = g.shared / weight
+    turn = lambda x: np.swapaxes(x, 1, 2)  # noqa: E731
+    right = g.left + 1
+    A[g.left] += turn(before) @ before
+    A[right] += turn(after) @ after
+    below[g.left] += turn(after) @ before
+    B[g.left] += turn(before) @ shared
+    B[right] += turn(after) @ shared
+    gz[g.left] += np.einsum("gij,gi->gj", before, value)
+    gz[right] += np.einsum("gij,gi->gj", after, value)
+    C = normal.C + (turn(shared) @ shared).sum(0)
+    return Normal(A, B, C, gz, normal.gp + np.einsum("gij,gi->j", shared, value), below)
+
+
 class Step(NamedTuple):
     """A proposed step: dp (k,), dz (K, m2), the decrease of the cost it predicts, S, its gradient, dz/dp.
 
-    For joined windows also the log determinant of the starts' matrix, which their evidence uses.
+    `log_determinant`: of the starts' matrix of joined windows, for their evidence.
     """
 
     dp: np.ndarray
@@ -140,7 +186,7 @@ class Step(NamedTuple):
     information: np.ndarray
     gradient: np.ndarray
     eliminated: np.ndarray
-    log_determinant: float | None = None
+    log_determinant: float = 0.0
 
 
 def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -163,14 +209,16 @@ def bounded_step(information: np.ndarray, gradient: np.ndarray, low: np.ndarray,
     return step
 
 
-def reduce_step(
-    normal: Normal, solved: np.ndarray, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray
-) -> tuple[Step, float]:
-    """The step with the starts eliminated, without its predicted decrease, and the cost's slope along it.
-
-    Args:
-        solved: inverse of the starts' matrix times B and gz (K, m2, k + 1).
-    """
+def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray) -> Step:
+    """One damped step with the window starts eliminated; the parameters change by low to high (k,)."""
+    rows = np.concatenate([normal.B, normal.gz[..., None]], axis=2)
+    A = normal.damped(damping)
+    if normal.below is None:
+        factor = None
+        solved = np.linalg.solve(A, rows)
+    else:
+        factor = Factor(A, normal.below)
+        solved = factor.solve(rows)
     AB = solved[..., :-1]
     Ag = solved[..., -1]
     information = normal.C + prior.curvature - np.einsum("kij,kil->jl", normal.B, AB)
@@ -179,38 +227,11 @@ def reduce_step(
     dp = bounded_step(information + damping * np.diag(np.diag(information)), gradient, low, high)
     dz = -(Ag + AB @ dp)
     slope = float(normal.gz.ravel() @ dz.ravel() + (normal.gp + prior.gradient) @ dp)
-    return Step(dp, dz, np.nan, information, gradient, -AB), slope
-
-
-def eliminate(normal: Normal, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray) -> Step:
-    """One damped step with the window starts eliminated."""
-    diagonal = np.einsum("kii->ki", normal.A)
-    floor = 1e-12 * diagonal.max(initial=0.0) + 1e-300
-    A = normal.A + (damping * diagonal + floor)[:, :, None] * np.eye(diagonal.shape[1])
-    solved = np.linalg.solve(A, np.concatenate([normal.B, normal.gz[..., None]], axis=2))
-    step, slope = reduce_step(normal, solved, damping, prior, low, high)
-    dp = step.dp
-    dz = step.dz
-    square = np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp)
-    square = square + dp @ (normal.C + prior.curvature) @ dp
-    return step._replace(predicted=-(slope + 0.5 * float(square)))
-
-
-class Joined(NamedTuple):
-    """Normal equations with gaps: diagonal and neighbouring blocks, border B, C, and slopes."""
-
-    normal: Normal
-    below: np.ndarray
-
-
-def eliminate_joined(system: Joined, damping: float, prior: Prior, low: np.ndarray, high: np.ndarray) -> Step:
-    """One damped step with the starts of joined windows eliminated."""
-    normal = system.normal
-    diagonal = np.einsum("kii->ki", normal.A)
-    A = normal.A + (damping * diagonal + 1e-13 * diagonal.max())[:, :, None] * np.eye(diagonal.shape[1])
-    factor = Factor(A, system.below)
-    solved = factor.solve(np.concatenate([normal.B, normal.gz[..., None]], axis=2))
-    step, slope = reduce_step(normal, solved, damping, prior, low, high)
+    if factor is None:
+        square = np.einsum("ki,kij,kj->", dz, normal.A, dz) + 2 * np.einsum("ki,kij,j->", dz, normal.B, dp)
+        square = square + dp @ (normal.C + prior.curvature) @ dp
+        return Step(dp, dz, -(slope + 0.5 * float(square)), information, gradient, -AB)
     # at the exact minimum of the damped model: decrease = -(slope)/2, plus the part withheld by the damping
-    held = damping * (float(np.sum(diagonal * step.dz**2)) + float(np.diag(step.information) @ step.dp**2))
-    return step._replace(predicted=-0.5 * slope + 0.5 * held, log_determinant=factor.log_determinant)
+    diagonal = np.einsum("kii->ki", normal.A)
+    held = damping * (float(np.sum(diagonal * dz**2)) + float(np.diag(information) @ dp**2))
+    return Step(dp, dz, -0.5 * slope + 0.5 * held, information, gradient, -AB, factor.log_determinant)

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from typing import NamedTuple
 
 import jax
@@ -83,17 +84,9 @@ class Release:
     def _all(self) -> list[Parameter]:
         times = [Parameter(f"{TIME}.{i}", ReleasePlace(i, "time"), 0.0, unit="s") for i in range(self.runs)]
         forces = []
-        for i in range(self.runs):
-            for j, node in enumerate(self.nodes):
-                for c in (0, 2):
-                    forces.append(
-                        Parameter(
-                            f"{FORCE}.{i}.{node}.{AXES[c]}",
-                            ReleasePlace(i, "force", 3 * j + c),
-                            float(self.force[j, c]),
-                            unit="N",
-                        )
-                    )
+        for i, (j, node), c in product(range(self.runs), enumerate(self.nodes), (0, 2)):
+            where = ReleasePlace(i, "force", 3 * j + c)
+            forces.append(Parameter(f"{FORCE}.{i}.{node}.{AXES[c]}", where, float(self.force[j, c]), unit="N"))
         return times + forces
 
     def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
@@ -137,7 +130,7 @@ class Release:
         loads = self._loads(model, parameters, jnp.asarray(values), run)
         if run not in self._near:
             found = statics.equilibrium(apply(model, parameters, jnp.asarray(values)), loads)
-            if found.status != "ok":
+            if found.status != "ok" or found.state is None:
                 raise SceneError(f"static start: {found.message}")
             self._near[run] = found.state
         if "pose" not in self._programs:
@@ -245,14 +238,12 @@ def _free_times(parameters: Sequence[Parameter]) -> dict[int, int]:
     return found
 
 
-def release_of(scene: Scene, state: State, names: Sequence[str], runs: int, requested: bool) -> Release | None:
-    """The release that these free names or the caller request; None if every window is free.
+def release_of(scene: Scene, state: State, runs: int) -> Release:
+    """The release of this number of runs, all from the scene's own start.
 
     Raises:
         SceneError: a scene that releases no node.
     """
-    if not requested and not any(name.startswith("release.") for name in names):
-        return None
     start = scene.start
     if start.kind != "static":
         return Release(runs, (), np.zeros((0, 3)), state)

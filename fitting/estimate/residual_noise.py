@@ -23,6 +23,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fitting.estimate.least_squares import level_of
 from fitting.estimate.noise import (
     WHITE,
     Noise,
@@ -36,7 +37,6 @@ from fitting.estimate.noise import (
 )
 from fitting.estimate.normal_equations import Evaluation
 from fitting.estimate.residuals import Residuals, Solution
-from fitting.estimate.shooting import level_of
 from fitting.estimate.uncertainty import leverage, start_covariances
 from fitting.estimate.windows import Windows
 from fitting.traces.trace import Trace
@@ -63,7 +63,7 @@ class ResidualNoiseModel:
         self.solution, self.claimed, self.traces, self.floor = solution, claimed, traces, floor
         self.raw = solution.problem.raw_evaluation(solution, claimed)
         times = claimed.times()
-        known = (claimed.weight > 0).any(axis=2)
+        known = np.any(claimed.weight > 0, axis=2)
         both = known[:, 1:] & known[:, :-1]
         apart = [np.diff(times)[both & (claimed.source == r)[:, None]] for r in range(len(floor))]
         self.interval = np.array([[np.median(steps) if len(steps) else 1.0] for steps in apart])

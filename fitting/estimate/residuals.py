@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import TYPE_CHECKING, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from fitting.estimate.loss import LEAST_SQUARES, Loss
 from fitting.estimate.noise import Noise, correlates, in_units, lag_one, whiten
-from fitting.estimate.normal_equations import Evaluation, Normal, Prior, normal_blocks, prior_of
+from fitting.estimate.normal_equations import Evaluation, Gaps, Normal, Prior, normal_blocks, prior_of
 from fitting.estimate.rest import Rest
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Starts, Windows
 from fitting.parameters.parameter import Parameter
 from fitting.parameters.rig_priors import JointPrior
 from fitting.traces.planar import chart, wrap
+
+if TYPE_CHECKING:
+    from fitting.estimate.least_squares import Mover, Objective
 
 #: Minimum correlation of neighbouring residuals that counts in standard errors.
 CORRELATION_FLOOR = 0.05
@@ -27,8 +30,8 @@ CHI2_RANGE = (0.5, 1.5)
 class Descent(Protocol):
     """How parameters move to a minimum, if not by Gauss-Newton steps (`descent.GradientDescent`)."""
 
-    def mover(self, objective: Any, count: int = 0) -> Any:
-        """The mover between points (`least_squares.Mover`) on an objective, after this number of evaluations."""
+    def mover(self, objective: Objective, count: int) -> Mover:
+        """The mover between points on an objective, after this number of evaluations."""
 
 
 class Timing(NamedTuple):
@@ -121,12 +124,16 @@ class Residuals(ABC):
         """Times of the samples."""
 
     @abstractmethod
-    def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
-        """Correlation of neighbouring weighted residuals, of all or by channel; whether it is significant."""
+    def correlation(self, point: Solution) -> tuple[np.ndarray, bool]:
+        """Correlation of neighbouring weighted residuals (c,), of all or by channel; whether it is significant."""
 
     def with_noise(self, noise: Noise, windows: Windows, values: np.ndarray) -> Residuals:
         """The problem with this noise, which its samples have; `values` (k,) are those of the parameters."""
         return replace(self, windows=windows, noise=noise)
+
+    def gaps(self, evaluation: Evaluation, values: np.ndarray) -> Gaps:
+        """Scaled gaps between consecutive blocks, of problems whose blocks follow each other."""
+        raise NotImplementedError
 
     def failure(self, evaluation: Evaluation) -> str:
         """Why an evaluation has no finite residuals, if known."""
@@ -136,6 +143,11 @@ class Residuals(ABC):
     def explains_residuals(self) -> bool:
         """Whether the noise explains the residuals."""
         return True
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the parameters."""
+        return [p.name for p in self.parameters]
 
     @property
     def held_mask(self) -> np.ndarray:
@@ -183,6 +195,8 @@ class Residuals(ABC):
 LARGEST_MOVE = (0.5, 10.0)
 #: Maximum number of substeps of a step.
 MOST_SUBSTEPS = 16
+#: Sizes of a gap in angle [rad] and rate [rad/s] that weight 1 allows.
+GAP_SCALE = (0.1, 1.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -229,20 +243,39 @@ class Problem(Residuals):
         moves = moves / np.maximum(most, 1.0)[:, None, None]
         return Starts(*(start + np.einsum("kij,kj->ki", bases, moves[:, i]) for i, start in enumerate(starts)))
 
+    def gaps(self, evaluation: Evaluation, values: np.ndarray) -> Gaps:
+        """Scaled gaps between consecutive windows."""
+        right = np.flatnonzero(self.windows.follows)
+        left = right - 1
+        n = evaluation.start.shape[1] // 2
+        m2 = self.freedoms
+        turn = np.swapaxes(chart(self.simulator.model_at(values), evaluation.start[right, :n]), 1, 2)
+        rows = np.zeros((len(left), m2, 2 * n))
+        rows[:, : m2 // 2, :n] = turn / GAP_SCALE[0]
+        rows[:, m2 // 2 :, n:] = turn / GAP_SCALE[1]
+        # the standard deviation that a gap allows grows as the root of time
+        rows /= np.sqrt(self.windows.lengths[left] / self.windows.lengths.mean())[:, None, None]
+        difference = evaluation.end[left] - evaluation.start[right]
+        difference[:, :n] = wrap(difference[:, :n])
+        end = rows @ evaluation.end_jacobian[left]
+        start = rows @ evaluation.start_jacobian[right]
+        value = np.einsum("gij,gj->gi", rows, difference)
+        return Gaps(left, value, end[..., :m2], -start[..., :m2], end[..., m2:] - start[..., m2:])
+
     def timing(self) -> Timing:
         """Times of the windows' samples."""
         windows = self.windows
         begin = np.full(int(windows.run.max()) + 1, np.inf)
         np.minimum.at(begin, windows.run, windows.begin)
-        known = self.sample_mask.any(axis=2)
+        known = np.any(self.sample_mask, axis=2)
         times = windows.times()
         run = np.broadcast_to(windows.run[:, None], times.shape)
         return Timing(times, run, known, begin, float(windows.lengths.sum()), windows.count)
 
-    def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
+    def correlation(self, point: Solution) -> tuple[np.ndarray, bool]:
         """Correlation of neighbours, of all links together."""
         correlation, error = lag_one(point.weights * point.evaluation.residual, self.sample_mask)
-        return correlation, correlates(abs(correlation), error, 4.0, CORRELATION_FLOOR)
+        return np.array([correlation]), correlates(abs(correlation), error, 4.0, CORRELATION_FLOOR)
 
     def evaluate(self, values: np.ndarray, starts: Starts) -> Evaluation:
         """All windows at parameter values (k,) and starts, residuals and derivatives in units of independent noise."""
@@ -264,7 +297,8 @@ class Problem(Residuals):
         found = super().prior(values)
         if self.rest is None:
             return found
-        return Prior(*(a + b for a, b in zip(found, self.rest.prior(self.simulator, values), strict=True)))
+        more = self.rest.prior(self.simulator, values)
+        return Prior(found.cost + more.cost, found.gradient + more.gradient, found.curvature + more.curvature)
 
     def finer(self) -> Problem:
         """The problem with half the time step."""
@@ -280,8 +314,13 @@ class Visited(NamedTuple):
     gap_weight: float | None
 
 
+#: The kinds of problem and evaluation of a solution: of traces (`Problem`), or of channels.
+P = TypeVar("P", bound=Residuals)
+E = TypeVar("E")
+
+
 @dataclass
-class Solution:
+class Solution(Generic[P, E]):
     """End of an estimator.
 
     Attributes:
@@ -300,10 +339,10 @@ class Solution:
         step_bias: shift of the parameters (k,) by the time step, in standard errors, to first order.
     """
 
-    problem: Problem
+    problem: P
     values: np.ndarray
     starts: Starts
-    evaluation: Evaluation
+    evaluation: E
     weights: np.ndarray
     cost: float
     information: np.ndarray
@@ -314,7 +353,7 @@ class Solution:
     iterations: int = 0
     history: list[Visited] = field(default_factory=list)
     gap_weight: float | None = None
-    evidence: float | None = None
+    evidence: float = np.nan
     step_bias: np.ndarray | None = None
 
     @property
@@ -324,7 +363,7 @@ class Solution:
     @property
     def by_name(self) -> dict[str, float]:
         """Values of the parameters by their names."""
-        return dict(zip((p.name for p in self.problem.parameters), map(float, self.values), strict=True))
+        return dict(zip(self.problem.names, map(float, self.values), strict=True))
 
     @property
     def free(self) -> np.ndarray:
@@ -337,16 +376,17 @@ class Solution:
         return self.information[np.ix_(self.free, self.free)]
 
     @property
-    def chi2(self) -> float:
+    def chi2(self: Solution[Problem, Evaluation]) -> float:
         """Sum of squared weighted residuals of the measured angles."""
         return float(np.sum(self.weights * self.evaluation.residual**2))
 
     @property
-    def errors(self) -> np.ndarray:
+    def errors(self: Solution[Problem, Evaluation]) -> np.ndarray:
         """Simulated minus measured angles (K, S, n) [rad], 0 where there is no sample."""
-        return np.where(self.windows.weight > 0, wrap(np.asarray(self.evaluation.theta - self.windows.theta)), 0.0)
+        off = wrap(self.evaluation.theta - self.problem.windows.theta)
+        return np.where(self.problem.windows.weight > 0, off, 0.0)
 
     @property
-    def rms(self) -> float:
+    def rms(self: Solution[Problem, Evaluation]) -> float:
         """RMS of the errors [rad]."""
         return float(np.sqrt(np.sum(self.errors**2) / (self.windows.weight > 0).sum()))

@@ -125,8 +125,8 @@ def _band(model: Model) -> np.ndarray | float:
     return (give * torque**2 / 3) @ give.T
 
 
-def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[tuple[float, float]]) -> Rest | None:
-    """The spans [s] of the traces at rest; None without any.
+def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[tuple[float, float]]) -> Rest:
+    """The spans [s] of the traces at rest, each with samples of one of them.
 
     Raises:
         SceneError: a span in which the line moves, or with too few frames.
@@ -147,8 +147,6 @@ def rests(traces: Sequence[Trace], sigma: Sequence[np.ndarray], spans: Sequence[
             if np.any(apart > np.maximum(MOVES * sigma[run], LEAST)):
                 raise SceneError(f"{text} moves by {apart.max():.2g} rad. Use a span in which the line is at rest")
             rows.append((means, sigma[run], known, trace.interval, run))
-    if not rows:
-        return None
     theta, deviation, frames, interval, run = (np.array(column) for column in zip(*rows, strict=True))
     precision = np.eye(theta.shape[1]) * (frames / deviation**2)[:, None]
     return Rest(theta, deviation, frames, interval, run, precision)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -15,9 +15,8 @@ from dropper_jax.base.toml_text import SCHEMA
 from dropper_jax.load.scene import Scene
 from fitting.estimate.blocks import block_of, pieces, resample
 from fitting.estimate.factors import invert_spd
-from fitting.estimate.least_squares import descend
-from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import level_of
+from fitting.estimate.least_squares import descend, level_of
+from fitting.estimate.residuals import E, P, Solution
 from fitting.estimate.step_size import LARGEST_BIAS
 from fitting.estimate.uncertainty import FEW, Uncertainty, degrees_of_freedom
 from fitting.parameters.names import full_names
@@ -59,7 +58,7 @@ def profile(
     (correlated residuals, a partly wrong model), the growth is scaled down accordingly (Kent 1982).
     """
     solution = result.solution
-    index = [p.name for p in solution.problem.parameters].index(name)
+    index = solution.problem.names.index(name)
     std_error = float(result.uncertainty.std_error[index])
     p = solution.problem.parameters[index]
     held = solution.problem.held_mask.copy()
@@ -127,7 +126,7 @@ def common_warnings(solution: Solution, u: Uncertainty) -> list[str]:
 
 
 @dataclass(kw_only=True)
-class SceneFit:
+class SceneFit(Generic[P, E]):
     """A scene fitted to measurements.
 
     Attributes:
@@ -141,7 +140,7 @@ class SceneFit:
     """
 
     scene: Scene
-    solution: Solution
+    solution: Solution[P, E]
     uncertainty: Uncertainty
     warnings: list[str] = field(default_factory=list)
     seconds: float | dict[str, float] = 0.0
@@ -187,7 +186,7 @@ class SceneFit:
 
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by its path."""
-        return float(self.values[[p.name for p in self.parameters].index(name)])
+        return float(self.values[self.solution.problem.names.index(name)])
 
     def note(self, i: int) -> str:
         """Remark on a parameter, by its number."""
@@ -241,12 +240,14 @@ class SceneFit:
         keys = ("low", "high", "values", "growth", "converged")
         found = {
             "profile": {p.name: {key: getattr(p, key) for key in keys} for p in self.profiles},
-            "bootstrap": self.bootstrap is not None and self.bootstrap_table(),
+            "bootstrap": self.bootstrap_table(),
         }
         return {name: table for name, table in found.items() if table}
 
     def bootstrap_table(self) -> dict[str, dict[str, float]]:
-        """Standard deviation and 90 % quantiles of the resampled parameters."""
+        """Standard deviation and 90 % quantiles of the resampled parameters; empty without a bootstrap."""
+        if self.bootstrap is None:
+            return {}
         rows = np.array([self.bootstrap.std(axis=0, ddof=1), *np.quantile(self.bootstrap, [0.05, 0.95], axis=0)]).T
         keys = ("std_error", "low", "high")
         return {p.name: dict(zip(keys, row, strict=True)) for p, row in zip(self.parameters, rows, strict=True)}
@@ -258,7 +259,7 @@ def profiles(result: SceneFit, names: Sequence[str] = (), progress: Progress = s
     Raises:
         SceneError: a parameter that is not free.
     """
-    known = [p.name for p in result.parameters]
+    known = result.solution.problem.names
     found = []
     for name in names or known:
         if name in known:

@@ -15,17 +15,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, part_of, silent
-from fitting.estimate.least_squares import Separate, descend
-from fitting.estimate.normal_equations import Evaluation, Joined, Normal, Step, eliminate_joined
-from fitting.estimate.residuals import Problem, Solution
+from fitting.estimate.least_squares import Objective, descend, level_of
+from fitting.estimate.normal_equations import Evaluation
+from fitting.estimate.residuals import GAP_SCALE, Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import Windows
-from fitting.traces.planar import chart, wrap
+from fitting.traces.planar import chart
 
 #: Gap weights, in order. Larger ratios lose the neighbourhood of the optimum (measured on the lab dropper).
 SCHEDULE = (1.0, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5)
@@ -36,67 +35,8 @@ SAME_EVIDENCE = 0.2
 #: Difference from the maximum log evidence at which the maximum counts as passed; and from the evidence that the linear
 #: model predicts, at which the motion does not follow that model.
 EVIDENCE_DROP = 5.0
-#: Accuracy of intermediate weights: parameters within 0.2 standard errors, and evidence within 0.25. Only the chosen
-#: weight is solved to the end.
-INTERMEDIATE = 0.2**2
-LITTLE = 0.5
 #: Maximum evaluations when a joined solution continues with finer steps.
 CONTINUED = 12
-
-#: Sizes of a gap in angle [rad] and rate [rad/s] that weight 1 allows.
-GAP_SCALE = (0.1, 1.0)
-
-
-class Gaps(NamedTuple):
-    """Gaps after windows `left` (g,) in the chart of the next: values (g, m2), derivatives by both windows' z and p."""
-
-    left: np.ndarray
-    value: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    shared: np.ndarray
-
-
-def gaps(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> Gaps:
-    """Scaled gaps between consecutive windows."""
-    right = np.flatnonzero(windows.follows)
-    left = right - 1
-    n = evaluation.start.shape[1] // 2
-    m2 = simulator.freedoms
-    turn = np.swapaxes(chart(simulator.model_at(values), evaluation.start[right, :n]), 1, 2)
-    rows = np.zeros((len(left), m2, 2 * n))
-    rows[:, : m2 // 2, :n] = turn / GAP_SCALE[0]
-    rows[:, m2 // 2 :, n:] = turn / GAP_SCALE[1]
-    rows /= windows.gap_shares[:, None, None]
-    difference = evaluation.end[left] - evaluation.start[right]
-    difference[:, :n] = wrap(difference[:, :n])
-    end = rows @ evaluation.end_jacobian[left]
-    start = rows @ evaluation.start_jacobian[right]
-    value = np.einsum("gij,gj->gi", rows, difference)
-    return Gaps(left, value, end[..., :m2], -start[..., :m2], end[..., m2:] - start[..., m2:])
-
-
-def join(normal: Normal, g: Gaps, weight: float) -> Joined:
-    """The normal equations with gaps of this weight."""
-    A = normal.A.copy()
-    B = normal.B.copy()
-    gz = normal.gz.copy()
-    below = np.zeros((len(A) - 1, *A.shape[1:]))
-    value = g.value / weight
-    before = g.before / weight
-    after = g.after / weight
-    shared = g.shared / weight
-    turn = lambda x: np.swapaxes(x, 1, 2)  # noqa: E731
-    right = g.left + 1
-    A[g.left] += turn(before) @ before
-    A[right] += turn(after) @ after
-    below[g.left] += turn(after) @ before
-    B[g.left] += turn(before) @ shared
-    B[right] += turn(after) @ shared
-    gz[g.left] += np.einsum("gij,gi->gj", before, value)
-    gz[right] += np.einsum("gij,gi->gj", after, value)
-    C = normal.C + (turn(shared) @ shared).sum(0)
-    return Joined(Normal(A, B, C, gz, normal.gp + np.einsum("gij,gi->j", shared, value)), below)
 
 
 def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, values: np.ndarray) -> np.ndarray:
@@ -104,7 +44,7 @@ def transitions(simulator: Simulator, windows: Windows, evaluation: Evaluation, 
     n = evaluation.start.shape[1] // 2
     m2 = simulator.freedoms
     end = evaluation.end[:, :n]
-    ran = np.isfinite(end).all(axis=1)  # a start from few samples, next to missing ones, may be infeasible
+    ran = np.all(np.isfinite(end), axis=1)  # a start from few samples, next to missing ones, may be infeasible
     turn = np.swapaxes(chart(simulator.model_at(values), np.where(ran[:, None], end, 0.0)), 1, 2)
     scale = np.repeat(GAP_SCALE, m2 // 2)
     move = np.concatenate(
@@ -120,7 +60,7 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
     frame = np.eye(m2)
     total = 0.0
     time = 0.0
-    known = np.isfinite(move).all(axis=(1, 2))
+    known = np.all(np.isfinite(move), axis=(1, 2))
     for k, matrix in enumerate(move):
         if windows.released[k] or (known[k] and not windows.follows[k]):
             frame = np.eye(m2)
@@ -133,72 +73,12 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
     return 0.0
 
 
-class JoinedWindows(Separate):
-    """Cost and steps at one gap weight; `intermediate`: accurate enough for the choice of the weight."""
-
-    damping = 1e-4
-
-    def __init__(self, problem: Problem, weight: float, intermediate: bool = False) -> None:
-        super().__init__(problem)
-        self.weight = weight
-        self.intermediate = intermediate
-        if intermediate:
-            self.close = INTERMEDIATE
-        self.goal = f"no convergence at gap weight {weight:g}"
-
-    def little(self) -> float:
-        if self.intermediate:
-            return LITTLE
-        return super().little()
-
-    def cost(self, evaluation: Evaluation, values: np.ndarray) -> float:
-        total = super().cost(evaluation, values)
-        if not np.isfinite(total):
-            return np.inf
-        value = gaps(self.problem.simulator, self.problem.windows, evaluation, values).value
-        return total + 0.5 * float(np.sum((value / self.weight) ** 2))
-
-    def unit(self, evaluation: Evaluation, cost: float) -> float:
-        return super().unit(evaluation, self.problem.data_cost(evaluation))
-
-    def system(self, evaluation: Evaluation, values: np.ndarray) -> Joined:
-        found = gaps(self.problem.simulator, self.problem.windows, evaluation, values)
-        return join(self.problem.normal(evaluation), found, self.weight)
-
-    eliminate = staticmethod(eliminate_joined)
-
-    def descend(self, begin: Solution, iterations: int, count: int = 0, progress: Progress = silent) -> Solution:
-        """Continue from a solution, after `count` evaluations."""
-        found = descend(self, begin, iterations, progress=progress)
-        return replace(found, iterations=count + found.iterations)
-
-    def expected_decrease(self, ahead: Solution, point: Solution) -> float:
-        """Predicted decrease of the cost when a solution continues with finer steps."""
-        step = JoinedWindows(ahead.problem, ahead.gap_weight).undamped_step(ahead.evaluation, ahead.values)
-        if step is None:
-            return -np.inf
-        return point.cost - self.cost(ahead.evaluation, ahead.values) + step.predicted
-
-    def evidence(self, point: Solution) -> float:
-        """Laplace's log evidence of the gap weight w, up to constants: -cost - (gaps) log w - log det H / 2.
-
-        The cost is the minimum of its linear model at the point.
-        """
-        step = self.undamped_step(point.evaluation, point.values)
-        if step is None:
-            return -np.inf
-        return step.predicted - self.cost(point.evaluation, point.values) - self.log_volume(step)
-
-    def log_volume(self, step: Step) -> float:
-        """The terms of the evidence that are not the cost."""
-        count = int(self.problem.windows.follows.sum()) * self.problem.freedoms
-        return count * float(np.log(self.weight)) + 0.5 * step.log_determinant
-
-    def solution_at(self, point: Solution) -> Solution:
-        """A point of another weight as a solution at this weight, not converged."""
-        cost = self.cost(point.evaluation, point.values)
-        known = self.undamped_step(point.evaluation, point.values) or point
-        return self.solution(point.values, point.evaluation, cost, known)
+def continue_at(
+    level: Objective, begin: Solution, iterations: int, count: int = 0, progress: Progress = silent
+) -> Solution:
+    """Continue from a solution at one gap weight, after `count` evaluations."""
+    found = descend(level, begin, iterations, progress=progress)
+    return replace(found, iterations=count + found.iterations)
 
 
 #: If gaps are much smaller than a weight allows, the weight has no effect gap weights larger than this multiple of the
@@ -239,7 +119,7 @@ def fit_shooting(
     total = begin.iterations
     worse = 0
     found = []
-    separate = gaps(begin.problem.simulator, begin.windows, begin.evaluation, begin.values).value
+    separate = begin.problem.gaps(begin.evaluation, begin.values).value
     wide = WIDE_GAPS * float(np.sqrt(np.mean(separate**2)))
     schedule = [*(w for w in schedule[:-1] if w < wide), schedule[-1]]
     if choose and begin.problem.memory == 1:
@@ -250,21 +130,23 @@ def fit_shooting(
         again = point
         done = (i + 1) / (len(schedule) + 1)
         while again is not None:
-            level = JoinedWindows(again.problem, weight, intermediate=True)
-            point = level.descend(again, iterations, total, part_of(progress, done, done))
-            total, point.evidence = point.iterations, level.evidence(point)
+            level = Objective(again.problem, weight, intermediate=True)
+            point = continue_at(level, again, iterations, total, part_of(progress, done, done))
+            total = point.iterations
+            point.evidence = level.evidence(point)
             text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
             progress(done, text)
             fell = max((p.evidence for p in found), default=-np.inf) - point.evidence
             again = None
             if fell > SAME_EVIDENCE:
                 again = finer(point)
-            if (
-                again is not None
-                and begin.problem.memory > 1
-                and level.expected_decrease(again, point) < RECOVERED * fell
-            ):
-                again = None  # the model is wrong, not the step
+            if again is not None and begin.problem.memory > 1:
+                step = Objective(again.problem, weight).undamped_step(again.evaluation, again.values)
+                gain = -np.inf
+                if step is not None:
+                    gain = point.cost - level.cost(again.evaluation, again.values) + step.predicted
+                if gain < RECOVERED * fell:
+                    again = None  # the model is wrong, not the step
         found.append(point)
         drop = (max(p.evidence for p in found) - point.evidence) / begin.problem.memory
         worse = worse + 1 if drop > EVIDENCE_DROP else 0
@@ -298,24 +180,23 @@ def follow_linear_model(
             return None
         chosen = loosest_of(expected)
         if point.gap_weight != schedule[chosen]:
-            level = JoinedWindows(point.problem, schedule[chosen], intermediate=True)
-            point = level.descend(point, iterations, total, part_of(progress, 0.5, 0.5))
+            level = Objective(point.problem, schedule[chosen], intermediate=True)
+            point = continue_at(level, point, iterations, total, part_of(progress, 0.5, 0.5))
             total = point.iterations
             before = expected
             expected = log_evidence(point, schedule)
-            progress(0.5, f"gap weight {level.weight:g}, evidence {expected[chosen]:.1f}")
+            progress(0.5, f"gap weight {schedule[chosen]:g}, evidence {expected[chosen]:.1f}")
             if point.status != "ok" or not expected[chosen] > before[chosen] - EVIDENCE_DROP:
                 return None
             continue
         point.evidence = float(expected[chosen])
         fell = np.flatnonzero(expected[chosen:] < expected.max() - SAME_EVIDENCE)
-        if len(fell):
-            tight = JoinedWindows(point.problem, schedule[chosen + fell[0]])
-        else:
-            tight = None
         again = None
-        if tight is not None:
-            again = finer(tight.solution_at(point))
+        if len(fell):
+            tight = Objective(point.problem, schedule[chosen + fell[0]])
+            known = tight.undamped_step(point.evaluation, point.values) or point
+            cost = tight.cost(point.evaluation, point.values)
+            again = finer(tight.solution(point.values, point.evaluation, cost, known))
         if again is None:
             return point
         point = replace(again, gap_weight=None)
@@ -326,15 +207,15 @@ def follow_linear_model(
 
 def log_evidence(point: Solution, schedule: Sequence[float]) -> np.ndarray:
     """Log evidence of every weight by the linear model of the motion at a point."""
-    return np.array([JoinedWindows(point.problem, weight).evidence(point) for weight in schedule])
+    return np.array([Objective(point.problem, weight).evidence(point) for weight in schedule])
 
 
 def solve_to_end(point: Solution, progress: Progress = silent) -> Solution:
     """A solution fully converged at its gap weight; `fit_shooting` stops earlier, as finer steps may have to follow."""
     if not point.gap_weight:
         return point
-    level = JoinedWindows(point.problem, point.gap_weight)
-    found = level.descend(point, CONTINUED, point.iterations, progress)
+    level = Objective(point.problem, point.gap_weight)
+    found = continue_at(level, point, CONTINUED, point.iterations, progress)
     if found.status == "ok":
         found.evidence = level.evidence(found)
     return replace(found, step_bias=point.step_bias)
@@ -342,15 +223,8 @@ def solve_to_end(point: Solution, progress: Progress = silent) -> Solution:
 
 def continue_shooting(point: Solution) -> Solution:
     """Continue from a joined solution at its gap weight, evaluated on other windows, such as of finer steps."""
-    level = JoinedWindows(point.problem, point.gap_weight)
-    return replace(level.descend(point, CONTINUED), evidence=point.evidence)
-
-
-def level_of(problem: Problem, gap_weight: float | None) -> Separate:
-    """Cost and steps of a problem whose windows are separate (None) or joined with this gap weight."""
-    if gap_weight is None or not problem.windows.follows.any():
-        return Separate(problem)
-    return JoinedWindows(problem, gap_weight)
+    found = descend(level_of(point.problem, point.gap_weight), point, CONTINUED)
+    return replace(found, evidence=point.evidence)
 
 
 def loosest(found: Sequence[Solution]) -> Solution:
@@ -358,6 +232,6 @@ def loosest(found: Sequence[Solution]) -> Solution:
     return found[loosest_of([point.evidence for point in found])]
 
 
-def loosest_of(evidence: Sequence[float]) -> int:
+def loosest_of(evidence: Sequence[float] | np.ndarray) -> int:
     """Number of the largest weight whose evidence is near the best: below it, the noise cannot distinguish weights."""
     return int(np.argmax(np.array(evidence) >= max(evidence) - SAME_EVIDENCE))

@@ -79,7 +79,6 @@ class Simulator:
         others: programs of the same model, stored by other objects.
         starts_only: whether derivatives by the parameters are not taken, but zero.
         compile_s: time spent compiling [s].
-        evaluations: number of calls.
     """
 
     def __init__(
@@ -91,32 +90,37 @@ class Simulator:
         tangents: int | None = None,
         more: Sequence[Parameter] = (),
     ) -> None:
-        self.model, self.parameters = model, tuple(parameters)
+        self.model = model
+        self.parameters = tuple(parameters)
         self.release = release and replace(release)  # its poses belong to one model and one list of parameters
         self.compiled = (*self.parameters, *more)
         self.stepper = stepper or choose_stepper(model)
         self.freedoms = 2 * planar.freedoms(model)
         self.tangents = tangents or max(self.freedoms + len(self.parameters), 1)
-        self.starts_only, self.compile_s, self.evaluations = False, 0.0, 0
+        self.starts_only = False
+        self.compile_s = 0.0
         self.capacity = 0, 0
         self._plain = self.stepper.plain != self.stepper
         self._programs: dict[Key, jax.stages.Compiled] = {}
         self.others: dict[str, Any] = {}
         self._model: tuple[np.ndarray, Model] | None = None
         # a fit starts at the last evaluation of its preparation
-        self._last: tuple[tuple[np.ndarray, Starts, Windows] | None, Evaluation | None] = None, None
+        self._last: tuple[np.ndarray, Starts, Windows, Evaluation] | None = None
 
     def view_of(self, parameters: Sequence[Parameter]) -> Simulator:
         """The same programs for some of the parameters that they know, or with other lost frames instead of theirs."""
         view = copy.copy(self)
-        view.parameters, view._model, view._last = tuple(parameters), None, (None, None)
+        view.parameters = tuple(parameters)
+        view._model = None
+        view._last = None
         view._where()  # raises for an unknown name
         return view
 
     def view_of_starts(self) -> Simulator:
         """The same programs with derivatives by the starts alone, for fits with all parameters fixed."""
         view = copy.copy(self)
-        view.starts_only, view._last = True, (None, None)
+        view.starts_only = True
+        view._last = None
         return view
 
     def knows(self, parameters: Sequence[Parameter]) -> bool:
@@ -135,7 +139,7 @@ class Simulator:
         """Values of all parameters that programs know, and which of them are the requested ones (k,)."""
         where = self._where()
         found = np.array([p.value for p in self.compiled], float)
-        found[losses(self.compiled)] = 0.0
+        found[list(losses(self.compiled))] = 0.0
         found[where] = values
         return found, where
 
@@ -145,8 +149,7 @@ class Simulator:
         A lost time at the end of a window, before the next one's first frame, belongs to that window.
         """
         found = np.full((windows.count, len(losses(self.compiled))), NEVER)
-        for slot, i in enumerate(losses(self.parameters)):
-            where = self.parameters[i].where
+        for slot, where in enumerate(losses(self.parameters).values()):
             step = (where.time - windows.begin) / windows.dt - ON_GRID
             inside = (windows.run == where.run) & (step > 0) & (step <= windows.step_counts)
             found[inside, slot] = step[inside]
@@ -155,29 +158,29 @@ class Simulator:
     def __call__(self, values: np.ndarray, starts: Starts, windows: Windows) -> Evaluation:
         """Evaluate at parameter values (k,) and window starts; every window has its own row in the result."""
         values = np.asarray(values, float)
-        last = self._last[0]
+        last = self._last
         if last and last[1] is starts and last[2] is windows and np.array_equal(last[0], values):
-            return self._last[1]
+            return last[3]
         bases = planar.chart(self.model_at(values), starts.theta)
         inputs = (starts.theta, starts.omega, bases, windows.theta, windows.weight, windows.index, windows.fraction)
         inputs = (*inputs, self.jumps(windows), windows.step_counts.astype(np.int32))
-        asked = values
+        asked = values.copy()
         values, _ = self.all_values(values)
         if self.release:
             inputs = self.release.release_inputs(self.model, self.compiled, values, inputs, windows)
-        self.evaluations += 1
         found = self._run(values, inputs, windows, self._plain)
         if self._plain and found.failed.any():
             again = np.flatnonzero(found.failed)
             # fraction of a program's windows that its first, plain steps may leave unsolved before they are no longer
             # tried
             self._plain = len(again) <= 0.5 * windows.count
-            better = self._run(values, tuple(a[again] for a in inputs), windows, False)
+            better = self._run(values, [a[again] for a in inputs], windows, False)
             found = with_rows(found, again, better)
-        self._last = (asked.copy(), starts, windows), drop_wild(found)
-        return self._last[1]
+        found = drop_wild(found)
+        self._last = asked, starts, windows, found
+        return found
 
-    def _run(self, values: np.ndarray, inputs: tuple[np.ndarray, ...], windows: Windows, plain: bool) -> Evaluation:
+    def _run(self, values: np.ndarray, inputs: Sequence[np.ndarray], windows: Windows, plain: bool) -> Evaluation:
         """Inputs of all or some of the windows, a chunk at a time."""
         slots = windows.theta.shape[1]
         key, program = self._program(self._key(windows, plain), values, inputs)
@@ -190,9 +193,7 @@ class Simulator:
         order = np.argsort(inputs[COUNTS], kind="stable")
         more = -len(order) % key.size
         rows = np.pad(order, (more, 0), mode="edge").reshape(-1, key.size)
-        chunks = []
-        for some in rows:
-            chunks.append(tuple(a[some] for a in inputs))
+        chunks = [[a[some] for a in inputs] for some in rows]
         substeps = np.int32(windows.substeps)
         run = lambda job: [  # noqa: E731
             np.asarray(a) for a in program(values, job[0], substeps, job[1][COUNTS].max(), *job[1])
@@ -201,19 +202,20 @@ class Simulator:
         # the compiled program releases the interpreter lock, so that two threads use two cores
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
             parts = list(pool.map(run, jobs))
-        by_seed = [parts[i : i + len(chunks)] for i in range(0, len(parts), len(chunks))]
         back = more + np.argsort(order, kind="stable")
         joined = []
-        for some in by_seed:
-            joined.append([np.concatenate(column)[back] for column in zip(*some, strict=True)])
-        whole = Evaluation(*joined[0])
+        for i in range(0, len(parts), len(chunks)):
+            columns = zip(*parts[i : i + len(chunks)], strict=True)
+            joined.append([np.concatenate(column)[back] for column in columns])
         columns = self.freedoms + len(self.parameters)
+        whole = []
         for i, field in enumerate(Evaluation._fields):
+            found = joined[0][i]
             if field.endswith("jacobian"):
                 found = np.concatenate([some[i] for some in joined], axis=-1)[..., :columns]
-                without = [(0, 0)] * (found.ndim - 1) + [(0, columns - found.shape[-1])]
-                whole = whole._replace(**{field: np.pad(found, without)})
-        return whole._replace(**{f: getattr(whole, f)[:, :slots] for f in ("theta", "residual", "jacobian")})
+                found = np.pad(found, [(0, 0)] * (found.ndim - 1) + [(0, columns - found.shape[-1])])
+            whole.append(found[:, :slots] if field in ("theta", "residual", "jacobian") else found)
+        return Evaluation(*whole)
 
     def _seeds(self) -> list[np.ndarray]:
         """Directions (tangents, m2 + compiled) of the derivatives, in as many blocks as starts and parameters need."""
@@ -247,7 +249,7 @@ class Simulator:
         return Key(plain, size, windows.dt, on_grid, windows.steps, windows.theta.shape[1])
 
     def _program(
-        self, requested: Key, values: np.ndarray, inputs: tuple[np.ndarray, ...]
+        self, requested: Key, values: np.ndarray, inputs: Sequence[np.ndarray]
     ) -> tuple[Key, jax.stages.Compiled]:
         """A program that serves such windows, compiled if necessary, and its key."""
         for key, program in self._programs.items():
@@ -273,8 +275,13 @@ class Simulator:
             (self.tangents, self.freedoms + len(self.compiled)), jax.dtypes.canonicalize_dtype(float)
         )
         known_by = {
-            **{"key": tuple(key), "stepper": stepper, "model": self.model, "release": self.release},
-            **{"parameters": self.compiled, "freedoms": self.freedoms, "tangents": self.tangents},
+            "key": tuple(key),
+            "stepper": stepper,
+            "model": self.model,
+            "release": self.release,
+            "parameters": self.compiled,
+            "freedoms": self.freedoms,
+            "tangents": self.tangents,
         }
         arguments = (values, seeds, count, count, *like)
         # several windows in one batch run as fast without the kernel and compile in half of the time
@@ -311,15 +318,15 @@ class Simulator:
             p = x[2 * m :]
             model = add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
             theta = theta0 + basis @ z[:m]
-            h = dt
+            h: jax.Array | float = dt
             samples = (index, fraction)
-            release_state = None
+            late: jax.Array | float = 0.0
             if self.release:
                 release_state = ReleaseState(*more)
-            if release_state is not None:
                 theta = theta + release_state.slope @ (p - values)
-            if release_state is not None or losses(self.compiled):
-                h, samples = self._clock(p, release_state, index + fraction, jumps, dt, own_steps)
+                late = self.release.late(self.compiled, p, release_state)
+            if self.release or losses(self.compiled):
+                h, samples = self._clock(p, late, index + fraction, jumps, dt, own_steps)
             rate = clock_rate(self.compiled, p)
             h = h if rate is None else h * rate
             start = planar.close_chain(model, theta, omega0 + basis @ z[m:])
@@ -348,25 +355,24 @@ class Simulator:
     def _clock(
         self,
         p: jax.Array,
-        release_state: ReleaseState | None,
+        late: jax.Array | float,
         position: jax.Array,
         jumps: jax.Array,
         dt: float,
         steps: jax.Array,
-    ) -> tuple[jax.Array | float, tuple[jax.Array, jax.Array]]:
+    ) -> tuple[jax.Array, tuple[jax.Array, jax.Array]]:
         """A window's step [s] and the position of its samples in steps, integer and fraction, by its own clock.
 
         The steps are stretched so that the last one ends with the window, however much time is missing in it.
+
+        Args:
+            late: time from the start of the window to its release [s].
         """
         elapsed = position * dt
         total = steps * dt
         for slot, i in enumerate(losses(self.compiled)):
             elapsed = elapsed + jnp.where(position >= jumps[slot], p[i], 0.0)
             total = total + jnp.where(jumps[slot] < NEVER, p[i], 0.0)
-        if release_state is None:
-            late = 0.0
-        else:
-            late = self.release.late(self.compiled, p, release_state)
         h = jnp.maximum((total - late) / steps, LEAST_STRETCH * dt)
         step_position = jnp.clip((elapsed - late) / h, 0.0, steps)  # before the release: at rest
         whole = jnp.minimum(jnp.floor(jax.lax.stop_gradient(step_position)), steps - 1)
@@ -400,11 +406,15 @@ def choose_stepper(model: Model, integrator: str | None = None, solver: str = "a
 ACCURACY_PER_LENGTH = 0.1
 
 
+#: A state and the number of failed steps before it.
+Counted = tuple[State, jax.Array]
+
+
 def march(
     stepper: Stepper,
     model: Model,
     s: State,
-    dt: jax.Array,
+    dt: jax.Array | float,
     capacity: int,
     substeps: jax.Array,
     steps: jax.Array | int,
@@ -423,8 +433,8 @@ def march(
         end, (found, _) = advance_adaptively(stepper, model, start, dt, accuracy, capacity)
         return *jax.vmap(partial(planar.from_nodes, model))(found.r, found.v), end.has_failed.astype(jnp.int32)
 
-    def full_interval(carry: tuple[State, jax.Array], i: jax.Array) -> tuple[tuple[State, jax.Array], tuple[Any, ...]]:
-        def part(_: jax.Array, carry: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+    def full_interval(carry: Counted, i: jax.Array) -> tuple[Counted, tuple[jax.Array, jax.Array]]:
+        def part(_: jax.Array, carry: Counted) -> Counted:
             taken = advance_over(stepper, model, carry[0], dt / substeps, carry[1] == 0)
             return taken.state, carry[1] + jnp.where(i < counted, taken.failed, 0)
 
@@ -438,7 +448,9 @@ def march(
     return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad
 
 
-def delayed(index: jax.Array, fraction: jax.Array, delay: jax.Array, steps: jax.Array) -> tuple[jax.Array, jax.Array]:
+def delayed(
+    index: jax.Array, fraction: jax.Array, delay: jax.Array | float, steps: jax.Array
+) -> tuple[jax.Array, jax.Array]:
     """Positions of samples in steps, integer and fraction, earlier by a delay [steps]; the fraction of one just outside
     the window lies outside 0 to 1."""
     position = index + fraction - delay

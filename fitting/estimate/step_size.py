@@ -17,9 +17,9 @@ from dataclasses import replace
 import numpy as np
 
 from dropper_jax.base.errors import Progress, silent
-from fitting.estimate.least_squares import fit_windows
+from fitting.estimate.least_squares import fit_windows, level_of
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import continue_shooting, level_of
+from fitting.estimate.shooting import continue_shooting
 from fitting.estimate.uncertainty import uncertainty
 
 #: Bias of the step that is accepted, in standard errors: it is nearly all of the error of a fit without noise, which

@@ -17,10 +17,9 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from fitting.estimate.blocks import raised_to, scatter, scores
 from fitting.estimate.factors import Factor, invert_spd, scale_diagonal
+from fitting.estimate.least_squares import level_of
 from fitting.estimate.loss import Loss
-from fitting.estimate.normal_equations import Normal
 from fitting.estimate.residuals import Solution
-from fitting.estimate.shooting import level_of
 
 #: Number of blocks below which intervals use Student's quantile and a warning is given.
 FEW = 15
@@ -28,22 +27,12 @@ FEW = 15
 
 def start_covariances(point: Solution) -> tuple[np.ndarray, float]:
     """Covariances (K, m2, m2) of the windows' starts at given parameters, and the log determinant of their inverse."""
-    level = level_of(point.problem, point.gap_weight)
-    system = level.system(point.evaluation, point.values)
-    if isinstance(system, Normal):
-        largest = np.einsum("kii->ki", system.A).max(initial=0.0)
-        A = system.A + (1e-12 * largest + 1e-300) * np.eye(system.A.shape[1])
+    system = level_of(point.problem, point.gap_weight).system(point.evaluation, point.values)
+    A = system.damped(0.0)
+    if system.below is None:
         return np.linalg.inv(A), float(np.linalg.slogdet(A)[1].sum())
-    A = system.normal.A
-    factor = Factor(A + 1e-13 * np.einsum("kii->ki", A).max() * np.eye(A.shape[1]), system.below)
+    factor = Factor(A, system.below)
     return factor.inverse_diagonal(), factor.log_determinant
-
-
-def hat_diagonal(rows: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Diagonal (...) of the hat matrix of rows (..., k) of this information (k, k), which may be singular."""
-    scaled, size = scale_diagonal(information)
-    inverse = np.linalg.pinv(scaled, hermitian=True) * np.outer(size, size)
-    return np.einsum("...p,pq,...q->...", rows, inverse, rows, optimize=True)
 
 
 def leverage(point: Solution) -> np.ndarray:
@@ -55,7 +44,9 @@ def leverage(point: Solution) -> np.ndarray:
     taken = np.einsum("ksni,kij,ksnj->ksn", own, start_covariances(point)[0], own, optimize=True)
     if len(free):
         score = (root * scores(point.evaluation, point))[..., free]
-        taken = taken + hat_diagonal(score, point.free_information)
+        scaled, size = scale_diagonal(point.free_information)
+        inverse = np.linalg.pinv(scaled, hermitian=True) * np.outer(size, size)
+        taken = taken + np.einsum("...p,pq,...q->...", score, inverse, score, optimize=True)
     return taken
 
 
@@ -73,7 +64,7 @@ class Uncertainty:
         low, high: ends of the 90 % intervals (k,).
         at_bound: (k,) bool.
         noise: standard deviation of the residuals in units of the assumed noise.
-        correlation_1: correlation of neighbouring residuals, one for each channel (c,).
+        correlation_1: correlation of neighbouring residuals (c,), of all angles, or of each channel.
         inflation: maximum factor on a standard error due to the correlation.
         undetermined: directions (name -> share) that the data do not determine.
         blocks: number of blocks of scores behind the errors; 0 if they come from the noise.
@@ -85,7 +76,7 @@ class Uncertainty:
     high: np.ndarray
     at_bound: np.ndarray
     noise: float
-    correlation_1: float | np.ndarray
+    correlation_1: np.ndarray
     inflation: float
     undetermined: tuple[dict[str, float], ...]
     blocks: int = 0

@@ -2,13 +2,19 @@
 
 A chaotic trace cannot be fitted as one run: its sensitivity to the start grows as exp(lambda t). Each window has a
 start of its own (angles and rates, in a local chart, see `planar`), and only the parameters are shared.
+
+Windows are as long as the growth of small errors in the motion allows. Let M_k be the transition of window k, the
+derivative of its end by its start in units of a gap's scale. Errors grow over windows j to k by at most the largest
+singular value of M_k ... M_j. The largest Lyapunov exponent is the mean growth rate of the product of all. A whipping
+motion grows by far more than this mean at some moments. Windows are therefore joined from short ones, up to the length
+that the growth of their own product allows.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -60,7 +66,7 @@ class Windows:
         index, fraction: time of each slot in steps after the start, integer and fraction, (K, S).
         dt, steps: time step [s], and the step capacity of programs for these windows.
         released: whether the model determines the start of a window, see `release` (K,).
-        step_counts: steps of each window (K,), at most `steps`; default: all of them.
+        step_counts: steps of each window (K,), at most `steps`.
         substeps: number of parts of every step.
         decay: decay rate of the noise's autocorrelation (K, n) [1/s]; None if it is white.
         jitter: ratio of the standard deviation by frames' common delays to that of the noise, with the sign of the
@@ -77,14 +83,10 @@ class Windows:
     dt: float
     steps: int
     released: np.ndarray
-    step_counts: np.ndarray | None = None
+    step_counts: np.ndarray
     substeps: int = 1
     decay: np.ndarray | None = None
     jitter: np.ndarray | None = None
-
-    def __post_init__(self) -> None:
-        if self.step_counts is None:
-            object.__setattr__(self, "step_counts", np.full(len(self.begin), self.steps))
 
     @property
     def count(self) -> int:
@@ -111,12 +113,6 @@ class Windows:
         return self.begin + self.lengths
 
     @property
-    def gap_shares(self) -> np.ndarray:
-        """Standard deviation allowed by each gap relative to the mean window's (g,): it grows as the root of time."""
-        left = np.flatnonzero(self.follows) - 1
-        return np.sqrt(self.lengths[left] / self.lengths.mean())
-
-    @property
     def length(self) -> float:
         """Duration of the longest window [s]."""
         return float(self.lengths.max())
@@ -135,9 +131,9 @@ class Windows:
         Windows with the shapes of earlier ones need no compilation.
         """
         more = max(0, slots - self.theta.shape[1])
-        given = {f: getattr(self, f) for f in ("theta", "weight", "index", "fraction", "jitter")}
         padded = {}
-        for f, a in given.items():
+        for f in ("theta", "weight", "index", "fraction", "jitter"):
+            a = getattr(self, f)
             if a is not None:
                 padded[f] = np.pad(a, [(0, 0), (0, more), *[(0, 0)] * (a.ndim - 2)])
         return replace(self, steps=max(steps, self.steps), **padded)
@@ -234,11 +230,10 @@ def fill(traces: Sequence[Trace], pieces: Sequence[Piece], dt: float, sigma: Seq
 
 def _all_samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarray) -> tuple[np.ndarray, ...]:
     """The samples of a trace, or of all recordings of its motion one after another, each in its own columns."""
-    if not trace.recordings:
-        return _samples(trace, begin, steps, dt, sigma)
     found = []
-    count = len(trace.recordings)
-    for i, one in enumerate(trace.recordings):
+    recordings = trace.recordings or (trace,)
+    count = len(recordings)
+    for i, one in enumerate(recordings):
         mine = slice(i * trace.links, (i + 1) * trace.links)
         theta, weight, index, fraction = _samples(one, begin, steps, dt, sigma[mine])
         wide = np.zeros((2, len(theta), count * trace.links))
@@ -262,11 +257,59 @@ def _samples(trace: Trace, begin: float, steps: int, dt: float, sigma: np.ndarra
     return np.where(known, theta, 0.0), np.where(known, 1.0 / error, 0.0), index, fraction
 
 
-class Starts(NamedTuple):
+#: Maximum growth of an error over a fit window, in e-folds.
+FIT_GROWTH = 2.0
+#: Shortest windows that are joined, as a fraction of the shortest link's period: links that whip at ten times the rate
+#: of their own swing turn by less than one turn in it.
+SHORTEST_PART = 0.2
+#: Longest automatic window [s], and as a fraction of the trace.
+LONGEST = 10.0
+LONGEST_PART = 0.125
+
+
+def longest_window(freedoms: int, length: float, span: float, shortest: float) -> float:
+    """Longest window [s]: one second per 0.1 m link of a chain; long where chaos is impossible."""
+    chaotic = float(np.sqrt(length / 0.1)) if freedoms > 1 else np.inf  # one angle cannot be chaotic
+    return max(shortest, min(LONGEST, LONGEST_PART * span, chaotic))
+
+
+def follow_motion(windows: Windows, move: np.ndarray, steps: int) -> list[Piece]:
+    """Windows joined from short ones while an error grows by at most `FIT_GROWTH` e-folds over them.
+
+    Args:
+        windows: short ones, each ending on a whole frame.
+        move: their transitions (K, m2, m2).
+        steps: maximum steps of a window.
+    """
+    found: list[Piece] = []
+    one = np.eye(move.shape[1])
+    move = np.where(windows.released[:, None, None], one, move)  # the start of a released window comes from the model
+    product = one
+    for k, matrix in enumerate(move):
+        piece = windows.piece(k)
+        further = matrix @ product
+        total = piece.steps + sum(last.steps for last in found[-1:])
+        if np.isfinite(further).all():
+            grown = np.linalg.norm(further, 2)
+        else:
+            grown = np.inf
+        if found and piece.follows and total <= steps and grown <= np.exp(FIT_GROWTH):
+            found[-1], product = found[-1]._replace(steps=total), further
+        else:
+            found.append(piece)
+            product = matrix
+    return found
+
+
+#: Arrays of NumPy or of JAX.
+A = TypeVar("A", np.ndarray, jax.Array)
+
+
+class Starts(NamedTuple, Generic[A]):
     """Window starts: angles and rates, each (K, n), which close."""
 
-    theta: np.ndarray
-    omega: np.ndarray
+    theta: A
+    omega: A
 
 
 #: A named tuple of arrays with a row for each window.

@@ -51,16 +51,12 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
         if back > 0.5 * (t[i - 1] - t[starts[-1]]) and i - starts[-1] > SECOND_RUN:
             starts.append(int(i))
     if len(starts) > 1:
-        ends = [*starts[1:], len(t)]
-        lengths = [end - start for start, end in zip(starts, ends, strict=True)]
-        best = int(np.argmax(lengths))
-        part = slice(starts[best], ends[best])
-        notes.append(
-            f"times start again {len(starts) - 1} times: the longest run is used, rows {starts[best] + 1} to "
-            f"{ends[best]}"
-        )
-        t = t[part]
-        values = values[part]
+        edges = [*starts, len(t)]
+        longest = int(np.argmax(np.diff(edges)))
+        first, end = edges[longest : longest + 2]
+        notes.append(f"times start again {len(starts) - 1} times: the longest run is used, rows {first + 1} to {end}")
+        t = t[first:end]
+        values = values[first:end]
     backwards = int(np.sum(np.diff(t) < 0))
     if backwards:
         notes.append(f"times jump back in {backwards} rows: rows sorted by time")
@@ -68,14 +64,12 @@ def ordered_rows(file: str, t: np.ndarray, values: np.ndarray) -> Rows:
         t = t[order]
         values = values[order]
     # repeated times: means of their rows
-    different, first, counts = np.unique(t, return_index=True, return_counts=True)
+    different, group = np.unique(t, return_inverse=True)
     repeated = len(t) - len(different)
     if repeated:
         notes.append(f"{repeated} rows repeat a time: averaged")
-        group = np.repeat(np.arange(len(different)), counts)
         known = np.isfinite(values)
-        total = np.zeros((len(different), values.shape[1]))
-        number = np.zeros((len(different), values.shape[1]))
+        total, number = np.zeros((2, len(different), values.shape[1]))
         np.add.at(total, group, np.where(known, values, 0.0))
         np.add.at(number, group, known)
         t = different

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
 from fitting.from_file.read_file import Measured
 from fitting.traces.trace import write_trace
@@ -36,7 +35,7 @@ def new_folder(name: str) -> Path:
     return folder
 
 
-def write_case(folder: Path, measured: list[Measured], scene: Mapping[str, Any], options: tuple[str, ...] = ()) -> Case:
+def write_case(folder: Path, measured: list[Measured], scene: Table, options: tuple[str, ...]) -> Case:
     """Write the traces and the scene; nothing is replaced. `options` are those of the command that repeats the fit."""
     folder.mkdir(parents=True, exist_ok=True)
     traces = []

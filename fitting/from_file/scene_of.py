@@ -6,12 +6,11 @@ effective length L = I/(m a). Its angle shows L, b/m and b_q/m, but no mass: tha
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
-from fitting.from_file.read_file import NOTHING, Given, Measured
+from dropper_jax.base.read import Table
+from fitting.from_file.read_file import Given, Measured
 from fitting.traces.planar import pendulum_period
 
 #: Drag at the start of the fit of several links, per mass [1/s], [1/m].
@@ -20,7 +19,7 @@ DAMPING = 0.02
 RULER = 0.2
 
 
-def propose_scene(measured: Measured, given: Given = NOTHING) -> dict[str, Any]:
+def propose_scene(measured: Measured, given: Given) -> Table:
     """Plain values of a scene with its `[fit]`."""
     count = measured.trace.links
     mass = 1.0 if given.mass is None else given.mass

@@ -23,14 +23,15 @@ def fitted_scene(scene: Scene, model: Model, parameters: Sequence[Parameter], va
         model: the fitted one.
     """
     for p, value in zip(parameters, values, strict=True):
-        if scene.branched and p.in_model and p.where.section == "lines":
-            scene = _of_all_lines(scene, p.where, float(value))
+        where = p.where
+        if scene.branched and isinstance(where, ModelPlace) and where.section == "lines":
+            scene = _of_all_lines(scene, where, float(value))
             continue
         try:
             scene.value(p.name)
         except SceneError:
-            if p.in_model:
-                whole = np.asarray(getattr(getattr(model, p.where.section)[p.where.index], p.where.field), float)
+            if isinstance(where, ModelPlace):
+                whole = np.asarray(getattr(getattr(model, where.section)[where.index], where.field), float)
                 scene = scene.with_values({ScenePath(p.name).stem: whole.tolist()})
         else:
             scene = scene.with_values({p.name: float(value)})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import ScenePath
@@ -51,7 +51,7 @@ def full_names(scene: Scene, names: Sequence[str], option: str = "free") -> list
     Error messages use `option` as their heading.
     """
     names = [name.strip() for name in names]
-    known = None
+    known: list[str] = []
     if not all(map(_is_full, names)):
         known = [*paths(build_model(scene)), *scene.parameter_paths]
     return [name if _is_full(name) else _full(name, known, option) for name in names]
@@ -64,20 +64,27 @@ def free_option(names: Sequence[str], more: Sequence[str]) -> str:
     return f"--free {','.join(dict.fromkeys([*short, *more]))}"
 
 
+class Changes(NamedTuple):
+    """Start values, bounds and priors by full paths."""
+
+    start: dict[str, float]
+    bounds: dict[str, tuple[float | None, float | None]]
+    priors: dict[str, tuple[float, float]]
+
+
 def by_full_path(
-    scene: Scene, start: StartValues | None, bounds: Bounds | None, priors: Priors | None, of_data: Sequence[str] = ()
-) -> list[dict[str, Any]]:
+    scene: Scene, start: StartValues | None, bounds: Bounds | None, priors: Priors | None, of_data: Sequence[str]
+) -> Changes:
     """Start values, bounds and priors by full paths; names of the sections `of_data` are full already."""
-    given = (("start", start), ("bounds", bounds), ("prior", priors))
-    found = []
-    for option, values in given:
-        found.append(
-            {
-                name if ScenePath(name).section in of_data else full_names(scene, [name], option)[0]: value
-                for name, value in (values or {}).items()
-            }
-        )
-    return found
+
+    def full(option: str, name: str) -> str:
+        return name if ScenePath(name).section in of_data else full_names(scene, [name], option)[0]
+
+    return Changes(
+        {full("start", name): value for name, value in (start or {}).items()},
+        {full("bounds", name): ends for name, ends in (bounds or {}).items()},
+        {full("prior", name): prior for name, prior in (priors or {}).items()},
+    )
 
 
 def _is_full(name: str) -> bool:

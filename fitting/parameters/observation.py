@@ -105,6 +105,6 @@ def clock_rate(parameters: Sequence[Parameter], values: jax.Array) -> jax.Array 
     return next((values[i] for i, p in enumerate(parameters) if isinstance(p.where, ClockPlace)), None)
 
 
-def losses(parameters: Sequence[Parameter]) -> list[int]:
-    """The parameters that are lost times, in order."""
-    return [i for i, p in enumerate(parameters) if isinstance(p.where, LostPlace)]
+def losses(parameters: Sequence[Parameter]) -> dict[int, LostPlace]:
+    """The parameters that are lost times, by their numbers in order."""
+    return {i: p.where for i, p in enumerate(parameters) if isinstance(p.where, LostPlace)}

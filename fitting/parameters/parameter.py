@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import Field, dataclass, fields, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import jax
 import numpy as np
@@ -56,6 +56,8 @@ Target = ModelPlace | Direction | Observer | ReleasePlace | MissingForce
 StartValues = Mapping[str, float]
 Bounds = Mapping[str, tuple[float | None, float | None]]
 Priors = Mapping[str, tuple[float, float]]
+#: What is given by path.
+V = TypeVar("V")
 
 #: Step size of a parameter that starts at zero [its own unit], unless its prior gives one.
 SIZES_AT_ZERO = {"b_l": 1e-3, "b_q": 1e-3, "viscous": 1e-4, "dry": 1e-4, "time": 1e-2, CAMERA: 1e-2}
@@ -165,15 +167,17 @@ def adjust_parameters(
         SceneError: a path that is not free, an empty interval, a start outside it, a prior without width.
     """
     known = [p.name for p in parameters]
-    given = [_for_each(*one, known) for one in (("start", start), ("bounds", bounds), ("prior", priors))]
-    return tuple(_adjust(p, *given, wider) for p in parameters)
+    values = _for_each("start", start, known)
+    ends = _for_each("bounds", bounds, known)
+    known_before = _for_each("prior", priors, known)
+    return tuple(_adjust(p, values, ends, known_before, wider) for p in parameters)
 
 
-def _for_each(which: str, given: Mapping[str, Any] | None, names: Sequence[str]) -> dict[str, Any]:
+def _for_each(which: str, given: Mapping[str, V] | None, names: Sequence[str]) -> dict[str, V]:
     """Given values by parameter name: the value of a field applies to each of its entries."""
-    found = {}
+    found: dict[str, V] = {}
     for name, value in (given or {}).items():
-        mine = [p for p in names if p == name] or [p for p in names if p.startswith(name + ".")]
+        mine = [name] if name in names else [p for p in names if p.startswith(name + ".")]
         if not mine:
             raise SceneError(f"{which}: {name!r} is not a free parameter; {nearest(name, names)}")
         found.update(dict.fromkeys(mine, value))

@@ -63,7 +63,6 @@ class Direction:
     slopes: dict[int, np.ndarray]
     origin: float
     linear: bool
-    section: ClassVar[str] = ""
     field: ClassVar[str] = ""
 
     def set_in(self, model: Model, value: jax.Array) -> Model:
@@ -80,7 +79,7 @@ def scale_direction(model: Model) -> Direction:
     def grown(share: jax.Array) -> Model:
         line = model.line
         lengths = {"length": line.length * share}
-        if line.compound:
+        if line.centre_of_mass is not None and line.inertia is not None:
             lengths |= {"centre_of_mass": line.centre_of_mass * share, "inertia": line.inertia * share**2}
         points = tuple(replace(p, position=p.position * share) for p in model.points)
         return replace(model, lines=(replace(line, **lengths), *model.lines[1:]), points=points)
@@ -110,7 +109,6 @@ class CameraPlace:
     """Rotation of the camera; with a link, the rotation of its marker or its encoder's zero relative to it."""
 
     link: int | None = None
-    section: ClassVar[str] = "camera"
     field: ClassVar[str] = CAMERA
 
 
@@ -120,7 +118,6 @@ class NodeMarkerPlace:
 
     node: int
     axis: int
-    section: ClassVar[str] = "marker"
     field: ClassVar[str] = NODE
 
 
@@ -131,7 +128,6 @@ class LostPlace:
     run: int
     frame: int
     time: float = 0.0
-    section: ClassVar[str] = "lost"
     field: ClassVar[str] = LOST
 
 
@@ -139,7 +135,6 @@ class LostPlace:
 class ClockPlace:
     """Rate of the motion's time relative to the traces' clock [s/s]: above 1 if the true frame interval is longer."""
 
-    section: ClassVar[str] = "clock"
     field: ClassVar[str] = CLOCK
 
 
@@ -150,7 +145,6 @@ class ReleasePlace:
     run: int
     field: str
     entry: int | None = None
-    section: ClassVar[str] = "release"
 
 
 @dataclass(frozen=True)
@@ -161,7 +155,6 @@ class RecordingPlace:
     field: str
     link: int | None = None
     applied: float = 0.0
-    section: ClassVar[str] = "recording"
 
 
 @dataclass(frozen=True)
@@ -169,4 +162,3 @@ class MissingForce:
     """The size of a force that the scene lacks (`missing_forces`); `field` is its kind."""
 
     field: str
-    section: ClassVar[str] = "missing"

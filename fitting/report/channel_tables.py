@@ -30,7 +30,7 @@ def channel_rows(result: ChannelFit) -> list[tuple[str, ...]]:
 def sensitivity_rows(result: ChannelFit) -> list[tuple[str, ...]]:
     """Sensitivity of each channel to each parameter, with a heading."""
     names = [s.channel.name for s in result.solution.problem.data.sensors]
-    return named_rows("parameter", names, [p.name for p in result.parameters], result.errors.sensitivity, ".2g")
+    return named_rows("parameter", names, result.solution.problem.names, result.errors.sensitivity, ".2g")
 
 
 def between_rows(result: ChannelFit) -> list[tuple[str, ...]]:

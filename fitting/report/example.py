@@ -54,13 +54,12 @@ def calibrate_synthetic(
     folder: str | Path,
     example: Example = EXAMPLE,
     method: str = "shooting",
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> FitResult:
     """Make the traces, fit them together, write traces and report to `folder`; `method` as in `fitting.fit`."""
     # fractions of the progress at which the traces are made, and the fit has ended
     making = 0.4
     fitted = 0.91
-    say = progress or silent
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     scenes = [load_scene(name).with_values(example.truth) for name in example.scenes]
@@ -68,7 +67,7 @@ def calibrate_synthetic(
         scenes,
         example.duration,
         Camera(angle_noise=example.noise),
-        progress=part_of(say, 0.0, making),
+        progress=part_of(progress, 0.0, making),
     )
     for trace in traces:
         write_trace(folder / f"{trace.name}.csv", trace)
@@ -78,12 +77,12 @@ def calibrate_synthetic(
         list(example.truth),
         method=method,
         start=example.start,
-        progress=part_of(say, making, fitted),
+        progress=part_of(progress, making, fitted),
     )
     result.warnings.insert(0, LABEL)
-    say(fitted, "report")
+    progress(fitted, "report")
     write_report(result, folder)
-    say(1.0, result.status)
+    progress(1.0, result.status)
     return result
 
 

@@ -46,7 +46,7 @@ def stretches(t: np.ndarray) -> list[slice]:
     return [slice(a, b) for a, b in pairwise([0, *ends.tolist(), len(t)])]
 
 
-def _line(axes: Axes, t: np.ndarray, x: np.ndarray, label: str, **looks: Any) -> None:
+def _line(axes: Axes, t: np.ndarray, x: np.ndarray, label: str | None, **looks: Any) -> None:
     for i, part in enumerate(stretches(t)):
         axes.plot(t[part], x[part], label=label if i == 0 else None, **looks)
 

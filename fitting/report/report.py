@@ -71,6 +71,7 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
 
 def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None) -> str:
     """The Markdown text; `full_runs` are uninterrupted runs by the number of their trace."""
+    names = result.solution.problem.names
     tests = []
     if result.laws.tests:
         tests = ["## Tests of the law", markdown_table(law_rows(result.laws))]
@@ -84,7 +85,7 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None)
         "## Damping of the slowest modes",
         _modes(result),
         "## Correlation",
-        markdown_table(correlation_rows(result)),
+        markdown_table(named_rows("", names, names, result.uncertainty.correlation, ".3f")),
         "## What was not identifiable",
         bullets(map(direction_text, result.uncertainty.undetermined))
         or "Every direction is determined to better than its own size.",
@@ -171,7 +172,7 @@ def _modes(result: FitResult) -> str:
     """Periods and damping ratios of the slowest modes with the fitted values, about the pose at rest."""
     model = build_model(fitted_scene(result.scene, result.model, result.parameters, result.values))
     pose = equilibrium(model)
-    if pose.status != "ok":
+    if pose.status != "ok" or pose.state is None:
         return f"No equilibrium was found: {pose.message}."
     modes = natural_modes(model, pose.state, 6)
     amplitude = 0.1 * float(np.mean(model.line.length))
@@ -197,12 +198,6 @@ def part_rows(result: FitResult) -> list[tuple[str, ...]]:
             cells = [f"{x:.3g}" for x in (*each, np.sqrt(np.nanmean(square)))]
             rows.append((trace.name, f"{name} {low:g}-{min(high, t[-1]):.3g} s", *cells))
     return rows
-
-
-def correlation_rows(result: FitResult) -> list[tuple[str, ...]]:
-    """The correlation matrix with names."""
-    names = [p.name for p in result.parameters]
-    return named_rows("", names, names, result.uncertainty.correlation, ".3f")
 
 
 @style.plot_style()

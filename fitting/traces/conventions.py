@@ -29,14 +29,6 @@ class Change(NamedTuple):
     apply: Callable[[np.ndarray], np.ndarray]
 
 
-def in_model(theta: np.ndarray, at: Convention) -> np.ndarray:
-    """Angles [rad] of a convention, from the horizontal and positive downwards."""
-    theta = at.sign * theta
-    if at.zero == "down":
-        return np.pi / 2 - theta
-    return theta
-
-
 def changes(links: int) -> Iterator[Change]:
     """Changes without a number: mirrored links, relative angles, other orders of columns."""
     mirrors = (
@@ -138,8 +130,8 @@ def settle_convention(
     check_unit(trace, model, named)
     scored = _scores(trace, model, named.unit)
     allowed = [key for key in scored if named.zero in (None, key[0]) and named.sign in (None, key[1])]
-    best = min(scored, key=scored.get)
-    own = min(allowed, key=scored.get)
+    best = min(scored, key=scored.__getitem__)
+    own = min(allowed, key=scored.__getitem__)
     alike = [key for key in allowed if not _is_worse(scored[key], scored[own])]
     if distance is not None and len(alike) > 1:
         own = min(alike, key=lambda key: distance(trace.in_model_convention(Convention(*key, named.unit))))

@@ -133,9 +133,9 @@ def energy(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
 
 
 @cached_jit()
-def energies(model: Model, theta: jax.Array, omega: jax.Array) -> jax.Array:
+def energies(model: Model, theta: jax.Array | np.ndarray, omega: jax.Array | np.ndarray) -> jax.Array:
     """The same of many angles and rates (k, n): (k,) [J]."""
-    return jax.vmap(partial(energy, model))(theta, omega)
+    return jax.vmap(partial(energy, model))(jnp.asarray(theta), jnp.asarray(omega))
 
 
 def wrap(angle: Angles) -> Angles:

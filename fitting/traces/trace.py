@@ -41,6 +41,18 @@ class Convention:
     sign: int | None = None
     unit: str | None = None
 
+    @property
+    def turn(self) -> int:
+        """1 if angles grow as those of the model do, otherwise -1."""
+        sign = self.sign or 1
+        return -sign if self.zero == "down" else sign
+
+    def in_model(self, theta: np.ndarray) -> np.ndarray:
+        """Angles [rad] of this convention, from the horizontal and positive downwards."""
+        if self.zero == "down":
+            return np.pi / 2 + self.turn * theta
+        return self.turn * theta
+
     def over(self, other: Convention) -> Convention:
         """This convention, completed by another."""
         pick = lambda a, b: b if a is None else a  # noqa: E731
@@ -105,19 +117,17 @@ class Trace:
 
     def in_model_convention(self, convention: Convention) -> Trace:
         """Angles [rad] from the horizontal, positive downwards, continuous in time."""
-        factor = (convention.sign or 1) * (np.pi / 180 if convention.unit == "deg" else 1.0)
-        if convention.zero == "down":
-            turn = -factor
-            zero = np.pi / 2
-        else:
-            turn = factor
-            zero = 0.0
-        scaled = lambda a, by: None if a is None else by * a  # noqa: E731
-        rates = scaled(self.omega, turn)
-        se = scaled(self.se, abs(factor))
-        error = abs(factor) * self.model_error
-        theta = unwrap(zero + turn * self.theta)
-        return replace(self, theta=theta, omega=rates, se=se, convention=convention, model_error=error)
+        unit = np.pi / 180 if convention.unit == "deg" else 1.0
+        turn = convention.turn * unit
+        zero = np.pi / 2 if convention.zero == "down" else 0.0
+        return replace(
+            self,
+            theta=unwrap(zero + turn * self.theta),
+            omega=None if self.omega is None else turn * self.omega,
+            se=None if self.se is None else unit * self.se,
+            convention=convention,
+            model_error=unit * self.model_error,
+        )
 
 
 def unwrap(theta: np.ndarray, turn: float = 2 * np.pi) -> np.ndarray:

@@ -14,9 +14,8 @@ from fitting.calibration.fit import estimate
 from fitting.calibration.prediction import PARTED
 from fitting.calibration.summarise import summarise
 from fitting.estimate.descent import ARRIVED, GradientDescent
-from fitting.estimate.least_squares import descend, fit_windows
+from fitting.estimate.least_squares import descend, fit_windows, level_of
 from fitting.estimate.normal_equations import drop_wild
-from fitting.estimate.shooting import level_of
 from fitting.estimate.step_size import LARGEST_BIAS, step_bias
 from fitting.estimate.uncertainty import uncertainty
 from fitting.report.report import one_run_picture

@@ -7,10 +7,10 @@ from scipy.optimize import fsolve
 import dropper_jax as dj
 from dropper_jax import SceneError
 from fitting import Trace
+from fitting.calibration.spans import advice_on_rest, still_spans
 from fitting.estimate.noise import Noise
 from fitting.estimate.rest import rests, static_pose
 from fitting.estimate.simulator import Simulator
-from fitting.estimate.still import advice_on_rest, still_spans
 from fitting.parameters.parameter import resolve
 
 LENGTH, MASS, END = np.array([0.15, 0.14, 0.16, 0.15]), np.array([0.05, 0.06, 0.05, 0.05]), 0.38

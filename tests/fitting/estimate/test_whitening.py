@@ -24,7 +24,7 @@ def windows():
     one, none = np.zeros(1), np.zeros((1, SLOTS))
     return Windows(
         one, one.astype(int), one > 0, np.zeros((1, SLOTS, 2)), known / SIGMA, np.arange(SLOTS)[None], none, STEP,
-        SLOTS, one > 0,
+        SLOTS, one > 0, np.array([SLOTS]),
     )  # fmt: skip
 
 
@@ -75,7 +75,7 @@ def test_delays_move_the_mean_of_an_angle_by_half_their_square_times_its_acceler
     one, shape = np.zeros(1), (1, slots, 1)
     seen = Windows(
         one, one.astype(int), one > 0, theta, np.ones(shape), np.arange(slots)[None], np.zeros((1, slots)), STEP, slots,
-        one > 0,
+        one > 0, np.array([slots]),
     )  # fmt: skip
     noise = Noise(np.ones((1, 1)), np.full((1, 1), np.inf), np.array([delay]))
     shifts = [
@@ -94,7 +94,7 @@ def test_windows_in_a_row_tell_no_more_of_a_constant_than_the_run_they_were_cut_
     row = Windows(
         STEP * SLOTS * np.arange(count), np.zeros(count, int), np.arange(count) > 0, np.zeros(shape), np.ones(shape),
         np.tile(np.arange(SLOTS), (count, 1)), np.zeros((count, SLOTS)), STEP, SLOTS, np.zeros(count, bool),
-        decay=decay,
+        np.full(count, SLOTS), decay=decay,
     )  # fmt: skip
     u = whiten(row, Evaluation(None, np.ones(shape), np.ones((*shape, 1)), *[None] * 5)).residual
     place = np.arange(count * SLOTS)

@@ -188,13 +188,14 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
         "damage_per_year": None,
         "life_years": None,
     }
-    given = [state for state in site.sea_states if state.hours is not None]
-    if not given:
+    hours = {state.name: state.hours for state in site.sea_states if state.hours is not None}
+    if not hours:
         return {**found, "why": "no sea state has `hours`"}
     yearly = 0.0
-    for state in given:
-        own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state is state]
-        yearly += state.hours * float(np.mean(own)) if own else 0.0
+    for name, yearly_hours in hours.items():
+        own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state.name == name]
+        if own:
+            yearly += yearly_hours * float(np.mean(own))
     life_years = None
     if yearly > 0.0:
         life_years = 1.0 / yearly
@@ -202,7 +203,7 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
         **found,
         "damage_per_year": yearly,
         "life_years": life_years,
-        "share_of_year": sum(state.hours for state in given) * 3600.0 / YEAR,
+        "share_of_year": sum(hours.values()) * 3600.0 / YEAR,
     }
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
@@ -16,12 +16,10 @@ from fitting.farm.site.sections import Section, read_years, standards
 class CaseLists(Section):
     """`[cases]`: values to be combined."""
 
-    PATTERNS = ("states", "months", "crops")
-
-    directions: Any = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
+    directions: Sequence[float] = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
     currents: tuple[Table, ...] = ()
     current_direction: float | None = None
-    levels: Any = parameter("of the tide", unit="m", shape="table", default=(0.0,))
+    levels: Sequence[float] = parameter("of the tide", unit="m", shape="table", default=(0.0,))
     months: tuple[str, ...] = option("months of [[growth]]", type=list, default=())
     states: tuple[str, ...] = option("intact, and lines that break", type=list, default=("intact",))
     break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, optional=True)
@@ -55,9 +53,7 @@ class CaseLists(Section):
         names = [item["name"] for item in tables]
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
-        return replace(
-            found, currents=tuple(tables), current_direction=heading, levels=numbers["levels"], standard=standard
-        )
+        return replace(found, **numbers, currents=tuple(tables), current_direction=heading, standard=standard)
 
 
 def _case_standard(table: Table, path: str) -> Table | None:
@@ -94,7 +90,7 @@ def _current(item: Plain, path: str) -> Table:
     if not isinstance(item, Mapping):
         speed = read_number(item, path, {"low": 0.0, "unit": "m/s"}, "a speed >= 0 m/s, or a table as [sea.current]")
         return {"name": f"{speed:g} m/s", "speed": speed}
-    found: Table = dict(plain(item))
+    found: Table = {key: plain(value) for key, value in item.items()}
     speed = found.get("speed")
     own = "given"
     if isinstance(speed, int | float):

@@ -12,7 +12,18 @@ from typing import Any
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, Table, check_keys, plain, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import (
+    Plain,
+    Table,
+    Values,
+    check_keys,
+    plain,
+    read_list,
+    read_number,
+    read_table,
+    read_text,
+    refuse,
+)
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
@@ -20,7 +31,7 @@ from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.quantities import quantity
 from dropper_jax.run.statistics import PERIOD
-from dropper_jax.scene import whole_lines
+from dropper_jax.scene import GrowthSpec, whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
 from fitting.farm.site.case import Anchor, Part, breaks, match_names, refuse_overlap, short
@@ -37,7 +48,7 @@ from fitting.farm.site.sections import (
     SeasonValues,
     SeaState,
 )
-from fitting.farm.site.site import Site
+from fitting.farm.site.site import Site, water_of
 
 #: Sections that are read here, and those that other modules read.
 SITE_KEYS = (
@@ -49,24 +60,25 @@ CROP_LEVELS = ("low", "expected", "high")
 PASSED = ("variable", "objective", "constraint", "optimise")
 
 
-def read_site(source: str | Path | Mapping[str, Any]) -> Site:
+def read_site(source: str | Path | Values) -> Site:
     """The site of a TOML file, of a packaged name, or of plain values.
 
     Raises:
         SceneError: one line with the section, the value and the allowed range.
     """
-    file = None
-    if not isinstance(source, Mapping):
+    if isinstance(source, Mapping):
+        file = None
+        table = source
+    else:
         file = Path(source)
-    table = read_table(source if file is None else parse_toml(site_text(file), str(file)), "site")
+        table = parse_toml(site_text(file), str(file))
     if "line" in table:
         raise SceneError(
             "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"
         )
     check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, (file or Path()).parent)
-    if scene.sea is None:
-        raise SceneError(f"scene: {scene.name!r} has no [sea]. Use a scene with water")
+    water_of(scene)
     lines = tuple(line.name for line in whole_lines(scene))
     run = RunValues.read(table.get("run", {}), "run")
     lists = CaseLists.read(table.get("cases", {}), "cases")
@@ -111,7 +123,7 @@ def read_site(source: str | Path | Mapping[str, Any]) -> Site:
         anchors=_anchors(table, scene, factors, kinds),
         quantities=_quantities(table, scene),
         raw={key: plain(table[key]) for key in PASSED if key in table},
-        table=plain(dict(table)),
+        table={key: plain(value) for key, value in table.items()},
         file=file,
         **sections,
     )
@@ -121,7 +133,7 @@ def read_site(source: str | Path | Mapping[str, Any]) -> Site:
     return site
 
 
-def _quantities(table: Plain, scene: Scene) -> tuple[str, ...]:
+def _quantities(table: Values, scene: Scene) -> tuple[str, ...]:
     """Names of the quantities to report, checked with the model of the scene."""
     names = [read_text(x, "quantities") for x in read_list(table.get("quantities", []), "quantities", None, "names")]
     if names:
@@ -159,7 +171,7 @@ def site_text(source: str | Path) -> bytes:
         raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}; {hint}") from None
 
 
-def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
+def _scene(table: Values, folder: Path) -> Scene:
     """The scene with the values of `[parameters]` and `[set]`."""
     if "scene" not in table:
         raise SceneError("scene: missing; needed: a scene's file in this folder, or the name of a packaged scene")
@@ -178,11 +190,11 @@ def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
     return scene
 
 
-def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+def _table(table: Values, key: str) -> Values:
     return read_table(table.get(key, {}), key)
 
 
-def _flat(table: Mapping[str, Any], path: str = "") -> Table:
+def _flat(table: Values, path: str = "") -> Table:
     """Values by path, `sea.depth = 25` with or without quotes; waves and currents are set as whole tables."""
     found: Table = {}
     for key, value in table.items():
@@ -192,7 +204,7 @@ def _flat(table: Mapping[str, Any], path: str = "") -> Table:
     return found
 
 
-def _items(table: Mapping[str, Any], section: str) -> list[tuple[int, Any]]:
+def _items(table: Values, section: str) -> list[tuple[int, Any]]:
     return list(enumerate(read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")))
 
 
@@ -210,21 +222,24 @@ def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
         raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
 
 
-def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[str, Table]]:
+def _growth(table: Values, lines: tuple[str, ...]) -> dict[str, dict[str, Table]]:
     """Tables of `[line.growth]` by month and line."""
     found: dict[str, dict[str, Table]] = {}
     for i, item in _items(table, "growth"):
-        own = GrowthTable.read(item, f"growth.{i}")
+        values = dict(read_table(item, f"growth.{i}"))
+        where = {key: values.pop(key) for key in ("month", "lines") if key in values}
+        own = GrowthTable.read(where, f"growth.{i}")
+        mussels = GrowthSpec.read(values, f"growth.{i}").table()
         month = found.setdefault(own.month, {})
         path = f"growth.{own.month}.lines"
         for name in match_names(own.lines, lines, path):
             if name in month:
                 raise SceneError(f"{path}: {name!r} already has mussels in this month; allowed: once a month")
-            month[name] = own.growth.table()
+            month[name] = mussels
     return found
 
 
-def _crop(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+def _crop(table: Values) -> dict[str, dict[str, float]]:
     """Values of `[crop]` by level and path; empty without the section."""
     found: dict[str, dict[str, float]] = {}
     for path, row in _flat(_table(table, "crop")).items():
@@ -235,7 +250,7 @@ def _crop(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
 
 
 def _parts(
-    table: Mapping[str, Any],
+    table: Values,
     scene: Scene,
     lines: tuple[str, ...],
     factors: Factors,
@@ -276,7 +291,7 @@ def _parts(
     return tuple(found)
 
 
-def _capacity(part: PartTable, capacity: Plain, line: str, path: str) -> float:
+def _capacity(part: PartTable, capacity: np.ndarray | None, line: str, path: str) -> float:
     if part.capacity is not None:
         return part.capacity
     if capacity is None:
@@ -289,16 +304,16 @@ def _capacity(part: PartTable, capacity: Plain, line: str, path: str) -> float:
 
 def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> Factors:
     own = table if given is None else Factors.of(given, path)
-    common = {kind: x for kind, x in table.by_kind.items() if own.by_kind[kind] is None and x is not None}
+    common = {kind: x for kind, x in table.by_kind.items() if kind not in own.by_kind}
     sources = [own.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
     found = replace(own, **common, source="; ".join(sources))
     for kind in sorted(kinds):
-        if found.by_kind[kind] is None:
+        if kind not in found.by_kind:
             raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], because cases are {kind}")
     return found
 
 
-def _anchors(table: Mapping[str, Any], scene: Scene, factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
+def _anchors(table: Values, scene: Scene, factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
     held = [point.name for point in scene.points if not point.is_free]
     found = []
     groups = []
@@ -326,7 +341,7 @@ def _check_currents(site: Site) -> None:
         raise SceneError(f"cases.currents: {why}. Use tables as [sea.current] with heights and velocities")
 
 
-def check_breaking(site: Any) -> None:
+def check_breaking(site: Site) -> None:
     """Reject a sea state beyond breaking at any level of the tide, by depth or by steepness.
 
     `Hs <= 0.6 (depth + level)`, and Hs at most that of the steepest seas of the mean period Tz (DNV-RP-C205, as in
@@ -335,14 +350,15 @@ def check_breaking(site: Any) -> None:
     Raises:
         SceneError: with the sea state, its height, and the limit.
     """
-    spec = site.scene.sea
+    spec = site.sea
     levels = site.lists.levels
     for level in levels:
         if spec.depth + level <= 0.0:
             raise SceneError(f"cases.levels: {level:g} m is below the seabed; allowed: above {-spec.depth:g} m")
     lowest = min(levels)
     for i, state in enumerate(site.sea_states):
-        if state.sea.hs == 0.0:
+        hs = state.sea.hs
+        if not hs:
             continue
         sea = make_sea(SeaSpec(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=state.sea))
         tz = mean_period(sea)
@@ -352,7 +368,7 @@ def check_breaking(site: Any) -> None:
             f"the steepest seas of mean period {tz:.3g} s (DNV-RP-C205)": steepest_sea(tz, spec.gravity),
         }
         why, limit = min(limits.items(), key=lambda item: item[1])
-        if state.sea.hs > limit:
+        if hs > limit:
             raise SceneError(
-                f"sea_state.{i}.hs: {state.name!r} of {state.sea.hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"
+                f"sea_state.{i}.hs: {state.name!r} of {hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"
             )

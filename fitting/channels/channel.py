@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 
 from dropper_jax.base.constants import GRAVITY
+from dropper_jax.base.read import Values
 from dropper_jax.scene import SceneData
 from fitting.channels.position import Node, Where, line_of, link_of, node_of
 
@@ -66,7 +66,7 @@ class Channel(ABC):
 
     @classmethod
     @abstractmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+    def make(cls, common: Values, table: Values, where: Where, context: Context) -> Channel:
         """The channel of a table; `common` are the fields of every channel.
 
         Raises:
@@ -97,7 +97,7 @@ class AtNode(Channel):
     node: Node = Node(0, 0, 0.0)
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+    def make(cls, common: Values, table: Values, where: Where, context: Context) -> Channel:
         return cls(**common, node=node_of(context.scene, where, context.path))
 
     def positions(self, motion: SavedMotion) -> jax.Array:
@@ -116,7 +116,7 @@ class OnLink(Channel):
     second: int = 1
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+    def make(cls, common: Values, table: Values, where: Where, context: Context) -> Channel:
         line = line_of(context.scene, where.line, context.path)
         link = link_of(context.scene, where, context.path) - line.links.start
         return cls(**common, first=int(line.nodes[link]), second=int(line.nodes[link + 1]))

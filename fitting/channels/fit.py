@@ -15,14 +15,13 @@ from dropper_jax.base.read import ScenePath
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
 from fitting.channels.data import Data, Series
-from fitting.channels.problem import MOST_HALVED, Evaluation, Problem
+from fitting.channels.problem import MOST_HALVED, ChannelSolution, Evaluation, Problem
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
 from fitting.channels.setup import find_free
 from fitting.estimate.least_squares import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
-from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.names import by_full_path, default_free, full_names
@@ -248,7 +247,7 @@ def warnings_of(result: ChannelFit) -> list[str]:
 LARGEST_GROWTH = 1e3
 
 
-def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
+def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> ChannelSolution:
     """The start of the fit.
 
     Raises:
@@ -277,16 +276,16 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
 SAME_NOISE = 0.01
 
 
-def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
+def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = silent) -> ChannelSolution:
     """Alternate fit and noise estimate up to their common fixed point."""
     turn = 0
 
-    def descend(point: Solution) -> Solution:
+    def descend(point: ChannelSolution) -> ChannelSolution:
         nonlocal turn
         turn += 1
         return continue_windows(point, iterations, part_of(progress, (turn - 1) / (ROUNDS + 2), turn / (ROUNDS + 2)))
 
-    def claimed_series(point: Solution) -> Series:
+    def claimed_series(point: ChannelSolution) -> Series:
         return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)
 
     found = descend(point)

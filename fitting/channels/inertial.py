@@ -14,7 +14,6 @@ Derivatives are central differences of fourth order of the saved motion, with er
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -23,6 +22,7 @@ import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.read import Values
 from fitting.channels.channel import Channel, Context, OnLink, SavedMotion
 from fitting.channels.entries import axes_of, number_of
 from fitting.channels.position import Where, line_of, link_of, node_of
@@ -67,7 +67,7 @@ class Accelerometer(Inertial):
     turn: Any = 0.0
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
+    def make(cls, common: Values, table: Values, where: Where, context: Context) -> Channel:
         axes = axes_of(table, context.path, AXES, AXES[: len(common["columns"])], common["columns"])
         line = line_of(context.scene, where.line, context.path)
         link = link_of(context.scene, where, context.path) - line.links.start

@@ -110,10 +110,21 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
         "unit": unit,
         "camera": None if camera is None else names.index(camera),
     }
+    texts: dict[str, str] = {}
+    for key in ("line", "end", "point"):
+        if key in table:
+            texts[key] = read_text(table[key], f"{path}.{key}")
+    numbers: dict[str, int] = {}
+    for key in ("link", "node"):
+        if key in table:
+            numbers[key] = read_integer(table[key], f"{path}.{key}")
     where = Where(
-        **{key: read_text(table[key], f"{path}.{key}") for key in ("line", "end", "point") if key in table},
-        **{key: read_integer(table[key], f"{path}.{key}") for key in ("link", "node") if key in table},
-        **({"at": number_of(table, path, "at", None)} if "at" in table else {}),
+        texts.get("line"),
+        numbers.get("link"),
+        numbers.get("node"),
+        texts.get("end"),
+        number_of(table, path, "at", None),
+        texts.get("point"),
     )
     channel = cls.make(common, table, where, Context(scene, tuple(c.matrix for c in cameras), path))
     relative = table.get("noise_unit") == "%"
@@ -203,7 +214,9 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
             found.append(read_columns(folder / read_text(item, f"{path}.file.{i}")))
     if not found:
         raise SceneError(f"{path}.file: is empty; allowed: a CSV, or a list of them")
-    return found, Path(items[0]).stem if isinstance(items[0], str) else path.replace(".", "_")
+    if isinstance(items[0], str):
+        return found, Path(items[0]).stem
+    return found, path.replace(".", "_")
 
 
 def _files_of_channels(files: Sequence[Columns], channels: Sequence[Channel], path: str) -> list[Columns]:
@@ -243,7 +256,7 @@ def _recorded_motions(
     """Values of the scene that make fixed points move as measured."""
     if not motions:
         return {}
-    times = None
+    times = np.zeros(0)
     paths = []
     for point, columns, unit in motions:
         what = f"{path}: motion of {point!r}"
@@ -251,7 +264,7 @@ def _recorded_motions(
         keep = np.isfinite(y).all(axis=1)
         if keep.sum() < FEWEST_READINGS:
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
-        if times is not None and not np.array_equal(times, t[keep]):
+        if paths and not np.array_equal(times, t[keep]):
             raise SceneError(f"{what} has other times; allowed: those of the other points that move")
         times = t[keep]
         paths.append(y[keep])

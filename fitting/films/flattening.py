@@ -55,9 +55,9 @@ class Flat:
             points = self.lens.straighten(points)
         if self.plane is not None:
             there = self.plane.to_metres(np.concatenate([self.middle[None], points]))
-            points = (there[1:] - there[0]) * [1.0, -1.0] / self.metres_per_pixel() + self.middle
+            points = (there[1:] - there[0]) * [1.0, -1.0] / self.plane.metres_per_pixel(self.middle) + self.middle
         if self.parameters is not None:
-            points = self._tilt_points(points)
+            points = self._tilt_points(points, self.parameters)
         return points.reshape(shape)
 
     def back(self, flat: np.ndarray) -> np.ndarray:
@@ -71,13 +71,6 @@ class Flat:
             guess = np.clip(guess + np.clip(move, -limit, limit), -limit, 3 * limit)
         return guess
 
-    def metres_per_pixel(self) -> float:
-        """Scale of the board's plane at the middle of the picture [m]."""
-        there = self.plane.to_metres(self.middle + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
-        right = there[0] - there[1]
-        down = there[2] - there[3]
-        return float(np.sqrt(abs(right[0] * down[1] - right[1] * down[0])))
-
     @property
     def spread(self) -> np.ndarray:
         """Prior spread of the parameters (4,)."""
@@ -86,8 +79,8 @@ class Flat:
         # pan and pitch [rad], k1, log(focal length): known from the boards, or not
         return np.where([plane, plane, lens, lens], 0.01, [0.15, 0.15, 0.15, 0.3])
 
-    def _tilt_points(self, points: np.ndarray) -> np.ndarray:
-        pan, pitch, bending, focus = self.parameters
+    def _tilt_points(self, points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        pan, pitch, bending, focus = parameters
         # usual focal length: 1.25 image widths
         if self.lens is None:
             usual = 1.25 * self.size[0] * np.ones(2)

@@ -7,6 +7,8 @@ searched for between the positions before and after.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
@@ -50,7 +52,7 @@ def follow_film(
     fps: float,
     flat: Flat,
     first: str = "auto",
-    start: np.ndarray | None = None,
+    start: Sequence[tuple[float, float]] | None = None,
 ) -> TrackedChain:
     """The nodes through the film.
 

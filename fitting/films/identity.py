@@ -10,8 +10,6 @@ within its reach fits the lengths, because the expectation for a node that was h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from fitting.films.detection import Circles
@@ -205,7 +203,7 @@ def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tup
     return min(tries, key=lambda found: found[0])
 
 
-def _viterbi(unary: np.ndarray, pair: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+def _viterbi(unary: np.ndarray, pair: np.ndarray) -> tuple[float, np.ndarray]:
     """Minimum sum of unary (n, m) and pair (n - 1, m, m) costs along a chain, and its states (n,)."""
     price = unary[0]
     back = []

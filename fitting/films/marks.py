@@ -37,7 +37,7 @@ class Marks:
     @property
     def frames(self) -> np.ndarray:
         """Which frames (k,) are marked."""
-        return self.swapped.any(axis=1) | self.jumped.any(axis=1) | self.length.any(axis=1)
+        return np.any(self.swapped | self.jumped, axis=1) | np.any(self.length, axis=1)
 
     @property
     def links(self) -> np.ndarray:

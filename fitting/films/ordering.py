@@ -208,7 +208,7 @@ def paths(
     for i, row in enumerate(ratio):
         near.append([int(j) for j in np.argsort(row) if row[j] <= worst and j != i])
     found: list[tuple[float, tuple[int, ...]]] = []
-    stack = [((i,), 0.0) for i in reversed(range(len(ratio)))]
+    stack: list[tuple[tuple[int, ...], float]] = [((i,), 0.0) for i in reversed(range(len(ratio)))]
     for _ in range(MOST_PATH_STEPS):
         if not stack:
             break

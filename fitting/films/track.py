@@ -80,7 +80,7 @@ class Tracked:
         """The result without its samples."""
         mean, deviation = self.link_lengths
         angle_se_rad = None
-        if np.isfinite(self.trace.se).any():
+        if self.trace.se is not None and np.isfinite(self.trace.se).any():
             angle_se_rad = float(np.nanmedian(self.trace.se))
         link_length_m = None
         if self.scaled:
@@ -271,7 +271,7 @@ class _Setup:
 
     def seen_by(self, lens: Lens | None) -> Plane | None:
         """The plane of motion as a camera with this lens sees it; None without a picture of the board there."""
-        if self.plane is None:
+        if self.plane is None or self.square is None:
             return None
         return plane_from_board(self.plane, lens, self.board, self.square)
 
@@ -346,7 +346,7 @@ def _metres(chain: TrackedChain, scale: float | None, distance: float | None) ->
     """Positions (k, n, 2), right and up, in m if a scale is known, otherwise in pixels."""
     flat = chain.flat * [1.0, -1.0]
     if chain.map.plane is not None:
-        scale = chain.map.metres_per_pixel()
+        scale = chain.map.plane.metres_per_pixel(chain.map.middle)
     if distance is not None:
         scale = distance / float(np.median(np.linalg.norm(flat[:, -1] - flat[:, 0], axis=1)))
     return flat * (1.0 if scale is None else scale)
@@ -356,7 +356,7 @@ def _errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
     """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
     found = np.hypot(scatter(chain.flat, chain.error, chain.detected, used), level)
     flat = chain.map
-    if flat.covariance is None:
+    if flat.parameters is None or flat.covariance is None:
         return found
 
     def angles(parameters: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import initial_state, stepper_of
-from dropper_jax.run.chunks import FACTOR, Companion, Program, compile_run, run_chunks
+from dropper_jax.run.chunks import FACTOR, Carry, Companion, Program, compile_run, run_chunks
 from dropper_jax.run.quantities import OVER_STEPS, Quantity, QuantitySignals, quantity_signals
 from dropper_jax.run.statistics import IN_TIME, NOT_GAUSSIAN, excess_kurtosis
 from dropper_jax.scene import RunSpec
@@ -210,11 +210,13 @@ class StudyRuns:
         return run_parallel(self.run, list(values), say_done, alone=0)
 
 
-def _recorded(carry: object, of: Quantity) -> Record | None:
+def _recorded(carry: Carry, of: Quantity) -> Record | None:
     """The steps of a run, for others to repeat; None if all are equal."""
     if isinstance(carry, RunProgress):
         return None
-    record: Record = carry.record
+    record = carry.record
+    if record is None:
+        return None
     if int(record.number) >= len(record.length):
         raise SceneError(f"{of.name}: the run takes more than {len(record.length)} steps. Use a shorter run.duration")
     return record.to_repeat()
@@ -225,7 +227,7 @@ def measure_rows(
     of: Quantity, model: Model, s: State, rows: Trajectory, interval: jax.Array, watch: QuantitySignals | None
 ) -> jax.Array:
     """A quantity of the rows of a run; `watch`: what was recorded over its steps."""
-    if watch is not None:
+    if watch is not None and rows.extremes is not None:
         return OVER_STEPS[of.statistic](watch.over_steps(rows.extremes)[of])
     return of(model, s.r, rows, s.t + interval * (1.0 + jnp.arange(len(rows.r))))
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, part_of, silent
-from dropper_jax.base.read import ScenePath
+from dropper_jax.base.read import ScenePath, Values
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
 from fitting.channels.data import Data, Series
@@ -33,7 +32,7 @@ OF_DATA = ("start", "channel", "camera")
 
 
 def pose(
-    source: str | Path | Mapping[str, Any] | Data,
+    source: str | Path | Values | Data,
     scene: Scene,
     free: Sequence[str] | None,
     own: Sequence[str],
@@ -134,7 +133,7 @@ def _check_spacing(scene: Scene, data: Data) -> None:
 
 
 def fit_channels(
-    data: str | Path | Mapping[str, Any] | Data,
+    data: str | Path | Values | Data,
     scene: SceneLike,
     free: Sequence[str] | None = None,
     *,

@@ -11,11 +11,11 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.base.read import Values, check_keys, read_list, read_number, read_rows, read_table, read_text
-from fitting.channels.channel import AtNode, Channel, Context, OnLink, SavedMotion
+from dropper_jax.base.read import Table, Values, check_keys, read_list, read_number, read_rows, read_table, read_text
+from fitting.channels.channel import AtNode, Channel, Given, OnLink, SavedMotion
 from fitting.channels.data import CameraSpec
 from fitting.channels.entries import axes_of, name_of, number_of, value_of, vector_of
-from fitting.channels.position import Where, ends_at, link_of
+from fitting.channels.position import ends_at, link_of
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,13 @@ class Tension(Channel):
     link: int = 0
 
     @classmethod
-    def make(cls, common: Values, table: Values, where: Where, context: Context) -> Channel:
-        if where.point is None:
-            return cls(**common, link=link_of(context.scene, where, context.path))
-        ends = ends_at(context.scene, where.point, context.path)
+    def locate(cls, given: Given) -> Table:
+        if given.where.point is None:
+            return {"link": link_of(given.scene, given.where, given.path)}
+        ends = ends_at(given.scene, given.where.point, given.path)
         if len(ends) > 1:
-            return cls(**common, ends=ends)
-        return cls(**common, link=ends[0][2])
+            return {"ends": ends}
+        return {"link": ends[0][2]}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         if not self.ends:
@@ -75,12 +75,11 @@ class Pixel(AtNode):
     matrix: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
-    def make(cls, common: Values, table: Values, where: Where, context: Context) -> Channel:
-        value_of(table, context.path, "camera", "the name of a [[camera]]")
-        if len(common["columns"]) != 2:
-            raise SceneError(f"{context.path}.columns: {len(common['columns'])} columns; allowed: 2, u and v")
-        matrix = context.projections[common["camera"]]
-        return super().make({**common, "matrix": matrix}, table, where, context)
+    def read_own(cls, given: Given) -> Table:
+        value_of(given.table, given.path, "camera", "the name of a [[camera]]")
+        if len(given.columns) != 2:
+            raise SceneError(f"{given.path}.columns: {len(given.columns)} columns; allowed: 2, u and v")
+        return {"matrix": given.projections[given.common["camera"]]}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         matrix = np.array(self.matrix)
@@ -105,9 +104,8 @@ class Angle(OnLink):
     zero: str = "horizontal"
 
     @classmethod
-    def make(cls, common: Values, table: Values, where: Where, context: Context) -> Channel:
-        zero = read_text(table.get("zero", "horizontal"), f"{context.path}.zero", ANGLES)
-        return super().make({**common, "zero": zero}, table, where, context)
+    def read_own(cls, given: Given) -> Table:
+        return {"zero": read_text(given.table.get("zero", "horizontal"), f"{given.path}.zero", ANGLES)}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         d = self.links(motion)
@@ -134,9 +132,8 @@ class Position(AtNode):
     axes: tuple[int, ...] = (0, 1, 2)
 
     @classmethod
-    def make(cls, common: Values, table: Values, where: Where, context: Context) -> Channel:
-        axes = axes_of(table, context.path, AXES, AXES, common["columns"])
-        return super().make({**common, "axes": axes}, table, where, context)
+    def read_own(cls, given: Given) -> Table:
+        return {"axes": axes_of(given.table, given.path, AXES, AXES, given.columns)}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         return self.positions(motion)[:, list(self.axes)]

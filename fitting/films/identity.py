@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from fitting.films.detection import Circles
-from fitting.films.ordering import Chain
+from fitting.films.ordering import Chain, distances
 
 #: Fastest step before any was observed, in mean links.
 FIRST_STEP = 0.3
@@ -102,13 +102,13 @@ class Follower:
             return np.full(len(guess), -1)
         unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
         reach = np.where(self.held, 0.0, REACH + REACH_PER_FRAME * self.lost * self.fastest)
-        away = np.linalg.norm(centre[None] - self.last_positions[:, None], axis=-1) < reach[:, None]
+        away = distances(self.last_positions, centre) < reach[:, None]
         back = (self.lost > 0)[:, None] & away
         unary = np.where(back, np.minimum(unary, return_price), unary)
         far = back & (unary >= return_price)
         unary[unary > 2 * lost_price] = np.inf
         unary = np.concatenate([unary, np.full((len(guess), 1), lost_price)], axis=1)
-        apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
+        apart = distances(centre, centre)
         pair = np.zeros((len(guess) - 1, len(centre) + 1, len(centre) + 1))
         miss = (apart[None] - self.chain.length[:, None, None]) / self.length_error[:, None, None]
         pair[:, :-1, :-1] = np.minimum(miss**2, LARGEST_MISS)

@@ -110,7 +110,7 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
 
 def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[Found]) -> Table:
     """A part in one case, represented by its worst line."""
-    factor = part.factor[storm.kind]
+    factor = part.factors.by_kind[storm.kind]
     run = site.run_of(storm)
     found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
     share = np.array([load.value for load in found]) * factor / part.capacity

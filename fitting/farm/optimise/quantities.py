@@ -153,7 +153,8 @@ def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
 def part_load(model: Model, part: Part, kind: str) -> Load:
     """Utilisation of a part: load times factor over capacity, the worst of its links."""
     links = model.geometry.line_links(part.lines)
-    scale = [part.factor[kind] / c for name, c in zip(part.lines, part.capacity, strict=True) for _ in links[name]]
+    factor = part.factors.by_kind[kind]
+    scale = [factor / c for name, c in zip(part.lines, part.capacity, strict=True) for _ in links[name]]
     return Load(part.name, tuple(int(i) for name in part.lines for i in links[name]), tuple(map(float, scale)))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -23,19 +23,17 @@ class Part:
         name: in reports.
         lines: names of its lines, as specified in the scene.
         capacity: (lines,) [N] breaking load; the minimum if the links of a line differ.
-        factor: on its loads by kind of state, `intact` and `broken`, where it is known.
+        factors: on its loads, with source, edition and clause.
         curve: its fatigue curve, or None.
         of_scene: whether the capacity is the breaking load of the scene's lines, and so follows its parameters.
-        factors: the factors with source, edition and clause.
     """
 
     name: str
     lines: tuple[str, ...]
     capacity: np.ndarray
-    factor: dict[str, float]
+    factors: Factors
     curve: Curve | None
-    of_scene: bool = False
-    factors: Factors = field(default_factory=Factors)
+    of_scene: bool
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,6 @@ class Anchor:
     points: tuple[str, ...]
     table: AnchorTable
     factor: dict[str, float]
-
-    def utilisation(self, horizontal: np.ndarray, upward: np.ndarray) -> np.ndarray:
-        """Ratio of load to capacity (...), without a factor, for horizontal and upward loads (...) [N]."""
-        return self.table.utilisation(horizontal, upward)
 
 
 def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: str = "line") -> tuple[str, ...]:

@@ -7,17 +7,16 @@ from dataclasses import replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import (
-    Plain,
     Table,
     Values,
     check_keys,
     plain,
+    read_items,
     read_list,
     read_number,
     read_table,
@@ -31,7 +30,7 @@ from dropper_jax.run.arrays import bare_model
 from dropper_jax.run.growth import overgrown
 from dropper_jax.run.quantities import quantity
 from dropper_jax.run.statistics import PERIOD
-from dropper_jax.scene import GrowthSpec, whole_lines
+from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
 from fitting.farm.site.case import Anchor, Part, breaks, match_names, refuse_overlap, short
@@ -39,7 +38,6 @@ from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.sections import (
     AnchorTable,
     Backbone,
-    Curve,
     Exclusion,
     Factors,
     GrowthTable,
@@ -82,9 +80,7 @@ def read_site(source: str | Path | Values) -> Site:
     lines = tuple(line.name for line in whole_lines(scene))
     run = RunValues.read(table.get("run", {}), "run")
     lists = CaseLists.read(table.get("cases", {}), "cases")
-    states = tuple(SeaState.read(item, f"sea_state.{i}") for i, item in _items(table, "sea_state"))
-    if not states:
-        raise SceneError("sea_state: missing; needed: one or more [[sea_state]] tables")
+    states = read_items(SeaState.read, table.get("sea_state", []), "sea_state", needed=True)
     _unique("sea_state", [state.name for state in states])
     broken = breaks(scene, lists.states, "cases.states")
     kinds = {"intact" if state is None else "broken" for state in broken}
@@ -175,11 +171,11 @@ def _scene(table: Values, folder: Path) -> Scene:
     """The scene with the values of `[parameters]` and `[set]`."""
     if "scene" not in table:
         raise SceneError("scene: missing; needed: a scene's file in this folder, or the name of a packaged scene")
-    source: Any = table["scene"]
-    if isinstance(source, Mapping):
-        scene = Scene.from_dict(source)
+    given = table["scene"]
+    if isinstance(given, Mapping):
+        scene = Scene.from_dict(given)
     else:
-        source = read_text(source, "scene")
+        source: str | Path = read_text(given, "scene")
         if not is_packaged(source) and (folder / source).exists():
             source = folder / source
         scene = Scene.from_dict(*find_scene(source))
@@ -204,10 +200,6 @@ def _flat(table: Values, path: str = "") -> Table:
     return found
 
 
-def _items(table: Values, section: str) -> list[tuple[int, Any]]:
-    return list(enumerate(read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")))
-
-
 def _unique(path: str, names: Sequence[str]) -> None:
     for name in names:
         if list(names).count(name) > 1:
@@ -225,17 +217,13 @@ def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
 def _growth(table: Values, lines: tuple[str, ...]) -> dict[str, dict[str, Table]]:
     """Tables of `[line.growth]` by month and line."""
     found: dict[str, dict[str, Table]] = {}
-    for i, item in _items(table, "growth"):
-        values = dict(read_table(item, f"growth.{i}"))
-        where = {key: values.pop(key) for key in ("month", "lines") if key in values}
-        own = GrowthTable.read(where, f"growth.{i}")
-        mussels = GrowthSpec.read(values, f"growth.{i}").table()
+    for own in read_items(GrowthTable.read, table.get("growth", []), "growth"):
         month = found.setdefault(own.month, {})
         path = f"growth.{own.month}.lines"
         for name in match_names(own.lines, lines, path):
             if name in month:
                 raise SceneError(f"{path}: {name!r} already has mussels in this month; allowed: once a month")
-            month[name] = mussels
+            month[name] = own.growth.table()
     return found
 
 
@@ -260,26 +248,13 @@ def _parts(
     specs = {line.name: line.spec for line in whole_lines(scene)}
     found = []
     groups = [("unchecked", match_names(unchecked, lines, "unchecked"))]
-    for i, item in _items(table, "part"):
+    for i, part in enumerate(read_items(PartTable.read, table.get("part", []), "part")):
         path = f"part.{i}"
-        own = dict(read_table(item, f"part.{i}"))
-        given = own.pop("factor", None)
-        curve = own.pop("curve", None)
-        part = PartTable.read(own, path)
         names = match_names(part.lines, lines, f"{path}.lines")
         groups.append((f"{path} ({part.name!r})", names))
-        factor = _factor(given, factors, kinds, f"{path}.factor")
-        found.append(
-            Part(
-                part.name,
-                names,
-                np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names]),
-                factor.by_kind,
-                None if curve is None else Curve.read(curve, f"{path}.curve"),
-                part.capacity is None,
-                factor,
-            )
-        )
+        own = _complete_factors(part.factor, factors, kinds, f"{path}.factor")
+        capacity = np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names])
+        found.append(Part(part.name, names, capacity, own, part.curve, part.capacity is None))
     _unique("part.name", [part.name for part in found])
     refuse_overlap(groups, "line")
     left = []
@@ -302,8 +277,9 @@ def _capacity(part: PartTable, capacity: np.ndarray | None, line: str, path: str
     return float(np.min(capacity))
 
 
-def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> Factors:
-    own = table if given is None else Factors.of(given, path)
+def _complete_factors(own: Factors | None, table: Factors, kinds: set[str], path: str) -> Factors:
+    """The factors of a part, with those of `[factors]` for kinds of states that it does not give."""
+    own = own or table
     common = {kind: x for kind, x in table.by_kind.items() if kind not in own.by_kind}
     sources = [own.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
     found = replace(own, **common, source="; ".join(sources))
@@ -317,15 +293,12 @@ def _anchors(table: Values, scene: Scene, factors: Factors, kinds: set[str]) -> 
     held = [point.name for point in scene.points if not point.is_free]
     found = []
     groups = []
-    for i, item in _items(table, "anchor"):
+    for i, anchor in enumerate(read_items(AnchorTable.read, table.get("anchor", []), "anchor")):
         path = f"anchor.{i}"
-        own = dict(read_table(item, f"anchor.{i}"))
-        given = own.pop("factor", None)
-        anchor = AnchorTable.read(own, path)
         points = match_names(anchor.points, held, f"{path}.points", "fixed point")
         groups.append((path, points))
-        factor = _factor(given, factors, kinds, f"{path}.factor")
-        found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, factor.by_kind))
+        own = _complete_factors(anchor.factor, factors, kinds, f"{path}.factor")
+        found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, own.by_kind))
     refuse_overlap(groups, "point")
     _unique("anchor.name", [anchor.name for anchor in found])
     return tuple(found)

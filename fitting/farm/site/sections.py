@@ -15,16 +15,19 @@ from dropper_jax.base.read import (
     DeclaredSection,
     Plain,
     Table,
+    Values,
     check_keys,
     declared_fields,
+    part,
     read_fields,
     read_number,
     read_table,
     read_text,
     refuse,
+    section_keys,
 )
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.scene import AnchorSpec
+from dropper_jax.scene import AnchorSpec, GrowthSpec
 from dropper_jax.sea.spec import WaveSpec
 
 
@@ -50,11 +53,18 @@ class Section(DeclaredSection):
         Raises:
             SceneError: the first key or value that cannot be used.
         """
-        table = dict(read_table(table, path))
+        section = cls(**cls.values_of(read_table(table, path), path))
+        section.check(path)
+        return section
+
+    @classmethod
+    def values_of(cls, table: Values, path: str) -> Table:
+        """The fields that its table gives, by name."""
+        own = dict(table)
         for key, declared in declared_fields(cls).items():
-            if declared.metadata.get("type") is list and isinstance(table.get(key), str):
-                table[key] = [table[key]]
-        return super().read(table, path)
+            if declared.metadata.get("type") is list and isinstance(own.get(key), str):
+                own[key] = [own[key]]
+        return read_fields(cls, own, path, {})
 
 
 @dataclass(frozen=True)
@@ -84,15 +94,14 @@ class SeaState(Section):
     sea: WaveSpec = field(kw_only=True)
 
     @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
-        own: Table = dict(read_table(table, path))
+    def values_of(cls, table: Values, path: str) -> Table:
+        own = dict(table)
         if "return_period" in own:
             own["return_period"] = read_years(own["return_period"], f"{path}.return_period")
         of_sea = [key for key in WaveSpec.FIELDS["spectrum"] if key not in ("seed", "direction")]
         check_keys(own, [*declared_fields(cls), *of_sea], path)
         sea = {key: own.pop(key) for key in of_sea if key in own}
-        values = read_fields(cls, own, path, {})
-        return cls(**values, sea=WaveSpec.read({"kind": "spectrum", **sea}, path))
+        return super().values_of(own, path) | {"sea": WaveSpec.read({"kind": "spectrum", **sea}, path)}
 
     def waves(self, direction: float, seed: int) -> Table:
         """`[sea.waves]` for a travel direction [rad] and a seed."""
@@ -101,10 +110,17 @@ class SeaState(Section):
 
 @dataclass(frozen=True)
 class GrowthTable(Section):
-    """`[[growth]]`: the lines that carry mussels in a month, without those of `GrowthSpec`."""
+    """`[[growth]]`: mussels of a month on some lines."""
 
     month: str = option("name of the month", type=str)
     lines: tuple[str, ...] = option("lines that carry them", type=list)
+    growth: GrowthSpec = field(kw_only=True)
+
+    @classmethod
+    def values_of(cls, table: Values, path: str) -> Table:
+        where = {key: value for key, value in table.items() if key in ("month", "lines")}
+        mussels = {key: value for key, value in table.items() if key not in where}
+        return super().values_of(where, path) | {"growth": GrowthSpec.read(mussels, path)}
 
 
 @dataclass(frozen=True)
@@ -119,15 +135,15 @@ class Factors(Section):
     checked: str = option("what the factors were compared with", type=str, default="to be checked by you")
 
     @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
+    def values_of(cls, table: Values, path: str) -> Table:
         """Factors of a table; those of `standard = NAME` (see `standards`) where it has none of its own."""
-        own = dict(read_table(table, path))
+        own = dict(table)
         if "standard" not in own:
-            return super().read(own, path)
+            return super().values_of(own, path)
         known = standards("factors")
         standard = known[read_text(own.pop("standard"), f"{path}.standard", known)]
         given = [f"; {kind}: given for this site" for kind in ("intact", "broken") if kind in own]
-        return super().read({**standard, "source": standard["source"] + "".join(given), **own}, path)
+        return super().values_of({**standard, "source": standard["source"] + "".join(given), **own}, path)
 
     @property
     def by_kind(self) -> dict[str, float]:
@@ -157,11 +173,13 @@ class Curve(Section):
 
 @dataclass(frozen=True)
 class PartTable(Section):
-    """`[[part]]` as specified, without its factor and curve."""
+    """`[[part]]` as specified."""
 
     name: str = option("name in reports", type=str)
     lines: tuple[str, ...] = option("lines of the part", type=list)
     capacity: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, optional=True)
+    factor: Factors | None = part(Factors.of, default=None)
+    curve: Curve | None = part(Curve.read, default=None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -171,13 +189,13 @@ class AnchorTable(Section, AnchorSpec):
     points: tuple[str, ...] = option("fixed points", type=list)
     name: str | None = option("name in reports", type=str, default=None)
     uplift: float | None = parameter("maximum angle of the load", unit="deg", low=0.0, high=90.0, optional=True)
+    factor: Factors | None = part(Factors.of, default=None)
 
     @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
+    def values_of(cls, table: Values, path: str) -> Table:
         of_scene = ("point", "behind", "safety_factor")
-        own = read_table(table, path)
-        check_keys(own, [key for key in declared_fields(cls) if key not in of_scene], path)
-        return super().read({"point": "", "kind": "tested", **own}, path)
+        check_keys(table, [key for key in section_keys(cls) if key not in of_scene], path)
+        return super().values_of({"point": "", "kind": "tested", **table}, path)
 
 
 @dataclass(frozen=True)
@@ -196,14 +214,11 @@ class Backbone(Section):
     shallowest: float | None = parameter("least depth", unit="m", optional=True)
     deepest: float | None = parameter("largest depth", unit="m", low=0.0, open_low=True, optional=True)
 
-    @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
-        found = super().read(table, path)
-        low = found.shallowest
-        high = found.deepest
+    def check(self, path: str) -> None:
+        low = self.shallowest
+        high = self.deepest
         if low is not None and high is not None and not low < high:
             raise refuse(f"{path}.deepest", high, "is not below shallowest", f"> {low:g} m")
-        return found
 
 
 @dataclass(frozen=True)

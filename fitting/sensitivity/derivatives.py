@@ -117,7 +117,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             mean, spread, length = windows(problem, at, min(limit, duration / 2), run.tree)
             rate = rate if found.exponent is None else found.exponent
             found = replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
-    if found.finite and found.linear_range == 0.0:
+    if found.finite and found.error is not None and found.linear_range == 0.0:
         nowhere = [False] * len(forward)
         status = slope_status(problem, found.value, forward, found.error, nowhere)
         found = hide_unresolved(replace(found, slope_status=status))

@@ -228,7 +228,9 @@ SIZES = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 6e-2)
 
 def run_all_of(runs: StudyRuns, quantities: list[Quantity], values: np.ndarray) -> tuple[Run, np.ndarray]:
     """The run with these values (p,) and several quantities of it; an extreme has to be that of the study."""
-    model, s, program = runs.prepare(values, runs.record)
+    model = runs.model_at(values)
+    s = runs.start_at(values)
+    program = runs.program(model, s, runs.record)
     rows = run_chunks(program, runs.settings.rows, silent).trajectory
     interval = jnp.asarray(runs.settings.interval, model.dtype)
     found = []

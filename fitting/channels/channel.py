@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 
 from dropper_jax.base.constants import GRAVITY
+from dropper_jax.base.read import Table, Values
 from dropper_jax.scene import SceneData
 from fitting.channels.position import Node, Where, line_of, link_of, node_of
 
@@ -65,13 +65,24 @@ class Channel(ABC):
     camera: int | None = None
 
     @classmethod
-    @abstractmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        """The channel of a table; `common` are the fields of every channel.
+    def make(cls, given: Given) -> Channel:
+        """The channel of a table.
 
         Raises:
             SceneError: a position that the scene does not have, or columns that do not fit.
         """
+        own = cls.read_own(given)
+        return cls(**given.common, **own, **cls.locate(given))
+
+    @classmethod
+    def read_own(cls, given: Given) -> Table:
+        """Fields that only this kind has, by name."""
+        return {}
+
+    @classmethod
+    @abstractmethod
+    def locate(cls, given: Given) -> Table:
+        """Fields that give the position of the sensor, by name."""
 
     @abstractmethod
     def see(self, motion: SavedMotion) -> jax.Array:
@@ -82,12 +93,31 @@ class Channel(ABC):
         return self
 
 
-class Context(NamedTuple):
-    """Context for making a channel: the scene, projections of the cameras (3, 4) by number, its path for errors."""
+class Given(NamedTuple):
+    """What a channel is made of.
 
+    Attributes:
+        table: its entries; path: that of the table, for errors.
+        common: fields that every channel has, by name.
+        where: position of the sensor.
+        scene: the measured scene; projections: of the cameras (3, 4) by number.
+    """
+
+    table: Values
+    path: str
+    common: Table
+    where: Where
     scene: SceneData
     projections: tuple[tuple[tuple[float, ...], ...], ...]
-    path: str
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Its columns in the file."""
+        return self.common["columns"]
+
+    def node(self) -> Node:
+        """The position of a sensor on a node or between two."""
+        return node_of(self.scene, self.where, self.path)
 
 
 @dataclass(frozen=True)
@@ -97,8 +127,8 @@ class AtNode(Channel):
     node: Node = Node(0, 0, 0.0)
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        return cls(**common, node=node_of(context.scene, where, context.path))
+    def locate(cls, given: Given) -> Table:
+        return {"node": given.node()}
 
     def positions(self, motion: SavedMotion) -> jax.Array:
         """Positions of the sensor (times, 3) [m]."""
@@ -116,10 +146,10 @@ class OnLink(Channel):
     second: int = 1
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        line = line_of(context.scene, where.line, context.path)
-        link = link_of(context.scene, where, context.path) - line.links.start
-        return cls(**common, first=int(line.nodes[link]), second=int(line.nodes[link + 1]))
+    def locate(cls, given: Given) -> Table:
+        line = line_of(given.scene, given.where.line, given.path)
+        link = link_of(given.scene, given.where, given.path) - line.links.start
+        return {"first": int(line.nodes[link]), "second": int(line.nodes[link + 1])}
 
     def links(self, motion: SavedMotion) -> jax.Array:
         """Vectors (times, 3) [m] from the link's first to its second node."""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain, read_list, read_number, read_text, refuse
+from dropper_jax.base.read import Plain, Values, read_list, read_number, read_text, refuse
 from dropper_jax.scene.fit import PRIOR_UNITS
+
+#: Value of a missing entry.
+Default = TypeVar("Default", float, None)
 
 
 def check_once(names: Sequence[str], section: str) -> None:
@@ -18,7 +21,7 @@ def check_once(names: Sequence[str], section: str) -> None:
             raise SceneError(f"{section}.{i}: duplicate name {name!r}; names must be unique")
 
 
-def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> str:
+def name_of(table: Values, path: str, default: str | None = None) -> str:
     if "name" not in table and default is None:
         raise SceneError(f"{path}.name: missing; needed: a name without a point")
     name = read_text(table.get("name", default), f"{path}.name")
@@ -27,7 +30,7 @@ def name_of(table: Mapping[str, Any], path: str, default: str | None = None) -> 
     return name.replace(".", "_")
 
 
-def value_of(table: Mapping[str, Any], path: str, key: str, needed: str) -> Plain:
+def value_of(table: Values, path: str, key: str, needed: str) -> Plain:
     """The value of a key.
 
     Raises:
@@ -38,19 +41,19 @@ def value_of(table: Mapping[str, Any], path: str, key: str, needed: str) -> Plai
     return table[key]
 
 
-def number_of(table: Mapping[str, Any], path: str, key: str, default: float | None, **limits: Any) -> float | None:
-    unit = {"at": "m", "delay": "s", "from": "s", "until": "s", "focal": "px"}.get(key, "-")
+def number_of(table: Values, path: str, key: str, default: Default, **limits: float) -> float | Default:
+    unit = {"at": "m", "delay": "s", "from": "s", "until": "s"}.get(key, "-")
     if key in table:
         return read_number(table[key], f"{path}.{key}", {"unit": unit, **limits})
     return default
 
 
-def vector_of(table: Mapping[str, Any], path: str, key: str, count: int) -> np.ndarray:
+def vector_of(table: Values, path: str, key: str, count: int) -> np.ndarray:
     items = read_list(value_of(table, path, key, f"{count} numbers"), f"{path}.{key}", count, f"{count} numbers")
     return np.array([read_number(x, f"{path}.{key}.{i}", {"unit": "-"}) for i, x in enumerate(items)])
 
 
-def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str:
+def unit_of(table: Values, path: str, key: str, measures: str) -> str:
     fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == measures]
     unit = read_text(value_of(table, path, key, ", ".join(fitting)), f"{path}.{key}")
     if unit not in fitting:
@@ -58,7 +61,7 @@ def unit_of(table: Mapping[str, Any], path: str, key: str, measures: str) -> str
     return unit
 
 
-def columns_of(table: Mapping[str, Any], path: str) -> tuple[str, ...]:
+def columns_of(table: Values, path: str) -> tuple[str, ...]:
     if ("column" in table) == ("columns" in table):
         raise SceneError(
             f"{path}: names its columns {'twice' if 'column' in table else 'nowhere'}; allowed: column or columns"
@@ -72,7 +75,7 @@ def columns_of(table: Mapping[str, Any], path: str) -> tuple[str, ...]:
 
 
 def axes_of(
-    table: Mapping[str, Any], path: str, names: Sequence[str], default: Sequence[str], columns: Sequence[str]
+    table: Values, path: str, names: Sequence[str], default: Sequence[str], columns: Sequence[str]
 ) -> tuple[int, ...]:
     """Numbers of a sensor's `axes` among these names.
 

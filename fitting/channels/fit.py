@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, part_of, silent
-from dropper_jax.base.read import ScenePath
+from dropper_jax.base.read import ScenePath, Values
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import SceneLike, build_model, initial_state
 from fitting.channels.data import Data, Series
-from fitting.channels.problem import MOST_HALVED, Evaluation, Problem
+from fitting.channels.problem import MOST_HALVED, ChannelSolution, Evaluation, Problem
 from fitting.channels.reading import read_data
 from fitting.channels.result import Between, ChannelFit, between, errors_of
 from fitting.channels.setup import find_free
 from fitting.estimate.least_squares import continue_windows, first_solution
 from fitting.estimate.loss import LEAST_SQUARES, Loss, as_loss, initial_loss
 from fitting.estimate.residual_noise import ROUNDS, fit_with_noise, pose_again
-from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import common_warnings
 from fitting.estimate.step_size import refine
 from fitting.parameters.names import by_full_path, default_free, full_names
@@ -34,7 +32,7 @@ OF_DATA = ("start", "channel", "camera")
 
 
 def pose(
-    source: str | Path | Mapping[str, Any] | Data,
+    source: str | Path | Values | Data,
     scene: Scene,
     free: Sequence[str] | None,
     own: Sequence[str],
@@ -135,7 +133,7 @@ def _check_spacing(scene: Scene, data: Data) -> None:
 
 
 def fit_channels(
-    data: str | Path | Mapping[str, Any] | Data,
+    data: str | Path | Values | Data,
     scene: SceneLike,
     free: Sequence[str] | None = None,
     *,
@@ -248,7 +246,7 @@ def warnings_of(result: ChannelFit) -> list[str]:
 LARGEST_GROWTH = 1e3
 
 
-def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
+def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> ChannelSolution:
     """The start of the fit.
 
     Raises:
@@ -277,16 +275,16 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> Solution:
 SAME_NOISE = 0.01
 
 
-def settle_noise(point: Solution, iterations: int, progress: Progress = silent) -> Solution:
+def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = silent) -> ChannelSolution:
     """Alternate fit and noise estimate up to their common fixed point."""
     turn = 0
 
-    def descend(point: Solution) -> Solution:
+    def descend(point: ChannelSolution) -> ChannelSolution:
         nonlocal turn
         turn += 1
         return continue_windows(point, iterations, part_of(progress, (turn - 1) / (ROUNDS + 2), turn / (ROUNDS + 2)))
 
-    def claimed_series(point: Solution) -> Series:
+    def claimed_series(point: ChannelSolution) -> Series:
         return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)
 
     found = descend(point)

@@ -14,7 +14,6 @@ Derivatives are central differences of fourth order of the saved motion, with er
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -23,9 +22,10 @@ import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
-from fitting.channels.channel import Channel, Context, OnLink, SavedMotion
+from dropper_jax.base.read import Table
+from fitting.channels.channel import Channel, Given, OnLink, SavedMotion
 from fitting.channels.entries import axes_of, number_of
-from fitting.channels.position import Where, line_of, link_of, node_of
+from fitting.channels.position import line_of, link_of
 
 #: Axes of an accelerometer.
 AXES = ("along", "across", "side")
@@ -67,19 +67,18 @@ class Accelerometer(Inertial):
     turn: Any = 0.0
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        axes = axes_of(table, context.path, AXES, AXES[: len(common["columns"])], common["columns"])
-        line = line_of(context.scene, where.line, context.path)
-        link = link_of(context.scene, where, context.path) - line.links.start
+    def read_own(cls, given: Given) -> Table:
+        axes = axes_of(given.table, given.path, AXES, AXES[: len(given.columns)], given.columns)
+        line = line_of(given.scene, given.where.line, given.path)
+        link = link_of(given.scene, given.where, given.path) - line.links.start
         length = float(line.spec.length[link])
-        if where.at is None:
-            position = number_of(table, context.path, "position", 0.5 * length, low=0.0, high=length)
-        elif "position" in table:
-            raise SceneError(f"{context.path}.position: given twice, by `at` too; allowed: one of them")
+        if given.where.at is None:
+            position = number_of(given.table, given.path, "position", 0.5 * length, low=0.0, high=length)
+        elif "position" in given.table:
+            raise SceneError(f"{given.path}.position: given twice, by `at` too; allowed: one of them")
         else:
-            position = node_of(context.scene, where, context.path).share * length
-        turn = number_of(table, context.path, "turn", 0.0)
-        return super().make({**common, "axes": axes, "position": position, "turn": turn}, table, where, context)
+            position = given.node().share * length
+        return {"axes": axes, "position": position, "turn": number_of(given.table, given.path, "turn", 0.0)}
 
     def mounted(self, position: jax.Array, turn: jax.Array) -> Channel:
         return replace(self, position=position, turn=turn)

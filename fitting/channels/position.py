@@ -64,7 +64,7 @@ def node_of(scene: SceneData, where: Where, path: str) -> Node:
         link = int(np.clip(np.searchsorted(total, where.at, side="right") - 1, 0, line.spec.links - 1))
         share = (where.at - total[link]) / line.spec.length[link]
         return Node(int(line.nodes[link]), int(line.nodes[link + 1]), float(share))
-    if where.end is None:
+    if where.node is not None:
         number = where.node
     else:
         number = _end(where.end, 0, line.spec.links, path)
@@ -87,11 +87,10 @@ def link_of(scene: SceneData, where: Where, path: str) -> int:
         total = np.cumsum(line.spec.length)
         _inside(where.at, total[-1], line.name, path)
         number = int(np.searchsorted(total, where.at - 1e-12)) + 1
+    elif where.link is not None:
+        number = where.link
     else:
-        if where.end is None:
-            number = where.link
-        else:
-            number = _end(where.end, 1, line.spec.links, path)
+        number = _end(where.end, 1, line.spec.links, path)
     if not 1 <= number <= line.spec.links:
         raise SceneError(f"{path}.link: {number} is outside line {line.name!r}; allowed: 1 to {line.spec.links}")
     return line.links.start + number - 1
@@ -117,7 +116,7 @@ def ends_at(scene: SceneData, point: str, path: str) -> tuple[tuple[int, int, in
     return found
 
 
-def _end(end: str, first: int, last: int, path: str) -> int:
+def _end(end: str | None, first: int, last: int, path: str) -> int:
     if end not in ("from", "to"):
         raise SceneError(f"{path}.end: {end!r} is not an end of a line; allowed: from, to")
     if end == "from":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -17,10 +17,11 @@ from dropper_jax.model import State
 from dropper_jax.run.build import build_model, stepper_of
 from fitting.channels.data import ByChannel, Data, Series
 from fitting.channels.observe import Plan, differentiate_channels
-from fitting.channels.setup import SetupPlace, setup_with_directions
+from fitting.channels.setup import setup_with_directions
 from fitting.estimate.noise import correlates, lag_one_by_source, whiten
 from fitting.estimate.residuals import Residuals, Solution, Timing
 from fitting.parameters.parameter import Parameter
+from fitting.parameters.targets import SetupPlace
 
 #: Maximum factor by which one step may change a number of fixed sign.
 FACTOR = 3.0
@@ -164,7 +165,7 @@ class Problem(Residuals):
         duration = float(np.diff(ends).sum()) * (1 + PAST_LAST)
         return Timing(self.windows.t, run, self.sample_mask[..., 0], ends[:, 0], duration, len(ends))
 
-    def correlation(self, point: Solution) -> tuple[float | np.ndarray, bool]:
+    def correlation(self, point: ChannelSolution) -> tuple[float | np.ndarray, bool]:
         """Correlation of neighbours in each channel (c,); whether any of them is significant."""
         residual = point.weights * point.evaluation.residual
         rho, sure = (a[:, 0] for a in lag_one_by_source(self.windows, residual, len(self.data.sensors)))
@@ -174,7 +175,7 @@ class Problem(Residuals):
         """The step that did not converge."""
         return evaluation.failed
 
-    def raw_evaluation(self, point: Solution, claimed: Series) -> Evaluation:
+    def raw_evaluation(self, point: ChannelSolution, claimed: Series) -> Evaluation:
         """The evaluation in units of the claimed noise."""
         return self._residuals(point.evaluation, claimed)
 
@@ -269,3 +270,7 @@ class Problem(Residuals):
     def finer(self) -> Problem:
         """The same with half the step."""
         return replace(self, halved=self.halved + 1)
+
+
+#: End of a fit to channels.
+ChannelSolution: TypeAlias = "Solution[Problem, Evaluation]"

@@ -31,16 +31,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest, unreadable
-from dropper_jax.base.read import Plain, check_keys, read_integer, read_items, read_list, read_table, read_text
+from dropper_jax.base.read import (
+    Plain,
+    Table,
+    Values,
+    check_keys,
+    read_integer,
+    read_items,
+    read_list,
+    read_table,
+    read_text,
+)
 from dropper_jax.load.packaged import parse_toml
 from dropper_jax.scene import SceneData
 from dropper_jax.scene.fit import in_si
-from fitting.channels.channel import Channel, Context
+from fitting.channels.channel import Channel, Given
 from fitting.channels.data import CameraSpec, Data, Run, Sensor
 from fitting.channels.entries import check_once, columns_of, name_of, number_of, unit_of, value_of
 from fitting.channels.inertial import Accelerometer, Gyro
@@ -92,7 +102,7 @@ def read_columns(path: Path) -> Columns:
     return Columns(table.file, t, values)
 
 
-def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: tuple[CameraSpec, ...]) -> Sensor:
+def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[CameraSpec, ...]) -> Sensor:
     read_table(table, path)
     cls = KINDS[read_text(value_of(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
     check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
@@ -110,12 +120,23 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
         "unit": unit,
         "camera": None if camera is None else names.index(camera),
     }
+    texts: dict[str, str] = {}
+    for key in ("line", "end", "point"):
+        if key in table:
+            texts[key] = read_text(table[key], f"{path}.{key}")
+    numbers: dict[str, int] = {}
+    for key in ("link", "node"):
+        if key in table:
+            numbers[key] = read_integer(table[key], f"{path}.{key}")
     where = Where(
-        **{key: read_text(table[key], f"{path}.{key}") for key in ("line", "end", "point") if key in table},
-        **{key: read_integer(table[key], f"{path}.{key}") for key in ("link", "node") if key in table},
-        **({"at": number_of(table, path, "at", None)} if "at" in table else {}),
+        texts.get("line"),
+        numbers.get("link"),
+        numbers.get("node"),
+        texts.get("end"),
+        number_of(table, path, "at", None),
+        texts.get("point"),
     )
-    channel = cls.make(common, table, where, Context(scene, tuple(c.matrix for c in cameras), path))
+    channel = cls.make(Given(table, path, common, where, scene, tuple(c.matrix for c in cameras)))
     relative = table.get("noise_unit") == "%"
     size = number_of(table, path, "noise", None, low=0.0, open_low=True)
     if relative:
@@ -135,7 +156,7 @@ def read_sensor(table: Mapping[str, Any], path: str, scene: SceneData, cameras: 
     )
 
 
-def read_motion(table: Mapping[str, Any], path: str, scene: SceneData) -> tuple[str, tuple[str, ...], str]:
+def read_motion(table: Values, path: str, scene: SceneData) -> tuple[str, tuple[str, ...], str]:
     """A fixed point that moves as measured, its columns and their unit."""
     check_keys(read_table(table, path), ("point", "columns", "unit"), path)
     held = [point.name for point in scene.points if not point.is_free]
@@ -150,7 +171,7 @@ def read_motion(table: Mapping[str, Any], path: str, scene: SceneData) -> tuple[
 
 
 def read_run(
-    table: Mapping[str, Any],
+    table: Values,
     path: str,
     folder: Path,
     sensors: tuple[Sensor, ...],
@@ -203,7 +224,9 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
             found.append(read_columns(folder / read_text(item, f"{path}.file.{i}")))
     if not found:
         raise SceneError(f"{path}.file: is empty; allowed: a CSV, or a list of them")
-    return found, Path(items[0]).stem if isinstance(items[0], str) else path.replace(".", "_")
+    if isinstance(items[0], str):
+        return found, Path(items[0]).stem
+    return found, path.replace(".", "_")
 
 
 def _files_of_channels(files: Sequence[Columns], channels: Sequence[Channel], path: str) -> list[Columns]:
@@ -239,11 +262,11 @@ def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index
 
 def _recorded_motions(
     files: Sequence[Columns], motions: tuple[tuple[str, tuple[str, ...], str], ...], scene: SceneData, path: str
-) -> dict[str, Any]:
+) -> Table:
     """Values of the scene that make fixed points move as measured."""
     if not motions:
         return {}
-    times = None
+    times = np.zeros(0)
     paths = []
     for point, columns, unit in motions:
         what = f"{path}: motion of {point!r}"
@@ -251,7 +274,7 @@ def _recorded_motions(
         keep = np.isfinite(y).all(axis=1)
         if keep.sum() < FEWEST_READINGS:
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
-        if times is not None and not np.array_equal(times, t[keep]):
+        if paths and not np.array_equal(times, t[keep]):
             raise SceneError(f"{what} has other times; allowed: those of the other points that move")
         times = t[keep]
         paths.append(y[keep])
@@ -262,7 +285,7 @@ def _recorded_motions(
     }
 
 
-def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: Path | None = None) -> Data:
+def read_data(source: str | Path | Values, scene: SceneData, folder: Path | None = None) -> Data:
     """The data of a file, or of the same as plain values.
 
     Args:
@@ -289,7 +312,7 @@ def read_data(source: str | Path | Mapping[str, Any], scene: SceneData, folder: 
     return Data(sensors, cameras, runs)
 
 
-def parse_file(path: Path) -> dict[str, Any]:
+def parse_file(path: Path) -> Table:
     try:
         return parse_toml(path.read_bytes(), path.name)
     except OSError as error:

@@ -11,9 +11,8 @@ from scipy.special import stdtrit
 
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import Scene
-from fitting.channels.problem import Evaluation, Problem
+from fitting.channels.problem import ChannelSolution, Evaluation, Problem
 from fitting.channels.setup import setup_with_directions
-from fitting.estimate.residuals import Solution
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
 from fitting.parameters.fitted_scene import fitted_scene
@@ -95,7 +94,7 @@ class Errors(Uncertainty):
     why: tuple[str, ...]
 
 
-def errors_of(point: Solution) -> Errors:
+def errors_of(point: ChannelSolution) -> Errors:
     """Errors at a solution, and the parameters that its channels do not determine.
 
     White residuals of known size give the covariance `S^-1`; if neighbours remain correlated, the scatter of blocks of
@@ -112,7 +111,7 @@ def errors_of(point: Solution) -> Errors:
     return Errors(**vars(u), sensitivity=sensitivity, determined=determined, why=why)
 
 
-def _sensitivity(point: Solution) -> np.ndarray:
+def _sensitivity(point: ChannelSolution) -> np.ndarray:
     """s of every parameter and channel (p, c)."""
     e = point.evaluation
     data = point.problem.data
@@ -133,7 +132,7 @@ def _sensitivity(point: Solution) -> np.ndarray:
 PRIOR_ALONE = 0.95
 
 
-def _verdict(point: Solution, i: int, se: float, sensitivity: np.ndarray) -> tuple[str, str]:
+def _verdict(point: ChannelSolution, i: int, se: float, sensitivity: np.ndarray) -> tuple[str, str]:
     p = point.problem.parameters[i]
     value = float(point.values[i])
     if not p.low < p.high:
@@ -173,6 +172,7 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
         between: parameters that each run has separately, over the runs.
     """
 
+    solution: ChannelSolution
     uncertainty: Errors
     between: tuple[Between, ...] = ()
 
@@ -242,4 +242,5 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
                 for b in self.between
             },
         }
-        return jsonable(self.common_json("channels", self.solution.problem.dt) | found)
+        found = self.common_json("channels", self.solution.problem.dt) | found
+        return {key: jsonable(value) for key, value in found.items()}

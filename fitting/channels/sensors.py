@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,11 +11,11 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.numerics import safe_norm
-from dropper_jax.base.read import check_keys, read_list, read_rows, read_table, read_text
-from fitting.channels.channel import AtNode, Channel, Context, OnLink, SavedMotion
+from dropper_jax.base.read import Table, Values, check_keys, read_list, read_number, read_rows, read_table, read_text
+from fitting.channels.channel import AtNode, Channel, Given, OnLink, SavedMotion
 from fitting.channels.data import CameraSpec
 from fitting.channels.entries import axes_of, name_of, number_of, value_of, vector_of
-from fitting.channels.position import Where, ends_at, link_of
+from fitting.channels.position import ends_at, link_of
 
 
 @dataclass(frozen=True)
@@ -31,13 +30,13 @@ class Tension(Channel):
     link: int = 0
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        if where.point is None:
-            return cls(**common, link=link_of(context.scene, where, context.path))
-        ends = ends_at(context.scene, where.point, context.path)
+    def locate(cls, given: Given) -> Table:
+        if given.where.point is None:
+            return {"link": link_of(given.scene, given.where, given.path)}
+        ends = ends_at(given.scene, given.where.point, given.path)
         if len(ends) > 1:
-            return cls(**common, ends=ends)
-        return cls(**common, link=ends[0][2])
+            return {"ends": ends}
+        return {"link": ends[0][2]}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         if not self.ends:
@@ -76,12 +75,11 @@ class Pixel(AtNode):
     matrix: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        value_of(table, context.path, "camera", "the name of a [[camera]]")
-        if len(common["columns"]) != 2:
-            raise SceneError(f"{context.path}.columns: {len(common['columns'])} columns; allowed: 2, u and v")
-        matrix = context.projections[common["camera"]]
-        return super().make({**common, "matrix": matrix}, table, where, context)
+    def read_own(cls, given: Given) -> Table:
+        value_of(given.table, given.path, "camera", "the name of a [[camera]]")
+        if len(given.columns) != 2:
+            raise SceneError(f"{given.path}.columns: {len(given.columns)} columns; allowed: 2, u and v")
+        return {"matrix": given.projections[given.common["camera"]]}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         matrix = np.array(self.matrix)
@@ -106,9 +104,8 @@ class Angle(OnLink):
     zero: str = "horizontal"
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        zero = read_text(table.get("zero", "horizontal"), f"{context.path}.zero", ANGLES)
-        return super().make({**common, "zero": zero}, table, where, context)
+    def read_own(cls, given: Given) -> Table:
+        return {"zero": read_text(given.table.get("zero", "horizontal"), f"{given.path}.zero", ANGLES)}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         d = self.links(motion)
@@ -135,9 +132,8 @@ class Position(AtNode):
     axes: tuple[int, ...] = (0, 1, 2)
 
     @classmethod
-    def make(cls, common: Mapping[str, Any], table: Mapping[str, Any], where: Where, context: Context) -> Channel:
-        axes = axes_of(table, context.path, AXES, AXES, common["columns"])
-        return super().make({**common, "axes": axes}, table, where, context)
+    def read_own(cls, given: Given) -> Table:
+        return {"axes": axes_of(given.table, given.path, AXES, AXES, given.columns)}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         return self.positions(motion)[:, list(self.axes)]
@@ -154,7 +150,7 @@ class Depth(AtNode):
         return -self.positions(motion)[:, 2:]
 
 
-def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:
+def read_camera(table: Values, path: str) -> CameraSpec:
     keys = ("name", "position", "look_at", "focal", "centre", "projection", "delay", "rate")
     check_keys(read_table(table, path), keys, path)
     if "projection" in table:
@@ -166,8 +162,8 @@ def read_camera(table: Mapping[str, Any], path: str) -> CameraSpec:
         ahead = look_at - position
         if np.hypot(ahead[0], ahead[1]) < 1e-9:
             raise SceneError(f"{path}.look_at: directly above or below the camera. Use another point, or `projection`")
-        value_of(table, path, "focal", "focal length [px]")
-        focal = number_of(table, path, "focal", None, low=0.0, open_low=True)
+        limits = {"unit": "px", "low": 0.0, "open_low": True}
+        focal = read_number(value_of(table, path, "focal", "focal length [px]"), f"{path}.focal", limits)
         matrix = projection(position, look_at, focal, vector_of(table, path, "centre", 2))
     return CameraSpec(
         name_of(table, path),

@@ -14,8 +14,7 @@ axis in front), so that one compiled program serves every choice of free paramet
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -30,6 +29,7 @@ from fitting.channels.data import Data
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
+from fitting.parameters.targets import Direction, ModelPlace, SetupPlace
 
 
 class Reading(NamedTuple):
@@ -81,16 +81,6 @@ DELAY_RANGE = 0.5
 RATE_RANGE = 0.02
 
 
-@dataclass(frozen=True)
-class SetupPlace:
-    """A number of the start, a sensor or a camera: section, number or key in it, field, entry of the field."""
-
-    section: str
-    index: int | str
-    field: str
-    entry: tuple[int, ...] = ()
-
-
 def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "free") -> tuple[Parameter, ...]:
     """The parameters of these names, with start values and bounds.
 
@@ -106,7 +96,7 @@ def find_free(scene: Scene, data: Data, names: Sequence[str], option: str = "fre
         else:
             found += find_parameters(scene, model, full_names(scene, [name], option), option)
     for p in found:
-        if not (isinstance(p.where, SetupPlace) or p.in_model or p.moves_model):
+        if not isinstance(p.where, SetupPlace | ModelPlace | Direction):
             raise SceneError(f"{option}: {p.name!r} is for traces of angles. Use channel.NAME.offset and the like")
     check_once([p.name for p in found], option)
     return tuple(found)
@@ -131,7 +121,7 @@ def _numbers(scene: Scene, data: Data) -> list[Parameter]:
         array = np.asarray([] if given is None else given, float)
         for at in np.ndindex(array.shape):
             path = ".".join(["start", key, *map(str, at)])
-            found.append(Parameter(path, SetupPlace("start", key, key, at), float(array[at]), unit=unit))
+            found.append(Parameter(path, SetupPlace("start", 0, key, at), float(array[at]), unit=unit))
     for i, sensor in enumerate(data.sensors):
         path = f"channel.{sensor.channel.name}"
         unit = sensor.channel.measures
@@ -235,16 +225,27 @@ def first_setup(scene: Scene, data: Data) -> Setup:
     )
 
 
-def set_parameter(setup: Setup, p: Parameter, value: Any) -> Setup:
+Item = TypeVar("Item", Reading, Clock)
+
+
+def set_parameter(setup: Setup, p: Parameter, value: jax.Array) -> Setup:
     """The setup with a parameter's value set; differentiable."""
     where = p.where
-    if not isinstance(where, SetupPlace):
+    if isinstance(where, ModelPlace | Direction):
         return setup._replace(model=where.set_in(setup.model, value))
+    if not isinstance(where, SetupPlace):
+        raise TypeError(f"{p.name}: is no number of a setup")
     if where.section == "start":
         start = dict(setup.start)
-        start[where.index] = start[where.index].at[where.entry].set(value)
+        start[where.field] = start[where.field].at[where.entry].set(value)
         return setup._replace(start=start)
-    items = list(getattr(setup, where.section))
-    new = jnp.asarray(getattr(items[where.index], where.field)).at[where.entry].set(value)
-    items[where.index] = items[where.index]._replace(**{where.field: new})
-    return setup._replace(**{where.section: tuple(items)})
+    if where.section == "clocks":
+        return setup._replace(clocks=_with_number(setup.clocks, where, value))
+    return setup._replace(readings=_with_number(setup.readings, where, value))
+
+
+def _with_number(items: tuple[Item, ...], where: SetupPlace, value: jax.Array) -> tuple[Item, ...]:
+    """The sensors or cameras with one number set."""
+    item = items[where.index]
+    new = jnp.asarray(getattr(item, where.field)).at[where.entry].set(value)
+    return (*items[: where.index], item._replace(**{where.field: new}), *items[where.index + 1 :])

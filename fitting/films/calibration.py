@@ -64,6 +64,13 @@ class Plane:
         mapped = np.concatenate([points, np.ones_like(points[..., :1])], axis=-1) @ self.homography.T
         return mapped[..., :2] / mapped[..., 2:]
 
+    def metres_per_pixel(self, middle: np.ndarray) -> float:
+        """Scale [m] at `middle` (2,): the side of a square as large as the pixel there."""
+        there = self.to_metres(middle + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
+        right = there[0] - there[1]
+        down = there[2] - there[3]
+        return float(np.sqrt(abs(right[0] * down[1] - right[1] * down[0])))
+
 
 def corners(image: np.ndarray, board: tuple[int, int]) -> np.ndarray | None:
     """Inner corners of the chessboard (columns x rows, 2) [pixel], or None if it is not found."""

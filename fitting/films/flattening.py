@@ -55,9 +55,9 @@ class Flat:
             points = self.lens.straighten(points)
         if self.plane is not None:
             there = self.plane.to_metres(np.concatenate([self.middle[None], points]))
-            points = (there[1:] - there[0]) * [1.0, -1.0] / self.metres_per_pixel() + self.middle
+            points = (there[1:] - there[0]) * [1.0, -1.0] / self.plane.metres_per_pixel(self.middle) + self.middle
         if self.parameters is not None:
-            points = self._tilt_points(points)
+            points = self._tilt_points(points, self.parameters)
         return points.reshape(shape)
 
     def back(self, flat: np.ndarray) -> np.ndarray:
@@ -71,13 +71,6 @@ class Flat:
             guess = np.clip(guess + np.clip(move, -limit, limit), -limit, 3 * limit)
         return guess
 
-    def metres_per_pixel(self) -> float:
-        """Scale of the board's plane at the middle of the picture [m]."""
-        there = self.plane.to_metres(self.middle + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]))
-        right = there[0] - there[1]
-        down = there[2] - there[3]
-        return float(np.sqrt(abs(right[0] * down[1] - right[1] * down[0])))
-
     @property
     def spread(self) -> np.ndarray:
         """Prior spread of the parameters (4,)."""
@@ -86,8 +79,8 @@ class Flat:
         # pan and pitch [rad], k1, log(focal length): known from the boards, or not
         return np.where([plane, plane, lens, lens], 0.01, [0.15, 0.15, 0.15, 0.3])
 
-    def _tilt_points(self, points: np.ndarray) -> np.ndarray:
-        pan, pitch, bending, focus = self.parameters
+    def _tilt_points(self, points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        pan, pitch, bending, focus = parameters
         # usual focal length: 1.25 image widths
         if self.lens is None:
             usual = 1.25 * self.size[0] * np.ones(2)
@@ -123,7 +116,7 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     """
     # maximum values of pan, pitch, k1 and log(focus / usual)
     parameter_limits = np.array([0.6, 0.6, 0.6, 0.9])
-    both = detected[:, 1:] & detected[:, :-1]
+    both = seen_links(detected)
     keep = np.flatnonzero(both.any(axis=1))
     if len(keep):
         keep = keep[np.unique(np.linspace(0, len(keep) - 1, 300).astype(int))]
@@ -164,12 +157,17 @@ def link_lengths(positions: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.diff(positions, axis=1), axis=-1)
 
 
+def seen_links(detected: np.ndarray) -> np.ndarray:
+    """Which links (..., n - 1) have both of their nodes (..., n) detected."""
+    return detected[..., 1:] & detected[..., :-1]
+
+
 def robust_lengths(positions: np.ndarray, detected: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lengths (k, n - 1) of links, NaN unless both ends are detected, their medians and robust deviations (n - 1,).
 
     Both are zero for a link that is never detected.
     """
-    lengths = np.where(detected[:, 1:] & detected[:, :-1], link_lengths(positions), np.nan)
+    lengths = np.where(seen_links(detected), link_lengths(positions), np.nan)
     known = np.where(np.isfinite(lengths).any(axis=0), lengths, 0.0)
     usual = np.nanmedian(known, axis=0)
     return lengths, usual, 1.4826 * np.nanmedian(np.abs(known - usual), axis=0)
@@ -185,7 +183,7 @@ def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np
     rows = np.unique(np.linspace(0, len(pixels) - 1, 20).astype(int))
     if len(others) < 3 or not len(rows):
         return 0.0
-    both = (detected[:, 1:] & detected[:, :-1])[rows]
+    both = seen_links(detected[rows])
     turns = []
     for each in others:
         here = np.diff(flat(pixels[rows]), axis=1)[both] @ [1.0, 1j]

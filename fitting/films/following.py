@@ -7,6 +7,8 @@ searched for between the positions before and after.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
@@ -21,6 +23,7 @@ from fitting.films.ordering import (
     Chain,
     changes,
     clearest_chain,
+    distances,
     follow_unnamed,
     on_a_line,
     paths,
@@ -50,7 +53,7 @@ def follow_film(
     fps: float,
     flat: Flat,
     first: str = "auto",
-    start: np.ndarray | None = None,
+    start: Sequence[tuple[float, float]] | None = None,
 ) -> TrackedChain:
     """The nodes through the film.
 
@@ -227,7 +230,7 @@ def named_chain(
     first = circles[0].centre
     positions = flat(named)
     error = np.zeros(nodes)
-    apart = np.linalg.norm(named[:, None] - first[None], axis=-1)
+    apart = distances(named, first)
     own = np.full(nodes, -1)
     for _ in range(min(apart.shape)):  # the nearest pairs first, no circle twice
         k, j = np.unravel_index(np.argmin(apart), apart.shape)

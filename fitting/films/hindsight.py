@@ -14,9 +14,9 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import distance_transform_edt
 
 from fitting.films.detection import Circles
-from fitting.films.flattening import Flat, link_lengths
+from fitting.films.flattening import Flat, link_lengths, seen_links
 from fitting.films.identity import bridge, length_errors
-from fitting.films.ordering import Chain
+from fitting.films.ordering import Chain, distances, steps
 
 
 @dataclass
@@ -67,8 +67,8 @@ def detect_again(found: TrackedChain, looked: Callable[[int, np.ndarray], Circle
 
     def there(i: int) -> tuple[np.ndarray, Circles]:
         circles = looked(i, found.pixels[i, ~found.detected[i]])
-        apart = np.linalg.norm(circles.centre[:, None] - found.pixels[i, found.detected[i]], axis=-1)
-        circles = circles.pick((apart > 3.0).all(axis=1))
+        apart = distances(circles.centre, found.pixels[i, found.detected[i]])
+        circles = circles.pick(np.all(apart > 3.0, axis=1))
         return found.map(circles.centre), circles
 
     _take(found, there)
@@ -85,10 +85,10 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]
     expected = found.flat.copy()
     # frames to the nearest one in which the node itself is detected
     away = distance_transform_edt(~found.detected, sampling=(1.0, 1e6))
-    steps = np.linalg.norm(np.diff(found.flat, axis=0), axis=-1)[found.detected[1:] & found.detected[:-1]]
+    moved = steps(found.flat, found.detected)
     fast = 0.0
-    if len(steps):
-        fast = 0.2 * float(np.percentile(steps, 98))
+    if len(moved):
+        fast = 0.2 * float(np.percentile(moved, 98))
     for i in np.flatnonzero((~found.detected).any(axis=1)):
         flat, circles = there(i)
         for k in np.flatnonzero(~found.detected[i]):
@@ -157,7 +157,7 @@ def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
     length = np.maximum(link_lengths(positions), 1e-9)
     slope = np.sum(np.diff(change, axis=1) * link, axis=-1) / length
     usable = detected & change.any(axis=-1)
-    known = usable[:, 1:] & usable[:, :-1]
+    known = seen_links(usable)
     parts = [np.zeros((2, 0))]
     for here, *pair in zip(known.T, slope.T, length.T, strict=True):
         if here.sum() >= 10:

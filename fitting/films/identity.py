@@ -10,12 +10,10 @@ within its reach fits the lengths, because the expectation for a node that was h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from fitting.films.detection import Circles
-from fitting.films.ordering import Chain
+from fitting.films.ordering import Chain, distances
 
 #: Fastest step before any was observed, in mean links.
 FIRST_STEP = 0.3
@@ -104,13 +102,13 @@ class Follower:
             return np.full(len(guess), -1)
         unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
         reach = np.where(self.held, 0.0, REACH + REACH_PER_FRAME * self.lost * self.fastest)
-        away = np.linalg.norm(centre[None] - self.last_positions[:, None], axis=-1) < reach[:, None]
+        away = distances(self.last_positions, centre) < reach[:, None]
         back = (self.lost > 0)[:, None] & away
         unary = np.where(back, np.minimum(unary, return_price), unary)
         far = back & (unary >= return_price)
         unary[unary > 2 * lost_price] = np.inf
         unary = np.concatenate([unary, np.full((len(guess), 1), lost_price)], axis=1)
-        apart = np.linalg.norm(centre[:, None] - centre[None], axis=-1)
+        apart = distances(centre, centre)
         pair = np.zeros((len(guess) - 1, len(centre) + 1, len(centre) + 1))
         miss = (apart[None] - self.chain.length[:, None, None]) / self.length_error[:, None, None]
         pair[:, :-1, :-1] = np.minimum(miss**2, LARGEST_MISS)
@@ -205,7 +203,7 @@ def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tup
     return min(tries, key=lambda found: found[0])
 
 
-def _viterbi(unary: np.ndarray, pair: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+def _viterbi(unary: np.ndarray, pair: np.ndarray) -> tuple[float, np.ndarray]:
     """Minimum sum of unary (n, m) and pair (n - 1, m, m) costs along a chain, and its states (n,)."""
     price = unary[0]
     back = []

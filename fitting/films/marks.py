@@ -19,7 +19,7 @@ from scipy.ndimage import maximum_filter, median_filter
 from fitting.films.detection import Circles
 from fitting.films.flattening import robust_lengths
 from fitting.films.identity import Follower
-from fitting.films.ordering import Chain, rates
+from fitting.films.ordering import Chain, distances, rates, steps
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Marks:
     @property
     def frames(self) -> np.ndarray:
         """Which frames (k,) are marked."""
-        return self.swapped.any(axis=1) | self.jumped.any(axis=1) | self.length.any(axis=1)
+        return np.any(self.swapped | self.jumped, axis=1) | np.any(self.length, axis=1)
 
     @property
     def links(self) -> np.ndarray:
@@ -114,7 +114,7 @@ def _swapped_names(
                 if here[found[k]] != k:
                     other[i, here[found[k]]] += 1
     # two nodes closer than 0.05 links may have either name
-    near = np.linalg.norm(positions[:, :, None] - positions[:, None], axis=-1) + 1e9 * np.eye(detected.shape[1])
+    near = distances(positions, positions) + 1e9 * np.eye(detected.shape[1])
     alone = near.min(axis=2) > 0.05 * np.median(usual)
     return (other > 0) & (other >= asked[:, None]) & detected & alone
 
@@ -158,10 +158,10 @@ SPARE_STEP = 0.2
 def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
     """Short runs of samples (k, n) that no node can have reached, also across gaps."""
     result = np.zeros(detected.shape, bool)
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=-1)[detected[1:] & detected[:-1]]
-    if not len(steps):
+    moved = steps(positions, detected)
+    if not len(moved):
         return result
-    fastest = 1.5 * float(np.percentile(steps, 98))
+    fastest = 1.5 * float(np.percentile(moved, 98))
     for k in range(detected.shape[1]):
         frames = np.flatnonzero(detected[:, k])
         way = np.linalg.norm(np.diff(positions[frames, k], axis=0), axis=-1)

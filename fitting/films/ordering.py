@@ -59,6 +59,16 @@ FARTHEST_SPOT = 60.0
 RATE_DECAY = 0.8
 
 
+def distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Distances (..., m, n) of points (..., m, 2) from others (..., n, 2)."""
+    return np.linalg.norm(one[..., :, None, :] - other[..., None, :, :], axis=-1)
+
+
+def steps(positions: np.ndarray, detected: np.ndarray) -> np.ndarray:
+    """Lengths (m,) of the steps of positions (k, n, 2) between frames that both show the node."""
+    return np.linalg.norm(np.diff(positions, axis=0), axis=-1)[detected[1:] & detected[:-1]]
+
+
 def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
     """Positions (k, m, 2) of the spots of frame `begin` in all frames from there on; NaN if one is not detected.
 
@@ -70,7 +80,7 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
     rate = np.zeros_like(frames[begin])
     for centres in frames[begin + 1 :]:
         guess = last + rate
-        apart = np.linalg.norm(guess[:, None] - centres[None], axis=-1)
+        apart = distances(guess, centres)
         limit = np.maximum(
             FASTEST_SPOT + np.linalg.norm(rate, axis=1), np.minimum(NEXT_SPOT * _alone(last), FARTHEST_SPOT)
         )
@@ -88,7 +98,7 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
 
 def _alone(positions: np.ndarray) -> np.ndarray:
     """Distance (m,) of each position (m, 2) to the nearest other one."""
-    apart = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
+    apart = distances(positions, positions)
     np.fill_diagonal(apart, np.inf)
     return apart.min(axis=1)
 
@@ -174,7 +184,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
 
 def changes(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Robust deviation and median (m, m) [pixel] of the distances of all pairs; 1e6 if rarely detected together."""
-    apart = np.linalg.norm(tracks[:, :, None] - tracks[:, None], axis=-1)
+    apart = distances(tracks, tracks)
     few = np.isfinite(apart).sum(axis=0) < max(2, min(10, len(tracks) // 8))
     apart = np.where(few, 0.0, apart)
     low, middle, high = np.nanpercentile(apart, (5, 50, 95), axis=0)
@@ -208,7 +218,7 @@ def paths(
     for i, row in enumerate(ratio):
         near.append([int(j) for j in np.argsort(row) if row[j] <= worst and j != i])
     found: list[tuple[float, tuple[int, ...]]] = []
-    stack = [((i,), 0.0) for i in reversed(range(len(ratio)))]
+    stack: list[tuple[tuple[int, ...], float]] = [((i,), 0.0) for i in reversed(range(len(ratio)))]
     for _ in range(MOST_PATH_STEPS):
         if not stack:
             break

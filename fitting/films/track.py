@@ -14,7 +14,7 @@ from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, Plane, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
 from fitting.films.detection import Circles, MarkerAppearance, detect_at
-from fitting.films.flattening import Flat, central_differences, level_error, link_lengths
+from fitting.films.flattening import Flat, central_differences, level_error, link_lengths, seen_links
 from fitting.films.following import follow_film
 from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
 from fitting.films.link_angles import four_quadrant, scatter, to_trace
@@ -67,7 +67,7 @@ class Tracked:
     @property
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n - 1,) of the links' measured lengths."""
-        used = self.detected[:, 1:] & self.detected[:, :-1] & ~self.marks.links
+        used = seen_links(self.detected) & ~self.marks.links
         mean = np.full(used.shape[1], np.nan)
         deviation = mean.copy()
         for j, (column, good) in enumerate(zip(link_lengths(self.metres).T, used.T, strict=True)):
@@ -80,14 +80,11 @@ class Tracked:
         """The result without its samples."""
         mean, deviation = self.link_lengths
         angle_se_rad = None
-        if np.isfinite(self.trace.se).any():
+        if self.trace.se is not None and np.isfinite(self.trace.se).any():
             angle_se_rad = float(np.nanmedian(self.trace.se))
         link_length_m = None
         if self.scaled:
-            link_length_m = [float(x) for x in mean]
-        slant_rad = None
-        if self.slant is not None:
-            slant_rad = list(self.slant)
+            link_length_m = mean.tolist()
         reprojection_error_pixel = None
         if self.lens is not None:
             reprojection_error_pixel = self.lens.error
@@ -98,15 +95,15 @@ class Tracked:
             "fps": self.fps,
             "nodes": self.detected.shape[1],
             "links": self.detected.shape[1] - 1,
-            "bridged": [int(x) for x in (~self.detected).sum(axis=0)],
+            "bridged": (~self.detected).sum(axis=0).tolist(),
             "longest_gap_s": float(_longest_gaps(self.detected).max() / self.fps),
             "angle_se_rad": angle_se_rad,
             "marker_radius_pixel": self.appearance.radius,
             "link_length_m": link_length_m,
-            "link_length_deviation": [float(x) for x in deviation / mean],
+            "link_length_deviation": (deviation / mean).tolist(),
             "marked": self.marks.spans(self.trace.t),
             "marked_frames": int(self.marks.frames.sum()),
-            "slant_rad": slant_rad,
+            "slant_rad": self.slant,
             "exposure_s": self.exposure,
             "reprojection_error_pixel": reprojection_error_pixel,
             "warnings": list(self.warnings),
@@ -170,23 +167,29 @@ def track(
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
     _detect_again(film, span, appearance, chain)
     chain, offset, message = _trim_frames(remove_blur(chain), film.fps)
-    _refuse_short(film, len(chain.detected), message)
-    t = (offset + np.arange(len(chain.detected))) / film.fps
+    frames = len(chain.detected)
+    if frames < FEWEST:
+        raise SceneError(f"{film.path.name}: {message or 'only'} {frames} frames; allowed: at least {FEWEST}")
+    t = (offset + np.arange(frames)) / film.fps
     if not message and end is None:
         message = _breaks_off(film, span[0] + len(circles), t[-1])
     marks = find_marks(chain.flat, chain.detected)
     metres = _metres(chain, scale, distance)
     if level:
         metres = _level_chain(metres)
-    error, known = _measured(chain, marks, 0.0 if level else setup.level_error(chain))
-    lost = why_no_chain(chain.flat, chain.detected, marks, error)
-    uncertain = known & ~(error <= LARGEST_ERROR)
-    trace = to_trace(film.path.stem, t, metres, error, known & ~uncertain)
-    trace = replace(trace, warnings=changing_lengths(chain.flat, known & ~uncertain))
+    known = seen_links(chain.detected) & ~marks.links
+    error = np.where(known, _angle_errors(chain, ~marks.links, 0.0 if level else setup.level_error(chain)), np.nan)
+    certain = known & (error <= LARGEST_ERROR)
+    trace = to_trace(film.path.stem, t, metres, error, certain)
+    trace = replace(trace, warnings=changing_lengths(chain.flat, certain))
     status = "not_converged" if message else "ok"
+    lost = why_no_chain(chain.flat, chain.detected, marks, error)
     if lost:
         status = "lost"
-        message = _no_chain(film, nodes, lost)
+        message = (
+            f"{film.path.name}: the circles do not move as the nodes of a chain: {lost}; needed: a marker on each of "
+            f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
+        )
     tracked = Tracked(
         trace=trace,
         pixels=chain.pixels,
@@ -199,25 +202,13 @@ def track(
         fps=film.fps,
         status=status,
         message=message,
-        warnings=_warnings(film, chain, marks, trace.warnings, t, offset, int(uncertain.sum())),
+        warnings=_warnings(film, chain, marks, trace.warnings, t, offset, int((known & ~certain).sum())),
         marks=marks,
         slant=setup.slant(chain),
         exposure=chain.exposure / film.fps,
     )
     say(1.0, tracked.status)
     return tracked
-
-
-def _refuse_short(film: Video, frames: int, message: str) -> None:
-    if frames < FEWEST:
-        raise SceneError(f"{film.path.name}: {message or 'only'} {frames} frames; allowed: at least {FEWEST}")
-
-
-def _no_chain(film: Video, nodes: int, why: str) -> str:
-    return (
-        f"{film.path.name}: the circles do not move as the nodes of a chain: {why}; needed: a marker on each of "
-        f"{nodes} nodes (--overlay shows what was followed, --radius and --marker describe the markers)"
-    )
 
 
 def _check_options(
@@ -271,7 +262,7 @@ class _Setup:
 
     def seen_by(self, lens: Lens | None) -> Plane | None:
         """The plane of motion as a camera with this lens sees it; None without a picture of the board there."""
-        if self.plane is None:
+        if self.plane is None or self.square is None:
             return None
         return plane_from_board(self.plane, lens, self.board, self.square)
 
@@ -297,12 +288,6 @@ def _breaks_off(film: Video, frames: int, last: float) -> str:
     return f"the video breaks off after {last:.3g} s of {film.announced / film.fps:.3g} s"
 
 
-def _measured(chain: TrackedChain, marks: Marks, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Standard errors (k, n - 1) [rad] of the angles, NaN where a marker is hidden or marked; where they are known."""
-    known = chain.detected[:, 1:] & chain.detected[:, :-1] & ~marks.links
-    return np.where(known, _errors(chain, ~marks.links, level), np.nan), known
-
-
 def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:
     if begin < 0 or (end is not None and end <= begin):
         raise SceneError(f"--from, --until: {begin:g} to {end} s; allowed: 0 <= from < until")
@@ -326,7 +311,7 @@ def _detect_again(film: Video, span: tuple[int, int | None], appearance: MarkerA
 def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:
     """The frames from the first to the last with a link, the first one's number, and the reason of an early end."""
     detected = chain.detected
-    some = np.flatnonzero((detected[:, 1:] & detected[:, :-1]).any(axis=1))
+    some = np.flatnonzero(seen_links(detected).any(axis=1))
     first, last = (int(some[0]), len(detected)) if len(some) else (0, 0)
     until = len(detected) - np.argmax(detected[::-1], axis=0)
     lost = np.flatnonzero((len(detected) - until > LONGEST_GAP * fps) | ~detected.any(axis=0))
@@ -346,17 +331,17 @@ def _metres(chain: TrackedChain, scale: float | None, distance: float | None) ->
     """Positions (k, n, 2), right and up, in m if a scale is known, otherwise in pixels."""
     flat = chain.flat * [1.0, -1.0]
     if chain.map.plane is not None:
-        scale = chain.map.metres_per_pixel()
+        scale = chain.map.plane.metres_per_pixel(chain.map.middle)
     if distance is not None:
         scale = distance / float(np.median(np.linalg.norm(flat[:, -1] - flat[:, 0], axis=1)))
     return flat * (1.0 if scale is None else scale)
 
 
-def _errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
+def _angle_errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
     """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
     found = np.hypot(scatter(chain.flat, chain.error, chain.detected, used), level)
     flat = chain.map
-    if flat.covariance is None:
+    if flat.parameters is None or flat.covariance is None:
         return found
 
     def angles(parameters: np.ndarray) -> np.ndarray:

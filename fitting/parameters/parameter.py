@@ -45,11 +45,12 @@ from fitting.parameters.targets import (
     NodeMarkerPlace,
     RecordingPlace,
     ReleasePlace,
+    SetupPlace,
     scale_direction,
 )
 
 Observer = CameraPlace | NodeMarkerPlace | ClockPlace | LostPlace | RecordingPlace
-Target = ModelPlace | Direction | Observer | ReleasePlace | MissingForce
+Target = ModelPlace | Direction | SetupPlace | Observer | ReleasePlace | MissingForce
 
 
 #: Start values, bounds and priors (mean, standard deviation) by path.

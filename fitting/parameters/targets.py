@@ -105,6 +105,16 @@ def all_joints(model: Model, field: str) -> Direction:
 
 
 @dataclass(frozen=True)
+class SetupPlace:
+    """A number of the start, a sensor or a camera of a run: section, number in it, field, entry of the field."""
+
+    section: str
+    index: int
+    field: str
+    entry: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
 class CameraPlace:
     """Rotation of the camera; with a link, the rotation of its marker or its encoder's zero relative to it."""
 

@@ -77,7 +77,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return _by_tangents(replace(problem, retries=True), say, check)
     settings = problem.scene.run
-    duration = 0.0 if problem.of.at_rest else settings.steps * settings.dt
+    duration = 0.0 if problem.of.at_rest else settings.steps * settings.step
     found = replace(
         empty_result(problem, duration),
         value=value,
@@ -117,7 +117,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             mean, spread, length = windows(problem, at, min(limit, duration / 2), run.tree)
             rate = rate if found.exponent is None else found.exponent
             found = replace(found, horizon=limit, exponent=rate, window=length, window_mean=mean, window_error=spread)
-    if found.finite and found.linear_range == 0.0:
+    if found.finite and found.error is not None and found.linear_range == 0.0:
         nowhere = [False] * len(forward)
         status = slope_status(problem, found.value, forward, found.error, nowhere)
         found = hide_unresolved(replace(found, slope_status=status))
@@ -134,7 +134,7 @@ def _with_check(problem: Study, found: Local, say: Progress) -> Local:
         if found.finite:
             problem.check_derivatives(reverse)
         found = replace(found, reverse=reverse)
-    growth = lyapunov(problem.model, problem.start, problem.stepper, settings.dt, max(settings.steps, 2))
+    growth = lyapunov(problem.model, problem.start, problem.stepper, settings.step, max(settings.steps, 2))
     return replace(found, exponent=float(growth.exponent))
 
 
@@ -174,14 +174,19 @@ def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
 
 def changed_study(problem: Study, values: np.ndarray) -> tuple[float, Varied | None]:
     """The quantity with these values (p,), NaN if the scene has no start with them; and its run."""
-    values = jnp.asarray(values, problem.model.dtype)
+    at = jnp.asarray(values, problem.model.dtype)
     try:
-        s = initial_state(apply(problem.model, problem.parameters, values), problem.scene.start)
+        s = initial_state(apply(problem.model, problem.parameters, at), problem.scene.start)
     except SceneError:
         return np.nan, None
-    start = Varied(s, [jnp.asarray(np.zeros((len(values), *x.shape)), x.dtype) for x in floats_of(s)])
-    quantity, run = vary_study(problem, values, start, problem.scene.run.saves)
+    start = _fixed(s, len(at))
+    quantity, run = vary_study(problem, at, start, problem.scene.run.saves)
     return float(quantity.tree), run
+
+
+def _fixed(s: State, count: int) -> Varied:
+    """A start that the parameters do not change."""
+    return Varied(s, [jnp.asarray(np.zeros((count, *x.shape)), x.dtype) for x in floats_of(s)])
 
 
 def _motion_growth(problem: Study, start: Varied, run: Varied, changed: Varied | None) -> float | None:
@@ -220,8 +225,7 @@ def windows(
             last = jax.tree.map(lambda x, k=i * saves - 1: x[k], run)
             s = state(model, last.r, last.v, last.tension, i * saves * every)
             s = replace(s, parted=last.parted, own=last.own)
-        fixed = Varied(s, [jnp.asarray(np.zeros((len(at), *x.shape)), x.dtype) for x in floats_of(s)])
-        found.append(np.asarray(vary_study(problem, at, fixed, saves)[0].slopes[0]))
+        found.append(np.asarray(vary_study(problem, at, _fixed(s, len(at)), saves)[0].slopes[0]))
     if count > 1:
         error = np.std(found, axis=0, ddof=1) / np.sqrt(count)
     else:

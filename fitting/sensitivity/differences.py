@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -32,7 +31,7 @@ from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import initial_state, stepper_of
-from dropper_jax.run.chunks import FACTOR, Companion, Program, compile_run, run_chunks
+from dropper_jax.run.chunks import FACTOR, Carry, Companion, Program, compile_run, run_chunks
 from dropper_jax.run.quantities import OVER_STEPS, Quantity, QuantitySignals, quantity_signals
 from dropper_jax.run.statistics import IN_TIME, NOT_GAUSSIAN, excess_kurtosis
 from dropper_jax.scene import RunSpec
@@ -101,19 +100,18 @@ class StudyRuns:
         self.problem = problem
         self.settings: RunSpec = problem.run_scene.run
         self.say = say
-        own = self.prepare(problem.values, None)
-        if own is None:
+        start = self.start_at(problem.values)
+        if start is None:
             raise SceneError(f"{problem.of.name}: the scene has no start")
-        self.model, self.start, program = own
-        outcome = run_chunks(program, self.settings.rows, partial(self._report, "own run"))
+        self.start = start
+        self.model = self.model_at(problem.values)
+        program = self.program(self.model, self.start, None)
+        outcome = run_chunks(program, self.settings.rows, lambda share, _: say(0.2 * share, "own run"))
         self.rows: Trajectory = outcome.trajectory
         self.record = _recorded(outcome.carry, problem.of)
         self.value = self.measure(self.model, self.start, self.rows)
         self.extent = float(np.linalg.norm(self.rows.r - self.rows.r[0], axis=-1).max())
         self.value_error = self._error_of_steps(program.companion(False))
-
-    def _report(self, what: str, share: float, _: str) -> None:
-        self.say(0.2 * share, what)
 
     def _error_of_steps(self, companion: Companion) -> float:
         """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
@@ -126,14 +124,8 @@ class StudyRuns:
         gain = 1.0 if self.problem.of.statistic in OVER_STEPS else FACTOR - 1.0
         return abs(self.measure(self.model, self.start, rows, 2.0) - self.value) / gain
 
-    def prepare(self, values: np.ndarray, record: Record | None) -> tuple[Model, State, Program] | None:
-        """Model, start and program of the run with these values; None if the scene has no such start."""
-        started = self._start_at(values)
-        if started is None:
-            return None
-        return self._prepare_from(*started, record)
-
-    def _prepare_from(self, model: Model, s: State, record: Record | None) -> tuple[Model, State, Program]:
+    def program(self, model: Model, s: State, record: Record | None) -> Program:
+        """The run of a model from a start, along the recorded steps if there are any."""
         settings = self.settings
         stepper: Stepper = stepper_of(model, settings, track_work=settings.accuracy is None)
         carry = begin(stepper, model, s)
@@ -141,23 +133,26 @@ class StudyRuns:
         if settings.accuracy is not None:
             carry = adaptive_start(stepper, model, carry, Record.empty(model) if record is None else record)
             watch = self._watch(s)
-        return model, s, compile_run(stepper, model, carry, settings, watch)
+        return compile_run(stepper, model, carry, settings, watch)
 
-    def _start_at(self, values: np.ndarray) -> tuple[Model, State] | None:
-        """Model and start with these values, solved from scratch as that of a scene is."""
+    def model_at(self, values: np.ndarray) -> Model:
+        """The model with these values (p,)."""
         problem = self.problem
-        model = apply(problem.model, problem.parameters, jnp.asarray(values, problem.model.dtype))
+        return apply(problem.model, problem.parameters, jnp.asarray(values, problem.model.dtype))
+
+    def start_at(self, values: np.ndarray) -> State | None:
+        """The start with these values, solved from scratch as that of a scene is; None if the scene has none."""
         try:
-            return model, initial_state(model, problem.scene.start)
+            return initial_state(self.model_at(values), self.problem.scene.start)
         except SceneError:
             return None
 
     def start_moved(self, values: np.ndarray) -> float:
         """Displacement [m] of the farthest node at the start with these values; NaN without one."""
-        started = self._start_at(values)
-        if started is None:
+        start = self.start_at(values)
+        if start is None:
             return np.nan
-        return self._moved_at_start(started[1])
+        return self._moved_at_start(start)
 
     def is_jump(self, moved: float, change: float, rates: Sequence[float]) -> bool:
         """Whether a change displaces a node much farther than others do, at these rates [m per change]."""
@@ -168,8 +163,7 @@ class StudyRuns:
         return float(np.linalg.norm(np.asarray(s.r) - np.asarray(self.start.r), axis=-1).max())
 
     def _watch(self, s: State) -> QuantitySignals | None:
-        extreme = self.problem.of.statistic in OVER_STEPS
-        if extreme:
+        if self.problem.of.statistic in OVER_STEPS:
             return quantity_signals([self.problem.of], s.r)
         return None
 
@@ -183,17 +177,16 @@ class StudyRuns:
 
     def run(self, values: np.ndarray) -> Run:
         """The run with these values (p,)."""
-        prepared = self.prepare(values, self.record)
-        if prepared is None:
+        start = self.start_at(values)
+        if start is None:
             return Run(np.nan, np.nan, np.nan)
-        model, s, program = prepared
-        return self.compare(model, s, run_chunks(program, self.settings.rows, silent).trajectory)
+        return self.run_from(start, values)
 
-    def run_from_own_start(self, values: np.ndarray) -> Run:
-        """The run with these values (p,) from the start of the study's own run."""
-        model = apply(self.problem.model, self.problem.parameters, jnp.asarray(values, self.model.dtype))
-        model, s, program = self._prepare_from(model, self.start, self.record)
-        return self.compare(model, s, run_chunks(program, self.settings.rows, silent).trajectory)
+    def run_from(self, start: State, values: np.ndarray) -> Run:
+        """The run with these values (p,) from another start, such as the study's own."""
+        model = self.model_at(values)
+        program = self.program(model, start, self.record)
+        return self.compare(model, start, run_chunks(program, self.settings.rows, silent).trajectory)
 
     def compare(self, model: Model, s: State, rows: Trajectory) -> Run:
         """The quantity of the rows of a run from s, and its displacements from the study's own."""
@@ -210,11 +203,13 @@ class StudyRuns:
         return run_parallel(self.run, list(values), say_done, alone=0)
 
 
-def _recorded(carry: object, of: Quantity) -> Record | None:
+def _recorded(carry: Carry, of: Quantity) -> Record | None:
     """The steps of a run, for others to repeat; None if all are equal."""
     if isinstance(carry, RunProgress):
         return None
-    record: Record = carry.record
+    record = carry.record
+    if record is None:
+        return None
     if int(record.number) >= len(record.length):
         raise SceneError(f"{of.name}: the run takes more than {len(record.length)} steps. Use a shorter run.duration")
     return record.to_repeat()
@@ -225,7 +220,7 @@ def measure_rows(
     of: Quantity, model: Model, s: State, rows: Trajectory, interval: jax.Array, watch: QuantitySignals | None
 ) -> jax.Array:
     """A quantity of the rows of a run; `watch`: what was recorded over its steps."""
-    if watch is not None:
+    if watch is not None and rows.extremes is not None:
         return OVER_STEPS[of.statistic](watch.over_steps(rows.extremes)[of])
     return of(model, s.r, rows, s.t + interval * (1.0 + jnp.arange(len(rows.r))))
 
@@ -271,9 +266,8 @@ def central_differences(problem: Study, say: Progress = silent) -> Local:
     A change beyond a bound ends there.
     """
     base = StudyRuns(problem, say)
-    if np.isfinite(base.value):
-        return slopes_of_runs(base, base.run_all(changed_values(problem)))
-    return slopes_of_runs(base, [])
+    runs = base.run_all(changed_values(problem)) if np.isfinite(base.value) else []
+    return slopes_of_runs(base, runs)
 
 
 def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
@@ -324,7 +318,7 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
         forward=slopes,
         error=errors,
         noise=noise,
-        growth=_growth(base.extent, base.run_from_own_start(rows[0]), SMALL_CHANGE),
+        growth=_growth(base.extent, base.run_from(base.start, rows[0]), SMALL_CHANGE),
         motion_growth=motion,
         slope_status=status,
         warnings=[

@@ -43,6 +43,7 @@ from dropper_jax.study.march import spare_rows
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, apply, with_effects
+from fitting.parameters.targets import Direction
 
 #: Number of runs of a global study that a GPU advances together.
 RUNS_TOGETHER = 64
@@ -188,16 +189,16 @@ def standing(s: State) -> Trajectory:
     one = lambda tree: jax.tree.map(lambda a: a[None], tree)  # noqa: E731
     none = jnp.zeros((1,), jnp.int32)
     never = jnp.full((1,), -1, jnp.int32)
-    return Trajectory(
-        *one((s.r, s.v, s.tension, s.work)), jnp.zeros_like(s.t)[None], none, none, never, one(s.parted), one(s.own)
-    )
+    r, v, tension, work = one((s.r, s.v, s.tension, s.work))
+    residual = jnp.zeros_like(s.t)[None]
+    return Trajectory(r, v, tension, work, residual, none, none, never, one(s.parted), one(s.own))
 
 
 class Varied(NamedTuple):
     """A tree of arrays as a function of the parameters: its values, and the derivatives (p, ...) of its floats."""
 
     tree: Any
-    slopes: list[jax.Array]
+    slopes: Sequence[jax.Array | np.ndarray]
 
 
 def floats_of(tree: Any) -> list[jax.Array]:
@@ -274,7 +275,7 @@ def _vary_run(
     values: jax.Array,
     start: Varied,
     dt: jax.Array,
-    count: jax.Array,
+    count: jax.Array | int,
     every: int,
     capacity: int,
 ) -> Varied:
@@ -284,8 +285,9 @@ def _vary_run(
 
     def advance(now: Varied, _: jax.Array) -> tuple[Varied, Varied]:
         found = _vary(partial(advance_and_save, stepper, dt=dt, save_every=every), parameters, model, values, now)
+        after, row = found.tree
         state_floats = len(now.slopes)
-        return tuple(map(Varied, found.tree, (found.slopes[:state_floats], found.slopes[state_floats:])))
+        return Varied(after, found.slopes[:state_floats]), Varied(row, found.slopes[state_floats:])
 
     now = _vary(partial(begin, stepper), parameters, model, values, start)
     rows = empty_trajectory(now.tree, capacity)
@@ -433,7 +435,7 @@ def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = Non
             raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
     found = []
     for p in problem.parameters:
-        if p.moves_model and not p.where.linear:
+        if isinstance(p.where, Direction) and not p.where.linear:
             raise SceneError(
                 f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
             )

@@ -59,6 +59,7 @@ def path_label(name: str) -> str:
     return f"{line}{words[1]} of link {int(words[-1]) + 1}"
 
 
+@style.plot_style()
 def _bars(
     names: Sequence[str],
     values: Sequence[np.ndarray],
@@ -69,23 +70,21 @@ def _bars(
     errors: Sequence[np.ndarray] | None = None,
 ) -> Path:
     order = np.argsort(np.abs(values[0]))
-    with style.plot_style():
-        figure = style.new_figure(8.0, 1.4 + 0.42 * len(names))
-        axes = figure.subplots()
-        height = 0.8 / len(values)
-        for i, (column, label) in enumerate(zip(values, labels, strict=True)):
-            row = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
-            colour = np.where(column[order] < 0, style.SECOND, style.CYCLE[(0, 5)[i]])
-            if errors is None or not np.isfinite(errors[i]).all():
-                spread = None
-            else:
-                spread = errors[i][order]
-            axes.barh(row, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
-        axes.set_yticks(np.arange(len(names)), [path_label(names[i]) for i in order])
-        axes.axvline(0.0, color=style.DARK, lw=0.8)
-        axes.set_xlabel(axis)
-        axes.set_title(title, loc="left")
-        axes.grid(axis="y", visible=False)
-        if len(values) > 1:
-            axes.legend(loc="lower right")
-        return style.save(figure, path)
+    figure = style.new_figure(8.0, 1.4 + 0.42 * len(names))
+    axes = figure.subplots()
+    height = 0.8 / len(values)
+    for i, (column, label) in enumerate(zip(values, labels, strict=True)):
+        row = np.arange(len(names)) + (0.5 * (len(values) - 1) - i) * height
+        colour = np.where(column[order] < 0, style.SECOND, style.CYCLE[(0, 5)[i]])
+        spread = None
+        if errors is not None and np.isfinite(errors[i]).all():
+            spread = errors[i][order]
+        axes.barh(row, column[order], height, color=colour, label=label, xerr=spread, ecolor=style.DARK)
+    axes.set_yticks(np.arange(len(names)), [path_label(names[i]) for i in order])
+    axes.axvline(0.0, color=style.DARK, lw=0.8)
+    axes.set_xlabel(axis)
+    axes.set_title(title, loc="left")
+    axes.grid(axis="y", visible=False)
+    if len(values) > 1:
+        axes.legend(loc="lower right")
+    return style.save(figure, path)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax import load_scene
@@ -107,7 +108,7 @@ class TraceScores:
         """Case with the best score of a part, by `angle` or `spectrum`."""
         return int(np.nanargmin(getattr(self, by)[:, part]))
 
-    def run_at(self, values: Sequence[float]) -> np.ndarray:
+    def run_at(self, values: Sequence[float] | np.ndarray) -> np.ndarray:
         """Angles (k, n) [rad] of one more run, at other values (axes,) such as fitted ones; NaN if it fails."""
         plan = self.sweep.plan
         return angles(plan, run_at(plan, np.asarray(values, float))["positions"][0])
@@ -266,25 +267,21 @@ def part_ends(t: np.ndarray, parts: Sequence[float] | None) -> tuple[float, floa
         SceneError: two times that do not split the samples into three parts.
     """
     last = float(t[-1])
-    if parts is None:
-        ends = tuple(last * part for part in ENDS)
-    else:
-        ends = tuple(map(float, parts))
-    if list(ends) == sorted(ends) and len(ends) == 2:
+    ends = [last * part for part in ENDS] if parts is None else [float(part) for part in parts]
+    counts = [0]
+    if ends == sorted(ends) and len(ends) == 2:
         counts = np.histogram(t, [0.0, *ends, np.inf])[0]
-    else:
-        counts = [0]
     if min(counts) < FEWEST_SAMPLES:
         given = ",".join(f"{end:g}" for end in ends)
         raise SceneError(
             f"parts: {given}: allowed: two increasing times within the trace's {last:g} s, "
             f"with at least {FEWEST_SAMPLES} samples in each of the three parts"
         )
-    return *ends, last
+    return ends[0], ends[1], last
 
 
 def angles(plan: Plan, positions: np.ndarray) -> np.ndarray:
     """Polar angles (k, n) [rad] of the links, without jumps, of free nodes (k, nodes, 3) [m] of a case."""
     model = plan.base[0]
-    link = np.asarray(jax.vmap(lambda free: model.links(free, model.ends(0.0)))(positions))
+    link = np.asarray(jax.vmap(lambda free: model.links(free, model.ends(jnp.zeros((), model.dtype))))(positions))
     return np.unwrap(np.arctan2(-link[..., 2], link[..., 0]), axis=0)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -75,7 +76,7 @@ def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore
     folder.mkdir(parents=True, exist_ok=True)
     links = range(min(scores.simulated.shape[1], 9))
     busiest = int(np.argmax(np.std(scores.against.interpolated[scores.against.part(0)], axis=0)))
-    files = {
+    files: dict[str, list[Row]] = {
         "scores": [_map_row, *(partial(row, link=busiest) for row in (_curves, _spectra))],
         "curves": [partial(_curves, link=link) for link in links],
         "spectra": [partial(_spectra, link=link) for link in links],
@@ -84,7 +85,7 @@ def draw_against_trace(scores: TraceScores, folder: str | Path, fit: FittedScore
 
 
 @style.plot_style()
-def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row], path: Path) -> Path:
+def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: Sequence[Row], path: Path) -> Path:
     """Rows of three panels: head, middle, tail."""
     height = [3.4 if row is _map_row else 1.7 if len(rows) > MAPPED else 2.5 for row in rows]
     whole = 1.6 + sum(height)
@@ -120,14 +121,26 @@ def _rows_by_part(scores: TraceScores, fit: FittedScore | None, rows: list[Row],
     return style.save(figure, path)
 
 
-def _of_all(scores: TraceScores, fit: FittedScore | None) -> list[tuple[str, np.ndarray, str, float]]:
-    """Name, angles (k, n), colour and width of the lines over the measured curve; with the measured number of turns."""
+class Simulated(NamedTuple):
+    """A line over the measured curve: its name, angles (k, n) [rad], colour and width."""
+
+    name: str
+    angles: np.ndarray
+    colour: str
+    width: float
+
+
+def _of_all(scores: TraceScores, fit: FittedScore | None) -> list[Simulated]:
+    """The lines of the best case and the fit, with the measured number of turns."""
     named = lambda values: ", ".join(f"{_words(p.rsplit('.', 1)[-1])} {v:.4g}" for p, v in zip(scores.paths, values))  # noqa: E731, B905
-    found = [(f"best case: {named(scores.values[scores.best])}", scores.simulated, style.SECOND, 1.2)]
+    found = [Simulated(f"best case: {named(scores.values[scores.best])}", scores.simulated, style.SECOND, 1.2)]
     if fit is not None and np.isfinite(fit.simulated).all():
-        found.append((f"fit: {named(fit.values)}", fit.simulated, style.FIRST, 1.0))
-    turns = [np.round((scores.against.interpolated[0] - x[0]) / (2 * np.pi)) for _, x, *_ in found]
-    return [(name, x + 2 * np.pi * n, *look) for n, (name, x, *look) in zip(turns, found, strict=True)]
+        found.append(Simulated(f"fit: {named(fit.values)}", fit.simulated, style.FIRST, 1.0))
+    turned = []
+    for line in found:
+        turns = np.round((scores.against.interpolated[0] - line.angles[0]) / (2 * np.pi))
+        turned.append(line._replace(angles=line.angles + 2 * np.pi * turns))
+    return turned
 
 
 def _curves(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int, link: int) -> None:
@@ -172,16 +185,25 @@ def _map_row(axes: Axes, scores: TraceScores, fit: FittedScore | None, part: int
     y = scores.values[:, 1]
     order = np.argsort(-error)  # the best on top
     size = np.clip(2.2e4 / len(x), 12.0, 150.0)
-    colours = {"c": 1e3 * error[order], "cmap": style.tension_map(), "norm": LogNorm()}
-    points = axes.scatter(x[order], y[order], s=size, marker="s" if size < 100.0 else "o", **colours)
+    marker = "s" if size < 100.0 else "o"
+    colours = style.tension_map()
+    points = axes.scatter(x[order], y[order], s=size, marker=marker, c=1e3 * error[order], cmap=colours, norm=LogNorm())
     bar = axes.figure.colorbar(points, ax=axes, label="RMS angle error [mrad]" if part == len(PARTS) - 1 else "")
     bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     bar.ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     bar.ax.yaxis.set_minor_formatter(NullFormatter())
     axes.plot(x[scores.best], y[scores.best], "o", ms=16, mfc="none", mew=1.8, color=style.SECOND)
     if fit is not None:
-        errors = {"xerr": fit.errors[:1], "yerr": fit.errors[1:2]}
-        axes.errorbar(fit.values[:1], fit.values[1:2], **errors, fmt="*", ms=16, color=style.FIRST, mec="white")
+        axes.errorbar(
+            fit.values[:1],
+            fit.values[1:2],
+            xerr=fit.errors[:1],
+            yerr=fit.errors[1:2],
+            fmt="*",
+            ms=16,
+            color=style.FIRST,
+            mec="white",
+        )
         y = np.append(y, fit.values[1])
     _scale(axes.set_yscale, y)
     if part == 0:

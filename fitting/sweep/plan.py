@@ -261,17 +261,17 @@ def make_plan(
     changed = {f"run.{key}": settings.pop(key) for key in run_keys if key in settings}
     scene = load_scene(scene)
     scene = scene.with_values(changed) if changed else scene
-    vary = {path: np.asarray(values) for path, values in vary.items()}
-    if listed and (seeds or len({values.size for values in vary.values()}) > 1):
-        counts = ", ".join(f"{path} {values.size}" for path, values in vary.items())
+    lists = {path: np.asarray(values) for path, values in vary.items()}
+    if listed and (seeds or len({values.size for values in lists.values()}) > 1):
+        counts = ", ".join(f"{path} {values.size}" for path, values in lists.items())
         if seeds:
             what = "seeds, which rows cannot have separately"
         else:
             what = f"lists of different lengths ({counts})"
         raise SceneError(f"listed: {what}. Use equally many values of every path, without seeds")
     if seeds:
-        vary[SEED] = np.arange(seeds) + _first_seed(scene)
-    if not vary:
+        lists[SEED] = np.arange(seeds) + _first_seed(scene)
+    if not lists:
         raise SceneError("vary: nothing is varied; needed: --vary name=lo:hi:n or --seeds K")
     if chunk is not None and chunk < 1:
         raise SceneError(f"chunk: {chunk}; allowed: a whole number >= 1")
@@ -280,11 +280,11 @@ def make_plan(
         if name not in QUANTITIES and "." not in name:
             known = f"{nearest(name, QUANTITIES)}; also SIGNAL.WHERE.STATISTIC, such as tension.chain.fairlead.max"
             raise SceneError(f"quantities: {name!r} is unknown; {known}")
-    cases = _count_cases({path: values.size for path, values in vary.items()}, len(names), listed)
-    paths = _paths(scene, list(vary))
+    cases = _count_cases({path: values.size for path, values in lists.items()}, len(names), listed)
+    paths = _paths(scene, list(lists))
     # the first value of every axis is in the base scene, so that an effect that the scene lacks exists
-    base = scene.with_values({path: values[0].item() for path, values in zip(paths, vary.values(), strict=True)})
-    axes = tuple(_axis(base, path, values) for path, values in zip(paths, vary.values(), strict=True))
+    base = scene.with_values({path: values[0].item() for path, values in zip(paths, lists.values(), strict=True)})
+    axes = tuple(_axis(base, path, values) for path, values in zip(paths, lists.values(), strict=True))
     if chunk is None:
         chunk = default_chunk(not build_model(base).geometry.is_path, cases)
     found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)

@@ -280,7 +280,7 @@ def run_case(
     tally = Tally(zero - jnp.inf, zero + jnp.inf, zero, jnp.ones_like(start.tension), zero, zero)
 
     def continue_to_save(progress: Progress | Adaptive) -> tuple[Progress | Adaptive, Trajectory]:
-        if not plan.is_adaptive:
+        if isinstance(progress, Progress):
             return advance(stepper, model, progress, dt, saves=1, save_every=every, watch=watch)
         accuracy = jnp.asarray(run.accuracy, model.dtype)
         progress, (row, _) = advance_adaptively(stepper, model, progress, dt, accuracy, saves=1, watch=watch)
@@ -292,7 +292,7 @@ def run_case(
         tally = _count(model, start, progress.state, tally, row)
         s = progress.state
         extremes = {}
-        if watch is not None:
+        if watch is not None and row.extremes is not None:
             extremes = watch.over_steps(row.extremes)
         signals = tuple(
             extremes[one] if one in extremes else one.instant(model, start.r, s.r, s.v, s.tension, s.t, s.parted)
@@ -300,11 +300,11 @@ def run_case(
         )
         return (progress, tally), (signals, (s.r, s.tension) if plan.traces else None)
 
-    first = begin(stepper, model, start)
+    first: Progress | Adaptive = begin(stepper, model, start)
     if plan.is_adaptive:
         first = adaptive_start(stepper, model, first)
     (progress, tally), (signals, traces) = jax.lax.scan(save, (first, tally), None, length=run.rows)
-    if plan.is_adaptive:
+    if isinstance(progress, Adaptive):
         progress = progress.progress
     failed = progress.first_bad >= 0
     why = jnp.where(jnp.isfinite(tally.residual), STATUS.index("not_converged"), STATUS.index("non_finite"))
@@ -322,7 +322,7 @@ def run_case(
     found = {name: value for name, value in known.items() if name in plan.quantities}
     for one, x in zip(named, signals, strict=True):
         found[one.name] = statistic(one.statistic, x, run.interval, over_steps=watch is not None)
-    if plan.traces:
+    if traces is not None:
         found |= {"positions": traces[0], "tension": traces[1]}
     at = jnp.where(failed, (progress.first_bad + 1) * dt, jnp.nan)
     return found | {"status": code.astype(jnp.int8), "failed_at": at}

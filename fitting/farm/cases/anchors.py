@@ -35,7 +35,7 @@ def anchor_row(site: Site, name: str, storm: Storm, loads: Sequence[np.ndarray])
     }
     if anchor is not None:
         factor = anchor.factor[storm.kind]
-        used = characteristic(np.array([anchor.utilisation(*load.T).max() for load in loads]), run)
+        used = characteristic(np.array([anchor.table.utilisation(*load.T).max() for load in loads]), run)
         error = None
         if used.error is not None:
             error = factor * used.error

@@ -110,7 +110,7 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
 
 def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[Found]) -> Table:
     """A part in one case, represented by its worst line."""
-    factor = part.factor[storm.kind]
+    factor = part.factors.by_kind[storm.kind]
     run = site.run_of(storm)
     found = [characteristic(runs.maxima(good, name), run) for name in part.lines]
     share = np.array([load.value for load in found]) * factor / part.capacity
@@ -188,13 +188,14 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
         "damage_per_year": None,
         "life_years": None,
     }
-    given = [state for state in site.sea_states if state.hours is not None]
-    if not given:
+    hours = {state.name: state.hours for state in site.sea_states if state.hours is not None}
+    if not hours:
         return {**found, "why": "no sea state has `hours`"}
     yearly = 0.0
-    for state in given:
-        own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state is state]
-        yearly += state.hours * float(np.mean(own)) if own else 0.0
+    for name, yearly_hours in hours.items():
+        own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state.name == name]
+        if own:
+            yearly += yearly_hours * float(np.mean(own))
     life_years = None
     if yearly > 0.0:
         life_years = 1.0 / yearly
@@ -202,7 +203,7 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
         **found,
         "damage_per_year": yearly,
         "life_years": life_years,
-        "share_of_year": sum(state.hours for state in given) * 3600.0 / YEAR,
+        "share_of_year": sum(hours.values()) * 3600.0 / YEAR,
     }
 
 

@@ -174,7 +174,7 @@ class Runner:
                 good = len(t)
             largest = rows.tension
             extremes = {}
-            if watch is not None:
+            if watch is not None and rows.extremes is not None:
                 largest = rows.extremes.largest[:, : rows.tension.shape[1]]
                 extremes = watch.over_steps(rows.extremes)
             nodes = np.asarray(_nodes(model, rows.r, t))

@@ -2,34 +2,43 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import bullets, cell, table
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
+from fitting.farm.report_files import write_report
 
 COLUMNS = (
-    *("kind", "part", "case", "sea_state", "direction_deg", "current", "level_m", "month", "crop", "state"),
-    *("line", "load_n", "load_error_n", "load_low_n", "load_high_n"),
-    *(
-        "at_rest_n",
-        "mean_n",
-        "capacity_n",
-        "factor",
-        "utilisation",
-        "utilisation_error",
-        "step_error",
-        "damage_per_hour",
-    ),
+    "kind",
+    "part",
+    "case",
+    "sea_state",
+    "direction_deg",
+    "current",
+    "level_m",
+    "month",
+    "crop",
+    "state",
+    "line",
+    "load_n",
+    "load_error_n",
+    "load_low_n",
+    "load_high_n",
+    "at_rest_n",
+    "mean_n",
+    "capacity_n",
+    "factor",
+    "utilisation",
+    "utilisation_error",
+    "step_error",
+    "damage_per_hour",
 )
+#: Labels of the cases by number.
+Labels = dict[int, str]
 #: Bars of parts within and beyond their limits, and dots of cases with intact and with broken lines.
 HOLDS = "#C9DAEA"
 WEAK = "#F0C9B0"
@@ -37,19 +46,13 @@ WEAK = "#F0C9B0"
 
 def write_page(found: Table, folder: str | Path) -> dict[str, Path]:
     """Write cases.md, cases.csv, cases.json and utilisation.png into a folder; returns their paths by name."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return {
-        "picture": draw_utilisation(found, folder / "utilisation.png"),
-        "csv": atomic_write(folder / "cases.csv", _csv(found)),
-        "json": atomic_write(folder / "cases.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"),
-        "page": atomic_write(folder / "cases.md", page(found)),
-    }
+    files = write_report(Path(folder), "cases", found, page(found), COLUMNS, _rows(found))
+    return {**files, "picture": draw_utilisation(found, Path(folder) / "utilisation.png")}
 
 
 def page(found: Table) -> str:
     """The page's text."""
-    storms = {case["case"]: case for case in found["cases"]}
+    labels = {case["case"]: _label(case) for case in found["cases"]}
     if found["passes"]:
         verdict = "All limits hold."
     else:
@@ -60,14 +63,14 @@ def page(found: Table) -> str:
         what = "most probable maximum of the storm"
     parts = [
         f"# Load cases: {found['site']}",
-        f"{verdict} Load cases: {len(storms)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
+        f"{verdict} Load cases: {len(labels)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
         f"first {found['skip_s']:g} s do not count, steps of {found['dt_s']:g} s. Characteristic load: {what}. "
         f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']}).",
         bullets(found["flags"]),
         "## Parts, each in its worst case",
         table(
             ["part", "lines", "worst line", "load [N]", "+- seeds", "+- step", "at rest [N]", "utilisation", "case"],
-            [_part_cells(part, storms) for part in found["parts"]],
+            [_part_cells(part, labels) for part in found["parts"]],
         ),
         _standard(found),
         "## Factors",
@@ -78,22 +81,22 @@ def page(found: Table) -> str:
                 for part in found["parts"]
             ],
         ),
-        f"![Utilisation]({'utilisation.png'})",
+        "![Utilisation](utilisation.png)",
         "## Anchors",
         table(
             ["point", "held by", "load [N]", "upward [N]", "uplift [deg]", "utilisation", "case"],
-            [_anchor_cells(anchor, storms) for anchor in found["anchors"]],
+            [_anchor_cells(anchor, labels) for anchor in found["anchors"]],
         ),
-        _quantities(found, storms),
+        _quantities(found, labels),
         "## Excursion and depth",
-        "\n".join(_position_lines(found, storms)),
+        bullets(_position_lines(found, labels)),
         "## Fatigue",
         table(
             ["part", "curve", "damage per hour, worst case", "damage per year", "life [years]"],
             [_fatigue_cells(part) for part in found["parts"]],
         ),
         "## Load cases",
-        _worst_cases(found, storms),
+        _worst_cases(found, labels),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -121,20 +124,20 @@ def _utilisation(part: Table) -> str:
     return f"{row['factor']:g} x {row['load_n']:.0f} / {row['capacity_n']:.0f} = {row['utilisation']:.3f}"
 
 
-def _quantities(found: Table, storms: dict[int, Any]) -> str:
+def _quantities(found: Table, labels: Labels) -> str:
     """The site's quantities, each in the case with its largest value; empty without any."""
     rows = []
     cases = [case for case in found["cases"] if "quantities" in case]
     for name in dict.fromkeys(name for case in cases for name in case["quantities"]):
         worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
         value = worst["quantities"][name]
-        rows.append([name, f"{value['value']:.4g}", cell(value["error"], ".2g"), _label(storms[worst["case"]])])
+        rows.append([name, f"{value['value']:.4g}", cell(value["error"], ".2g"), labels[worst["case"]]])
     if rows:
         return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows)
     return ""
 
 
-def _part_cells(part: Table, storms: dict[int, Any]) -> list[str]:
+def _part_cells(part: Table, labels: Labels) -> list[str]:
     row = part["worst"]
     if row is None:
         return [part["part"], str(part["lines"]), *["-"] * 7]
@@ -147,7 +150,7 @@ def _part_cells(part: Table, storms: dict[int, Any]) -> list[str]:
         _step(part["step"]),
         f"{row['at_rest_n']:.0f}",
         f"{row['utilisation']:.2f}" + _plus(row["utilisation_error"]),
-        _label(storms[row["case"]]),
+        labels[row["case"]],
     ]
 
 
@@ -170,7 +173,7 @@ def _plus(error: float | None) -> str:
     return f" +- {error:.2f}"
 
 
-def _anchor_cells(anchor: Table, storms: dict[int, Any]) -> list[str]:
+def _anchor_cells(anchor: Table, labels: Labels) -> list[str]:
     row = anchor["worst"]
     if row is None:
         return [anchor["point"], *["-"] * 6]
@@ -186,24 +189,20 @@ def _anchor_cells(anchor: Table, storms: dict[int, Any]) -> list[str]:
         f"{row['upward_n']['value']:.0f}",
         f"{anchor['uplift_deg']:.1f}" + ("" if allowed is None else f" of {allowed:g}"),
         used + _plus(row["utilisation_error"]),
-        _label(storms[row["case"]]),
+        labels[row["case"]],
     ]
 
 
-def _position_lines(found: Table, storms: dict[int, Any]) -> list[str]:
-    lines = []
+def _position_lines(found: Table, labels: Labels) -> list[str]:
     zone = found["exclusion"]
     backbone = found["backbone"]
-    if zone is None:
-        lines.append("- No exclusion zone is given.")
-    else:
-        lines.append(
-            f"- Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {_label(storms[zone['case']])}."
-        )
+    lines = ["No exclusion zone is given."]
+    if zone is not None:
+        lines = [f"Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {labels[zone['case']]}."]
     if backbone is not None:
         low, high = ("any" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"])
         lines.append(
-            f"- Depth of the backbone at rest: {backbone['shallowest_m']:.2f} to {backbone['deepest_m']:.2f} m below "
+            f"Depth of the backbone at rest: {backbone['shallowest_m']:.2f} to {backbone['deepest_m']:.2f} m below "
             f"the water's level; allowed: {low} to {high} m."
         )
     return lines
@@ -227,7 +226,7 @@ def _fatigue_cells(part: Table) -> list[str]:
     ]
 
 
-def _worst_cases(found: Table, storms: dict[int, Any]) -> str:
+def _worst_cases(found: Table, labels: Labels) -> str:
     """The cases with the highest utilisation."""
     # number of load cases in the page's table; the CSV has all
     most_cases = 12
@@ -236,32 +235,28 @@ def _worst_cases(found: Table, storms: dict[int, Any]) -> str:
         for row in part["cases"]:
             by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
-    rows = [[str(n), _label(storms[n]), part, f"{used:.2f}"] for n, (used, part) in ordered[:most_cases]]
+    rows = [[str(n), labels[n], part, f"{used:.2f}"] for n, (used, part) in ordered[:most_cases]]
+    more = ""
     if len(ordered) > most_cases:
         more = f"\n\n{len(ordered) - most_cases} more in cases.csv."
-    else:
-        more = ""
     return table(["case", "", "part used most", "utilisation"], rows) + more
 
 
-def _csv(found: Table) -> str:
+def _rows(found: Table) -> Iterator[Table]:
+    """Every part and every fixed point in each case."""
     storms = {case["case"]: case for case in found["cases"]}
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
-    writer.writeheader()
     for part in found["parts"]:
         own = {"kind": "part", "part": part["part"], "step_error": (part["step"] or {}).get("relative")}
         for row in part["cases"]:
             low, high = row["interval_n"] or (None, None)
-            writer.writerow({**storms[row["case"]], **row, **own, "load_low_n": low, "load_high_n": high})
+            yield {**storms[row["case"]], **row, **own, "load_low_n": low, "load_high_n": high}
     for anchor in found["anchors"]:
         own = {"kind": "anchor", "part": anchor["point"]}
         for row in anchor["cases"]:
             load = row["total_n"]
             low, high = load["interval"] or (None, None)
             loads = {"load_n": load["value"], "load_error_n": load["error"], "load_low_n": low, "load_high_n": high}
-            writer.writerow({**storms[row["case"]], **row, **own, **loads})
-    return text.getvalue()
+            yield {**storms[row["case"]], **row, **own, **loads}
 
 
 @style.plot_style()

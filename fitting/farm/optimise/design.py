@@ -173,7 +173,7 @@ class Design:
         when = storm.when[int(np.argmax(storm.hard[: self.count_limited(case)]))]
         last = max(self.site.run.duration - self.settings.window, 0.0)
         begin = float(np.clip(when - self.settings.before, 0.0, last))
-        window = Window(case, begin, np.ones(len(storm.hard)), None)
+        window = Window(case, begin, np.ones(len(storm.hard)))
         if case.storm.broken is None:
             return window
         # the first third is intact, so the impact of the break is in the window if the peak occurs soon enough
@@ -253,12 +253,13 @@ class Design:
                 name = f"{self._quantities[case.storm.kind][q].name}: {case.storm.name}"
                 rows.append((name, float(mean[q]), way[q]))
                 by_seed[name] = len(own) * shares[:, q]
-        stills = {case.storm.still: cache[case.storm.still] for case in self.cases if case.storm.still in cache}
-        for key, start in stills.items():
-            level = float(key[2])
+        storms = {case.storm.still: case.storm for case in self.cases if case.storm.still in cache}
+        for key, storm in storms.items():
+            start = cache[key]
+            level = float(storm.level)
             label = ""
-            if len(stills) != 1:
-                label = f": {key[0] or ''} level {level:+g} m"
+            if len(storms) != 1:
+                label = f": {storm.current_name or ''} level {level:+g} m"
             for depth in self.goals.depths:
                 own = depth.over(start.still.model, np.asarray(start.rest.state.r), start.rest.dr, level)
                 rows += [(name + label, near, by) for name, near, by in own]
@@ -281,8 +282,8 @@ class Design:
 
 def strength_of(part: Part, scene: Scene) -> float:
     """Breaking load of a part [N] if it comes from the scene, so that it follows the design; 1 if the site gives it."""
+    if not part.of_scene:
+        return 1.0
     specs = {line.name: line.spec for line in whole_lines(scene)}
     loads = [specs[name].breaking_load for name in part.lines]
-    if any(load is None for load in loads) or not part.of_scene:
-        return 1.0
-    return float(np.mean([np.min(load) for load in loads]))
+    return float(np.mean([np.min(load) for load in loads if load is not None]))

@@ -16,16 +16,15 @@ kind = "quantity"               `of` = "tension.west-leg.fairlead.max", "anchor.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import check_keys, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import Plain, Values, check_keys, read_list, read_number, read_table, read_text
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.arrays import bare_model
@@ -58,7 +57,7 @@ class Objective:
     of: str
     price: tuple[tuple[str, float], ...] = ()
     float_price: float = 1.0
-    part: str | None = None
+    part: str = ""
     lines: tuple[str, ...] = ()
 
     def material(self, scene: Scene) -> float:
@@ -112,8 +111,9 @@ def check_depths(depths: Sequence[Depth], model: Model) -> None:
     own = [(depth, set(depth.nodes(model).tolist())) for depth in depths]
     for one, nodes in own:
         for other, others in own:
-            both = None not in (one.shallowest, other.deepest) and bool(nodes & others)
-            if both and one.shallowest > other.deepest:
+            if one.shallowest is None or other.deepest is None or not nodes & others:
+                continue
+            if one.shallowest > other.deepest:
                 raise SceneError(
                     f"constraint: {one.name} shallowest of {one.shallowest:g} m contradicts {other.name} deepest of "
                     f"{other.deepest:g} m on the same nodes; allowed: at most {other.deepest:g} m"
@@ -203,33 +203,33 @@ def read_goals(site: Site) -> Goals:
     return Goals(objective, tuple(depths), tuple(clearances), tuple(motions), tuple(named))
 
 
-def _objective(table: Mapping[str, Any], site: Site) -> Objective:
+def _objective(table: Values, site: Site) -> Objective:
     check_keys(table, ("of", "price", "float_price", "part", "lines"), "objective")
     of = read_text(table.get("of", "material"), "objective.of", OBJECTIVES)
     price = read_table(table.get("price", {}), "objective.price")
     for pattern in price:
         match_names([pattern], site.lines, "objective.price")
     prices = tuple((k, read_number(v, f"objective.price.{k}", {"low": 0.0})) for k, v in price.items())
-    part = table.get("part")
+    part = ""
     if of == "load":
-        part = read_text(part, "objective.part", [p.name for p in site.parts])
+        part = read_text(table.get("part"), "objective.part", [p.name for p in site.parts])
     lines = match_names(_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
     per_float = read_number(table.get("float_price", 1.0), "objective.float_price", {"low": 0.0})
     return Objective(of, prices, per_float, part, lines)
 
 
-def _patterns(given: Any, path: str) -> list[str]:
+def _patterns(given: Plain, path: str) -> list[str]:
     if isinstance(given, str):
         return [given]
     return [read_text(x, path) for x in read_list(given, path, None, "patterns")]
 
 
-def _depth(table: Mapping[str, Any], path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:
+def _depth(table: Values, path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:
     keys = ("shallowest", "deepest")
     low, high = (read_number(table[key], f"{path}.{key}", {"unit": "m"}) if key in table else None for key in keys)
     if low is None and high is None:
         raise SceneError(f"{path}: no bound is given; needed: `shallowest`, `deepest` or both [m]")
-    if None not in (low, high) and not low < high:
+    if low is not None and high is not None and not low < high:
         raise SceneError(f"{path}.deepest: {high:g} m contradicts shallowest; allowed: > {low:g} m")
     points, own = (
         match_names(_patterns(table[key], path), names, f"{path}.{key}", what) if key in table else ()

@@ -22,6 +22,7 @@ from dropper_jax.sea import Sea
 from dropper_jax.sea.make import make_sea
 from fitting.farm.optimise.variables import Variable, with_design
 from fitting.farm.site import Case, Site, Storm
+from fitting.farm.site.site import water_of
 
 #: Step of the differences relative to the range of a variable.
 DIFFERENCE_STEP = 1e-4
@@ -119,7 +120,7 @@ def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
 
 def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:
     """The sea of a case; its waves rise from t = 0 over the ramp [s], with the phase of time `begin` [s]."""
-    spec = site.prepared(scene).with_values(site.changes(case)).sea
+    spec = water_of(site.prepared(scene).with_values(site.changes(case)))
     sea = make_sea(replace(spec, interpolation="none", ramp=ramp))
     waves = sea.waves
     return replace(sea, waves=replace(waves, phase=waves.phase - waves.omega * begin))

@@ -30,7 +30,7 @@ def design_picture(site: Site, found: Optimum, file: Path) -> Path:
             above.plot(own[:, 0], own[:, 2], color=colour, linewidth=1.0, label=label if begin == 0 else None)
             begin += member.links + 1
     above.axhline(storm.level, color=SECOND, linewidth=0.8)
-    above.axhline(-site.scene.sea.depth, color=DARK, linewidth=0.8)
+    above.axhline(-site.sea.depth, color=DARK, linewidth=0.8)
     above.set(xlabel="x [m], not to the scale of z", ylabel="z [m]", title=f"{site.name} at rest, {storm.name}")
     above.margins(y=0.08)
     above.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)

@@ -7,6 +7,7 @@ A signal is positive and reaches 1 at its limit: load times factor over capacity
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -25,18 +26,15 @@ from fitting.farm.site import Anchor, Part
 PEAK_WIDTH = 0.01
 
 
-class Quantity:
+@dataclass(frozen=True)
+class Quantity(ABC):
     """A signal over time with a peak; `name` in tables, static."""
 
     name: str
 
+    @abstractmethod
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         """Values (k, m) at k times, from free nodes (k, nodes, 3) and tensions (k, n)."""
-        raise NotImplementedError
-
-    def hard(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
-        """The largest value."""
-        return jnp.max(self.signal(model, r, tension))
 
     def soft(self, model: Model, r: jax.Array, tension: jax.Array, height: jax.Array) -> jax.Array:
         """The soft peak for hard ones of about `height`, which is fixed; differentiable."""
@@ -48,7 +46,6 @@ class Quantity:
 class Load(Quantity):
     """Tension times `scale` of some links; with factor over capacity as scale their utilisation."""
 
-    name: str
     links: tuple[int, ...]
     scale: tuple[float, ...]
 
@@ -67,7 +64,6 @@ class AnchorLoad(Quantity):
         uplift: tangent of the maximum angle of the load; None for the load itself.
     """
 
-    name: str
     links: tuple[int, ...]
     signs: tuple[float, ...]
     across: float
@@ -96,7 +92,6 @@ class AnchorLoad(Quantity):
 class Clearance(Quantity):
     """Ratio of the required distance [m] to that of pairs of free nodes."""
 
-    name: str
     pairs: tuple[tuple[int, int], ...]
     least: float
 
@@ -109,7 +104,6 @@ class Clearance(Quantity):
 class Motion(Quantity):
     """Displacement of nodes from their mean position [m], times `scale`."""
 
-    name: str
     nodes: tuple[int, ...]
     scale: float = 1.0
 
@@ -122,7 +116,6 @@ class Motion(Quantity):
 class Named(Quantity):
     """The maximum of a quantity by name, times `scale`."""
 
-    name: str
     of: named.Quantity
     scale: float
 
@@ -135,7 +128,7 @@ class Named(Quantity):
 LIMITED = ("tension", "anchor", "offset")
 
 
-def named_quantity(name: str, model: Model, option: str, limit: float = 1.0) -> Named:
+def named_quantity(name: str, model: Model, option: str, limit: float) -> Named:
     """The quantity of a name such as `tension.west-leg.fairlead.max`, relative to its limit.
 
     Raises:
@@ -157,14 +150,15 @@ def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     return found
 
 
-def part_load(model: Model, part: Part, kind: str = "intact") -> Load:
+def part_load(model: Model, part: Part, kind: str) -> Load:
     """Utilisation of a part: load times factor over capacity, the worst of its links."""
     links = model.geometry.line_links(part.lines)
-    scale = [part.factor[kind] / c for name, c in zip(part.lines, part.capacity, strict=True) for _ in links[name]]
+    factor = part.factors.by_kind[kind]
+    scale = [factor / c for name, c in zip(part.lines, part.capacity, strict=True) for _ in links[name]]
     return Load(part.name, tuple(int(i) for name in part.lines for i in links[name]), tuple(map(float, scale)))
 
 
-def anchor_loads(model: Model, anchor: Anchor, kind: str = "intact") -> list[AnchorLoad]:
+def anchor_loads(model: Model, anchor: Anchor, kind: str) -> list[AnchorLoad]:
     """Utilisation of each of its points and, with a limit of the angle, that of the angle."""
     found = []
     graph = model.geometry

@@ -19,7 +19,7 @@ from fitting.farm.optimise.design import Design, Say
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.prices import prices
-from fitting.farm.optimise.search import RESIDUAL, Search, constraints_by_name, measure, programme, run_search
+from fitting.farm.optimise.search import RESIDUAL, Search, Start, constraints_by_name, measure, programme, run_search
 from fitting.farm.optimise.storm import Peaks, Settings
 from fitting.farm.optimise.values import Dominated, Values, Window, dominated_slopes
 from fitting.farm.optimise.variables import Variable, bounds, read_variables
@@ -85,7 +85,8 @@ class Optimum:
     def to_json(self) -> Table:
         """Plain values."""
         along = None if self.along is None else self.along._asdict()
-        return jsonable({**asdict(self), "gain": self.gain, "along": along})
+        found = {**asdict(self), "gain": self.gain, "along": along}
+        return {key: jsonable(value) for key, value in found.items()}
 
 
 def read_problem(site: Site) -> Design:
@@ -167,9 +168,10 @@ def optimise(site: Site, state: str | Path | None = None, say: Say = silent) -> 
         off = check_derivatives(design, say)
         along = check_along(design, say)
         save()
-    if not search.done:
-        run_search(search, design, save, say)
-    return _optimum(design, search, off, along, say)
+    start = search.before
+    if start is None or not search.done:
+        start = run_search(search, design, save, say)
+    return _optimum(design, search, start, off, along, say)
 
 
 def _possible(design: Design) -> None:
@@ -211,24 +213,28 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
     if file is None or not file.exists():
         return fresh, float("nan"), GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
     try:
-        table = json.loads(file.read_text(encoding="utf-8"))
+        table: Table = json.loads(file.read_text(encoding="utf-8"))
         if table.pop("site") != mark:
             raise SceneError(
                 f"--state: {str(file)!r} belongs to another site or version of it. Use its own, or a new file"
             )
         off = table.pop("check")
-        along = {key: np.nan if x is None else x for key, x in table.pop("along").items()}
-        arrays = {key: None if table[key] is None else np.array(table[key]) for key in ("x", "best", "fixed")}
-        best = table["best_objective"]
-        found = Search(**{**table, **arrays, "best_objective": np.inf if best is None else best})
-        return found, float("nan") if off is None else off, GradientCheck(**along)
+        along: Table = {key: np.nan if x is None else x for key, x in table.pop("along").items()}
+        for key in ("x", "best", "fixed"):
+            if table[key] is not None:
+                table[key] = np.array(table[key])
+        if table["best_objective"] is None:
+            table["best_objective"] = np.inf
+        if table["before"] is not None:
+            table["before"] = Start(**table["before"])
+        return Search(**table), float("nan") if off is None else off, GradientCheck(**along)
     except (ValueError, KeyError, TypeError):
         raise SceneError(
             f"--state: {str(file)!r} is not a state of a search. Use one that it wrote, or a new file"
         ) from None
 
 
-def _optimum(design: Design, search: Search, off: float, along: GradientCheck, say: Say) -> Optimum:
+def _optimum(design: Design, search: Search, before: Start, off: float, along: GradientCheck, say: Say) -> Optimum:
     """The end of a search: constraints of whole runs, prices, assumptions."""
     feasible = search.best is not None
     if feasible:
@@ -245,7 +251,6 @@ def _optimum(design: Design, search: Search, off: float, along: GradientCheck, s
         fixed = np.asarray(search.fixed, bool)
     price = prices(here, search.x, low, high, fixed, limit)
     costs = here.slope[p:] + price.of @ here.slopes[:, p:]
-    before = search.before
     dominated = dominated_slopes(here, high - low, limit)
     if search.best_residual is None:
         residual = float("nan")
@@ -253,11 +258,11 @@ def _optimum(design: Design, search: Search, off: float, along: GradientCheck, s
         residual = float(search.best_residual)
     return Optimum(
         variables=design.variables,
-        before=np.array(before["x"]),
+        before=np.array(before.x),
         after=search.x,
         of=design.goals.objective.of,
-        objective=(before["objective"], found.objective),
-        constraints={n: (before["constraints"][n], after) for n, after in constraints_by_name(found).items()},
+        objective=(before.objective, found.objective),
+        constraints={n: (before.constraints[n], after) for n, after in constraints_by_name(found).items()},
         prices={n: -0.01 * float(by) for n, by in zip(here.names, price.of, strict=True) if by > 0},
         assumptions={n: 0.01 * float(c) for n, c in zip(ASSUMPTIONS, costs, strict=True)},
         feasible=feasible,
@@ -359,7 +364,7 @@ def first_windows(design: Design) -> list[Window]:
         case = next(case for case in design.cases if case.storm.kind == kind)
         start = design.run_start(design.start, case, known)
         count = len(design.quantities(case, start.still))
-        begin = Window(case, 0.0, np.ones(count), None)
+        begin = Window(case, 0.0, np.ones(count))
         heights = design.window(design.start, begin, start, slopes=False).hard
         windows.append(replace(begin, height=heights))
     return windows

@@ -33,6 +33,15 @@ PERMITTED_EXCESS = 1e-9
 RESIDUAL = 0.02
 
 
+@dataclass(frozen=True)
+class Start:
+    """The design at the start (p,): its objective, and its constraints by name, both of whole runs."""
+
+    x: list[float]
+    objective: float
+    constraints: dict[str, float]
+
+
 @dataclass
 class Search:
     """State of the search; everything that a restart needs.
@@ -53,7 +62,7 @@ class Search:
     round: int = 0
     best: np.ndarray | None = None
     best_objective: float = np.inf
-    before: Table | None = None
+    before: Start | None = None
     fixed: np.ndarray | None = None
     sized: int = 0
     history: list[Table] = field(default_factory=list)
@@ -64,12 +73,11 @@ class Search:
 
 @dataclass(frozen=True)
 class Programme:
-    """Solution of a linear programme: step (p,), predicted objective and violation, prices of constraints (m,)."""
+    """Solution of a linear programme: step (p,), predicted objective and violation."""
 
     step: np.ndarray
     objective: float
     violation: float
-    prices: np.ndarray
 
 
 def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, limit: float) -> Programme:
@@ -90,9 +98,7 @@ def programme(values: Values, low: np.ndarray, high: np.ndarray, scale: float, l
         raise RuntimeError(found.message)
     step = found.x[:p]
     left = np.maximum(values.value + values.slopes[:, :p] @ step - limit, 0.0)
-    return Programme(
-        step, values.objective + values.slope[:p] @ step, float(left.sum()), -scale * found.ineqlin.marginals
-    )
+    return Programme(step, values.objective + values.slope[:p] @ step, float(left.sum()))
 
 
 def violation(values: Values, limit: float) -> float:
@@ -116,9 +122,10 @@ def run_round(
         renew = settings.renew
     search.reach = max(search.reach, LEAST_REACH * settings.reach)
     while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
-        first = last = one.attempt(one.here)
+        first = one.attempt(one.here)
         if first is None:
             break
+        last = first
         if not first.good and first.values is not None and violation(first.values, one.limit) > 0.0:
             seen = first.values.value - one.here.slopes[:, : len(first.step)] @ first.step
             last = one.attempt(replace(one.here, value=seen)) or first
@@ -253,17 +260,15 @@ def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndar
     return x
 
 
-def run_search(search: Search, design: Design, save: Callable[[], None], say: Say) -> None:
-    """The whole search, from its current state."""
+def run_search(search: Search, design: Design, save: Callable[[], None], say: Say) -> Start:
+    """The whole search, from its current state; returns the design at its start."""
     settings = design.settings
     windows, found, _ = measure(search, design, say)
-    if search.before is None:
+    start = search.before
+    if start is None:
+        start = Start(search.x.tolist(), found.objective, constraints_by_name(found))
         search.scale = abs(found.objective) or 1.0
-        search.before = {
-            "x": search.x.tolist(),
-            "objective": found.objective,
-            "constraints": constraints_by_name(found),
-        }
+        search.before = start
         save()
     last = search.best_objective
     still_better = True
@@ -293,6 +298,7 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Sa
             save()
     search.done = True
     save()
+    return start
 
 
 def constraints_by_name(values: Values) -> dict[str, float]:

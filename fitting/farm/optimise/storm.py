@@ -46,15 +46,13 @@ class Peaks:
 
     Attributes:
         hard, soft: (q,); NaN if the run failed.
-        slope: derivative of the soft ones by the variables (q, p).
-        when: time of each hard peak after the window's start (q,) [s].
+        slope: derivative of the soft ones by the variables (q, p); (q, 0) if it was not asked for.
         solved: whether every step was.
     """
 
     hard: np.ndarray
     soft: np.ndarray
-    slope: np.ndarray | None
-    when: np.ndarray
+    slope: np.ndarray
     solved: bool
 
 
@@ -106,7 +104,7 @@ def peaks(
                 numbers = leaf_numbers(models[-1], stills[-1])
             return _peaks(stepper, models, runs, numbers, rest, tuple(quantities), h, heights)
     none = np.full(len(quantities), np.nan)
-    return Peaks(none, none, np.full((len(quantities), rest.dr.shape[0]), np.nan) if slopes else None, none, False)
+    return Peaks(none, none, np.full((len(quantities), len(rest.dr) if slopes else 0), np.nan), False)
 
 
 def _peaks(
@@ -129,14 +127,14 @@ def _peaks(
         first = max(0, min(round(WINDOW_RAMP / h), steps - 1))
     r = jnp.concatenate([run.r for run in runs])[first:]
     tension = jnp.concatenate([run.tension for run in runs])[first:]
-    hard, when = (np.asarray(a) for a in _hard(quantities, model, r, tension))
-    when = (when + first + 1) * h
-    heights = jnp.asarray(hard if heights is None else heights, model.dtype)
+    hard = np.asarray(_hard(quantities, model, r, tension))
+    sizes = jnp.asarray(hard if heights is None else heights, model.dtype)
     if numbers is None:
-        return Peaks(hard, np.asarray(_soft(quantities, model, heights, r, tension)), None, when, True)
+        soft = np.asarray(_soft(quantities, model, sizes, r, tension))
+        return Peaks(hard, soft, np.zeros((len(hard), 0)), True)
     table = tuple(numbers)
     leaves = [jnp.asarray(numbers[i]) for i in table]
-    soft, by_shift, by_r, by_t = _by_signals(quantities, table, model, leaves, heights, r, tension)
+    soft, by_shift, by_r, by_t = _by_signals(quantities, table, model, leaves, sizes, r, tension)
     ahead = ((first, 0), (0, 0), (0, 0))
     by_r = jnp.pad(by_r, (*ahead, (0, 0)))
     by_t = jnp.pad(by_t, ahead)
@@ -153,16 +151,13 @@ def _peaks(
         chain += zip(by_leaf, numbers.values(), strict=True)
     for ct, d in (*chain, (end.r, rest.dr), (end.tension, rest.dtension)):
         slope += np.asarray(ct).reshape(len(hard), -1) @ d.reshape(len(d), -1).T
-    return Peaks(hard, np.asarray(soft), slope, when, True)
+    return Peaks(hard, np.asarray(soft), slope, True)
 
 
 @cached_jit(static=("quantities",))
-def _hard(
-    quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Hard peaks (q,), and the indices of their times (q,)."""
-    highest = highest_signals(quantities, model, r, tension)
-    return jnp.stack([jnp.max(x) for x in highest]), jnp.stack([jnp.argmax(x) for x in highest])
+def _hard(quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+    """Hard peaks (q,)."""
+    return jnp.stack([jnp.max(x) for x in highest_signals(quantities, model, r, tension)])
 
 
 @cached_jit(static=("quantities",))

@@ -110,7 +110,7 @@ class Window:
     case: Case
     begin: float
     factor: np.ndarray
-    height: np.ndarray
+    height: np.ndarray | None = None
     polished: bool = False
 
 

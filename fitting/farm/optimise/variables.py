@@ -32,7 +32,7 @@ class Variable(DeclaredSection):
     name: str = option("name of the number: one of [parameters], or a path", type=str)
     low: float = parameter("lower bound", unit="-")
     high: float = parameter("upper bound", unit="-")
-    catalogue: tuple[float, ...] = parameter("available sizes", unit="-", shape="table", default=None)
+    catalogue: Sequence[float] | None = parameter("available sizes", unit="-", shape="table", default=None)
     path: str = ""
     value: float = np.nan
 
@@ -48,7 +48,17 @@ class Variable(DeclaredSection):
             value = scene.value(where)
         except SceneError as error:
             raise SceneError(f"{path}.name: {error}") from None
-        found._check_value(path, value, scene, ScenePath(where))
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            other = f"is {plain(value)!r}, no single number; allowed: paths of such numbers"
+            raise SceneError(f"{path}.name: {found.name!r} {other}")
+        if scene.template is not None and ScenePath(where).section == "parameters":
+            given = scene.template.table["parameters"][ScenePath(where).key]
+            if isinstance(given, str):
+                follows = f"follows from others ({given}); allowed: parameters that are numbers"
+                raise SceneError(f"{path}.name: {found.name!r} {follows}")
+        if not found.low <= value <= found.high:
+            outside = f"and high leave out the scene's {value:g}; allowed: bounds around it"
+            raise SceneError(f"{path}.low: {found.low} {outside}")
         if found.catalogue is None:
             sizes = ()
         else:
@@ -64,19 +74,6 @@ class Variable(DeclaredSection):
             for i, size in enumerate(self.catalogue):
                 outside = f"is out of bounds; allowed: {self.low:g} to {self.high:g}"
                 yield not self.low <= size <= self.high, f"{path}.catalogue.{i}: {size} {outside}"
-
-    @raises_first
-    def _check_value(self, path: str, value: Plain, scene: Scene, where: ScenePath) -> Iterator[Check]:
-        """Check that the scene has such a number within the bounds."""
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        other = f"is {plain(value)!r}, no single number; allowed: paths of such numbers"
-        yield not number, f"{path}.name: {self.name!r} {other}"
-        if where.section == "parameters":
-            given = scene.template.table["parameters"][where.key]
-            follows = f"follows from others ({given}); allowed: parameters that are numbers"
-            yield isinstance(given, str), f"{path}.name: {self.name!r} {follows}"
-        outside = f"and high leave out the scene's {value:g}; allowed: bounds around it"
-        yield not self.low <= value <= self.high, f"{path}.low: {self.low} {outside}"
 
     @property
     def span(self) -> float:

@@ -17,6 +17,7 @@ from dropper_jax.run.line_weights import fixed_point_loads, wet_weights
 from dropper_jax.scene import whole_lines
 from dropper_jax.statics.static_pose import equilibrium
 from fitting.farm.site import Site
+from fitting.farm.site.sections import SeasonValues
 
 #: Fields of a point that come from its floats, and that are removed without any.
 BODY = ("mass", "volume", "drag_area", "added_mass")
@@ -29,9 +30,8 @@ class Water(NamedTuple):
     speed: float | None
 
 
-def waters(site: Site) -> tuple[Water, ...]:
+def waters(site: Site, own: SeasonValues) -> tuple[Water, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
-    own = site.season
     levels = site.lists.levels
     if own.levels is not None:
         levels = own.levels
@@ -105,29 +105,28 @@ class Floating:
     deepest_m: float
 
 
-def floating(site: Site, month: str, water: Water, floats: dict[str, int]) -> Floating:
+def floating(site: Site, own: SeasonValues, month: str, water: Water, floats: dict[str, int]) -> Floating:
     """The equilibrium on its floats; depths are below the level."""
     points = bare_points(site, list(floats))
     for name, count in floats.items():
-        points[name] |= _body(site, count)
+        points[name] |= _body(own, count)
     scene = scene_of(site, month, water, points)
     pose = equilibrium(build_model(scene))
     z = pose.positions[:, 2]
     lines = whole_lines(scene)
     if site.backbone is not None:
-        own = set(site.matching(site.backbone.lines))
-        height = np.concatenate([z[line.nodes] for line in lines if line.name in own])
+        backbone = set(site.matching(site.backbone.lines))
+        height = np.concatenate([z[line.nodes] for line in lines if line.name in backbone])
     else:
         height = np.array([z[line.nodes[stop]] for line in lines for stop, at in line.stops.items() if at in floats])
     below = water.level - height
     return Floating(water.level, water.speed, pose.status, float(below.min()), float(below.max()))
 
 
-def _body(site: Site, count: int) -> Table:
+def _body(own: SeasonValues, count: int) -> Table:
     """Mass, volume, drag and added mass of the floats at a point."""
     if not count:
         return {}
-    own = site.season
     frontal = 0.25 * np.pi * (6.0 * own.volume / np.pi) ** (2.0 / 3.0)
     # coefficients of a sphere, as for floats of scenes
     return {

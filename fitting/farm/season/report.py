@@ -2,41 +2,43 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 from pathlib import Path
 
-from dropper_jax.base.files import atomic_write
 from dropper_jax.base.markdown import bullets, cell, table
 from dropper_jax.base.read import Table
-from dropper_jax.base.toml_text import jsonable
 from dropper_jax.plots import style
+from fitting.farm.report_files import write_report
 
 COLUMNS = (
-    *("month", "wet_weight_n", "mussels_wet_n", "need_n", "least_need_n", "least", "most", "floats", "change"),
-    *("reserve", "deepest_m", "shallowest_m", "sinking_m", "lifting_m", "holds"),
+    "month",
+    "wet_weight_n",
+    "mussels_wet_n",
+    "need_n",
+    "least_need_n",
+    "least",
+    "most",
+    "floats",
+    "change",
+    "reserve",
+    "deepest_m",
+    "shallowest_m",
+    "sinking_m",
+    "lifting_m",
+    "holds",
 )
 
 
 def write_season(found: Table, folder: str | Path) -> dict[str, Path]:
     """Write season.md, season.csv, season.json and season.png into a folder; returns their paths by name."""
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    return {
-        "picture": draw(found, folder / "season.png"),
-        "csv": atomic_write(folder / "season.csv", _csv(found)),
-        "json": atomic_write(folder / "season.json", json.dumps(jsonable(found), allow_nan=False, indent=1) + "\n"),
-        "page": atomic_write(folder / "season.md", page(found)),
-    }
+    files = write_report(Path(folder), "season", found, page(found), COLUMNS, found["months"])
+    return {**files, "picture": draw(found, Path(folder) / "season.png")}
 
 
 def page(found: Table) -> str:
     """The page's text."""
+    verdict = "The schedule does not hold: see below."
     if found["holds"]:
         verdict = "The schedule holds in every month."
-    else:
-        verdict = "The schedule does not hold: see below."
     rows = []
     for row in found["months"]:
         rows.append(
@@ -71,14 +73,6 @@ def _margin(value: float | None) -> str:
     if value is None:
         return "no limit"
     return f"{value:+.2f}"
-
-
-def _csv(found: Table) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n", restval="", extrasaction="ignore")
-    writer.writeheader()
-    writer.writerows(found["months"])
-    return text.getvalue()
 
 
 @style.plot_style()

@@ -14,6 +14,7 @@ from dropper_jax.load.library import FAMILIES, PREFIX
 from fitting.farm.season.poses import Floating, Water, floating, needs, waters
 from fitting.farm.site import Site
 from fitting.farm.site.case import match_names, short
+from fitting.farm.site.sections import SeasonValues
 
 #: Visits, moved floats, and the floats of each month so far.
 Plan = tuple[int, int, list[int]]
@@ -81,7 +82,7 @@ def _best_plan(best: dict[int | None, Plan], floats: int) -> Plan:
     return min(found)
 
 
-def spread(count: int, need: Sequence[float]) -> list[int]:
+def spread(count: int, need: Sequence[float] | np.ndarray) -> list[int]:
     """Floats distributed over points in proportion to their needs, as whole numbers by largest remainders."""
     total = sum(max(x, 0.0) for x in need)
     share = [count * max(x, 0.0) / total if total > 0.0 else count / len(need) for x in need]
@@ -105,14 +106,15 @@ def season(site: Site, progress: Progress | None = None) -> Table:
     Raises:
         SceneError: no `[season]`, no months, a float without lift, or no equilibrium.
     """
-    if site.season is None:
+    own = site.season
+    if own is None:
         raise SceneError("season: missing; needed: [season] with `points` and `volume`")
     if not site.growth:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
-    names = list(match_names(site.season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
-    lift = _lift(site)
+    names = list(match_names(own.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
+    lift = _lift(site, own)
     say = progress or silent
-    all_waters = waters(site)
+    all_waters = waters(site, own)
     months = list(site.growth)
     rows = []
     # at the scene's water level, for which its points are placed: floats at the surface follow the tide, others stay
@@ -125,17 +127,17 @@ def season(site: Site, progress: Progress | None = None) -> Table:
             say(0.5 * (i + j / len(held)) / len(months), f"{month}: lift required of the floats")
             force, weights = needs(site, month, water, names)
             pulls.append(force)
-        rows.append(_month(site, month, weights, np.array(pulls), lift))
+        rows.append(_month(site, own, month, weights, np.array(pulls), lift))
     low = [row.least for row in rows]
     high = [row.most for row in rows]
     known: dict[tuple[str, int], list[Floating]] = {}
     for _ in range(TIGHTENED):
-        plan = schedule(low, high, site.season.start)
+        plan = schedule(low, high, own.start)
         lying = []
         again = False
         for i, (row, count) in enumerate(zip(rows, plan, strict=True)):
             say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {count}")
-            found = _lying(site, row, names, count, all_waters, known)
+            found = _lying(site, own, row, names, count, all_waters, known)
             lying.append(found)
             if found.sinking_m is not None and found.sinking_m < 0.0 and low[i] <= high[i]:
                 low[i] = max(low[i], count + 1)
@@ -145,12 +147,11 @@ def season(site: Site, progress: Progress | None = None) -> Table:
                 again = True
         if not again:
             break
-    return _season_table(site, names, lift, rows, lying)
+    return _season_table(site, own, names, lift, rows, lying)
 
 
-def _lift(site: Site) -> float:
-    sea = site.scene.sea
-    own = site.season
+def _lift(site: Site, own: SeasonValues) -> float:
+    sea = site.sea
     lift = sea.gravity * own.volume * (sea.density - own.density)
     if lift <= 0.0:
         raise SceneError(
@@ -159,10 +160,11 @@ def _lift(site: Site) -> float:
     return lift
 
 
-def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float) -> Month:
+def _month(
+    site: Site, own: SeasonValues, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float
+) -> Month:
     """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
-    own = site.season
     if own.least_share > 0.0:
         most = math.floor(max(total.min(), 0.0) / (own.least_share * lift) + 1e-9)
     else:
@@ -181,6 +183,7 @@ def _month(site: Site, month: str, weights: dict[str, float], pulls: np.ndarray,
 
 def _lying(
     site: Site,
+    season: SeasonValues,
     row: Month,
     names: list[str],
     count: int,
@@ -191,7 +194,7 @@ def _lying(
     floats = dict(zip(names, spread(count, row.need_by_point_n), strict=True))
     key = (row.month, count)
     if key not in cache:
-        cache[key] = [floating(site, row.month, water, floats) for water in all_waters]
+        cache[key] = [floating(site, season, row.month, water, floats) for water in all_waters]
     poses = cache[key]
     deepest = max(p.deepest_m for p in poses)
     shallowest = min(p.shallowest_m for p in poses)
@@ -215,9 +218,11 @@ def _lying(
     )
 
 
-def _season_table(site: Site, names: list[str], lift: float, months: list[Month], lying: list[Lying]) -> Table:
-    before = site.season.start
-    rows = []
+def _season_table(
+    site: Site, own: SeasonValues, names: list[str], lift: float, months: list[Month], lying: list[Lying]
+) -> Table:
+    before = own.start
+    rows: list[Table] = []
     for month, found in zip(months, lying, strict=True):
         change = 0 if before is None else found.floats - before
         reserve = found.floats * lift / month.need_n if month.need_n > 0.0 else None
@@ -230,8 +235,8 @@ def _season_table(site: Site, names: list[str], lift: float, months: list[Month]
         "scene": site.scene.name,
         "points": names,
         "lift_n": lift,
-        "wanted_reserve": site.season.reserve,
-        "least_share": site.season.least_share,
+        "wanted_reserve": own.reserve,
+        "least_share": own.least_share,
         "months": rows,
         "visits": sum(row["change"] != 0 for row in rows),
         "handled": sum(abs(row["change"]) for row in rows),

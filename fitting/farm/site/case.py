@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import refuse
+from dropper_jax.base.read import Table, refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import LineSpec, whole_lines
 from fitting.farm.site.sections import AnchorTable, Curve, Factors, SeaState
@@ -25,19 +23,17 @@ class Part:
         name: in reports.
         lines: names of its lines, as specified in the scene.
         capacity: (lines,) [N] breaking load; the minimum if the links of a line differ.
-        factor: on its loads by kind of state, `intact` and `broken`; None for a state without cases.
+        factors: on its loads, with source, edition and clause.
         curve: its fatigue curve, or None.
         of_scene: whether the capacity is the breaking load of the scene's lines, and so follows its parameters.
-        factors: the factors with source, edition and clause.
     """
 
     name: str
     lines: tuple[str, ...]
     capacity: np.ndarray
-    factor: dict[str, float | None]
+    factors: Factors
     curve: Curve | None
-    of_scene: bool = False
-    factors: Factors = field(default_factory=Factors)
+    of_scene: bool
 
 
 @dataclass(frozen=True)
@@ -47,11 +43,7 @@ class Anchor:
     name: str
     points: tuple[str, ...]
     table: AnchorTable
-    factor: dict[str, float | None]
-
-    def utilisation(self, horizontal: np.ndarray, upward: np.ndarray) -> np.ndarray:
-        """Ratio of load to capacity (...), without a factor, for horizontal and upward loads (...) [N]."""
-        return self.table.utilisation(horizontal, upward)
+    factor: dict[str, float]
 
 
 def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: str = "line") -> tuple[str, ...]:
@@ -128,7 +120,7 @@ class Storm:
     number: int
     sea_state: SeaState
     direction: float
-    current: dict[str, Any] | None
+    current: Table | None
     current_name: str | None
     level: float
     month: str | None
@@ -150,7 +142,7 @@ class Storm:
         return BROKEN
 
     @property
-    def still(self) -> tuple[Any, ...]:
+    def still(self) -> tuple[object, ...]:
         """The values that the equilibrium depends on."""
         heading = None
         if self.current is not None:
@@ -161,8 +153,14 @@ class Storm:
     def name(self) -> str:
         """A short label."""
         parts = [self.sea_state.name, f"{np.degrees(self.direction):g} deg", self.current_name]
-        parts += [self.level and f"level {self.level:+g} m", self.month, self.crop and f"crop {self.crop}"]
-        return ", ".join(p for p in [*parts, None if self.broken is None else f"{self.state} broken"] if p)
+        if self.level:
+            parts.append(f"level {self.level:+g} m")
+        parts.append(self.month)
+        if self.crop:
+            parts.append(f"crop {self.crop}")
+        if self.broken is not None:
+            parts.append(f"{self.state} broken")
+        return ", ".join(filter(None, parts))
 
 
 @dataclass(frozen=True)
@@ -171,66 +169,6 @@ class Case:
 
     storm: Storm
     seed: int
-
-
-def storms(site: Any) -> tuple[Storm, ...]:
-    """All load cases of a site, with a standard those of its return periods; states vary fastest, sea states slowest.
-
-    Raises:
-        SceneError: a pair of return periods without a sea state or a current.
-    """
-    lists = site.lists
-    standard = site.lists.standard
-    combined = []
-    for sea, way, current, level, month, crop, state in itertools.product(
-        site.sea_states,
-        np.radians(lists.directions).tolist(),
-        lists.currents or (None,),
-        lists.levels,
-        lists.months or (None,),
-        lists.crops or tuple(site.crop) or (None,),
-        site.states,
-    ):
-        combined.append(
-            Storm(
-                0,
-                sea,
-                way,
-                *_current(site, current, way),
-                level,
-                month,
-                state,
-                crop,
-                (sea.return_period, (current or {}).get("return_period")),
-            )
-        )
-    if standard is not None:
-        for waves, current in standard["pairs"]:
-            if (waves, current) not in {storm.periods for storm in combined}:
-                raise SceneError(
-                    f"cases.pairs: waves of {waves}, current of {current} years: missing; needed: a [[sea_state]] and "
-                    "a current with these, each as `return_period`"
-                )
-        combined = [storm for storm in combined if list(storm.periods) in standard["pairs"]]
-    return tuple(replace(storm, number=i) for i, storm in enumerate(combined))
-
-
-def _current(site: Any, given: dict[str, Any] | None, direction: float) -> tuple[dict[str, Any] | None, str | None]:
-    """Table of a case's current and its name."""
-    if given is None:
-        return None, None
-    heading = site.lists.current_direction
-    own = site.scene.sea.current
-    if own is None:
-        profile = {}
-    else:
-        profile = {k: v for k, v in own.table().items() if k in PROFILE}
-    table = {
-        **(profile if "kind" not in given else {}),
-        **{k: v for k, v in given.items() if k not in ("name", "return_period")},
-    }
-    table.setdefault("direction", direction if heading is None else float(np.radians(heading)))
-    return table, given["name"]
 
 
 def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | None, ...]:

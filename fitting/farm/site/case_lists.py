@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Self
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, Table, plain, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import Plain, Table, Values, plain, read_list, read_number, read_text, refuse
 from fitting.farm.site.sections import Section, read_years, standards
 
 
@@ -16,12 +15,10 @@ from fitting.farm.site.sections import Section, read_years, standards
 class CaseLists(Section):
     """`[cases]`: values to be combined."""
 
-    PATTERNS = ("states", "months", "crops")
-
-    directions: Any = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
+    directions: Sequence[float] = parameter("travel directions of the waves", unit="deg", shape="table", default=(0.0,))
     currents: tuple[Table, ...] = ()
     current_direction: float | None = None
-    levels: Any = parameter("of the tide", unit="m", shape="table", default=(0.0,))
+    levels: Sequence[float] = parameter("of the tide", unit="m", shape="table", default=(0.0,))
     months: tuple[str, ...] = option("months of [[growth]]", type=list, default=())
     states: tuple[str, ...] = option("intact, and lines that break", type=list, default=("intact",))
     break_time: float | None = parameter("when lines break", unit="s", low=0.0, open_low=True, default=None)
@@ -29,9 +26,9 @@ class CaseLists(Section):
     standard: Table | None = None
 
     @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
-        """A checked section; currents become tables with `name`; those without `direction` use the common one."""
-        own = dict(read_table(table, path))
+    def values_of(cls, table: Values, path: str) -> Table:
+        """Currents become tables with `name`; those without `direction` use the common one."""
+        own = dict(table)
         standard = _case_standard(own, path)
         currents = own.pop("currents", [])
         heading = own.pop("current_direction", "waves")
@@ -39,25 +36,21 @@ class CaseLists(Section):
             heading = None
         else:
             heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, "'waves', or a number in deg")
-        found = super().read(own, path)
-        numbers = {}
-        for key in ("directions", "levels"):
-            numbers[key] = [float(x) for x in getattr(found, key)]
-        for key, values in {**numbers, "states": found.states}.items():
-            if len(values) == 0:
+        found = super().values_of(own, path)
+        for key in ("directions", "levels", "states"):
+            if len(found[key]) == 0:
                 raise refuse(f"{path}.{key}", [], "is empty", "at least one; or leave the key out")
-        for key, values in numbers.items():
-            if len(set(values)) < len(values):
-                raise refuse(f"{path}.{key}", values, "has a duplicate value", "every value once")
+        for key in ("directions", "levels"):
+            found[key] = [float(x) for x in found[key]]
+            if len(set(found[key])) < len(found[key]):
+                raise refuse(f"{path}.{key}", found[key], "has a duplicate value", "every value once")
         allowed = "a list of speeds [m/s], or of tables as [sea.current]"
         currents = read_list(currents, f"{path}.currents", None, allowed)
         tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(currents)]
         names = [item["name"] for item in tables]
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
-        return replace(
-            found, currents=tuple(tables), current_direction=heading, levels=numbers["levels"], standard=standard
-        )
+        return found | {"currents": tuple(tables), "current_direction": heading, "standard": standard}
 
 
 def _case_standard(table: Table, path: str) -> Table | None:
@@ -94,7 +87,7 @@ def _current(item: Plain, path: str) -> Table:
     if not isinstance(item, Mapping):
         speed = read_number(item, path, {"low": 0.0, "unit": "m/s"}, "a speed >= 0 m/s, or a table as [sea.current]")
         return {"name": f"{speed:g} m/s", "speed": speed}
-    found: Table = dict(plain(item))
+    found: Table = {key: plain(value) for key, value in item.items()}
     speed = found.get("speed")
     own = "given"
     if isinstance(speed, int | float):

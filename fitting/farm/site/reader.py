@@ -7,12 +7,22 @@ from dataclasses import replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, Table, check_keys, plain, read_list, read_number, read_table, read_text, refuse
+from dropper_jax.base.read import (
+    Table,
+    Values,
+    check_keys,
+    plain,
+    read_items,
+    read_list,
+    read_number,
+    read_table,
+    read_text,
+    refuse,
+)
 from dropper_jax.load.checks_water import SHALLOW_HEIGHT, mean_period, steepest_sea
 from dropper_jax.load.packaged import find_scene, is_packaged, parse_toml
 from dropper_jax.load.scene import Scene
@@ -28,7 +38,6 @@ from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.sections import (
     AnchorTable,
     Backbone,
-    Curve,
     Exclusion,
     Factors,
     GrowthTable,
@@ -37,7 +46,7 @@ from fitting.farm.site.sections import (
     SeasonValues,
     SeaState,
 )
-from fitting.farm.site.site import Site
+from fitting.farm.site.site import Site, water_of
 
 #: Sections that are read here, and those that other modules read.
 SITE_KEYS = (
@@ -49,30 +58,29 @@ CROP_LEVELS = ("low", "expected", "high")
 PASSED = ("variable", "objective", "constraint", "optimise")
 
 
-def read_site(source: str | Path | Mapping[str, Any]) -> Site:
+def read_site(source: str | Path | Values) -> Site:
     """The site of a TOML file, of a packaged name, or of plain values.
 
     Raises:
         SceneError: one line with the section, the value and the allowed range.
     """
-    file = None
-    if not isinstance(source, Mapping):
+    if isinstance(source, Mapping):
+        file = None
+        table = source
+    else:
         file = Path(source)
-    table = read_table(source if file is None else parse_toml(site_text(file), str(file)), "site")
+        table = parse_toml(site_text(file), str(file))
     if "line" in table:
         raise SceneError(
             "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"
         )
     check_keys(table, (*SITE_KEYS, *PASSED), "")
     scene = _scene(table, (file or Path()).parent)
-    if scene.sea is None:
-        raise SceneError(f"scene: {scene.name!r} has no [sea]. Use a scene with water")
+    water_of(scene)
     lines = tuple(line.name for line in whole_lines(scene))
     run = RunValues.read(table.get("run", {}), "run")
     lists = CaseLists.read(table.get("cases", {}), "cases")
-    states = tuple(SeaState.read(item, f"sea_state.{i}") for i, item in _items(table, "sea_state"))
-    if not states:
-        raise SceneError("sea_state: missing; needed: one or more [[sea_state]] tables")
+    states = read_items(SeaState.read, table.get("sea_state", []), "sea_state", needed=True)
     _unique("sea_state", [state.name for state in states])
     broken = breaks(scene, lists.states, "cases.states")
     kinds = {"intact" if state is None else "broken" for state in broken}
@@ -111,7 +119,7 @@ def read_site(source: str | Path | Mapping[str, Any]) -> Site:
         anchors=_anchors(table, scene, factors, kinds),
         quantities=_quantities(table, scene),
         raw={key: plain(table[key]) for key in PASSED if key in table},
-        table=plain(dict(table)),
+        table={key: plain(value) for key, value in table.items()},
         file=file,
         **sections,
     )
@@ -121,7 +129,7 @@ def read_site(source: str | Path | Mapping[str, Any]) -> Site:
     return site
 
 
-def _quantities(table: Plain, scene: Scene) -> tuple[str, ...]:
+def _quantities(table: Values, scene: Scene) -> tuple[str, ...]:
     """Names of the quantities to report, checked with the model of the scene."""
     names = [read_text(x, "quantities") for x in read_list(table.get("quantities", []), "quantities", None, "names")]
     if names:
@@ -159,15 +167,15 @@ def site_text(source: str | Path) -> bytes:
         raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}; {hint}") from None
 
 
-def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
+def _scene(table: Values, folder: Path) -> Scene:
     """The scene with the values of `[parameters]` and `[set]`."""
     if "scene" not in table:
         raise SceneError("scene: missing; needed: a scene's file in this folder, or the name of a packaged scene")
-    source: Any = table["scene"]
-    if isinstance(source, Mapping):
-        scene = Scene.from_dict(source)
+    given = table["scene"]
+    if isinstance(given, Mapping):
+        scene = Scene.from_dict(given)
     else:
-        source = read_text(source, "scene")
+        source: str | Path = read_text(given, "scene")
         if not is_packaged(source) and (folder / source).exists():
             source = folder / source
         scene = Scene.from_dict(*find_scene(source))
@@ -178,11 +186,11 @@ def _scene(table: Mapping[str, Any], folder: Path) -> Scene:
     return scene
 
 
-def _table(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+def _table(table: Values, key: str) -> Values:
     return read_table(table.get(key, {}), key)
 
 
-def _flat(table: Mapping[str, Any], path: str = "") -> Table:
+def _flat(table: Values, path: str = "") -> Table:
     """Values by path, `sea.depth = 25` with or without quotes; waves and currents are set as whole tables."""
     found: Table = {}
     for key, value in table.items():
@@ -190,10 +198,6 @@ def _flat(table: Mapping[str, Any], path: str = "") -> Table:
         whole = inner in ("sea.waves", "sea.current", "sea.level")
         found |= _flat(value, inner) if isinstance(value, Mapping) and not whole else {inner: value}
     return found
-
-
-def _items(table: Mapping[str, Any], section: str) -> list[tuple[int, Any]]:
-    return list(enumerate(read_list(table.get(section, []), section, None, f"one or more [[{section}]] tables")))
 
 
 def _unique(path: str, names: Sequence[str]) -> None:
@@ -210,11 +214,10 @@ def _check_times(run: RunValues, lists: CaseLists, broken: bool) -> None:
         raise refuse("cases.break_time", lists.break_time, why, f"{run.skip:g} to less than {run.duration:g} s")
 
 
-def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[str, Table]]:
+def _growth(table: Values, lines: tuple[str, ...]) -> dict[str, dict[str, Table]]:
     """Tables of `[line.growth]` by month and line."""
     found: dict[str, dict[str, Table]] = {}
-    for i, item in _items(table, "growth"):
-        own = GrowthTable.read(item, f"growth.{i}")
+    for own in read_items(GrowthTable.read, table.get("growth", []), "growth"):
         month = found.setdefault(own.month, {})
         path = f"growth.{own.month}.lines"
         for name in match_names(own.lines, lines, path):
@@ -224,7 +227,7 @@ def _growth(table: Mapping[str, Any], lines: tuple[str, ...]) -> dict[str, dict[
     return found
 
 
-def _crop(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+def _crop(table: Values) -> dict[str, dict[str, float]]:
     """Values of `[crop]` by level and path; empty without the section."""
     found: dict[str, dict[str, float]] = {}
     for path, row in _flat(_table(table, "crop")).items():
@@ -235,7 +238,7 @@ def _crop(table: Mapping[str, Any]) -> dict[str, dict[str, float]]:
 
 
 def _parts(
-    table: Mapping[str, Any],
+    table: Values,
     scene: Scene,
     lines: tuple[str, ...],
     factors: Factors,
@@ -245,26 +248,13 @@ def _parts(
     specs = {line.name: line.spec for line in whole_lines(scene)}
     found = []
     groups = [("unchecked", match_names(unchecked, lines, "unchecked"))]
-    for i, item in _items(table, "part"):
+    for i, part in enumerate(read_items(PartTable.read, table.get("part", []), "part")):
         path = f"part.{i}"
-        own = dict(read_table(item, f"part.{i}"))
-        given = own.pop("factor", None)
-        curve = own.pop("curve", None)
-        part = PartTable.read(own, path)
         names = match_names(part.lines, lines, f"{path}.lines")
         groups.append((f"{path} ({part.name!r})", names))
-        factor = _factor(given, factors, kinds, f"{path}.factor")
-        found.append(
-            Part(
-                part.name,
-                names,
-                np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names]),
-                factor.by_kind,
-                None if curve is None else Curve.read(curve, f"{path}.curve"),
-                part.capacity is None,
-                factor,
-            )
-        )
+        own = _complete_factors(part.factor, factors, kinds, f"{path}.factor")
+        capacity = np.array([_capacity(part, specs[name].breaking_load, name, path) for name in names])
+        found.append(Part(part.name, names, capacity, own, part.curve, part.capacity is None))
     _unique("part.name", [part.name for part in found])
     refuse_overlap(groups, "line")
     left = []
@@ -276,7 +266,7 @@ def _parts(
     return tuple(found)
 
 
-def _capacity(part: PartTable, capacity: Plain, line: str, path: str) -> float:
+def _capacity(part: PartTable, capacity: np.ndarray | None, line: str, path: str) -> float:
     if part.capacity is not None:
         return part.capacity
     if capacity is None:
@@ -287,30 +277,28 @@ def _capacity(part: PartTable, capacity: Plain, line: str, path: str) -> float:
     return float(np.min(capacity))
 
 
-def _factor(given: Plain, table: Factors, kinds: set[str], path: str) -> Factors:
-    own = table if given is None else Factors.of(given, path)
-    common = {kind: x for kind, x in table.by_kind.items() if own.by_kind[kind] is None and x is not None}
+def _complete_factors(own: Factors | None, table: Factors, kinds: set[str], path: str) -> Factors:
+    """The factors of a part, with those of `[factors]` for kinds of states that it does not give."""
+    own = own or table
+    common = {kind: x for kind, x in table.by_kind.items() if kind not in own.by_kind}
     sources = [own.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
     found = replace(own, **common, source="; ".join(sources))
     for kind in sorted(kinds):
-        if found.by_kind[kind] is None:
+        if kind not in found.by_kind:
             raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], because cases are {kind}")
     return found
 
 
-def _anchors(table: Mapping[str, Any], scene: Scene, factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
+def _anchors(table: Values, scene: Scene, factors: Factors, kinds: set[str]) -> tuple[Anchor, ...]:
     held = [point.name for point in scene.points if not point.is_free]
     found = []
     groups = []
-    for i, item in _items(table, "anchor"):
+    for i, anchor in enumerate(read_items(AnchorTable.read, table.get("anchor", []), "anchor")):
         path = f"anchor.{i}"
-        own = dict(read_table(item, f"anchor.{i}"))
-        given = own.pop("factor", None)
-        anchor = AnchorTable.read(own, path)
         points = match_names(anchor.points, held, f"{path}.points", "fixed point")
         groups.append((path, points))
-        factor = _factor(given, factors, kinds, f"{path}.factor")
-        found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, factor.by_kind))
+        own = _complete_factors(anchor.factor, factors, kinds, f"{path}.factor")
+        found.append(Anchor(anchor.name or ", ".join(anchor.points), points, anchor, own.by_kind))
     refuse_overlap(groups, "point")
     _unique("anchor.name", [anchor.name for anchor in found])
     return tuple(found)
@@ -326,7 +314,7 @@ def _check_currents(site: Site) -> None:
         raise SceneError(f"cases.currents: {why}. Use tables as [sea.current] with heights and velocities")
 
 
-def check_breaking(site: Any) -> None:
+def check_breaking(site: Site) -> None:
     """Reject a sea state beyond breaking at any level of the tide, by depth or by steepness.
 
     `Hs <= 0.6 (depth + level)`, and Hs at most that of the steepest seas of the mean period Tz (DNV-RP-C205, as in
@@ -335,14 +323,15 @@ def check_breaking(site: Any) -> None:
     Raises:
         SceneError: with the sea state, its height, and the limit.
     """
-    spec = site.scene.sea
+    spec = site.sea
     levels = site.lists.levels
     for level in levels:
         if spec.depth + level <= 0.0:
             raise SceneError(f"cases.levels: {level:g} m is below the seabed; allowed: above {-spec.depth:g} m")
     lowest = min(levels)
     for i, state in enumerate(site.sea_states):
-        if state.sea.hs == 0.0:
+        hs = state.sea.hs
+        if not hs:
             continue
         sea = make_sea(SeaSpec(depth=spec.depth, density=spec.density, gravity=spec.gravity, waves=state.sea))
         tz = mean_period(sea)
@@ -352,7 +341,7 @@ def check_breaking(site: Any) -> None:
             f"the steepest seas of mean period {tz:.3g} s (DNV-RP-C205)": steepest_sea(tz, spec.gravity),
         }
         why, limit = min(limits.items(), key=lambda item: item[1])
-        if state.sea.hs > limit:
+        if hs > limit:
             raise SceneError(
-                f"sea_state.{i}.hs: {state.name!r} of {state.sea.hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"
+                f"sea_state.{i}.hs: {state.name!r} of {hs:g} m breaks; allowed: at most {limit:.3g} m, {why}"
             )

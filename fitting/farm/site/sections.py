@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from importlib import resources
-from typing import Any, Self
+from typing import Self
+
+import numpy as np
 
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     DeclaredSection,
     Plain,
     Table,
+    Values,
     check_keys,
     declared_fields,
+    part,
+    read_fields,
     read_number,
     read_table,
     read_text,
     refuse,
+    section_keys,
 )
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.scene import AnchorSpec, GrowthSpec
@@ -38,9 +44,7 @@ def read_years(value: Plain, path: str) -> str:
 
 
 class Section(DeclaredSection):
-    """A section with declared fields; `PATTERNS` lists the keys that take a pattern or a list of them."""
-
-    PATTERNS: tuple[str, ...] = ()
+    """A section with declared fields, whose lists of texts may be a single text."""
 
     @classmethod
     def read(cls, table: Plain, path: str) -> Self:
@@ -49,16 +53,18 @@ class Section(DeclaredSection):
         Raises:
             SceneError: the first key or value that cannot be used.
         """
-        table = dict(read_table(table, path))
-        for key in cls.PATTERNS:
-            if isinstance(table.get(key), str):
-                table[key] = [table[key]]
-        return super().read(table, path)
+        section = cls(**cls.values_of(read_table(table, path), path))
+        section.check(path)
+        return section
 
-
-def patterns(meaning: str, **kwargs: Any) -> Any:
-    """Declare a pattern of names, or a list of them."""
-    return option(meaning, type=list, **kwargs)
+    @classmethod
+    def values_of(cls, table: Values, path: str) -> Table:
+        """The fields that its table gives, by name."""
+        own = dict(table)
+        for key, declared in declared_fields(cls).items():
+            if declared.metadata.get("type") is list and isinstance(own.get(key), str):
+                own[key] = [own[key]]
+        return read_fields(cls, own, path, {})
 
 
 @dataclass(frozen=True)
@@ -85,18 +91,17 @@ class SeaState(Section):
     name: str = option("name", type=str)
     hours: float | None = parameter("hours of it in a year", unit="h", low=0.0, high=8766.0, default=None)
     return_period: str | None = option("years, or `associated`", type=str, default=None)
-    sea: WaveSpec | None = None
+    sea: WaveSpec = field(kw_only=True)
 
     @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
-        own: Table = dict(read_table(table, path))
+    def values_of(cls, table: Values, path: str) -> Table:
+        own = dict(table)
         if "return_period" in own:
             own["return_period"] = read_years(own["return_period"], f"{path}.return_period")
         of_sea = [key for key in WaveSpec.FIELDS["spectrum"] if key not in ("seed", "direction")]
         check_keys(own, [*declared_fields(cls), *of_sea], path)
         sea = {key: own.pop(key) for key in of_sea if key in own}
-        found = super().read(own, path)
-        return replace(found, sea=WaveSpec.read({"kind": "spectrum", **sea}, path))
+        return super().values_of(own, path) | {"sea": WaveSpec.read({"kind": "spectrum", **sea}, path)}
 
     def waves(self, direction: float, seed: int) -> Table:
         """`[sea.waves]` for a travel direction [rad] and a seed."""
@@ -107,17 +112,15 @@ class SeaState(Section):
 class GrowthTable(Section):
     """`[[growth]]`: mussels of a month on some lines."""
 
-    PATTERNS = ("lines",)
-
     month: str = option("name of the month", type=str)
-    lines: tuple[str, ...] = patterns("lines that carry them")
-    growth: GrowthSpec | None = None
+    lines: tuple[str, ...] = option("lines that carry them", type=list)
+    growth: GrowthSpec = field(kw_only=True)
 
     @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
-        own = dict(read_table(table, path))
-        found = super().read({key: own.pop(key) for key in ("month", "lines") if key in own}, path)
-        return replace(found, growth=GrowthSpec.read(own, path))
+    def values_of(cls, table: Values, path: str) -> Table:
+        where = {key: value for key, value in table.items() if key in ("month", "lines")}
+        mussels = {key: value for key, value in table.items() if key not in where}
+        return super().values_of(where, path) | {"growth": GrowthSpec.read(mussels, path)}
 
 
 @dataclass(frozen=True)
@@ -132,20 +135,21 @@ class Factors(Section):
     checked: str = option("what the factors were compared with", type=str, default="to be checked by you")
 
     @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
+    def values_of(cls, table: Values, path: str) -> Table:
         """Factors of a table; those of `standard = NAME` (see `standards`) where it has none of its own."""
-        own = dict(read_table(table, path))
+        own = dict(table)
         if "standard" not in own:
-            return super().read(own, path)
+            return super().values_of(own, path)
         known = standards("factors")
         standard = known[read_text(own.pop("standard"), f"{path}.standard", known)]
         given = [f"; {kind}: given for this site" for kind in ("intact", "broken") if kind in own]
-        return super().read({**standard, "source": standard["source"] + "".join(given), **own}, path)
+        return super().values_of({**standard, "source": standard["source"] + "".join(given), **own}, path)
 
     @property
-    def by_kind(self) -> dict[str, float | None]:
-        """The factors by kind of state."""
-        return {"intact": self.intact, "broken": self.broken}
+    def by_kind(self) -> dict[str, float]:
+        """The factors that are given, by kind of state."""
+        found = {"intact": self.intact, "broken": self.broken}
+        return {kind: factor for kind, factor in found.items() if factor is not None}
 
     @classmethod
     def of(cls, value: Plain, path: str) -> Factors:
@@ -169,67 +173,59 @@ class Curve(Section):
 
 @dataclass(frozen=True)
 class PartTable(Section):
-    """`[[part]]` as specified, without its factor and curve."""
-
-    PATTERNS = ("lines",)
+    """`[[part]]` as specified."""
 
     name: str = option("name in reports", type=str)
-    lines: tuple[str, ...] = patterns("lines of the part")
+    lines: tuple[str, ...] = option("lines of the part", type=list)
     capacity: float | None = parameter("breaking load", unit="N", low=0.0, open_low=True, default=None)
+    factor: Factors | None = part(Factors.of, default=None)
+    curve: Curve | None = part(Curve.read, default=None)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AnchorTable(Section, AnchorSpec):
     """`[[anchor]]` of a site: an anchor as in scenes at several points, with the factors of the site."""
 
-    PATTERNS = ("points",)
-
-    points: tuple[str, ...] = patterns("fixed points")
+    points: tuple[str, ...] = option("fixed points", type=list)
     name: str | None = option("name in reports", type=str, default=None)
     uplift: float | None = parameter("maximum angle of the load", unit="deg", low=0.0, high=90.0, default=None)
+    factor: Factors | None = part(Factors.of, default=None)
 
     @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
+    def values_of(cls, table: Values, path: str) -> Table:
         of_scene = ("point", "behind", "safety_factor")
-        check_keys(read_table(table, path), [key for key in declared_fields(cls) if key not in of_scene], path)
-        return super().read({"point": "", "kind": "tested", **table}, path)
+        check_keys(table, [key for key in section_keys(cls) if key not in of_scene], path)
+        return super().values_of({"point": "", "kind": "tested", **table}, path)
 
 
 @dataclass(frozen=True)
 class Exclusion(Section):
     """`[exclusion]`: maximum displacement of nodes from their positions in calm water."""
 
-    PATTERNS = ("lines",)
-
     excursion: float = parameter("largest horizontal way", unit="m", low=0.0, open_low=True)
-    lines: tuple[str, ...] = patterns("lines whose nodes count", default=("*",))
+    lines: tuple[str, ...] = option("lines whose nodes count", type=list, default=("*",))
 
 
 @dataclass(frozen=True)
 class Backbone(Section):
     """`[backbone]`: range of depths below the water's level for lines at rest."""
 
-    PATTERNS = ("lines",)
-
-    lines: tuple[str, ...] = patterns("lines of the backbone")
+    lines: tuple[str, ...] = option("lines of the backbone", type=list)
     shallowest: float | None = parameter("least depth", unit="m", default=None)
     deepest: float | None = parameter("largest depth", unit="m", low=0.0, open_low=True, default=None)
 
-    @classmethod
-    def read(cls, table: Plain, path: str) -> Self:
-        found = super().read(table, path)
-        if None not in (found.shallowest, found.deepest) and not found.shallowest < found.deepest:
-            raise refuse(f"{path}.deepest", found.deepest, "is not below shallowest", f"> {found.shallowest:g} m")
-        return found
+    def check(self, path: str) -> None:
+        low = self.shallowest
+        high = self.deepest
+        if low is not None and high is not None and not low < high:
+            raise refuse(f"{path}.deepest", high, "is not below shallowest", f"> {low:g} m")
 
 
 @dataclass(frozen=True)
 class SeasonValues(Section):
     """`[season]`: floats that carry the growing weight."""
 
-    PATTERNS = ("points",)
-
-    points: tuple[str, ...] = patterns("free points with a volume that carry floats")
+    points: tuple[str, ...] = option("free points with a volume that carry floats", type=list)
     volume: float = parameter("of one float", unit="m^3", low=0.0, open_low=True)
     density: float = parameter("of a float over its volume", unit="kg/m^3", low=0.0, default=80.0)
     reserve: float = parameter("minimum ratio of the lift of all floats to the need", unit="-", low=1.0, default=1.3)
@@ -237,5 +233,5 @@ class SeasonValues(Section):
         "minimum ratio of the need to the lift: floats that carry less rise", unit="-", low=0.0, high=1.0, default=0.1
     )
     start: int | None = whole_number("floats before the first month", low=0, default=None)
-    currents: Any = parameter("of the static poses", unit="m/s", shape="table", default=None)
-    levels: Any = parameter("of the static poses", unit="m", shape="table", default=None)
+    currents: np.ndarray | None = parameter("of the static poses", unit="m/s", shape="table", default=None)
+    levels: np.ndarray | None = parameter("of the static poses", unit="m", shape="table", default=None)

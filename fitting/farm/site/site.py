@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import whole_lines
-from fitting.farm.site.case import BROKEN, INTACT, NEVER, Anchor, Break, Case, Part, Storm, match_names, storms
+from dropper_jax.sea.spec import SeaSpec
+from fitting.farm.site.case import BROKEN, INTACT, NEVER, PROFILE, Anchor, Break, Case, Part, Storm, match_names
 from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.sections import Backbone, Exclusion, Factors, RunValues, SeasonValues, SeaState
 
 #: Growth of a line in a month without any.
 BARE = {"depth": [0.0], "thickness": [0.0], "density": 0.0}
+
+
+def water_of(scene: Scene) -> SeaSpec:
+    """The water of a site's scene.
+
+    Raises:
+        SceneError: a scene without water.
+    """
+    if scene.sea is None:
+        raise SceneError(f"scene: {scene.name!r} has no [sea]. Use a scene with water")
+    return scene.sea
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +78,61 @@ class Site:
         """Lines that match the patterns."""
         return match_names(patterns, self.lines, "lines")
 
+    @property
+    def sea(self) -> SeaSpec:
+        """The water of its scene."""
+        return water_of(self.scene)
+
     @cached_property
     def storms(self) -> tuple[Storm, ...]:
-        """All load cases."""
-        return storms(self)
+        """All load cases, with a standard those of its return periods; states vary fastest, sea states slowest.
+
+        Raises:
+            SceneError: a pair of return periods without a sea state or a current.
+        """
+        lists = self.lists
+        combined = []
+        for sea, way, current, level, month, crop, state in itertools.product(
+            self.sea_states,
+            np.radians(lists.directions).tolist(),
+            lists.currents or (None,),
+            lists.levels,
+            lists.months or (None,),
+            lists.crops or tuple(self.crop) or (None,),
+            self.states,
+        ):
+            table = None
+            name = None
+            current_period = None
+            if current is not None:
+                table = self._current_table(current, way)
+                name = current["name"]
+                current_period = current.get("return_period")
+            periods = (sea.return_period, current_period)
+            combined.append(Storm(0, sea, way, table, name, level, month, state, crop, periods))
+        if lists.standard is not None:
+            pairs = lists.standard["pairs"]
+            for waves, current in pairs:
+                if (waves, current) not in {storm.periods for storm in combined}:
+                    raise SceneError(
+                        f"cases.pairs: waves of {waves}, current of {current} years: missing; needed: a [[sea_state]] "
+                        "and a current with these, each as `return_period`"
+                    )
+            combined = [storm for storm in combined if list(storm.periods) in pairs]
+        return tuple(replace(storm, number=i) for i, storm in enumerate(combined))
+
+    def _current_table(self, given: Table, direction: float) -> Table:
+        """`[sea.current]` of a case: with the scene's profile over depth, and with the waves if it has no direction."""
+        table = {}
+        own = self.sea.current
+        if own is not None and "kind" not in given:
+            table = {key: value for key, value in own.table().items() if key in PROFILE}
+        table |= {key: value for key, value in given.items() if key not in ("name", "return_period")}
+        heading = self.lists.current_direction
+        if heading is not None:
+            direction = float(np.radians(heading))
+        table.setdefault("direction", direction)
+        return table
 
     def portable(self) -> Table:
         """Plain values for `read_site`, independent of files: they contain the scene's values instead of its name."""
@@ -153,8 +220,9 @@ class Site:
             found["sea.current"] = storm.current
         crop = self.crop.get(storm.crop, {})
         found |= {path: value for path, value in crop.items() if path != "growth"}
+        mussels = {} if storm.month is None else self.growth[storm.month]
         for name in self.grown_lines:
-            table = dict(self.growth[storm.month].get(name, BARE))
+            table = dict(mussels.get(name, BARE))
             table["thickness"] = [crop.get("growth", 1.0) * t for t in table["thickness"]]
             found |= {f"line.{name}.growth.{key}": value for key, value in table.items()}
         return found

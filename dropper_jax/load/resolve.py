@@ -133,9 +133,9 @@ def _points(items: Plain, path: str) -> Plain:
 
 
 def _point(item: Plain, path: str) -> Plain:
-    name = None
-    if isinstance(item, Mapping):
-        name = item.get("type")
+    if not isinstance(item, Mapping):
+        return item
+    name = item.get("type")
     if not isinstance(name, str) or not name.startswith(PREFIX):
         return item
     values = _part_for(path, name, "point", "points", "a float, such as library:float-0.2")

@@ -9,6 +9,9 @@ import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
 
+#: One number, also of a trace.
+Scalar = jax.Array | float
+
 
 def harmonic(t: jax.Array, amplitude: jax.Array, period: jax.Array, phase: jax.Array) -> jax.Array:
     """`sum_i a_i cos(2 pi t/T_i - p_i)` at time t [s]; phases are lags, as in tide tables."""
@@ -24,11 +27,11 @@ class Level:
     """
 
     offset: Any = parameter("constant part", unit="m", default=0.0)
-    time: Any = parameter("times of a table", unit="s", shape="table", optional=True)
-    height: Any = parameter("heights at those times", unit="m", shape="table", optional=True)
-    amplitude: Any = parameter("of constituents", unit="m", shape="table", optional=True)
-    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
-    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
+    time: Any = parameter("times of a table", unit="s", shape="table", default=None)
+    height: Any = parameter("heights at those times", unit="m", shape="table", default=None)
+    amplitude: Any = parameter("of constituents", unit="m", shape="table", default=None)
+    period: Any = parameter("their periods", unit="s", shape="table", default=None)
+    phase: Any = parameter("their lags", unit="rad", shape="table", default=None)
 
     def at(self, t: jax.Array) -> jax.Array:
         """The level [m] at time t [s]; a table is constant outside its times."""
@@ -54,16 +57,16 @@ class Current:
 
     speed: Any = parameter("speed at the reference height", unit="m/s", default=0.0)
     direction: Any = parameter("direction of flow, +x towards +y", unit="rad", low=-6.29, high=6.29, default=0.0)
-    exponent: Any = parameter("exponent of the power law", unit="-", low=0.0, optional=True)
-    reference: Any = parameter("height where the speed is given", unit="m", high=0.0, optional=True)
-    heights: Any = parameter("heights of the table, rising", unit="m", shape="table", optional=True)
-    velocities: Any = parameter("velocities at the heights", unit="m/s", shape="vectors", optional=True)
-    time: Any = parameter("times of the factor", unit="s", shape="table", optional=True)
-    factor: Any = parameter("factor at those times", unit="-", shape="table", optional=True)
-    amplitude: Any = parameter("constituents of the factor", unit="-", shape="table", optional=True)
-    period: Any = parameter("their periods", unit="s", shape="table", optional=True)
-    phase: Any = parameter("their lags", unit="rad", shape="table", optional=True)
-    veer: Any = parameter("turn of the direction per metre down", unit="rad/m", optional=True)
+    exponent: Any = parameter("exponent of the power law", unit="-", low=0.0, default=None)
+    reference: Any = parameter("height where the speed is given", unit="m", high=0.0, default=None)
+    heights: Any = parameter("heights of the table, rising", unit="m", shape="table", default=None)
+    velocities: Any = parameter("velocities at the heights", unit="m/s", shape="vectors", default=None)
+    time: Any = parameter("times of the factor", unit="s", shape="table", default=None)
+    factor: Any = parameter("factor at those times", unit="-", shape="table", default=None)
+    amplitude: Any = parameter("constituents of the factor", unit="-", shape="table", default=None)
+    period: Any = parameter("their periods", unit="s", shape="table", default=None)
+    phase: Any = parameter("their lags", unit="rad", shape="table", default=None)
+    veer: Any = parameter("turn of the direction per metre down", unit="rad/m", default=None)
     kind: str = option("profile over depth", choices=KINDS, default="uniform")
 
     @property
@@ -78,7 +81,7 @@ class Current:
             return jnp.ones_like(self.speed)
         return jnp.interp(t, self.time, self.factor)
 
-    def profile(self, z: jax.Array, depth: jax.Array) -> jax.Array:
+    def profile(self, z: jax.Array, depth: Scalar) -> jax.Array:
         """Velocity (..., 3) [m/s] at heights z (...) [m], before s(t)."""
         z = jnp.minimum(z, 0.0)
         if self.kind == "table":
@@ -90,7 +93,7 @@ class Current:
             course = self.direction - self.veer * z
         return jnp.stack([size * jnp.cos(course), size * jnp.sin(course), jnp.zeros_like(z)], axis=-1)
 
-    def _power(self, z: jax.Array, depth: jax.Array) -> jax.Array:
+    def _power(self, z: jax.Array, depth: Scalar) -> jax.Array:
         # a power law is replaced by a linear profile below this fraction of its reference height, since its slope at
         # the seabed is infinite
         linear_below = 0.01
@@ -98,17 +101,17 @@ class Current:
         inside = jnp.maximum(share, linear_below) ** self.exponent
         return jnp.where(share < linear_below, inside * share / linear_below, inside)
 
-    def velocity(self, z: jax.Array, t: jax.Array, depth: jax.Array) -> jax.Array:
+    def velocity(self, z: jax.Array, t: jax.Array, depth: Scalar) -> jax.Array:
         """Velocity (n, 3) [m/s] at heights z (n,) [m] and time t [s]."""
         return self.scale(t) * self.profile(z, depth)
 
-    def acceleration(self, z: jax.Array, t: jax.Array, depth: jax.Array) -> jax.Array | None:
+    def acceleration(self, z: jax.Array, t: jax.Array, depth: Scalar) -> jax.Array | None:
         """Local acceleration (n, 3) [m/s^2]; None for a steady current."""
         if self.steady:
             return None
         return jax.jvp(self.scale, (t,), (jnp.ones_like(t),))[1] * self.profile(z, depth)
 
-    def along(self, z: jax.Array, direction: jax.Array, depth: jax.Array) -> jax.Array:
+    def along(self, z: jax.Array, direction: jax.Array, depth: Scalar) -> jax.Array:
         """Speed along directions (c,) [rad] at heights z (c, points), for waves on the current."""
         u = self.profile(z, depth)
         return u[..., 0] * jnp.cos(direction)[:, None] + u[..., 1] * jnp.sin(direction)[:, None]

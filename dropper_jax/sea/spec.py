@@ -60,26 +60,26 @@ class WaveSpec(DeclaredSection):
     }
 
     kind: str = option("how the waves are given", choices=tuple(FIELDS))
-    amplitude: Any = parameter("amplitude", unit="m", shape="numbers", low=0.0, optional=True)
-    period: Any = parameter("period", unit="s", shape="numbers", low=0.0, open_low=True, optional=True)
+    amplitude: Any = parameter("amplitude", unit="m", shape="numbers", low=0.0, default=None)
+    period: Any = parameter("period", unit="s", shape="numbers", low=0.0, open_low=True, default=None)
     phase: Any = parameter("phase", unit="rad", shape="numbers", default=0.0)
     direction: Any = parameter(
         "direction of travel, +x towards +y", unit="rad", shape="numbers", low=-6.29, high=6.29, default=0.0
     )  # up to a turn: larger numbers are degrees
     file: str | None = option("CSV file", type=str, default=None)
     spectrum: str = option("shape", choices=SHAPES, default="jonswap")
-    hs: float | None = parameter("significant wave height", unit="m", low=0.0, optional=True)
-    tp: float | None = parameter("peak period", unit="s", low=0.0, open_low=True, optional=True)
+    hs: float | None = parameter("significant wave height", unit="m", low=0.0, default=None)
+    tp: float | None = parameter("peak period", unit="s", low=0.0, open_low=True, default=None)
     gamma: float = parameter("peak factor", unit="-", low=1.0, default=3.3)
     count: int = whole_number("number of frequencies", default=200)
     frequencies: str = option(
         "how they are chosen", choices=("equal_energy", "equal_frequency", "even"), default="equal_energy"
     )
-    spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, optional=True)
+    spreading: float | None = parameter("s of cos^2s spreading", unit="-", low=0.0, default=None)
     directions: int = whole_number("directions per frequency", default=1)
     seed: int = whole_number("seed of the phases", low=0, default=0)
-    height: float | None = parameter("trough to crest", unit="m", low=0.0, open_low=True, optional=True)
-    length: float | None = parameter("wavelength", unit="m", low=0.0, open_low=True, optional=True)
+    height: float | None = parameter("trough to crest", unit="m", low=0.0, open_low=True, default=None)
+    length: float | None = parameter("wavelength", unit="m", low=0.0, open_low=True, default=None)
     theory: str = option("of a regular wave", choices=THEORIES, default="linear")
     order: int | None = whole_number("number of harmonics of the stream function", low=3, default=None)
     current_criterion: str = option(
@@ -89,7 +89,7 @@ class WaveSpec(DeclaredSection):
     @classmethod
     def read(cls, table: Plain, path: str) -> WaveSpec:
         values = read_fields(cls, table, path, {})
-        check_kind_keys(table, values["kind"], cls.FIELDS, path)
+        check_kind_keys(read_table(table, path), values["kind"], cls.FIELDS, path)
         if values["file"] is not None:
             values.update(_from_file(values, path))
         waves = cls(**values)
@@ -249,7 +249,7 @@ class SeaSpec(DeclaredSection):
     gravity: float = parameter(
         "acceleration of gravity, by default that of the weight", unit="m/s^2", low=0.0, default=GRAVITY
     )
-    ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, optional=True)
+    ramp: float | None = parameter("time to full waves", unit="s", low=0.0, open_low=True, default=None)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
     dispersion: str = option("wave numbers", choices=("exact", "fenton"), default="exact")
     wave_current: str = option("effect of a current on waves", choices=("none", "doppler", "action"), default="none")

@@ -101,7 +101,11 @@ def runnable(schemes: list[Scheme], model: Model) -> tuple[list[Scheme], list[di
     return good, refused
 
 
-def link_vectors(model: Model, r: np.ndarray, t: np.ndarray) -> np.ndarray:
+#: Rows of a run, traced or on the host.
+Rows = jax.Array | np.ndarray
+
+
+def link_vectors(model: Model, r: Rows, t: np.ndarray) -> np.ndarray:
     """Link vectors (k, n, 3) [m] of free nodes r (k, nodes, 3) at times t (k,), in the precision of r."""
     return np.asarray(_links(model, jnp.asarray(r), jnp.asarray(t, model.dtype))).astype(r.dtype)
 
@@ -123,7 +127,7 @@ def angles_between(d: np.ndarray, reference: np.ndarray) -> np.ndarray:
         return 2 * np.arcsin(np.minimum(0.5 * chord, 1.0))
 
 
-def rms(x: np.ndarray) -> float:
+def rms(x: Rows) -> float:
     """Root of the mean square; infinite if any entry is not finite."""
     with np.errstate(over="ignore"):
         if np.all(np.isfinite(x)):
@@ -136,7 +140,7 @@ def rms_angle(d: np.ndarray, reference: np.ndarray) -> float:
     return rms(angles_between(d, reference))
 
 
-def rms_position(r: np.ndarray, reference: np.ndarray) -> float:
+def rms_position(r: Rows, reference: Rows) -> float:
     """RMS over times and nodes of the distance between nodes [m]."""
     return rms(np.linalg.norm(r - reference, axis=-1))
 
@@ -170,9 +174,9 @@ def march(
     stepper: Stepper,
     model: Model,
     s: State,
-    dt: jax.Array,
-    every: jax.Array,
-    saves: jax.Array,
+    dt: jax.Array | float,
+    every: jax.Array | int,
+    saves: jax.Array | int,
     capacity: int,
 ) -> Marched:
     """`saves` times `every` steps of `dt` from s, in the first of `capacity` rows.
@@ -212,7 +216,7 @@ class MarchResult(NamedTuple):
 
 @cached_jit(static=("stepper", "saves"), kernel=True)
 def march_with_accuracy(
-    stepper: Stepper, model: Model, s: State, grid: jax.Array, accuracy: jax.Array, saves: int
+    stepper: Stepper, model: Model, s: State, grid: jax.Array | float, accuracy: jax.Array | float, saves: int
 ) -> MarchResult:
     """`march` in steps that follow an accuracy, on a grid [s]; `path` by the trapezoidal rule, tensions are means."""
     grid = jnp.asarray(grid, model.dtype)
@@ -283,7 +287,7 @@ def convergence(
     return found
 
 
-def _angles(model: Model, r: np.ndarray, grid: float) -> np.ndarray:
+def _angles(model: Model, r: Rows, grid: float) -> np.ndarray:
     """Polar and azimuth (2, k, n) [rad]."""
     links = link_vectors(model, r, grid * np.arange(1, len(r) + 1))
     nodes = np.concatenate([np.zeros((len(r), 1, 3)), np.cumsum(links, axis=1)], axis=1)

@@ -22,6 +22,7 @@ from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import (
     Marched,
+    Rows,
     Scheme,
     grid_run,
     link_vectors,
@@ -240,7 +241,8 @@ def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: R
 def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarray:
     """Energy balance error since the start (k,) [J]: energies of the raw velocities minus all counted work."""
     dtype = model.dtype
-    energies = np.asarray(_energies(model, np.asarray(run.r, dtype), np.asarray(run.v, dtype), np.asarray(t, dtype)))
+    states = [jnp.asarray(x, dtype) for x in (run.r, run.v, t)]
+    energies = np.asarray(_energies(model, *states))
     start = float(_energies(model, s.r[None], s.v[None], s.t[None])[0])
     with np.errstate(invalid="ignore", over="ignore"):
         return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
@@ -257,7 +259,7 @@ def _energies(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Arr
     return jax.vmap(total)(r, v, t)
 
 
-def _tension_errors(run: Marched, stepper: Stepper, reference: np.ndarray) -> np.ndarray:
+def _tension_errors(run: Marched, stepper: Stepper, reference: np.ndarray) -> Rows:
     """Differences (k - 1, n) [N]; tensions from within steps are interpolated between both sides of a saved time."""
     ending = run.tension[:-1, 0]
     beginning = run.tension[1:, 1]

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Iterable
 from contextlib import ContextDecorator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib.style
 import numpy as np
@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.plots.run import Run, readable
@@ -87,7 +88,7 @@ def with_style(draw: Callable[..., Path]) -> Callable[..., Path]:
     return wrapper
 
 
-def new_figure(width: float, height: float, layout: str | None = "constrained") -> Figure:
+def new_figure(width: float, height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
     """A separate figure [inch] outside pyplot."""
     figure = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
@@ -141,7 +142,7 @@ def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     foot = 0.17 / figure.get_figheight()
     head = 0.03 / figure.get_figheight()
     layout = figure.get_layout_engine()
-    if layout is not None:
+    if isinstance(layout, ConstrainedLayoutEngine):
         layout.set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
     return save(figure, path)
 

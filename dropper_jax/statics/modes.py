@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
+from dropper_jax.statics.pattern import Array
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.system import stiffness_and_motions, stiffness_of_motions
 
@@ -44,7 +44,7 @@ class Modes:
 
     def pick(self, which: np.ndarray) -> Modes:
         """The modes with these indices."""
-        return Modes(*(None if part is None else part[which] for part in vars(self).values()))
+        return Modes(**{name: part[which] for name, part in vars(self).items() if part is not None})
 
     @property
     def omega(self) -> np.ndarray:
@@ -181,7 +181,7 @@ def _share_of_bodies(model: Model, pose: State, shape: np.ndarray, mass: np.ndar
     return np.stack([np.sum(energy[:, own], axis=1) for own in corners], axis=1) / mass[:, None]
 
 
-def _symmetric(matrix: ArrayLike) -> ArrayLike:
+def _symmetric(matrix: Array) -> Array:
     return 0.5 * (matrix + matrix.T)
 
 

@@ -25,9 +25,9 @@ from dropper_jax.effects.bending import CRUSHED
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.solvers.dense import residual_matrix
-from dropper_jax.statics.bodies import BodyMoves, moves_of
+from dropper_jax.statics.bodies import BodyMoves, moves_of, stiffness_matrix
 from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, balanced, force_scale, name_of, soft_scale
-from dropper_jax.statics.tangent import NodeMoves, stiffness_matrix
+from dropper_jax.statics.tangent import NodeMoves
 
 
 @cached_jit()
@@ -185,7 +185,7 @@ def correct_pose(
     reach = 1.0 * jnp.mean(moves.model.line.length)
     rows_at = partial(moves.rows, s, loads)
     rows, linear = jax.linearize(rows_at, moves.none)
-    dx = -moves.tangent.apply(moves.tangent.factor(linear, kappa, rows), rows)
+    dx = -moves.tangent.factor(linear, kappa, rows)(rows, False)
     farthest = jnp.max(jnp.sum(dx.reshape(-1, 3) ** 2, axis=1), initial=0.0)
     dx = dx * jnp.minimum(1.0, reach / jnp.sqrt(jnp.maximum(farthest, 1e-300)))
     # maximum opposing force along a correction, relative to its initial value
@@ -247,7 +247,7 @@ IMPROVED = 0.5
 
 @cached_jit(static=("rounds",))
 def descend(
-    model: Model, s: State, loads: jax.Array, tolerance: jax.Array, kappa: jax.Array, rounds: int
+    model: Model, s: State, loads: jax.Array, tolerance: jax.Array | float, kappa: jax.Array, rounds: int
 ) -> tuple[State, jax.Array]:
     """Result of the descent from `s`: the best configuration and its maximum scaled unbalanced force.
 

@@ -16,7 +16,7 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.toml_text import literal
 from dropper_jax.cli.given import output_folder
 from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.outputs import PICTURES, draw
+from dropper_jax.cli.outputs import PICTURES, Output, draw
 from dropper_jax.cli.printing import FAILED, OK, print_line, progress
 from dropper_jax.cli.run import report
 from dropper_jax.cli.run_text import text
@@ -47,12 +47,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "demo",
         "demo --out my-demo --json",
     )
-    parser.add_argument("--out", default="demo", metavar="DIR", help="folder for the results (default: demo)")
+    about = "folder for the results (default: demo)"
+    default = Path("demo")
+    parser.add_argument("--out", action=Output, const=output_folder, default=default, metavar="DIR", help=about)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    folder = output_folder(args.out, "--out") or Path()
+    folder: Path = args.out
     folder.mkdir(parents=True, exist_ok=True)
 
     from dropper_jax import plots

@@ -166,14 +166,15 @@ def solve_states(
     for own, omega in zip(loads, every[chosen], strict=True):
         for share in (1.0, 0.1):
             drag, constant = _fixed_drag(dragging, pose, share * own.flow)
-            x = np.asarray(_amplitudes(still, linear, drag, constant, own, omega)[0])
+            x = np.asarray(_amplitudes(still, linear, drag, constant, own, jnp.asarray(omega))[0])
             found += [x.real, x.imag]
     motions = jnp.asarray(_basis_motions(still, linear, np.concatenate(found), every))
-    basis = _project_basis(still, linear, motions, every)
+    basis = _project_basis(still, linear, motions, waves.omega)
+    picked = jnp.asarray(links), jnp.asarray(nodes)
 
     def solve(states: np.ndarray) -> _Solved:
         own = chunk(states)
-        solved = _batch(dragging, pose, basis, (links, nodes), _jit_loads(still, pose, own), own.omega)
+        solved = _batch(dragging, pose, basis, picked, _jit_loads(still, pose, own), own.omega)
         return jax.tree.map(lambda x: np.asarray(x)[: len(states)], solved)
 
     chunks = np.split(np.arange(len(every)), range(size, len(every), size))
@@ -181,7 +182,7 @@ def solve_states(
     errors = []
     for state, own in zip(chosen, loads, strict=True):
         drag = jnp.asarray(solved.drag[state])
-        tension = _amplitudes(still, linear, drag, jnp.zeros_like(constant), own, every[state])[1]
+        tension = _amplitudes(still, linear, drag, jnp.zeros_like(constant), own, jnp.asarray(every[state]))[1]
         exact = np.sqrt(0.5 * np.sum(np.abs(tension) ** 2, axis=0))
         errors.append(np.max(np.abs(solved.deviation[state] - exact)) / np.max(exact))
     return solved, float(max(errors))
@@ -194,7 +195,7 @@ BASIS_SHARE = 1e-4
 def _basis_motions(still: Model, linear: LinearMotion, shapes: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """Motions (m, free, 3) that span displacements (k, free, 3): orthonormal in the sum of kinetic energies and squared
     changes of tension over their stiffness."""
-    moved, tension = _sizes(still, linear, shapes)
+    moved, tension = _sizes(still, linear, jnp.asarray(shapes))
     size = np.concatenate([np.mean(omega) * np.asarray(moved), np.asarray(tension)], axis=1).T
     scale = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
     _, values, right = np.linalg.svd(size / scale, full_matrices=False)

@@ -220,8 +220,9 @@ def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **wh
     """Colour bar of tensions (...) [N] in N or kN: pointed if they exceed `tension_norm`, the maximum in its label."""
     known = tension[np.isfinite(tension)]
     low, high = (np.min(known), np.max(known)) if known.size else (0.0, 0.0)
-    below = bool(low < links.norm.vmin)
-    above = bool(high > links.norm.vmax)
+    lowest, highest = tension_limits(known)
+    below = bool(low < lowest)
+    above = bool(high > highest)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max", (False, False): "neither"}[below, above]
     unit, size = force_unit(known)
     label = f"tension [{unit}]" + (f", maximum {high / size:.4g}" if above else "")
@@ -229,17 +230,22 @@ def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **wh
 
 
 def tension_norm(tension: np.ndarray) -> Normalize:
+    """Colours of tensions [N] within `tension_limits`."""
+    return Normalize(*tension_limits(tension), clip=True)
+
+
+def tension_limits(tension: np.ndarray) -> tuple[float, float]:
     """Colour range of tensions [N]: from the 1st to the 99th percentile, so that one snap load does not hide the rest.
 
     For fewer than 1000 values, as in one configuration, the full range: a percentile would only cut the maximum.
     """
     known = tension[np.isfinite(tension)]
     if known.size == 0:
-        return Normalize(0.0, 1.0)
+        return 0.0, 1.0
     # number of tensions above which 1 % may be outside the colour range
     low, high = np.percentile(known, (1, 99) if known.size >= 1000 else (0, 100))
     if high - low <= 1e-9 * max(abs(low), abs(high)):
         pad = 0.05 * max(abs(low), abs(high)) or 1.0
         low = low - pad
         high = high + pad
-    return Normalize(low, high, clip=True)
+    return float(low), float(high)

@@ -6,6 +6,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
 
@@ -81,7 +82,7 @@ class Current:
             return jnp.ones_like(self.speed)
         return jnp.interp(t, self.time, self.factor)
 
-    def profile(self, z: jax.Array, depth: Scalar) -> jax.Array:
+    def profile(self, z: jax.Array | np.ndarray, depth: Scalar) -> jax.Array:
         """Velocity (..., 3) [m/s] at heights z (...) [m], before s(t)."""
         z = jnp.minimum(z, 0.0)
         if self.kind == "table":

@@ -31,20 +31,20 @@ class Modes:
             each, the last ones.
         mass: modal masses (modes,) [kg], of the shape: `x'Mx`.
         damping_ratio: at zero amplitude (modes,), relative to `critical_damping`: includes `b_l`, but not `b_q`.
-        bodies: displacements of the reference points [m] and rotations about x, y, z [rad] (modes, bodies, 6); or None.
-        body_share: fraction of the kinetic energy of each mode in each body (modes, bodies); or None.
+        bodies: displacements of the reference points [m] and rotations about x, y, z [rad] (modes, bodies, 6).
+        body_share: fraction of the kinetic energy of each mode in each body (modes, bodies).
     """
 
     period: np.ndarray
     shape: np.ndarray
     mass: np.ndarray
     damping_ratio: np.ndarray
-    bodies: np.ndarray | None = None
-    body_share: np.ndarray | None = None
+    bodies: np.ndarray
+    body_share: np.ndarray
 
     def pick(self, which: np.ndarray) -> Modes:
         """The modes with these indices."""
-        return Modes(**{name: part[which] for name, part in vars(self).items() if part is not None})
+        return Modes(*(part[which] for part in vars(self).values()))
 
     @property
     def omega(self) -> np.ndarray:
@@ -90,10 +90,12 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     omega = np.sqrt(value)
     ratio = np.asarray(_damping(model, pose, jnp.asarray(shape))) / (2 * omega * mass)
     period = 2 * np.pi / omega
-    if not model.constraints:
-        return Modes(period, shape, mass, ratio)
-    share = _share_of_bodies(still, pose, shape, mass)
-    return Modes(period, shape, mass, ratio, _of_bodies(model, pose, shape), share)
+    bodies = np.zeros((len(value), 0, 6))
+    share = np.zeros((len(value), 0))
+    if model.constraints:
+        bodies = _of_bodies(model, pose, shape)
+        share = _share_of_bodies(still, pose, shape, mass)
+    return Modes(period, shape, mass, ratio, bodies, share)
 
 
 def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.ndarray:

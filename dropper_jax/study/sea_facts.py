@@ -205,7 +205,9 @@ TAKEN = 1.0 / 3.0
 HIGHER_WAVES = 1.1
 
 
-def responses(scene: Scene, periods: Sequence[float], more: bool = True, progress: Progress = silent) -> list[Table]:
+def responses(
+    scene: Scene, periods: Sequence[float] | np.ndarray, more: bool = True, progress: Progress = silent
+) -> list[Table]:
     """Response of a scene's first link in regular waves of these periods [s], over whole periods at the end of runs.
 
     Args:

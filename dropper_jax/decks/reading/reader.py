@@ -237,7 +237,7 @@ def _failures(deck: Deck, lines: list[Table], names: dict[str, str], notes: list
 
 def _run(options: Options, notes: list[str]) -> Table:
     dt = options.values["dtm"]
-    if dt is None or dt <= 0.0:
+    if dt <= 0.0:
         notes.append(f"the file has no time step dtM: {DEFAULT_STEP:g} s is used")
         dt = DEFAULT_STEP
     elif dt < 1e-3:  # needed for the stability of an explicit scheme, not for accuracy
@@ -311,7 +311,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> Table:
     if "seafloorfile" in options.texts and not depth:
         depths = read_seafloor(_seafloor(options, folder))["bed_depth"]
         depth = sum(depths) / len(depths)
-    if not depth or depth <= 0.0:
+    if depth <= 0.0:
         at = options.lines.get("wtrdpth", deck.first.get("options", 1))
         deck.refuse(at, "WtrDpth: missing; needed: > 0 m, in the file or as --depth")
     sea: Table = {"depth": depth, "density": values["rho"], "gravity": values["g"]}

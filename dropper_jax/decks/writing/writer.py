@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -200,7 +200,7 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
         yield from section("FAILURE", "ID Point Lines FailTime FailTen", "(#) (#) (,) (s) (N)", rows)
 
 
-def _point(number: int, kind: str, position: Sequence[float], body: list[float | None], name: str) -> str:
+def _point(number: int, kind: str, position: np.ndarray, body: list[float | None], name: str) -> str:
     return " ".join([str(number), kind, *map(_value, position), *(_value(x or 0.0) for x in body)]) + (
         f"  ! name: {name}"
     )

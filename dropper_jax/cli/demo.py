@@ -10,9 +10,10 @@ import argparse
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import literal
 from dropper_jax.cli.given import output_folder
 from dropper_jax.cli.options import add_examples, add_json
@@ -38,7 +39,7 @@ class DemoPart:
     status: str
     text: str
     markdown: str
-    values: dict[str, Any]
+    values: Table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

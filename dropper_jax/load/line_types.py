@@ -14,7 +14,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -258,7 +257,7 @@ def _read_position(value: Plain) -> np.ndarray | None:
         return None
 
 
-def _split(line: Table, path: str, sections: list[Section], points: list[Any]) -> list[tuple[Table, list[Section]]]:
+def _split(line: Table, path: str, sections: list[Section], points: list[Plain]) -> list[tuple[Table, list[Section]]]:
     """The pieces between attached points. A point that the scene does not have is created, free, on the straight
     line."""
     attached = line.pop("attach", None)

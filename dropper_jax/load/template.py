@@ -211,7 +211,7 @@ def _transform_point(point: Values, origin: list[float], heading: float, path: s
     return [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y, origin[2] + z]
 
 
-def _items(table: Values, section: str, names: Names, before: str = "") -> list[Any]:
+def _items(table: Values, section: str, names: Names, before: str = "") -> list[Table]:
     """Items of a section; those with `repeat` once for every combination of its counters."""
     path = f"{before}{section}"
     given = read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables")

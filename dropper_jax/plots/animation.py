@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -73,7 +73,7 @@ def animate(
             if progress is not None:
                 progress(count / len(frames), "animation")
 
-    def write(file: Any) -> None:
+    def write(file: BinaryIO) -> None:
         rest = (Image.fromarray(i).quantize(palette=stage.palette, dither=Image.Dither.NONE) for i in images())
         first = next(rest)
         first.save(file, format="GIF", save_all=True, append_images=rest, duration=delay, loop=0, optimize=False)

@@ -154,7 +154,7 @@ def time_axis(axes: Axes, t: np.ndarray) -> None:
         axes.set_xlim(t[0], t[-1])
 
 
-def widen(values: np.ndarray, limits: Callable[[float, float], Any]) -> None:
+def widen(values: np.ndarray, limits: Callable[[float, float], object]) -> None:
     """Give constant values a readable axis (`limits` sets it) instead of one that magnifies rounding errors."""
     known = values[np.isfinite(values)]
     if known.size and np.ptp(known) < 1e-6 * max(1.0, np.abs(known).max()):

@@ -187,7 +187,7 @@ def spread(exponent: float, count: int, rng: np.random.Generator) -> np.ndarray:
 def components(
     hs: Scalar,
     tp: Scalar,
-    direction: Scalar = 0.0,
+    direction: Scalar | np.ndarray = 0.0,
     *,
     depth: Scalar,
     gravity: Scalar = GRAVITY,

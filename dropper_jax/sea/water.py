@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import trace_once
-from dropper_jax.sea.current import Current, Level, Scalar
+from dropper_jax.sea.current import Current, Level, Numbers, Scalar
 from dropper_jax.sea.waves import Motion
 
 
@@ -94,7 +94,7 @@ class Sea:
         return self.current.velocity(r[:, 2], t, self.depth)
 
     @property
-    def corners(self) -> list[jax.Array]:
+    def corners(self) -> list[Numbers]:
         """Times (k,) [s] at which the motion of the water is not smooth: table times of the current, both ends of a
         ramp."""
         tables = [part.time for part in (self.current, self.level) if part is not None and part.time is not None]

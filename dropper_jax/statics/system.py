@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -245,6 +245,20 @@ CONTINUED = 12
 IMPROVED = 0.5
 
 
+class _Descent(NamedTuple):
+    """A configuration and its scaled unbalanced force, the next kappa, how many successive ones were within the
+    tolerance, the number of corrections, the force of the guess, and the best configuration with its force."""
+
+    s: State
+    size: jax.Array
+    kappa: jax.Array
+    reached: jax.Array
+    count: jax.Array
+    first: jax.Array
+    best: State
+    least: jax.Array
+
+
 @cached_jit(static=("rounds",))
 def descend(
     model: Model, s: State, loads: jax.Array, tolerance: jax.Array | float, kappa: jax.Array, rounds: int
@@ -258,24 +272,25 @@ def descend(
     s = balanced(model, s, loads)
     never = jnp.full((), jnp.inf, model.dtype)
 
-    def needs_correction(carry: tuple[Any, ...]) -> jax.Array:
-        _, size, _, reached, count, first, (_, least) = carry
-        hopeless = (count > HOPELESS) & ~(least < first)
-        return (reached < 2) & (count < rounds) & (jnp.isfinite(size) | (count == 0)) & ~hopeless
+    def needs_correction(now: _Descent) -> jax.Array:
+        hopeless = (now.count > HOPELESS) & ~(now.least < now.first)
+        unfinished = (now.reached < 2) & (now.count < rounds)
+        return unfinished & (jnp.isfinite(now.size) | (now.count == 0)) & ~hopeless
 
-    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        s, _, kappa, reached, count, first, (best, least) = carry
+    def correct(now: _Descent) -> _Descent:
+        s, _, kappa, reached, count, first, best, least = now
         s, size, before, kappa = correct_pose(moves, s, loads, kappa)
         size = size / scale
         # the guess is evaluated here, by its first correction, so that the program contains the rows once less
         first = jnp.where(count == 0, before / scale, first)
         least = jnp.where(count == 0, before / scale, least)
-        best = jax.tree.map(lambda new, old: jnp.where(size < least, new, old), (s, size), (best, least))
-        return s, size, kappa, jnp.where(size <= tolerance, reached + 1, 0), count + 1, first, best
+        best, least = jax.tree.map(lambda new, old: jnp.where(size < least, new, old), (s, size), (best, least))
+        return _Descent(s, size, kappa, jnp.where(size <= tolerance, reached + 1, 0), count + 1, first, best, least)
 
     none = jnp.zeros((), jnp.int32)
-    start = s, never, jnp.asarray(kappa, s.r.dtype), none, none, never, (s, never)
-    return jax.lax.while_loop(needs_correction, correct, start)[-1]
+    start = _Descent(s, never, jnp.asarray(kappa, s.r.dtype), none, none, never, s, never)
+    end = jax.lax.while_loop(needs_correction, correct, start)
+    return end.best, end.least
 
 
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:

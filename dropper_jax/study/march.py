@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
-from dropper_jax.stepping.integrate import begin, empty_rows, next_progress, scan_steps
+from dropper_jax.stepping.integrate import Progress, begin, empty_rows, next_progress, scan_steps
 from dropper_jax.stepping.stepper import make_stepper
 
 #: Schemes with a weight gamma, and the default weights of a comparison.
@@ -169,6 +169,16 @@ class Marched(NamedTuple):
     path: jax.Array
 
 
+class _SoFar(NamedTuple):
+    """Of a run: its last step, tensions of the first step since the saved row, and `Marched`'s values up to now."""
+
+    progress: Progress
+    first: jax.Array
+    worst: jax.Array
+    retried: jax.Array
+    path: jax.Array
+
+
 @cached_jit(static=("stepper", "capacity"), kernel=True)
 def march(
     stepper: Stepper,
@@ -185,24 +195,23 @@ def march(
     """
     dt = jnp.asarray(dt, model.dtype)
 
-    def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        progress, first, worst, retried, path = carry
-        after, taken = next_progress(stepper, model, progress, dt)
-        path = path + jnp.sum((after.state.r - progress.state.r) ** 2) / dt
-        first = jnp.where(i == 0, after.state.tension, first)
-        return after, first, jnp.maximum(worst, taken.row), retried + taken.retried, path
+    def one(i: jax.Array, so_far: _SoFar) -> _SoFar:
+        after, taken = next_progress(stepper, model, so_far.progress, dt)
+        path = so_far.path + jnp.sum((after.state.r - so_far.progress.state.r) ** 2) / dt
+        first = jnp.where(i == 0, after.state.tension, so_far.first)
+        return _SoFar(after, first, jnp.maximum(so_far.worst, taken.row), so_far.retried + taken.retried, path)
 
-    def row(carry: tuple[Any, ...]) -> Marched:
-        progress, first, worst, retried, path = carry
+    def row(so_far: _SoFar) -> Marched:
+        progress, first, worst, retried, path = so_far
         s = progress.state
         return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, progress.first_bad, retried, path)
 
-    def save(carry: tuple[Any, ...], _: jax.Array) -> tuple[tuple[Any, ...], Marched]:
-        carry = jax.lax.fori_loop(0, every, one, carry)
-        return carry, row(carry)
+    def save(so_far: _SoFar, _: jax.Array) -> tuple[_SoFar, Marched]:
+        so_far = jax.lax.fori_loop(0, every, one, so_far)
+        return so_far, row(so_far)
 
     zero = jnp.zeros((), model.dtype)
-    start = begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero
+    start = _SoFar(begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero)
     return scan_steps(save, start, saves, empty_rows(jax.eval_shape(row, start), capacity))[1]
 
 
@@ -294,7 +303,7 @@ def _angles(model: Model, r: Rows, grid: float) -> np.ndarray:
     return np.stack(link_angles(nodes))
 
 
-def _differences(label: str, dts: list[float], motions: list[Any], states: list[str]) -> Table:
+def _differences(label: str, dts: list[float], motions: list[np.ndarray | None], states: list[str]) -> Table:
     count = next((m.shape[-1] for m in motions if m is not None), 0)
     nothing = np.full((2, count), np.nan)
     pairs = pairwise(motions)

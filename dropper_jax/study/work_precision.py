@@ -7,7 +7,6 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -204,7 +203,7 @@ def _single(x: ArrayLike) -> ArrayLike:
     return x
 
 
-def _walls(run: Callable[[], Any], repeats: int, before: float = 0.0) -> list[float]:
+def _walls(run: Callable[[], object], repeats: int, before: float = 0.0) -> list[float]:
     """Wall times of compiled runs [s]; only a few if they are long, none if one took `before` and is long."""
     enough = 0.2  # total time [s] after which no more are run
     times = [before] if before > enough else []

@@ -10,13 +10,14 @@ import argparse
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import literal
 from dropper_jax.cli.given import output_folder
 from dropper_jax.cli.options import add_examples, add_json
-from dropper_jax.cli.outputs import PICTURES, draw
+from dropper_jax.cli.outputs import PICTURES, Output, draw
 from dropper_jax.cli.printing import FAILED, OK, print_line, progress
 from dropper_jax.cli.run import report
 from dropper_jax.cli.run_text import text
@@ -38,7 +39,7 @@ class DemoPart:
     status: str
     text: str
     markdown: str
-    values: dict[str, Any]
+    values: Table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,12 +48,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "demo",
         "demo --out my-demo --json",
     )
-    parser.add_argument("--out", default="demo", metavar="DIR", help="folder for the results (default: demo)")
+    about = "folder for the results (default: demo)"
+    default = Path("demo")
+    parser.add_argument("--out", action=Output, const=output_folder, default=default, metavar="DIR", help=about)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    folder = output_folder(args.out, "--out") or Path()
+    folder: Path = args.out
     folder.mkdir(parents=True, exist_ok=True)
 
     from dropper_jax import plots

@@ -12,9 +12,7 @@ from dropper_jax.base.errors import SceneError
 AUTO = "auto"
 
 
-def output_file(
-    text: str | Path | None, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()
-) -> Path | None:
+def output_file(text: str | None, option: str, suffixes: tuple[str, ...], folders: tuple[str, ...] = ()) -> Path | None:
     """A file to write; a wrong suffix or folder is rejected early. `folders` are suffixes of folders."""
     if text is None:
         return None
@@ -28,7 +26,7 @@ def output_file(
     return path
 
 
-def output_folder(text: str | Path | None, option: str) -> Path | None:
+def output_folder(text: str | None, option: str) -> Path | None:
     """A folder to write to, which need not exist; a file is rejected before the work starts."""
     if text is None:
         return None
@@ -76,7 +74,7 @@ def read_numbers(
 def read_spaced(text: str, option: str, reason: str, given: str | None = None) -> tuple[float, float, int]:
     """Ends and whole number, at least 1, of values of `LO:HI:N`."""
     low, high, count = read_numbers(text, option, reason, ":", 3, given)
-    if not count.is_integer() or count < 1:
+    if count % 1.0 != 0.0 or count < 1:
         raise SceneError(f"{option}: {(text if given is None else given)!r} {reason}")
     return low, high, int(count)
 

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     if args.amplitude is not None:
         ratio = damping_at(model, pose.state, modes, args.amplitude)
         found |= {"amplitude_m": args.amplitude, "damping_ratio_at_amplitude": ratio}
-    if modes.bodies is not None:
+    if scene.bodies:
         found["bodies"] = {body.name: modes.bodies[:, i] for i, body in enumerate(scene.bodies)}
         found["body_share"] = {body.name: modes.body_share[:, i] for i, body in enumerate(scene.bodies)}
     return deliver(args, done_object(scene=scene.name, **found), _text(scene, modes, found))
@@ -109,9 +109,9 @@ def _text(scene: Scene, modes: Modes, found: Table) -> str:
                 "  ".join(cells(share, ".2f")),
             )
         )
-    if modes.bodies is None:
-        return table(rows)
-    return f"{table(rows)}\n{_bodies(scene, modes, found['number'])}"
+    if scene.bodies:
+        return f"{table(rows)}\n{_bodies(scene, modes, found['number'])}"
+    return table(rows)
 
 
 def _bodies(scene: Scene, modes: Modes, numbers: np.ndarray) -> str:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from importlib import resources
+from pathlib import Path
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import atomic_write
 from dropper_jax.cli.given import output_file
 from dropper_jax.cli.options import add_examples, add_json
+from dropper_jax.cli.outputs import Output
 from dropper_jax.cli.printing import done_object, print_result
 
 help = "write a commented scene to edit: a lab dropper, a longline in a storm, a farm with parameters, growing mussels"
@@ -20,15 +23,16 @@ KINDS = {"lab": "", "longline": "--accuracy 0.01 ", "farm": "", "mussels": ""}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_examples(parser, "new lab my-dropper.toml", "new longline my-longline.toml")
     parser.add_argument("kind", choices=KINDS, metavar="KIND", help=f"what the scene describes: {', '.join(KINDS)}")
-    parser.add_argument("file", metavar="FILE", help="the new file, .toml")
+    check = partial(output_file, suffixes=(".toml",))
+    parser.add_argument("file", action=Output, const=check, metavar="FILE", help="the new file, .toml")
     parser.add_argument("--force", action="store_true", help="replace an existing file")
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    file = output_file(args.file, "FILE", (".toml",))
+    file: Path = args.file
     if file.exists() and not args.force:
-        raise SceneError(f"FILE: {args.file!r} exists. Use another name, or --force to replace it")
+        raise SceneError(f"FILE: {str(file)!r} exists. Use another name, or --force to replace it")
     atomic_write(file, template(args.kind))
     found = done_object(kind=args.kind, file=str(file))
     first_run = f"dropper run {file} {KINDS[args.kind]}--plot pictures"

@@ -6,11 +6,11 @@ import argparse
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError, unreadable
 from dropper_jax.base.files import leftovers, references_of, refuse_pipe
-from dropper_jax.base.read import Table
+from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.cli.given import AUTO, number, step_length
 from dropper_jax.cli.printing import print_line, print_warnings
@@ -151,7 +151,7 @@ def assignments(texts: list[str]) -> Table:
     return dict(map(_assignment, texts))
 
 
-def _assignment(text: str) -> tuple[str, Any]:
+def _assignment(text: str) -> tuple[str, Plain]:
     """Path and value of `KEY=VALUE`; the value is read as TOML, or as plain text if it is not valid TOML."""
     path, equals, value = text.partition("=")
     if not equals or not path.strip():

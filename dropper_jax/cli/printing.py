@@ -9,7 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Protocol
 
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import Table
@@ -93,7 +93,7 @@ def with_failure(found: Table, failure: Failure | None) -> Table:
     return {**found, **failure_object(*failure)}
 
 
-def done_object(**values: Any) -> Table:
+def done_object(**values: object) -> Table:
     """The JSON object of a successful command."""
     return {"schema": SCHEMA, "status": "ok", **values}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dropper_jax.base.read import Table
 from dropper_jax.cli.outputs import (
@@ -163,7 +163,7 @@ def _extent_cells(values: Mapping[str, float], mean: bool = True) -> list[str]:
     return [newtons("min"), seconds("min_s"), middle, newtons("max"), seconds("max_s"), final]
 
 
-def most_loaded(parts: Mapping[str, Any], size: Callable[[Any], float]) -> set[str]:
+def most_loaded(parts: Mapping[str, Table], size: Callable[[Table], float]) -> set[str]:
     """Names of the `MOST_LINES` largest parts."""
     return set(sorted(parts, key=lambda name: -size(parts[name]))[:MOST_LINES])
 

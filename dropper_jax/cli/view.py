@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
+from pathlib import Path
 
 from dropper_jax.cli.given import output_file
 from dropper_jax.cli.options import add_effects, add_examples, add_json, read_run
+from dropper_jax.cli.outputs import Output
 from dropper_jax.cli.printing import done_object, print_result
 
 help = "make an interactive 3D page of a saved run"
@@ -19,14 +22,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("run_file", metavar="RUN", help="file written by `dropper run --out`, .npz or .nc")
     parser.add_argument("other", metavar="RUN", nargs="?", help="a second run, shown side by side")
-    parser.add_argument("--out", required=True, metavar="FILE.html", help="the page, which works offline")
+    check = partial(output_file, suffixes=(".html", ".htm"))
+    about = "the page, which works offline"
+    parser.add_argument("--out", required=True, action=Output, const=check, metavar="FILE.html", help=about)
     add_effects(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    out = output_file(args.out, "--out", (".html", ".htm"))
-
+    out: Path = args.out
     solution = read_run(args.run_file, args)
     other = None
     if args.other is not None:

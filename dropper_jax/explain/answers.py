@@ -134,8 +134,6 @@ def explain(scene: Scene, pose: Equilibrium) -> Explained:
     """
     refuse_rigid(scene)
     state = pose.state
-    if state is None:
-        raise SceneError(f"explain: {pose.message}")
     positions = np.asarray(pose.positions)
     closed = {}
     facts = []

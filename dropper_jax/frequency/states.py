@@ -235,7 +235,7 @@ BASIS_SHARE = 1e-4
 def _basis_motions(still: Model, linear: LinearMotion, shapes: np.ndarray, omega: np.ndarray) -> np.ndarray:
     """Motions (m, free, 3) that span displacements (k, free, 3): orthonormal in the sum of kinetic energies and squared
     changes of tension over their stiffness."""
-    moved, tension = _sizes(still, linear, shapes)
+    moved, tension = _sizes(still, linear, jnp.asarray(shapes))
     size = np.concatenate([np.mean(omega) * np.asarray(moved), np.asarray(tension)], axis=1).T
     scale = np.maximum(np.linalg.norm(size, axis=0), 1e-300)
     _, values, right = np.linalg.svd(size / scale, full_matrices=False)

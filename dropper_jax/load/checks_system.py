@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
-from dropper_jax.base.read import refuse, short_text
+from dropper_jax.base.read import Values, refuse, short_text
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.checks_water import bed_height, check_growth, check_water
 from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, point_named
@@ -16,7 +17,9 @@ AT_LEAST_2 = "allowed: a whole number >= 2"
 
 
 @raises_first
-def check_names(section: str, items: Sequence[PointSpec | LineSpec | BuoySpec]) -> Iterator[Check]:
+def check_names(
+    section: str, items: Sequence[PointSpec | LineSpec | BuoySpec | BodySpec | VesselSpec]
+) -> Iterator[Check]:
     """Check that every item of a section has a unique name."""
     names = [item.name for item in items]
     for i, name in enumerate(names):
@@ -165,24 +168,24 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> Iterator
     Nodes may be as deep in the seabed as the line is thick: a configuration taken from a run has a small penetration.
     """
     positions = np.array([point.position for point in scene.points])
+    for i, bed in _below_bed(scene, positions, BELOW_BED):
+        z = positions[i, 2]
+        yield True, f"point.{i}.position: z = {z:g} m is below the seabed; allowed: >= {bed:g} m at its x and y"
+    diameter = scene.lines[0].diameter
+    if pose is not None and diameter is not None:
+        path, nodes = pose
+        for i, bed in _below_bed(scene, nodes, float(np.max(diameter))):
+            z = nodes[i, 2]
+            yield True, f"{path}: node {i} is at z = {z:g} m, below the seabed; allowed: >= {bed:g} m at its x and y"
+
+
+def _below_bed(scene: SceneData, positions: np.ndarray, margin: float) -> Iterator[tuple[int, float]]:
+    """Positions (n, 3) [m] deeper in the seabed than a margin [m]: their index, and the height of the seabed [m]."""
     bed = bed_height(scene, positions)
     if bed is None:
         return
-    for i in np.flatnonzero(positions[:, 2] < bed - BELOW_BED):
-        yield (
-            True,
-            f"point.{i}.position: z = {positions[i, 2]:g} m is below the seabed; allowed: >= {bed[i]:g} m at its x "
-            "and y",
-        )
-    if pose is not None:
-        path, nodes = pose
-        bed = bed_height(scene, nodes)
-        for i in np.flatnonzero(nodes[:, 2] < bed - np.max(scene.lines[0].diameter)):
-            yield (
-                True,
-                f"{path}: node {i} is at z = {nodes[i, 2]:g} m, below the seabed; allowed: >= {bed[i]:g} m at its x "
-                "and y",
-            )
+    for i in np.flatnonzero(positions[:, 2] < bed - margin):
+        yield int(i), float(bed[i])
 
 
 #: Starting speed [m/s] that counts as rest.
@@ -203,7 +206,7 @@ def motion_warnings(scene: SceneData) -> tuple[str, ...]:
     )
 
 
-def _first_speed(motion: dict[str, object]) -> float:
+def _first_speed(motion: Values) -> float:
     if motion["time"] is not None:
         time = np.asarray(motion["time"], float)
         rows = np.asarray(motion["displacement"], float)
@@ -247,6 +250,7 @@ def attached_points(
     check_names("body", bodies)
     check_names("vessel", vessels)
     found = list(points)
+    carriers: list[tuple[str, str, BodySpec | VesselSpec]]
     carriers = [(f"body.{i}", "free", body) for i, body in enumerate(bodies)]
     carriers += [(f"vessel.{i}", "fixed", vessel) for i, vessel in enumerate(vessels)]
     for path, kind, body in carriers:
@@ -287,12 +291,16 @@ def _check_bodies(scene: SceneData) -> Iterator[Check]:
 
 def body_warnings(scene: SceneData) -> tuple[str, ...]:
     """A warning for each body with attachments away from its shapes: they may be arms of a platform, or a mistake."""
-    outside = [(body, away) for body in scene.bodies if (away := body.outside())]
-    return tuple(
-        f"body {body.name!r}: {len(away)} attachments are outside its cylinders and spheres, "
-        f"{max(away, key=away.get)!r} by {max(away.values()):.3g} m; they move with it as if on massless arms"
-        for body, away in outside
-    )
+    found = []
+    for body in scene.bodies:
+        away = body.outside()
+        if away:
+            name, distance = max(away.items(), key=itemgetter(1))
+            found.append(
+                f"body {body.name!r}: {len(away)} attachments are outside its cylinders and spheres, "
+                f"{name!r} by {distance:.3g} m; they move with it as if on massless arms"
+            )
+    return tuple(found)
 
 
 def check_changing_lengths_until(scene: SceneData, end: float) -> None:

@@ -11,13 +11,14 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Check, raises_first
-from dropper_jax.effects import EFFECTS
+from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.effects.buoyancy import displaced_diameter, drag_diameter
+from dropper_jax.effects.seabed import Seabed
 from dropper_jax.scene import SceneData
-from dropper_jax.sea import Sea
+from dropper_jax.sea import Current, Sea
 from dropper_jax.sea.interpolated import BoundWaves
 from dropper_jax.sea.make import make_sea
+from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
 
 NEEDS_WATER = "needs water, but the scene has no [sea]; needed: [sea] with `depth`"
@@ -31,7 +32,9 @@ SHALLOW_HEIGHT = 0.6
 @raises_first
 def check_water(effect: str, scene: SceneData) -> Iterator[Check]:
     """Check that an effect of the water has a sea, a diameter, and fixed points above the seabed."""
-    yield scene.sea is None, f"effects.{effect}: {NEEDS_WATER}"
+    sea = scene.sea
+    if sea is None:
+        raise SceneError(f"effects.{effect}: {NEEDS_WATER}")
     yield (
         effect in ("morison_drag", "morison_inertia", "thesis_wave_force")
         and displaced_diameter(scene.line, scene) is None,
@@ -39,7 +42,7 @@ def check_water(effect: str, scene: SceneData) -> Iterator[Check]:
     )
     if scene.effects.get("seabed", {}).get("bed_x") is not None:
         return  # a sloping seabed has a different depth everywhere, see `check_bed`
-    lowest = -scene.sea.depth
+    lowest = -sea.depth
     for i, point in enumerate(scene.points):
         z = point.position[2]
         yield (
@@ -79,11 +82,12 @@ def check_growth(scene: SceneData) -> Iterator[Check]:
 
 def sea_warnings(scene: SceneData, sea: Sea) -> tuple[str, ...]:
     """Warnings about the sea, one line each; `sea` is the result of `make_sea`."""
-    if scene.sea is None:
+    spec = scene.sea
+    if spec is None:
         return ()
-    found = [*_reach(scene), *_check_shelter(scene)]
+    found = [*_reach(scene, spec.depth), *_check_shelter(scene, spec.current)]
     if sea.waves is not None:
-        found += [*_breaking(scene, sea), *_repetition(scene, sea), *_slenderness(scene, sea), *_interpolation(sea)]
+        found += [*_breaking(spec, sea), *_repetition(scene, sea), *_slenderness(scene, sea), *_interpolation(sea)]
     return tuple(found)
 
 
@@ -102,9 +106,8 @@ def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
     return first.position, line.total
 
 
-def _reach(scene: SceneData) -> Iterator[str]:
+def _reach(scene: SceneData, depth: float) -> Iterator[str]:
     """A warning if a line can hang below the seabed because the scene has no seabed effect."""
-    depth = scene.sea.depth
     middle, radius = line_reach(scene)
     low = middle[2] - radius
     if "seabed" not in scene.effects and low < -depth:
@@ -114,10 +117,9 @@ def _reach(scene: SceneData) -> Iterator[str]:
         )
 
 
-def _check_shelter(scene: SceneData) -> Iterator[str]:
+def _check_shelter(scene: SceneData, current: Current | None) -> Iterator[str]:
     """A warning for shelter factors if the current comes from another direction, because they do not turn with it."""
     factor = scene.effects.get("morison_drag", {}).get("shelter")
-    current = scene.sea.current
     if factor is None or current is None or not np.ndim(factor):
         return
     starts = np.cumsum([0, *(line.links for line in scene.lines)])[:-1]
@@ -147,10 +149,10 @@ def _middle(scene: SceneData, index: int) -> np.ndarray:
 MICHE = 0.142
 
 
-def _breaking(scene: SceneData, sea: Sea) -> Iterator[str]:
+def _breaking(spec: SeaSpec, sea: Sea) -> Iterator[str]:
     """A warning for waves that are too steep: single ones, or the significant height at the mean energy frequency."""
     if sea.waves.bound:
-        yield from _finite(scene, sea.waves)
+        yield from _finite(spec.depth, sea.waves)
         return
     amplitude = np.asarray(sea.waves.amplitude, float)
     k = np.asarray(sea.waves.wave_number, float)
@@ -161,10 +163,10 @@ def _breaking(scene: SceneData, sea: Sea) -> Iterator[str]:
         height = 4.0 * np.sqrt(0.5 * np.sum(amplitude**2))
         what = "significant wave height"
         number = k[int(np.argmin(np.abs(np.asarray(sea.waves.omega) - _mean_frequency(sea))))]
-    share = height / scene.sea.depth
-    limit = MICHE * 2 * np.pi / number * np.tanh(number * scene.sea.depth)
+    share = height / spec.depth
+    limit = MICHE * 2 * np.pi / number * np.tanh(number * spec.depth)
     tz = mean_period(sea)
-    steepest = steepest_sea(tz, scene.sea.gravity)
+    steepest = steepest_sea(tz, spec.gravity)
     if amplitude.size > 1 and share > SHALLOW_HEIGHT:
         yield f"sea.waves: {what} {height:.4g} m is {share:.2g} of the depth; waves break beyond {SHALLOW_HEIGHT:g}"
     elif height > limit:
@@ -195,11 +197,10 @@ def steepest_sea(tz: float, gravity: float) -> float:
 NEARLY_BREAKING = 0.9
 
 
-def _finite(scene: SceneData, waves: BoundWaves) -> Iterator[str]:
+def _finite(depth: float, waves: BoundWaves) -> Iterator[str]:
     """A warning for a wave of finite height close to breaking (higher ones are rejected), or outside its theory."""
     height = float(waves.height)
     length = float(waves.shortest)
-    depth = scene.sea.depth
     limit = highest(length, depth)
     if height > NEARLY_BREAKING * limit:
         yield f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m"
@@ -341,10 +342,9 @@ def bed_height(scene: SceneData, positions: np.ndarray) -> np.ndarray | None:
         return None
     values = scene.effects["seabed"]
     if values["bed_x"] is None:
-        if values["depth"] is not None:
-            depth = values["depth"]
-        else:
+        depth = values["depth"]
+        if depth is None and scene.sea is not None:
             depth = scene.sea.depth
         return np.full(positions.shape[:-1], -float(depth))
-    bed = EFFECTS["seabed"].build(values, scene)
+    bed = Seabed.build(values, scene)
     return np.asarray(bed.bed_height(positions.reshape(-1, 3), rounded=0.0)).reshape(positions.shape[:-1])

@@ -60,7 +60,7 @@ def evaluate(text: str, names: Mapping[str, Number], path: str) -> Number:
 
 def _value(node: ast.expr, names: Mapping[str, Number], path: str) -> Number:
     match node:
-        case ast.Constant(value=number) if type(number) in (int, float):
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
             return number
         case ast.Name(id=name) if name in names:
             return names[name]

@@ -12,9 +12,8 @@ A line with attached points is split into one line per piece, named `NAME-1`, `N
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -97,19 +96,22 @@ class LineType:
     @property
     def table(self) -> ForceTable | None:
         """The table of a tabulated type."""
-        if self.strain is None:
+        if self.strain is None or self.tension is None:
             return None
         return ForceTable(self.strain, self.tension)
 
-    def internal_damping(self, link: float) -> float:
-        """BA [N s] of links of this length [m]: as given, or `ratio * link * sqrt(EA m)`, m per metre (as MoorDyn).
+    @property
+    def stiffness(self) -> float:
+        """EA [N], of a table its maximum slope; zero of a rigid type."""
+        if self.table is not None:
+            return self.table.stiffness
+        return self.EA or 0.0
 
-        For a table, EA is its maximum slope.
-        """
+    def internal_damping(self, link: float) -> float:
+        """BA [N s] of links of this length [m]: as given, or `ratio * link * sqrt(EA m)`, m per metre (as MoorDyn)."""
         if self.damping is not None:
             return self.damping
-        stiffness = self.EA if self.table is None else self.table.stiffness
-        return (self.damping_ratio or 0.0) * link * float(np.sqrt(stiffness * self.mass))
+        return (self.damping_ratio or 0.0) * link * float(np.sqrt(self.stiffness * self.mass))
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
@@ -255,7 +257,7 @@ def _read_position(value: Plain) -> np.ndarray | None:
         return None
 
 
-def _split(line: Table, path: str, sections: list[Section], points: list[Any]) -> list[tuple[Table, list[Section]]]:
+def _split(line: Table, path: str, sections: list[Section], points: list[Plain]) -> list[tuple[Table, list[Section]]]:
     """The pieces between attached points. A point that the scene does not have is created, free, on the straight
     line."""
     attached = line.pop("attach", None)
@@ -309,7 +311,7 @@ def _between(sections: list[Section], low: float, high: float) -> list[Section]:
     return found
 
 
-def _each(sections: list[Section], value: Plain) -> list[float]:
+def _each(sections: list[Section], value: Callable[[Section], float]) -> list[float]:
     return [float(value(s)) for s in sections for _ in range(s.links)]
 
 
@@ -322,13 +324,13 @@ def _axial(sections: list[Section], path: str) -> Table:
         raise SceneError(f"{path}.sections: the types have different axial laws; allowed: one law per line")
     damping = _each(sections, lambda s: s.type.internal_damping(s.length / s.links))
     if "tabulated" in laws:
-        tables = [s.type.table or ForceTable.straight(s.type.EA) for s in sections for _ in range(s.links)]
+        tables = [s.type.table or ForceTable.straight(s.type.stiffness) for s in sections for _ in range(s.links)]
         return {"law": "tabulated", **tables_of(tables), "damping": damping}
     links = [s.type.constants for s in sections for _ in range(s.links)]
     own = {}
     for key in links[0]:
         own[key] = [float(each[key]) for each in links]
-    return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.EA), "damping": damping, **own}
+    return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.stiffness), "damping": damping, **own}
 
 
 def _per_link(sections: list[Section], path: str) -> Table:
@@ -347,11 +349,11 @@ def _per_link(sections: list[Section], path: str) -> Table:
     return found
 
 
-def _with_coefficients(effects: Plain, used: list[list[Section]]) -> Plain:
+def _with_coefficients(given: Plain, used: list[list[Section]]) -> Table:
     """Effects with the coefficients of the line types if the scene omits them."""
-    if not isinstance(effects, Mapping):
-        return effects
-    effects = {name: dict(values) if isinstance(values, Mapping) else values for name, values in effects.items()}
+    effects = {}
+    for name, values in read_table(given, "effects").items():
+        effects[name] = dict(values) if isinstance(values, Mapping) else values
     sections = [s for part in used for s in part]
     stiff = [s.type.name for s in sections if s.type.EI]
     if stiff and "bending" not in effects:

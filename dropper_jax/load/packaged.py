@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.files import refuse_pipe
-from dropper_jax.base.read import Table, Values
+from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.decks.reading.sections import looks_like_moordyn
 from dropper_jax.load.variants import VARIANTS
@@ -70,9 +70,9 @@ def packaged_scene(name: str) -> Table:
         SceneError: a farm size that does not exist.
         KeyError: not `is_packaged`.
     """
-    if is_farm(name):
-        return farm_table(name, parse_toml(_files()[FARM].read_bytes(), f"{FARM}.toml"))
     files = _files()
+    if farm := FARM_NAME.fullmatch(name):
+        return _farm_table(name, farm[1], parse_toml(files[FARM].read_bytes(), f"{FARM}.toml"))
     if name in files:
         return parse_toml(files[name].read_bytes(), f"{name}.toml")
     file, make = next(
@@ -86,15 +86,14 @@ def is_farm(name: str) -> bool:
     return FARM_NAME.fullmatch(name) is not None
 
 
-def farm_table(name: str, table: Values) -> Table:
-    """Plain values of `dropper-farm-K` from those of `dropper-farm`.
+def _farm_table(name: str, digits: str | None, table: Table) -> Table:
+    """Plain values of `dropper-farm-K` from those of `dropper-farm`; `digits` are K.
 
     Raises:
         SceneError: K out of range.
     """
-    digits = FARM_NAME.fullmatch(name).group(1)
     if digits is None:
-        return dict(table)
+        return table
     droppers = int(digits)
     if not 1 <= droppers <= MOST_DROPPERS:
         raise SceneError(

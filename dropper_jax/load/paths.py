@@ -17,7 +17,7 @@ from typing import Any
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, plain, section_keys
+from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, read_list, section_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand, law_constants
@@ -160,7 +160,9 @@ def _steps(table: Values, pattern: str, keys: Iterable[str] | None = None) -> di
     return {join(path, key): (*to, key) for path, to, own in tables for key in (own if keys is None else keys)}
 
 
-def _tables(table: Branch, words: list[str], path: str = "", to: Steps = ()) -> Iterator[tuple[str, Steps, Branch]]:
+def _tables(
+    table: Values | list[Any], words: list[str], path: str = "", to: Steps = ()
+) -> Iterator[tuple[str, Steps, Values | list[Any]]]:
     """Path, steps and value of every table at the words of a pattern; items of lists by number and by name."""
     if not words:
         yield path, to, table
@@ -294,7 +296,9 @@ class Written:
             for key, effect in {**COEFFICIENTS, "shelter": "morison_drag", "EI": "bending"}.items()
             if key in expanded["effects"].get(effect, {}) and key not in effects.get(effect, {})
         )
-        return cls(plain(table["line_type"]), plain(table["line"]), made, taken)
+        line_types = read_list(table["line_type"], "line_type", None, "a list of tables")
+        lines = read_list(table["line"], "line", None, "a list of tables")
+        return cls(line_types, lines, made, taken)
 
     def table(self, expanded: Values, keep_points: bool = False) -> Table:
         """Plain values of the scene in its original form, from those with one value per link."""

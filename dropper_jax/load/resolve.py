@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import (
@@ -133,9 +133,9 @@ def _points(items: Plain, path: str) -> Plain:
 
 
 def _point(item: Plain, path: str) -> Plain:
-    name = None
-    if isinstance(item, Mapping):
-        name = item.get("type")
+    if not isinstance(item, Mapping):
+        return item
+    name = item.get("type")
     if not isinstance(name, str) or not name.startswith(PREFIX):
         return item
     values = _part_for(path, name, "point", "points", "a float, such as library:float-0.2")
@@ -154,7 +154,7 @@ def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> Tab
     return values
 
 
-def _tables(items: Plain) -> list[Any]:
+def _tables(items: Plain) -> list[Values]:
     """The tables of a list; entries that are not tables are rejected later, with their names."""
     if isinstance(items, list):
         return [item for item in items if isinstance(item, Mapping)]

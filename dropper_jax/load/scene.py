@@ -75,10 +75,10 @@ def given_pose(scene: SceneData) -> tuple[str, np.ndarray] | None:
     """The path of a given start of one line, and its nodes (n + 1, 3) [m]; None for a static start."""
     line = scene.lines[0]
     start = scene.start
-    if start.is_static:
-        return None
-    if start.kind == "positions":
+    if start.positions is not None:
         return "start.positions", start.positions
+    if start.polar is None or start.azimuth is None or start.zero is None:
+        return None
     steps = line.length[:, None] * directions(start.polar, start.azimuth, start.zero)
     first = scene.point(line.start).position
     return "start.polar", first + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
@@ -93,21 +93,26 @@ def closed_start(scene: SceneData) -> StartSpec:
     line = scene.lines[0]
     start = scene.start
     end = scene.point(line.end)
-    if start.kind != "angles" or end.is_free:
+    polar = start.polar
+    azimuth = start.azimuth
+    zero = start.zero
+    if polar is None or azimuth is None or zero is None or end.is_free:
         return start
     span = end.position - scene.point(line.start).position
-    missing = lambda s: span - line.length @ directions(s.polar, s.azimuth, s.zero)  # noqa: E731
-    if not POSE_TOLERANCE * line.total < np.linalg.norm(missing(start)) <= CLOSED_TOLERANCE * line.total:
+    missing = span - line.length @ directions(polar, azimuth, zero)
+    if not POSE_TOLERANCE * line.total < np.linalg.norm(missing) <= CLOSED_TOLERANCE * line.total:
         return start
     # Newton steps that close angles; starting from a mismatch of `CLOSED_TOLERANCE`, two reach rounding error
     for _ in range(4):
         # a quarter turn further is the derivative of a direction with respect to its azimuth, without z
-        by_polar = directions(start.polar + np.pi / 2, start.azimuth, start.zero)
-        by_azimuth = directions(start.polar, start.azimuth + np.pi / 2, start.zero) * [1.0, 1.0, 0.0]
+        by_polar = directions(polar + np.pi / 2, azimuth, zero)
+        by_azimuth = directions(polar, azimuth + np.pi / 2, zero) * [1.0, 1.0, 0.0]
         slope = np.concatenate([line.length[:, None] * by_polar, line.length[:, None] * by_azimuth])
-        polar, azimuth = np.split(np.linalg.lstsq(slope.T, missing(start), rcond=1e-9)[0], 2)
-        start = dataclasses.replace(start, polar=start.polar + polar, azimuth=start.azimuth + azimuth)
-    return start
+        change = np.split(np.linalg.lstsq(slope.T, missing, rcond=1e-9)[0], 2)
+        polar = polar + change[0]
+        azimuth = azimuth + change[1]
+        missing = span - line.length @ directions(polar, azimuth, zero)
+    return dataclasses.replace(start, polar=polar, azimuth=azimuth)
 
 
 @raises_first
@@ -136,12 +141,15 @@ def check_system_pose(scene: SceneData) -> None:
     Raises:
         SceneError: bodies, or positions that disagree with points, with links, or with each other.
     """
+    positions = scene.start.positions
+    if positions is None:
+        return
     if scene.bodies:
         raise SceneError("start.kind: 'positions' gives nodes of lines only; allowed: in scenes without bodies")
     rows = rows_of_pieces(scene.lines)
     found: dict[str, tuple[int, np.ndarray]] = {}
     for line, where in sliced_lines(scene):
-        nodes = scene.start.positions[where.nodes]
+        nodes = positions[where.nodes]
         path = f"start.positions: line {line.name!r}"
         check_pose(scene, line, path, nodes, int(rows[where.nodes.start]))
         sizes = np.linalg.norm(np.diff(nodes, axis=0), axis=1) / line.length
@@ -268,7 +276,7 @@ class Scene(SceneData):
         pose = None if branched else given_pose(scene)
         if pose is not None:
             check_pose(scene, scene.lines[0], *pose)
-        elif scene.start.kind == "positions":
+        else:
             check_system_pose(scene)
         check_bed(scene, pose)
         return with_suggestions(scene)
@@ -303,7 +311,7 @@ class Scene(SceneData):
         """
         values = {path: copy.deepcopy(plain(value)) for path, value in values.items()}
         if self.template is not None:
-            return self._from_template(values)
+            return self._from_template(self.template, values)
         for path in values:
             if ScenePath(path).section == "parameters":
                 raise SceneError(f"{path}: the scene has no [parameters]. Use paths of its values")
@@ -342,12 +350,12 @@ class Scene(SceneData):
             return run
         return {**choose_steps(run, {"run.dt": None}), "dt": self.run.step}
 
-    def _from_template(self, values: Values) -> Scene:
+    def _from_template(self, original: Template, values: Values) -> Scene:
         """The scene with values changed: parameters before all others, including those of earlier changes."""
         given = {path: value for path, value in values.items() if ScenePath(path).section == "parameters"}
         changes = {path: value for path, value in values.items() if path not in given}
         scene = self
-        template = self.template.with_changes(given, changes)
+        template = original.with_changes(given, changes)
         if given:
             scene = Scene.from_dict(template.table, self.name)
             changes = template.changes

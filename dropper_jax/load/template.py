@@ -35,7 +35,7 @@ import itertools
 import math
 import re
 from collections import ChainMap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -44,6 +44,7 @@ from dropper_jax.base.read import (
     Table,
     Values,
     check_keys,
+    join,
     read_integer,
     read_list,
     read_number,
@@ -67,23 +68,23 @@ BRACES = re.compile(r"\{([^{}]*)\}")
 class Names(ChainMap[str, Any]):
     """Numbers by name: counters of the enclosing repetitions, then, in the last map, parameters evaluated on demand."""
 
-    def __init__(self, *maps: Values) -> None:
+    def __init__(self, *maps: Table) -> None:
         super().__init__(*maps)
         self._open: list[str] = []
 
-    def __getitem__(self, name: str) -> Number:
-        value = super().__getitem__(name)
-        path = f"parameters.{name}"
+    def __getitem__(self, key: str) -> Number:
+        value = super().__getitem__(key)
+        path = f"parameters.{key}"
         if not isinstance(value, str):
             read_number(value, path, {})
             return value
-        if name in self._open:
-            raise SceneError(f"{path}: circular reference: {' -> '.join([*self._open, name])}")
-        self._open.append(name)
+        if key in self._open:
+            raise SceneError(f"{path}: circular reference: {' -> '.join([*self._open, key])}")
+        self._open.append(key)
         try:
             return evaluate(value.lstrip().removeprefix("="), self, path)
         finally:
-            self._open.remove(name)
+            self._open.remove(key)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,8 +130,8 @@ class Template:
         names = Names(self._parameters())
         return names[_parameter_name(path, names)]
 
-    def _parameters(self) -> Values:
-        parameters = read_table(self.table.get("parameters", {}), "parameters")
+    def _parameters(self) -> Table:
+        parameters = dict(read_table(self.table.get("parameters", {}), "parameters"))
         for name in parameters:
             if not NAME.match(name):
                 raise SceneError(
@@ -144,8 +145,8 @@ class Template:
         for name in names:  # all of them, used or not
             names[name]
         types = evaluate_values(self.table.get("point_type", []), names, "point_type")
-        found = {key: value for key, value in self.table.items() if key not in (*TEMPLATE_KEYS, *REPEATED)}
-        found = evaluate_values(found, names, "")
+        rest = {key: value for key, value in self.table.items() if key not in (*TEMPLATE_KEYS, *REPEATED)}
+        found = evaluate_table(rest, names, "")
         for section in REPEATED:
             items = _items(self.table, section, names)
             if section in self.table or items:
@@ -166,7 +167,7 @@ class Template:
         for inner in _repetitions(array, path, names):
             part = {section: _items(unit, section, inner, f"unit.{kind}.") for section in UNIT}
             own = {item["name"] for item in part["point"]}
-            layout = evaluate_values(
+            layout = evaluate_table(
                 {key: array.get(key) for key in ("name", "origin", "heading", "shared")}, inner, path
             )
             prefix = read_text(layout["name"], f"{path}.name")
@@ -210,11 +211,11 @@ def _transform_point(point: Values, origin: list[float], heading: float, path: s
     return [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y, origin[2] + z]
 
 
-def _items(table: Values, section: str, names: Names, before: str = "") -> list[Any]:
+def _items(table: Values, section: str, names: Names, before: str = "") -> list[Table]:
     """Items of a section; those with `repeat` once for every combination of its counters."""
     path = f"{before}{section}"
     given = read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables")
-    found = evaluate_values(given, names, path)
+    found = evaluate_list(given, names, path)
     for i, item in enumerate(found if before else []):
         read_text(read_table(item, f"{path}.{i}").get("name"), f"{path}.{i}.name")
     return found
@@ -260,9 +261,9 @@ def evaluate_values(value: Plain, names: Names, path: str) -> Plain:
     """Plain values with all expressions evaluated."""
     match value:
         case Mapping():
-            return {key: evaluate_values(item, names, f"{path}.{key}" if path else key) for key, item in value.items()}
+            return evaluate_table(value, names, path)
         case list():
-            return [each for i, item in enumerate(value) for each in _repeat_item(item, names, f"{path}.{i}")]
+            return evaluate_list(value, names, path)
         case str() if value.lstrip().startswith("="):
             return evaluate(value.lstrip()[1:], names, path)
         case str() if not path.endswith(("description", "notes")):
@@ -270,12 +271,22 @@ def evaluate_values(value: Plain, names: Names, path: str) -> Plain:
     return value
 
 
-def _repeat_item(item: Plain, names: Names, path: str) -> Iterator[Plain]:
-    """An item of a list, once for every repetition in its `repeat`."""
-    if not isinstance(item, Mapping) or "repeat" not in item:
-        return iter([evaluate_values(item, names, path)])
-    once = {key: value for key, value in item.items() if key != "repeat"}
-    return (evaluate_values(once, inner, path) for inner in _repetitions(item, path, names))
+def evaluate_table(table: Values, names: Names, path: str) -> Table:
+    """The same of a table."""
+    return {key: evaluate_values(item, names, join(path, key)) for key, item in table.items()}
+
+
+def evaluate_list(items: Sequence[Plain], names: Names, path: str) -> list[Any]:
+    """The same of a list; an item with `repeat` once for every repetition."""
+    found = []
+    for i, item in enumerate(items):
+        own = f"{path}.{i}"
+        if not isinstance(item, Mapping) or "repeat" not in item:
+            found.append(evaluate_values(item, names, own))
+            continue
+        once = {key: value for key, value in item.items() if key != "repeat"}
+        found += [evaluate_table(once, inner, own) for inner in _repetitions(item, own, names)]
+    return found
 
 
 def _text(number: Number) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from typing import Any
 
 from dropper_jax.base.read import Table
 
@@ -23,7 +22,7 @@ RELEASES = {"-ramp": 15.0, "-ramp-14": 14.1}
 CENTRE = 1.0
 
 
-def _variant(table: Table, note: str, **sections: Any) -> Table:
+def _variant(table: Table, note: str, **sections: Table) -> Table:
     return {**table, "description": f"{table['description']} {note}", **sections}
 
 

@@ -7,17 +7,17 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from mpl_toolkits.mplot3d import proj3d
+from mpl_toolkits.mplot3d import Axes3D, proj3d
 from PIL import Image
 
 from dropper_jax.base.errors import Progress, SceneError
@@ -73,7 +73,7 @@ def animate(
             if progress is not None:
                 progress(count / len(frames), "animation")
 
-    def write(file: Any) -> None:
+    def write(file: BinaryIO) -> None:
         rest = (Image.fromarray(i).quantize(palette=stage.palette, dither=Image.Dither.NONE) for i in images())
         first = next(rest)
         first.save(file, format="GIF", save_all=True, append_images=rest, duration=delay, loop=0, optimize=False)
@@ -106,7 +106,7 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
     # ffmpeg derives the format from the suffix; the rest of the name must not be predictable
     with unfinished_folder(path) as folder:
         part = folder / "film.mp4"
-        call = [shutil.which("ffmpeg"), "-y", "-loglevel", "error", *source, *target, str(part)]
+        call = ["ffmpeg", "-y", "-loglevel", "error", *source, *target, str(part)]
         with subprocess.Popen(call, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             _feed(process, first, images)
             said = process.stderr.read().decode(errors="replace").split("\n")[0]
@@ -151,11 +151,11 @@ class _Stage:
         self.figure = style.new_figure(*view.figure_size(limits, LONGEST), layout=None)
         self.axes = _axes(self.figure, limits, flat)
         self._movers(run, flat, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
-        system.draw_bed(self.axes, run, limits, flat)
-        self.canvas = self.figure.canvas
+        system.draw_bed(self.axes, run, limits)
+        self.canvas = FigureCanvasAgg(self.figure)
         self.canvas.draw()
-        self.screen = self._project(positions, flat)
-        self._surroundings(positions, system.surface_lines(run, limits, flat, self.t[frames]), frames, flat)
+        self.screen = self._project(positions)
+        self._surroundings(positions, system.surface_lines(run, limits, flat, self.t[frames]), frames)
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
         self.palette = _palette()
 
@@ -184,23 +184,22 @@ class _Stage:
         note = f"thin line: path of {what}, last {self.trail} frames"
         self.figure.text(0.02, 0.012, note, color=style.FAINT, fontsize=7)
 
-    def _surroundings(self, positions: np.ndarray, surface: np.ndarray | None, frames: np.ndarray, flat: bool) -> None:
+    def _surroundings(self, positions: np.ndarray, surface: np.ndarray | None, frames: np.ndarray) -> None:
         """Lines of the surface, and buoys and bodies of a system, at the frames, in screen coordinates."""
         run = self.run
-        right = system.right_of(self.axes, flat)
-        self.surfaces = {} if surface is None else dict(zip(frames, self._project(surface, flat), strict=True))
+        right = system.right_of(self.axes)
+        self.surfaces = {} if surface is None else dict(zip(frames, self._project(surface), strict=True))
         self.floats = {}
         if run.buoys:
             corners = np.stack([system.outlines(run, positions[frame], right) for frame in frames])
-            self.floats = dict(zip(frames, self._project(corners, flat), strict=True))
+            self.floats = dict(zip(frames, self._project(corners), strict=True))
         if run.bodies is not None:
-            see = partial(self._project, flat=flat)
             for frame in frames:
-                self.floats[frame] = [*self.floats.get(frame, []), *run.bodies.outlines(frame, see)]
+                self.floats[frame] = [*self.floats.get(frame, []), *run.bodies.outlines(frame, self._project)]
 
-    def _project(self, positions: np.ndarray, flat: bool) -> np.ndarray:
+    def _project(self, positions: np.ndarray) -> np.ndarray:
         """Project positions (..., 3) to the plane of the axes, (..., 2)."""
-        if flat:
+        if not isinstance(self.axes, Axes3D):
             return positions[..., [0, 2]]
         x, y, _ = proj3d.proj_transform(*positions.reshape(-1, 3).T, self.axes.get_proj())
         return np.stack([x, y], axis=-1).reshape(*positions.shape[:-1], 2)
@@ -210,7 +209,7 @@ class _Stage:
         nodes = self.screen[frame]
         self.canvas.restore_region(self.background)
         self.trace.set_data(*self.screen[max(0, frame - self.trail * self.step) : frame + 1, self.traced].T)
-        self.links.set_segments(self.run.segments(nodes))
+        self.links.set_segments(list(self.run.segments(nodes)))
         self.links.set_array(self.tension[frame])
         self.nodes.set_data(*nodes.T)
         self.held.set_data(*nodes[list(self.run.fixed_nodes)].T)
@@ -239,7 +238,7 @@ def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:
     """Axes with space for the title and, on the right, for the colour bar."""
     inch = 1 / figure.get_figwidth()
     if flat:
-        axes = view.flat_axes(figure, 111, limits)
+        axes = view.flat_axes(figure, limits)
         axes.set_position((0.7 * inch, 0.13, 1 - 1.85 * inch, 0.76))
         return axes
     return view.space_axes(figure, limits, LONGEST)

@@ -141,8 +141,9 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     def draw(axes: Axes, link: int) -> None:
         curves = [Curve(name, frequency, amplitude[:, link]) for name, (frequency, amplitude) in spectra.items()]
         for index, (colour, curve) in enumerate(zip(style.CYCLE, curves, strict=False)):
-            look = {"color": colour, "lw": 1.2, "ls": DASHES if hides(curves, index) else "-"}
-            axes.plot(curve.t, np.maximum(curve.values, 0.1 * floor), label=curve.name, **look)
+            dashes = DASHES if hides(curves, index) else "-"
+            values = np.maximum(curve.values, 0.1 * floor)
+            axes.plot(curve.t, values, label=curve.name, color=colour, lw=1.2, ls=dashes)
         if uniform < 4:
             axes.text(0.5, 0.5, "too few samples", transform=axes.transAxes, ha="center", color=style.FAINT)
         axes.set_yscale("log")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -114,7 +114,7 @@ def _map(t: np.ndarray, columns: Columns, run: Run, centred: bool) -> Figure:
 MOST_NAMES = 30
 
 
-def _link_axis(axes: Axes, run: Run, letter: str = "y") -> None:
+def _link_axis(axes: Axes, run: Run, letter: Literal["x", "y"] = "y") -> None:
     """Numbers of the links; of several lines their names, each in the middle of its links, and edges between them."""
     axis = {"x": axes.xaxis, "y": axes.yaxis}[letter]
     if len(run.written_lines) == 1:
@@ -279,7 +279,7 @@ def draw_panel(
     for index, curve in enumerate(panel.curves):
         colour = curve.colour or style.CYCLE[index % len(style.CYCLE)]
         dashes = DASHES if hides(panel.curves, index) else "-"
-        t, values, low, high = _cut_curve(curve, part)
+        _, t, values, low, high, _ = _cut_curve(curve, part)
         name = curve.name or None
         if envelope is not None and len(t) > 2 * INTERVALS:
             edges, middle, least, largest = reduce_samples(t, values, low, high)
@@ -287,7 +287,7 @@ def draw_panel(
             axes.fill_between(edges, least, largest, color=colour, alpha=0.28, lw=0)
             axes.plot(edges, middle, color=colour, lw=1.1, ls=dashes, label=name)
             continue
-        if low is not None:
+        if low is not None and high is not None:
             axes.fill_between(t, low, high, color=colour, alpha=0.28, lw=0)
         axes.plot(t, values, color=colour, lw=1.0, ls=dashes, marker=style.marker(t), ms=4, label=name)
     if panel.zero:
@@ -309,15 +309,14 @@ def hides(curves: list[Curve], index: int) -> bool:
     )
 
 
-def _cut_curve(
-    curve: Curve, part: tuple[float, float] | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray | None]:
+def _cut_curve(curve: Curve, part: tuple[float, float] | None) -> Curve:
     if part is None:
-        return curve.t, curve.values, curve.low, curve.high
+        return curve
     # one sample on either side, so that lines reach the edges
     first = max(int(np.searchsorted(curve.t, part[0])) - 1, 0)
     last = min(int(np.searchsorted(curve.t, part[1])) + 2, len(curve.t))
-    return tuple(None if a is None else a[first:last] for a in (curve.t, curve.values, curve.low, curve.high))
+    arrays = {key: getattr(curve, key) for key in ("t", "values", "low", "high")}
+    return curve._replace(**{key: a[first:last] for key, a in arrays.items() if a is not None})
 
 
 def reduce_samples(

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
+from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from dropper_jax.plots import style, view
@@ -18,8 +19,7 @@ from dropper_jax.plots.system import (
     WATER,
     bare_joints,
     draw_bed,
-    draw_bodies,
-    draw_buoys,
+    draw_solids,
     limits,
     surface_lines,
 )
@@ -54,7 +54,7 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     drawn = limits(run, positions[[0, *past, now]])
     figure = style.new_figure(*view.figure_size(drawn), layout="constrained" if flat else None)
     if flat:
-        axes = view.flat_axes(figure, 111, drawn)
+        axes = view.flat_axes(figure, drawn)
     else:
         axes = view.space_axes(figure, drawn)
 
@@ -66,12 +66,12 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
             draw(nodes[line.nodes], label=label, **kwargs)
             label = None
 
-    _surroundings(axes, run, drawn, t[now], flat)
+    _surroundings(axes, run, drawn, t[now])
     for age, index in enumerate(reversed(past), start=1):
         draw_lines(positions[index], color=style.FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST + 1)))
     if now > 0 and not crowded:
         draw_lines(positions[0], f"start, t = {t[0]:g} s", color=style.CYCLE[0], lw=1.2, ls=(0, (4, 3)))
-    links = _bold_links(axes, run, now, flat)
+    links = _bold_links(axes, run, now)
     look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
     if style.dot(run) > 0:
         draw(positions[now], **look, label="node")
@@ -84,31 +84,31 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
         where = {"ax": axes, "shrink": 0.75, "pad": 0.03}
     else:
         where = {"cax": view.bar_axes(figure)}
-    style.tension_bar(figure, links, links.get_array(), **where)
+    style.tension_bar(figure, links, run.max_tension[now], **where)
     figure.legend(loc="outside lower left" if flat else "lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
     return style.finish(figure, run, "position and tension" + (f" at t = {t[now]:.4g} s" if len(t) > 1 else ""), path)
 
 
-def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float, flat: bool) -> None:
+def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float) -> None:
     """Seabed and water around the drawn positions."""
-    draw_bed(axes, run, drawn, flat)
-    surface = surface_lines(run, drawn, flat, np.array([time]))
+    draw_bed(axes, run, drawn)
+    in_space = isinstance(axes, Axes3D)
+    surface = surface_lines(run, drawn, not in_space, np.array([time]))
     if surface is None:
         return
-    if flat:
-        x = surface[0, 0, :, 0]
-        z = surface[0, 0, :, 2]
-        axes.fill_between(x, drawn[2, 0], z, color=WATER, lw=0, zorder=0.3)
-        axes.plot(x, z, color=SURFACE, lw=1.2, zorder=0.6)
+    if in_space:
+        axes.add_collection(Line3DCollection(list(surface[0]), colors=SURFACE, linewidths=0.6, alpha=0.6))
         return
-    axes.add_collection(Line3DCollection(surface[0], colors=SURFACE, linewidths=0.6, alpha=0.6))
+    x = surface[0, 0, :, 0]
+    z = surface[0, 0, :, 2]
+    axes.fill_between(x, drawn[2, 0], z, color=WATER, lw=0, zorder=0.3)
+    axes.plot(x, z, color=SURFACE, lw=1.2, zorder=0.6)
 
 
-def _bold_links(axes: Axes, run: Run, index: int, flat: bool) -> ScalarMappable:
+def _bold_links(axes: Axes, run: Run, index: int) -> ScalarMappable:
     """Links of a sample coloured by their tension, the maximum of its steps."""
-    nodes = run.positions[index]
     tension = run.max_tension[index]
-    segments = run.segments(nodes)
+    segments = run.segments(run.positions[index])
     look = {
         "array": tension,
         "cmap": style.tension_map(),
@@ -116,13 +116,11 @@ def _bold_links(axes: Axes, run: Run, index: int, flat: bool) -> ScalarMappable:
         "linewidths": 4.0 * style.bold(run),
         "capstyle": "round",
     }
-    if flat:
-        links = LineCollection(segments[..., [0, 2]], **look)
+    if isinstance(axes, Axes3D):
+        links = axes.add_collection(Line3DCollection(segments, **look))
     else:
-        links = Line3DCollection(segments, **look)
-    axes.add_collection(links, **({"autolim": False} if flat else {}))
-    draw_buoys(axes, run, nodes, flat)
-    draw_bodies(axes, run.bodies, index, flat)
+        links = axes.add_collection(LineCollection(list(segments[..., [0, 2]]), **look), autolim=False)
+    draw_solids(axes, run, index)
     return links
 
 

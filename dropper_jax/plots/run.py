@@ -173,7 +173,7 @@ class Run(Samples):
     def bodies(self) -> Bodies | None:
         """The rigid bodies; None without any."""
         specs = self.scene.bodies
-        if not specs or self.body_position is None:
+        if not specs or self.body_position is None or self.body_attitude is None:
             return None
         cylinders = [(i, c.start, c.end, c.diameter) for i, body in enumerate(specs) for c in body.cylinders]
         spheres = [(i, s.centre, s.centre, s.diameter) for i, body in enumerate(specs) for s in body.spheres]

@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Iterable
 from contextlib import ContextDecorator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib.style
 import numpy as np
@@ -15,6 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.plots.run import Run, readable
@@ -87,7 +88,7 @@ def with_style(draw: Callable[..., Path]) -> Callable[..., Path]:
     return wrapper
 
 
-def new_figure(width: float, height: float, layout: str | None = "constrained") -> Figure:
+def new_figure(width: float, height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
     """A separate figure [inch] outside pyplot."""
     figure = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
@@ -141,7 +142,7 @@ def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     foot = 0.17 / figure.get_figheight()
     head = 0.03 / figure.get_figheight()
     layout = figure.get_layout_engine()
-    if layout is not None:
+    if isinstance(layout, ConstrainedLayoutEngine):
         layout.set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
     return save(figure, path)
 
@@ -153,7 +154,7 @@ def time_axis(axes: Axes, t: np.ndarray) -> None:
         axes.set_xlim(t[0], t[-1])
 
 
-def widen(values: np.ndarray, limits: Callable[[float, float], Any]) -> None:
+def widen(values: np.ndarray, limits: Callable[[float, float], object]) -> None:
     """Give constant values a readable axis (`limits` sets it) instead of one that magnifies rounding errors."""
     known = values[np.isfinite(values)]
     if known.size and np.ptp(known) < 1e-6 * max(1.0, np.abs(known).max()):
@@ -219,8 +220,9 @@ def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **wh
     """Colour bar of tensions (...) [N] in N or kN: pointed if they exceed `tension_norm`, the maximum in its label."""
     known = tension[np.isfinite(tension)]
     low, high = (np.min(known), np.max(known)) if known.size else (0.0, 0.0)
-    below = bool(low < links.norm.vmin)
-    above = bool(high > links.norm.vmax)
+    lowest, highest = tension_limits(known)
+    below = bool(low < lowest)
+    above = bool(high > highest)
     extend = {(True, True): "both", (True, False): "min", (False, True): "max", (False, False): "neither"}[below, above]
     unit, size = force_unit(known)
     label = f"tension [{unit}]" + (f", maximum {high / size:.4g}" if above else "")
@@ -228,17 +230,22 @@ def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **wh
 
 
 def tension_norm(tension: np.ndarray) -> Normalize:
+    """Colours of tensions [N] within `tension_limits`."""
+    return Normalize(*tension_limits(tension), clip=True)
+
+
+def tension_limits(tension: np.ndarray) -> tuple[float, float]:
     """Colour range of tensions [N]: from the 1st to the 99th percentile, so that one snap load does not hide the rest.
 
     For fewer than 1000 values, as in one configuration, the full range: a percentile would only cut the maximum.
     """
     known = tension[np.isfinite(tension)]
     if known.size == 0:
-        return Normalize(0.0, 1.0)
+        return 0.0, 1.0
     # number of tensions above which 1 % may be outside the colour range
     low, high = np.percentile(known, (1, 99) if known.size >= 1000 else (0, 100))
     if high - low <= 1e-9 * max(abs(low), abs(high)):
         pad = 0.05 * max(abs(low), abs(high)) or 1.0
         low = low - pad
         high = high + pad
-    return Normalize(low, high, clip=True)
+    return float(low), float(high)

@@ -8,43 +8,42 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style, view
-from dropper_jax.plots.run import SIDES, Bodies, Run, elevations
+from dropper_jax.plots.run import SIDES, Run, elevations
 
-COLOUR = style.CYCLE[4]
+BUOY = style.CYCLE[4]
+WATER = "#DCEBF5"
+SURFACE = style.CYCLE[5]
+BED = "#D8CBB4"
 EDGE = "#A87400"
 
 
-def draw_buoys(axes: Axes, run: Run, nodes: np.ndarray, flat: bool, axis: int = 0, grow: bool = False) -> None:
-    """Sections of the buoys in one configuration, as `draw_bodies` draws bodies."""
-    if not run.buoys:
-        return
-    look = {"facecolors": BUOY, "edgecolors": style.DARK, "linewidths": 0.8}
-    if flat:
-        corners = outlines(run, nodes, np.eye(3)[axis])[..., [axis, 2]]
-        axes.add_collection(PolyCollection(corners, zorder=2.5, **look), autolim=grow)
-        return
-    axes.add_collection(Poly3DCollection(outlines(run, nodes, right_of(axes, flat)), **look))
-
-
-def draw_bodies(axes: Axes, bodies: Bodies | None, index: int, flat: bool, axis: int = 0, grow: bool = False) -> None:
-    """Bodies at a sample: their outlines in the plane of x (0) or y (1) and z, or their faces in space.
+def draw_solids(axes: Axes, run: Run, index: int, axis: int = 0, grow: bool = False) -> None:
+    """Buoys and bodies at a sample: their sections in the plane of x (0) or y (1) and z, or their faces in space.
 
     With `grow` the limits of the axes are extended to include them.
     """
-    if bodies is None or not bodies.shapes:
+    nodes = run.positions[index]
+    bodies = run.bodies
+    if isinstance(axes, Axes3D):
+        if run.buoys:
+            sections = list(outlines(run, nodes, right_of(axes)))
+            axes.add_collection(Poly3DCollection(sections, facecolors=BUOY, edgecolors=style.DARK, linewidths=0.8))
+        if bodies is not None and bodies.shapes:
+            faces = [face for rings in bodies.rings(index) for face in _faces(rings)]
+            axes.add_collection(Poly3DCollection(faces, facecolors=BUOY, edgecolors=EDGE, linewidths=0.15))
         return
-    look = {"facecolors": COLOUR, "edgecolors": style.DARK, "linewidths": 0.8}
-    if flat:
-        outlines = bodies.outlines(index, lambda positions: positions[:, [axis, 2]])
-        axes.add_collection(PolyCollection(outlines, zorder=2.5, **look), autolim=grow)
-        return
-    faces = [face for rings in bodies.rings(index) for face in _faces(rings)]
-    axes.add_collection(Poly3DCollection(faces, facecolors=COLOUR, edgecolors=EDGE, linewidths=0.15))
+    sections = list(outlines(run, nodes, np.eye(3)[axis])[..., [axis, 2]])
+    if bodies is not None:
+        sections += bodies.outlines(index, lambda positions: positions[:, [axis, 2]])
+    if sections:
+        solids = PolyCollection(sections, zorder=2.5, facecolors=BUOY, edgecolors=style.DARK, linewidths=0.8)
+        axes.add_collection(solids, autolim=grow)
 
 
 def _faces(rings: np.ndarray) -> list[np.ndarray]:
@@ -63,6 +62,8 @@ def body_motion(run: Run, path: str | Path) -> Path:
         path of the picture; its suffix chooses the format.
     """
     bodies = run.bodies
+    if bodies is None:
+        raise ValueError(f"solution: scene {run.scene.name!r} has no [[body]]. Use a scene with bodies")
     figure = style.new_figure(8.5, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
     way = bodies.position[..., :2] - bodies.position[:1, :, :2]
@@ -80,12 +81,6 @@ def body_motion(run: Run, path: str | Path) -> Path:
         panels[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
     style.time_axis(panels[2], run.t)
     return style.finish(figure, run, "motion of the bodies", path)
-
-
-BUOY = style.CYCLE[4]
-WATER = "#DCEBF5"
-SURFACE = style.CYCLE[5]
-BED = "#D8CBB4"
 
 
 def limits(run: Run, positions: np.ndarray) -> np.ndarray:
@@ -126,9 +121,9 @@ def outlines(run: Run, nodes: np.ndarray, right: np.ndarray) -> np.ndarray:
     return found
 
 
-def right_of(axes: Axes, flat: bool) -> np.ndarray:
+def right_of(axes: Axes) -> np.ndarray:
     """The horizontal unit vector (3,) that points to the right in the picture."""
-    if flat:
+    if not isinstance(axes, Axes3D):
         return np.array([1.0, 0.0, 0.0])
     turn = np.radians(axes.azim)
     return np.array([-np.sin(turn), np.cos(turn), 0.0])
@@ -154,15 +149,15 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
 
 def bed_grid(run: Run, x: np.ndarray, y: np.ndarray) -> tuple[list[np.ndarray], np.ndarray | None]:
     """Positions of a grid and the height [m] of the seabed there; None without a seabed."""
-    grid = np.meshgrid(x, y, indexing="ij")
+    grid = list(np.meshgrid(x, y, indexing="ij"))
     return grid, bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
 
 
-def draw_bed(axes: Axes, run: Run, box: np.ndarray, flat: bool) -> None:
+def draw_bed(axes: Axes, run: Run, box: np.ndarray) -> None:
     """The seabed: a filled strip in a plane, a faint sheet in space; nothing if no seabed is in the picture."""
     x = np.linspace(*box[0], 41)
     y = np.linspace(*box[1], 41)
-    if flat:
+    if not isinstance(axes, Axes3D):
         z = bed_height(run.scene, np.stack([x, np.full_like(x, box[1].mean()), np.zeros_like(x)], axis=-1))
         if z is not None and z.max() > box[2, 0]:
             axes.fill_between(x, box[2, 0], z, color=BED, lw=0, zorder=0.5)

@@ -126,18 +126,21 @@ def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
     loads = {}
     for name in held_points(run.scene):
         loads[name] = np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
-    low, high = (None if a is None else a[kept, :, 2] for a in (run.point_load_min, run.point_load_max))
+    low = {}
+    high = {}
+    if run.point_load_min is not None and run.point_load_max is not None:
+        low = dict(zip(loads, run.point_load_min[kept, :, 2].T, strict=True))
+        high = dict(zip(loads, run.point_load_max[kept, :, 2].T, strict=True))
     tops = {}
-    for i, (name, load) in enumerate(loads.items()):
-        tops[name] = float(np.nanmax(load if high is None else high[:, i]))
+    for name, load in loads.items():
+        tops[name] = float(np.nanmax(high.get(name, load)))
     least = UNLOADED * max(tops.values())
     names = [name for name in sorted(tops, key=lambda name: -tops[name]) if tops[name] > least][:MOST]
-    at = {name: i for i, name in enumerate(loads)}
     curves = []
     for name in names:
         range_ = ()
-        if low is not None:
-            range_ = (low[:, at[name]] / size, high[:, at[name]] / size)
+        if name in low:
+            range_ = (low[name] / size, high[name] / size)
         curves.append(Curve(name, t, loads[name] / size, *range_))
     title = _count_title("force on each fixed point", len(names), len(loads))
     unloaded = sum(top <= least for top in tops.values())

@@ -7,7 +7,6 @@ from typing import cast
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.gridspec import SubplotSpec
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D, axis3d, proj3d
 
@@ -45,9 +44,9 @@ def box(positions: np.ndarray, min_ratio: float = 0.4) -> np.ndarray:
     return np.stack([middle - half, middle + half], axis=1)
 
 
-def flat_axes(figure: Figure, subplot: SubplotSpec, limits: np.ndarray) -> Axes:
+def flat_axes(figure: Figure, limits: np.ndarray) -> Axes:
     """Axes for the x-z plane, equal scales."""
-    axes = figure.add_subplot(subplot)
+    axes = figure.add_subplot()
     axes.set(xlim=limits[0], ylim=limits[2], xlabel="x [m]", ylabel="z [m]", aspect="equal")
     return axes
 

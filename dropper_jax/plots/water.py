@@ -4,10 +4,8 @@ from above, and the range of validity of the wave theories.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import wraps
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,13 +14,12 @@ from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.checks_water import bed_height
-from dropper_jax.load.scene import Scene
 from dropper_jax.plots import panels, style, system, view
-from dropper_jax.plots.run import ANGLE, Run, elevations, readable, swing
+from dropper_jax.plots.run import ANGLE, Run, elevations, swing
 from dropper_jax.plots.style import force_unit
-from dropper_jax.plots.system import draw_bodies, draw_buoys
-from dropper_jax.run.simulate import Solution
+from dropper_jax.plots.system import draw_solids
 from dropper_jax.run.wakes import SceneWakes
+from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.spectrum import wave_number
 from dropper_jax.sea.steady import LINEAR, STOKES_HEIGHT, STOKES_LENGTH, highest, second_harmonic
 
@@ -103,29 +100,25 @@ SURFACE = system.SURFACE
 POINTS = 240
 
 
-def _with_sea(draw: Callable[..., Path]) -> Callable[..., Path]:
-    """Give `draw` the readable run and its scene in water, in the common style."""
-
-    @wraps(draw)
-    @style.plot_style()
-    def wrapper(solution: Solution, path: str | Path, **kwargs: Any) -> Path:
-        if solution.scene.sea is None:
-            raise ValueError(f"solution: scene {solution.scene.name!r} has no [sea]. Use a scene with water")
-        return draw(readable(solution), solution.scene, path, **kwargs)
-
-    return wrapper
+def _sea_of(run: Run) -> SeaSpec:
+    """The water of the scene of a run."""
+    if run.scene.sea is None:
+        raise ValueError(f"solution: scene {run.scene.name!r} has no [sea]. Use a scene with water")
+    return run.scene.sea
 
 
 #: Ratio of height to length below which both views of a system are drawn one above the other.
 LOW_AND_LONG = 0.35
 
 
-@_with_sea
-def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None = None) -> Path:
+@style.with_style
+def under_surface(run: Run, path: str | Path, time: float | None = None) -> Path:
     """The line [m] and the surface above it at a time [s] (default: that of the maximum tension), seen from two sides.
 
     What stays in the plane of x and z is seen from one side only.
     """
+    sea = _sea_of(run)
+    scene = run.scene
     index = run.peak
     if time is not None:
         index = int(np.argmin(np.abs(run.t - time)))
@@ -149,7 +142,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
         bed = bed_height(scene, positions)
         low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
         if bed is None:
-            low = max(low, -float(scene.sea.depth))
+            low = max(low, -float(sea.depth))
         axes.fill_between(along, eta, low, color=WATER)
         if bed is not None and bed.max() > low:
             axes.fill_between(along, np.maximum(bed, low), low, color=system.BED, label="seabed")
@@ -162,8 +155,7 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
             label = None
         ends = nodes[list(run.fixed_nodes)]
         axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label="fixed points")
-        draw_buoys(axes, run, nodes, flat=True, axis=axis, grow=True)
-        draw_bodies(axes, run.bodies, index, flat=True, axis=axis, grow=True)
+        draw_solids(axes, run, index, axis, grow=True)
         axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None), aspect="equal")
     figure.axes[0].set_ylabel("z [m]")
     if low_and_long:
@@ -174,15 +166,16 @@ def under_surface(run: Run, scene: Scene, path: str | Path, time: float | None =
     return style.finish(figure, run, f"under the surface at t = {run.t[index]:.2f} s", path)
 
 
-@_with_sea
-def response(run: Run, scene: Scene, path: str | Path) -> Path:
+@style.with_style
+def response(run: Run, path: str | Path) -> Path:
     """Elevation; angles of a link: spectra and phase space, as thesis figures 8.32 to 8.34.
 
     It is the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
+    _sea_of(run)
     angles = run.angles
     index = _lively(run)
-    eta = elevations(scene, np.zeros((1, 3)), run.t)[:, 0]
+    eta = elevations(run.scene, np.zeros((1, 3)), run.t)[:, 0]
     turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]
     figure = style.new_figure(9.5, 7.6)
     grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))
@@ -213,13 +206,13 @@ def _lively(run: Run) -> int:
     return int(np.argmax(swings))
 
 
-@_with_sea
-def tension_envelope(run: Run, scene: Scene, path: str | Path) -> Path:
+@style.with_style
+def tension_envelope(run: Run, path: str | Path) -> Path:
     """Minimum, mean and maximum tension along the line; of several lines a panel for each of the 12 most loaded.
 
     Lines of similar loads (within a factor of 4) have the same scale.
     """
-    del scene
+    _sea_of(run)
     sizes = [np.max(run.max_tension[:, line.links]) for line in run.written_lines]
     shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
     columns = 1 if len(shown) == 1 else 2

@@ -139,10 +139,11 @@ def _describe_distance(record: Record, index: int, near: Approach | None) -> Tab
 
 def _touching(line: WholeLine, other: WholeLine) -> float | None:
     """Half the sum of the maximum diameters [m], the distance of axes in contact; None if a line has no diameter."""
-    both = (line.spec.diameter, other.spec.diameter)
-    if any(d is None for d in both):
+    own = line.spec.diameter
+    next_to = other.spec.diameter
+    if own is None or next_to is None:
         return None
-    return float(0.5 * sum(map(np.max, both)))
+    return float(0.5 * (np.max(own) + np.max(next_to)))
 
 
 #: Pairs of links and instants that are compared at once: 1e6 need some tens of MB.

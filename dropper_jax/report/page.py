@@ -115,8 +115,8 @@ def write_view(solution: Solution, path: str | Path, other: Solution | None = No
 def pair_page(first: Solution, second: Solution) -> str:
     """Two runs side by side as one page: the same colours for the same tension, one clock and one camera."""
     both = [readable(solution) for solution in (first, second)]
-    norms = [style.tension_norm(run.tension) for run in both]
-    shared = (min(float(norm.vmin) for norm in norms), max(float(norm.vmax) for norm in norms))
+    lowest, highest = zip(*(style.tension_limits(run.tension) for run in both), strict=True)
+    shared = min(lowest), max(highest)
     pages = [html.escape(view_page(solution, shared)) for solution in (first, second)]
     title = html.escape(" and ".join(dict.fromkeys(run.scene.name for run in both)))
     return _fill_page("two.html", TITLE=title, FIRST=pages[0], SECOND=pages[1])
@@ -157,14 +157,13 @@ def _part(name: str) -> str:
 
 
 def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> Table:
-    if solution.scene.sea is None:
-        sea = None
-    else:
-        sea = build_model(solution.scene, "float64").sea
+    scene = solution.scene
+    sea = None
+    if scene.sea is not None:
+        sea = build_model(scene, "float64").sea
     part = choose_samples(run, sea, FRAMES)
     kept = part.frames
-    norm = style.tension_norm(run.tension)
-    low, high = limits or (float(norm.vmin), float(norm.vmax))
+    low, high = limits or style.tension_limits(run.tension)
     shades = style.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
     water = None
     flows = []
@@ -173,7 +172,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         flows = _flows(solution, sea)
     return {
         "name": run.scene.name,
-        "description": solution.scene.description,
+        "description": scene.description,
         "how": style.how(run)[0],
         "ok": run.status == "ok",
         "frames": len(kept),
@@ -184,7 +183,7 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         "range": [low, high],
         "largest": float(np.max(run.max_tension, initial=high, where=np.isfinite(run.max_tension))),
         "notes": list(part.notes),
-        "diameter": _diameter(solution),
+        "diameter": None if scene.line.diameter is None else scene.line.diameter.tolist(),
         "lines": [{"name": line.name, "node": int(line.nodes[len(line.nodes) // 2])} for line in run.written_lines],
         "colours": np.rint(255 * shades).astype(int).tolist(),
         "held": list(run.fixed_nodes),
@@ -236,19 +235,12 @@ def _round_step(lower: float) -> float:
     return float(next(n * power for n in (1, 2, 5, 10) if n * power >= lower * (1 - 1e-9)))
 
 
-def _diameter(solution: Solution) -> list[float] | None:
-    """Diameter of each link [m]; None if a line has no diameter."""
-    found = [line.diameter for line in solution.scene.lines]
-    if any(d is None for d in found):
-        return None
-    return np.concatenate(found).tolist()
-
-
 def _flows(solution: Solution, sea: Sea) -> list[Table]:
     """Waves and current for their arrows: the direction of travel [rad] at the surface, and a text with their size."""
-    waves = solution.scene.sea.waves
+    spec = solution.scene.sea
     found = []
-    if waves is not None:
+    if spec is not None and spec.waves is not None:
+        waves = spec.waves
         many = np.ndim(waves.amplitude) > 0
         if many:
             hs = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude)))

@@ -126,7 +126,8 @@ def crops(record: Record) -> Rows:
     links with a node above this limit, `share_beyond` the fraction of nodes and samples above it.
     """
     scene = record.scene
-    season = record.scene.season
+    sea = scene.sea
+    season = scene.season
     if season is None and all(line.growth is None for line in scene.lines):
         return {"skipped": "the scene has no mussels ([growth] or [line.growth])"}
     full = overgrown(scene)
@@ -136,16 +137,18 @@ def crops(record: Record) -> Rows:
         crop = line.mass - bare.mass
         if bare.growth is None and not (season is not None and season.on(bare.name, bare.piece_of)):
             continue
+        if sea is None or line.diameter is None or bare.diameter is None:
+            continue  # a line with mussels has both
         volume = 0.25 * np.pi * (line.diameter**2 - bare.diameter**2) * line.length
         row: Table = {
             "line": bare.name,
             "mass_kg": float(np.sum(crop)),
-            "wet_weight_n": float(scene.sea.gravity * np.sum(crop - scene.sea.density * volume)),
+            "wet_weight_n": float(sea.gravity * np.sum(crop - sea.density * volume)),
             "largest_diameter_m": float(np.max(line.diameter)),
             "drop_off": None,
         }
         if season is not None and season.attachment is not None and np.any(volume > 0.0):
-            limit = season.holding(float(np.sum(crop) / np.sum(volume)), scene.sea.density, scene.sea.gravity)
+            limit = season.holding(float(np.sum(crop) / np.sum(volume)), sea.density, sea.gravity)
             beyond = size[:, where.nodes] > limit
             hit = np.any(beyond, axis=0)
             row["drop_off"] = {
@@ -194,7 +197,7 @@ def body_motions(record: Record) -> Rows:
     `tilt_deg` is the angle between the body's z-axis and the vertical.
     """
     run = record.solution
-    if run.body_position is None or not record.scene.bodies:
+    if run.body_position is None or run.body_attitude is None or not record.scene.bodies:
         return {"skipped": "the scene has no rigid bodies"}
     kept = np.isin(run.t, record.t)
     found = []

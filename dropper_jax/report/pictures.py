@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -178,6 +177,10 @@ def _watch(part: Record, found: Table, folder: Path) -> Path:
     return _finish(figure, part, "watch circles", points, found["watch_circle"], folder / "watch_circle.png")
 
 
+#: Lines of a section, a key of each, and the factor on its values.
+Section = tuple[list[Table], str, float]
+
+
 def _along(part: Record, found: Table, folder: Path) -> Path:
     """Fraction of time under water and on the seabed, and accelerations, against arc length."""
     sections = {
@@ -191,7 +194,10 @@ def _along(part: Record, found: Table, folder: Path) -> Path:
         "slack\n[% of time]": (found["snap"], "slack_share", 100.0),
     }
     kept = largest(range(len(found["acceleration"])), lambda i: found["acceleration"][i]["largest_m_per_s2"], MOST)
-    there = {label: section for label, section in sections.items() if section[0] is not None}
+    there: dict[str, Section] = {}
+    for label, (lines, key, scale) in sections.items():
+        if lines is not None:
+            there[label] = lines, key, scale
     flat = {label: _constant(section, kept) for label, section in there.items()}
     drawn = {label: section for label, section in there.items() if flat[label] is None}
     if not drawn:
@@ -222,7 +228,7 @@ def _along(part: Record, found: Table, folder: Path) -> Path:
     return _finish(figure, part, "along the lines", kept, found["acceleration"], folder / "along.png")
 
 
-def _constant(section: tuple[Any, str, float], columns: list[int]) -> float | None:
+def _constant(section: Section, columns: list[int]) -> float | None:
     """The value of a fraction [%] that is constant along the lines; None if it varies or is not a fraction."""
     lines, key, scale = section
     values = scale * np.concatenate([np.atleast_1d(np.asarray(lines[i][key], float)) for i in columns])

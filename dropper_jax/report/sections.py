@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial, wraps
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def section(values: Rows, write: Callable[[list[Table]], str]) -> str:
     return write(values)
 
 
-def empty_unless_rows(write: Callable[[Any], list[str]]) -> Callable[[Any], list[str]]:
+def empty_unless_rows(write: Callable[[list[Table]], list[str]]) -> Callable[[Rows | None], list[str]]:
     """A section of rows that is empty where the run has none of them."""
 
     @wraps(write)

@@ -70,12 +70,12 @@ def _lines(solution: Solution, k: int) -> str:
     counts = [where.links.stop - where.links.start for where in solution.lines]
     link = np.concatenate([1 + np.arange(count) for count in counts])
     cells = {"tension": solution.tension[k], "line": np.repeat(1 + np.arange(len(counts)), counts), "link": link}
-    diameter = [spec.diameter for spec in solution.scene.lines]
-    if all(d is not None for d in diameter):
-        cells["diameter"] = np.concatenate(diameter)
+    diameter = solution.scene.line.diameter
+    if diameter is not None:
+        cells["diameter"] = diameter
     ends = np.stack([first, first + 1], axis=1)
     nodes = {"velocity": solution.velocities[k]}
-    if solution.curvature is not None:
+    if solution.curvature is not None and solution.bending_moment is not None:
         nodes |= {"curvature": solution.curvature[k], "bending_moment": solution.bending_moment[k]}
     return polydata(solution.positions[k], ends, nodes, cells)
 

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.sea.current import Scalar
 from dropper_jax.sea.sincos import sincos
 from dropper_jax.sea.steady import SteadyWave
 from dropper_jax.sea.waves import Motion, Waves
@@ -85,7 +86,7 @@ class GridWaves(Waves):
         sin = jnp.sin(self.direction)
         return jnp.stack([level * cos, level * sin, rising], axis=-1)
 
-    def motion(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> Motion:
+    def motion(self, r: jax.Array, t: jax.Array, depth: Scalar) -> Motion:
         """The water at positions r (n, 3) [m]."""
         s = self._along(r[:, 0], r[:, 1])
         c, change = self._amplitudes(t)
@@ -172,7 +173,8 @@ def _motions(
     exact: Waves, found: GridWaves, positions: jax.Array, times: jax.Array, depth: float
 ) -> tuple[Motion, Motion]:
     """Both at positions (q, n, 3) and times (q,)."""
-    return tuple(jax.vmap(lambda r, t, w=w: w.motion(r, t, depth))(positions, times) for w in (exact, found))
+    both = lambda waves: jax.vmap(lambda r, t: waves.motion(r, t, depth))(positions, times)  # noqa: E731
+    return both(exact), both(found)
 
 
 @component
@@ -214,18 +216,18 @@ class BoundWaves(Waves):
         """From trough to crest [m]."""
         return 2.0 * jnp.sum(self.amplitude[::2])
 
-    def heights(self, z: jax.Array, elevation: jax.Array, depth: jax.Array) -> jax.Array:
+    def heights(self, z: jax.Array, elevation: jax.Array, depth: Scalar) -> jax.Array:
         """Height at which the kinematics of z are evaluated (n,) [m]: z limited to the range from seabed to surface."""
         return jnp.maximum(jnp.minimum(z, elevation), -depth)
 
-    def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: Scalar) -> tuple[jax.Array, jax.Array]:
         velocity, acceleration = super()._orbit(z, cos, sin, depth)
         if self.drift is None:
             return velocity, acceleration
         course = jnp.stack([jnp.cos(self.direction), jnp.sin(self.direction), jnp.zeros_like(self.direction)])
         return velocity + self.drift * course, acceleration
 
-    def pressure(self, r: jax.Array, t: jax.Array, depth: jax.Array, density: jax.Array) -> jax.Array:
+    def pressure(self, r: jax.Array, t: jax.Array, depth: Scalar, density: Scalar) -> jax.Array:
         """Pressure (n,) [Pa] minus the hydrostatic one, by Bernoulli: zero at a surface of height `rho g eta`."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         elevation = jnp.sum(self.amplitude * cos, axis=-1)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 from functools import lru_cache, partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
-from dropper_jax.sea.current import Current, Level
+from dropper_jax.sea.current import Current, Level, Scalar
 from dropper_jax.sea.interpolated import GridWaves, bound_waves, on_grid
 from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
 from dropper_jax.sea.spectrum import (
@@ -44,15 +43,15 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
     if spec.current is not None:
         current = make_current(spec.current)
     waves = None
-    wave = None
-    if spec.waves is not None:
-        wave = finite_wave(spec, current)
-    if wave is not None:
-        along = _along(spec, current, wave.wave_number)
-        waves = bound_waves(wave, float(spec.waves.phase), float(spec.waves.direction), along, spec.ramp)
-    elif spec.waves is not None:
+    given = spec.waves
+    wave = finite_wave(spec, current)
+    if given is not None and wave is not None:
+        direction = float(given.direction)
+        along = _along(spec, current, direction, wave.wave_number)
+        waves = bound_waves(wave, float(given.phase), direction, along, spec.ramp)
+    elif given is not None:
         waves = waves_on(
-            wave_components(spec.waves, spec.depth, spec.gravity),
+            wave_components(given, spec.depth, spec.gravity),
             spec.depth,
             spec.gravity,
             current=current if spec.wave_current != "none" else None,
@@ -62,7 +61,7 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
             ramp=spec.ramp,
         )
         _refuse_blocked(waves)
-        if spec.interpolation == "grid":
+        if spec.interpolation == "grid" and reach is not None:
             waves = _interpolate_waves(spec, waves, *reach)
     level = None
     if spec.level is not None:
@@ -87,12 +86,12 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
         SceneError: a wave beyond breaking, or one that cannot be solved.
     """
     given = spec.waves
-    if given.kind != "regular" or given.theory == "linear":
+    if given is None or given.kind != "regular" or given.theory == "linear":
         return None
     if current is None and spec.current is not None:
         current = make_current(spec.current)
     if spec.wave_current == "doppler":
-        mean = _along(spec, current, _linear_number(spec, given))
+        mean = _along(spec, current, float(given.direction), _linear_number(spec, given))
     else:
         mean = 0.0
     return _solve_wave(
@@ -107,10 +106,10 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
     )
 
 
-def main_period(spec: SeaSpec) -> float:
+def main_period(spec: SeaSpec, waves: WaveSpec) -> float:
     """Period [s] of the regular waves of a sea, for every form of input."""
     wave = finite_wave(spec)
-    omega = wave_components(spec.waves, spec.depth, spec.gravity).omega
+    omega = wave_components(waves, spec.depth, spec.gravity).omega
     if wave is None:
         return float(2.0 * np.pi / omega[0])
     return wave.period
@@ -123,11 +122,11 @@ def _linear_number(spec: SeaSpec, given: WaveSpec) -> float:
     return float(wave_number(omega, jnp.asarray(spec.depth), spec.gravity))
 
 
-def _along(spec: SeaSpec, current: Current | None, k: float) -> float:
+def _along(spec: SeaSpec, current: Current | None, direction: float, k: float) -> float:
     """The current that carries waves of number k [rad/m] along their direction [m/s]; zero without `wave_current`."""
     if current is None or spec.wave_current != "doppler":
         return 0.0
-    course = jnp.asarray([float(spec.waves.direction)])
+    course = jnp.asarray([direction])
     depth = jnp.asarray(spec.depth)
     return float(effective_current(jnp.asarray([k]), depth, lambda z: current.along(z, course, depth))[0])
 
@@ -202,15 +201,16 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
         else:
             what = "sea.stretching constant or wheeler"
         raise SceneError(f"sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with {what}")
-    along = float(middle[:2] @ [np.cos(spec.waves.direction), np.sin(spec.waves.direction)])
+    direction = float(waves.direction)
+    along = float(middle[:2] @ [np.cos(direction), np.sin(direction)])
     radius = 1.2 * radius  # reach of an interpolated sea over that of the line: margin for stretch and moving ends
     low = np.array([along - radius, middle[2] - radius])
     return on_grid(waves, spec.depth, low, np.array([along + radius, 0.0]))
 
 
-def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array | float) -> Components:
+def wave_components(spec: WaveSpec, depth: Scalar, gravity: Scalar) -> Components:
     """Amplitudes, frequencies, phases and directions of `[sea.waves]`."""
-    if spec.kind == "spectrum":
+    if spec.hs is not None and spec.tp is not None:
         drawn = components(
             spec.hs,
             spec.tp,
@@ -228,8 +228,9 @@ def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array
         if spec.spreading is not None:
             return drawn
         return drawn._replace(direction=jnp.asarray(spec.direction))
-    period = np.atleast_1d(spec.period).astype(float)
-    if spec.period is None:
+    if spec.length is None:
+        period = np.atleast_1d(spec.period).astype(float)
+    else:
         period = np.array([2 * np.pi / float(frequency(jnp.asarray(2 * np.pi / spec.length), depth, gravity))])
     every = np.ones(period.size)
     return Components(
@@ -242,8 +243,8 @@ def wave_components(spec: WaveSpec, depth: jax.Array | float, gravity: jax.Array
 
 def waves_on(
     drawn: Components,
-    depth: jax.Array | float,
-    gravity: jax.Array | float = GRAVITY,
+    depth: Scalar,
+    gravity: Scalar = GRAVITY,
     *,
     current: Current | None = None,
     conserve_action: bool = False,

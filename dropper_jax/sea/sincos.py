@@ -27,14 +27,17 @@ SIN = (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800, 1 / 6227020800, -1
 COS = (1 / 24, -1 / 720, 1 / 40320, -1 / 3628800, 1 / 479001600, -1 / 87178291200, 1 / 20922789888000)
 
 
+Pair = tuple[jax.Array, jax.Array]
+
+
 @jax.custom_jvp
-def sincos(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+def sincos(x: jax.Array) -> Pair:
     """`(sin x, cos x)` to 2 roundings of 1 for |x| below 1e6 [rad]; float32: 1e4."""
     return _sincos(x)
 
 
 @trace_once
-def _sincos(x: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _sincos(x: jax.Array) -> Pair:
     turns = jnp.round(x * (2.0 / jnp.pi))
     r = x
     for part in HALF_PI[x.dtype.itemsize]:
@@ -55,7 +58,7 @@ def _sincos(x: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 
 @sincos.defjvp
-def _sincos_jvp(primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[tuple[jax.Array, ...], ...]:
+def _sincos_jvp(primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[Pair, Pair]:
     sin, cos = sincos(*primals)
     (dx,) = tangents
     return (sin, cos), (cos * dx, -sin * dx)

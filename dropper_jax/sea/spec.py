@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from importlib.resources.abc import Traversable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -60,10 +60,12 @@ class WaveSpec(DeclaredSection):
     }
 
     kind: str = option("how the waves are given", choices=tuple(FIELDS))
-    amplitude: Any = parameter("amplitude", unit="m", shape="numbers", low=0.0, default=None)
-    period: Any = parameter("period", unit="s", shape="numbers", low=0.0, open_low=True, default=None)
-    phase: Any = parameter("phase", unit="rad", shape="numbers", default=0.0)
-    direction: Any = parameter(
+    amplitude: float | np.ndarray | None = parameter("amplitude", unit="m", shape="numbers", low=0.0, default=None)
+    period: float | np.ndarray | None = parameter(
+        "period", unit="s", shape="numbers", low=0.0, open_low=True, default=None
+    )
+    phase: float | np.ndarray = parameter("phase", unit="rad", shape="numbers", default=0.0)
+    direction: float | np.ndarray = parameter(
         "direction of travel, +x towards +y", unit="rad", shape="numbers", low=-6.29, high=6.29, default=0.0
     )  # up to a turn: larger numbers are degrees
     file: str | None = option("CSV file", type=str, default=None)
@@ -89,7 +91,7 @@ class WaveSpec(DeclaredSection):
     @classmethod
     def read(cls, table: Plain, path: str) -> WaveSpec:
         values = read_fields(cls, table, path, {})
-        check_kind_keys(table, values["kind"], cls.FIELDS, path)
+        check_kind_keys(read_table(table, path), values["kind"], cls.FIELDS, path)
         if values["file"] is not None:
             values.update(_from_file(values, path))
         waves = cls(**values)
@@ -133,11 +135,11 @@ class WaveSpec(DeclaredSection):
             )
 
     @property
-    def size(self) -> Any:
-        """Amplitude [m], one or one per component, if it or the height is given."""
+    def size(self) -> float | np.ndarray:
+        """Amplitude [m], one or one per component; zero of a spectrum."""
         if self.height is not None:
             return 0.5 * self.height
-        return self.amplitude
+        return 0.0 if self.amplitude is None else self.amplitude
 
     def table(self) -> Table:
         # keys that linear waves do not have are written only if given
@@ -205,7 +207,7 @@ class LevelSpec(Level, DeclaredSection):
             tide = 0.0
         else:
             tide = float(np.sum(np.abs(self.amplitude)))
-        return self.offset - tide + (0.0 if self.height is None else float(np.min(self.height)))
+        return float(self.offset) - tide + (0.0 if self.height is None else float(np.min(self.height)))
 
 
 @raises_first

@@ -18,9 +18,10 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
+from dropper_jax.sea.current import Scalar
 
 
-def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
+def fenton(omega: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> jax.Array:
     """Wave number [rad/m] of omega [rad/s] at depth [m], Fenton's explicit approximation, within 0.052 %.
 
     `k d = (a + b^2 sech^2 b)/(tanh b + b sech^2 b)`, `a = w^2 d/g`, `b = a/sqrt(tanh a)` (Fenton 1988, which the paper
@@ -33,7 +34,7 @@ def fenton(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAV
 
 
 @cached_jit()
-def wave_number(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
+def wave_number(omega: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> jax.Array:
     """Wave number [rad/m] that satisfies `w^2 = g k tanh(k d)` to rounding, for omega [rad/s] and depth [m]."""
     a = omega**2 * depth / gravity
     kd = fenton(omega, depth, gravity) * depth
@@ -45,12 +46,12 @@ def wave_number(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float =
     return kd / depth
 
 
-def frequency(k: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
+def frequency(k: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> jax.Array:
     """Intrinsic frequency `sqrt(g k tanh(k d))` [rad/s]."""
     return jnp.sqrt(gravity * k * jnp.tanh(k * depth))
 
 
-def group_velocity(k: jax.Array, depth: jax.Array, gravity: jax.Array | float = GRAVITY) -> jax.Array:
+def group_velocity(k: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> jax.Array:
     """Group velocity in still water `(s/2k) (1 + 2kd/sinh 2kd)` [m/s]."""
     return 0.5 * frequency(k, depth, gravity) / k * (1.0 + ratio_sinh(2.0 * k * depth))
 
@@ -149,7 +150,7 @@ def _table(gamma: float) -> tuple[np.ndarray, np.ndarray]:
     return x, shape(x, gamma) * np.gradient(x)
 
 
-def depth_factor(omega: jax.Array, depth: jax.Array, gravity: jax.Array | float) -> jax.Array:
+def depth_factor(omega: jax.Array, depth: jax.Array, gravity: Scalar) -> jax.Array:
     """Kitaigorodskii's factor of a TMA spectrum: `tanh^2(kd)/(1 + 2kd/sinh(2kd))` (Bouws 1985)."""
     kd = wave_number(omega, depth, gravity) * depth
     return jnp.tanh(kd) ** 2 / (1.0 + ratio_sinh(2.0 * kd))
@@ -184,12 +185,12 @@ def spread(exponent: float, count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def components(
-    hs: jax.Array,
-    tp: jax.Array,
-    direction: jax.Array | float = 0.0,
+    hs: Scalar,
+    tp: Scalar,
+    direction: Scalar | np.ndarray = 0.0,
     *,
-    depth: jax.Array | float,
-    gravity: jax.Array | float = GRAVITY,
+    depth: Scalar,
+    gravity: Scalar = GRAVITY,
     spectrum: str = "jonswap",
     gamma: float = 3.3,
     count: int = 200,

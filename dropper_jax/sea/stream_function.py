@@ -145,7 +145,7 @@ class _Problem:
         self.current = current
         self.criterion = criterion
 
-    def eulerian(self, flow: np.ndarray, flux: np.ndarray) -> np.ndarray:
+    def eulerian(self, flow: np.ndarray, flux: np.ndarray) -> np.ndarray | float:
         if self.criterion == "euler":
             return self.current
         return self.current + flux - flow
@@ -215,12 +215,14 @@ def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | Non
 
 def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...], depth: float) -> np.ndarray:
     """The wave with the minimum number of harmonics for its height; long waves need many."""
-    for n in orders:
+    *fewer, most = orders
+    for n in fewer:
         try:
             return _climb(problem, height, n, depth)
         except NotSolved as error:
-            if n == orders[-1] or not error.few:
+            if not error.few:
                 raise
+    return _climb(problem, height, most, depth)
 
 
 def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.ndarray:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import trace_once
-from dropper_jax.sea.current import Current, Level
+from dropper_jax.sea.current import Current, Level, Numbers, Scalar
 from dropper_jax.sea.waves import Motion
 
 
@@ -19,23 +19,23 @@ from dropper_jax.sea.waves import Motion
 class Sea:
     """Water of constant depth below z = 0, the mean surface, with waves and current if given."""
 
-    depth: jax.Array = parameter("depth of the water", unit="m", low=0.0, open_low=True)
-    density: jax.Array = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
-    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=GRAVITY)
+    depth: Scalar = parameter("depth of the water", unit="m", low=0.0, open_low=True)
+    density: Scalar = parameter("density of the water", unit="kg/m^3", low=0.0, open_low=True, default=SEA_WATER)
+    gravity: Scalar = parameter("acceleration of gravity", unit="m/s^2", low=0.0, open_low=True, default=GRAVITY)
     waves: Any = None
     current: Current | None = None
     level: Level | None = None
 
-    def over(self, r: jax.Array, t: jax.Array) -> tuple[Sea, jax.Array, jax.Array]:
+    def over(self, surface: Level, r: jax.Array, t: jax.Array) -> tuple[Sea, jax.Array, jax.Array]:
         """The water of the level at time t, positions r (n, 3) relative to it, and the level [m]."""
-        level = self.level.at(t)
+        level = surface.at(t)
         return replace(self, depth=self.depth + level, level=None), r.at[..., 2].add(-level), level
 
     @trace_once
     def elevation(self, r: jax.Array, t: jax.Array) -> jax.Array:
         """Elevation of the surface (n,) [m] over positions r (n, 3)."""
         if self.level is not None:
-            own, r, level = self.over(r, t)
+            own, r, level = self.over(self.level, r, t)
             return own.elevation(r, t) + level
         if self.waves is None:
             return jnp.zeros_like(r[:, 0])
@@ -45,7 +45,7 @@ class Sea:
     def at(self, r: jax.Array, t: jax.Array) -> Motion:
         """Water at positions r (n, 3) [m]; the acceleration is the local one, du/dt at a fixed position."""
         if self.level is not None:
-            own, r, level = self.over(r, t)
+            own, r, level = self.over(self.level, r, t)
             motion = own.at(r, t)
             return motion._replace(elevation=motion.elevation + level)
         if self.waves is None:
@@ -68,7 +68,7 @@ class Sea:
         It is that of the unstretched field, at the heights at which the kinematics are evaluated.
         """
         if self.level is not None:
-            own, r, level = self.over(r, t)
+            own, r, level = self.over(self.level, r, t)
             return own.convective(r, t, motion._replace(elevation=motion.elevation - level))
         if self.waves is not None:
             heights = self.waves.heights(r[:, 2], motion.elevation, self.depth)
@@ -87,14 +87,14 @@ class Sea:
     def stream(self, r: jax.Array, t: jax.Array) -> jax.Array:
         """Velocity (n, 3) [m/s] of the current alone."""
         if self.level is not None:
-            own, r, _ = self.over(r, t)
+            own, r, _ = self.over(self.level, r, t)
             return own.stream(r, t)
         if self.current is None:
             return jnp.zeros_like(r)
         return self.current.velocity(r[:, 2], t, self.depth)
 
     @property
-    def corners(self) -> list[jax.Array]:
+    def corners(self) -> list[Numbers]:
         """Times (k,) [s] at which the motion of the water is not smooth: table times of the current, both ends of a
         ramp."""
         tables = [part.time for part in (self.current, self.level) if part is not None and part.time is not None]

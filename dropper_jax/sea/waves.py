@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.sea.current import Scalar
 from dropper_jax.sea.sincos import sincos
 
 #: Extrapolation of kinematics above the mean surface, where linear theory is not defined.
@@ -41,7 +42,7 @@ class Waves:
     phase: jax.Array = parameter("phase", unit="rad", shape="table")
     direction: jax.Array = parameter("direction of travel from +x towards +y: one, or one per component", unit="rad")
     intrinsic: jax.Array | None = parameter("intrinsic frequency on a current", unit="rad/s", default=None)
-    ramp: jax.Array | None = parameter("time to reach the full height", unit="s", low=0.0, default=None)
+    ramp: Scalar | None = parameter("time to reach the full height", unit="s", low=0.0, default=None)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
 
     @property
@@ -83,7 +84,7 @@ class Waves:
         """Surface elevation (n,) [m]."""
         return self.rise(t)[0] * jnp.sum(self.amplitude * sincos(self.phases(x, y, t))[1], axis=-1)
 
-    def heights(self, z: jax.Array, elevation: jax.Array, depth: jax.Array) -> jax.Array:
+    def heights(self, z: jax.Array, elevation: jax.Array, depth: Scalar) -> jax.Array:
         """Height at which the kinematics of z are evaluated (n,) [m]: z, z limited to the mean surface, or Wheeler's
         z'.
 
@@ -96,7 +97,7 @@ class Waves:
             z = jnp.minimum(z, 0.0)
         return jnp.maximum(z, -depth)
 
-    def profiles(self, z: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def profiles(self, z: jax.Array, depth: Scalar) -> tuple[jax.Array, jax.Array]:
         """C and S of each component at heights z (n,): (n, c) each."""
         k = self.wave_number
         up = jnp.exp(k * z[:, None])
@@ -104,7 +105,7 @@ class Waves:
         scale = -1.0 / jnp.expm1(-2.0 * k * depth)
         return (up + down) * scale, (up - down) * scale
 
-    def motion(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> Motion:
+    def motion(self, r: jax.Array, t: jax.Array, depth: Scalar) -> Motion:
         """The water at positions r (n, 3) [m], all components in one pass."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         rise, rate = self.rise(t)
@@ -112,7 +113,7 @@ class Waves:
         velocity, acceleration = self._orbit(self.heights(r[:, 2], elevation, depth), cos, sin, depth)
         return Motion(elevation, rise * velocity, rise * acceleration + rate * velocity)
 
-    def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: Scalar) -> tuple[jax.Array, jax.Array]:
         """Velocity and local acceleration (n, 3) at heights z, without the ramp."""
         across, upright = self.profiles(z, depth)
         speed = self.speeds
@@ -131,13 +132,13 @@ class Waves:
             [jnp.sum(level * (size * cos), axis=-1), jnp.sum(level * (size * sin), axis=-1), vertical], axis=-1
         )
 
-    def airy_velocity(self, r: jax.Array, t: jax.Array, depth: jax.Array) -> jax.Array:
+    def airy_velocity(self, r: jax.Array, t: jax.Array, depth: Scalar) -> jax.Array:
         """Velocity (n, 3) [m/s] at positions r with mapped heights, for gradients."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         return self.rise(t)[0] * self._orbit(r[:, 2], cos, sin, depth)[0]
 
     def excursion(
-        self, position: jax.Array, t: jax.Array, depth: jax.Array, heave: jax.Array, surge: jax.Array
+        self, position: jax.Array, t: jax.Array, depth: Scalar, heave: jax.Array, surge: jax.Array
     ) -> jax.Array:
         """Displacement (3,) [m] of a particle at the mean surface, its parts times `heave` and `surge`."""
         phases = self.phases(position[:1], position[1:2], t)[0]
@@ -147,7 +148,7 @@ class Waves:
         up = self.amplitude * heave * jnp.cos(phases)
         return self.rise(t)[0] * jnp.stack([jnp.sum(across * cos), jnp.sum(across * sin), jnp.sum(up)])
 
-    def pressure(self, r: jax.Array, t: jax.Array, depth: jax.Array, density: jax.Array) -> jax.Array:
+    def pressure(self, r: jax.Array, t: jax.Array, depth: Scalar, density: Scalar) -> jax.Array:
         """Dynamic pressure (n,) [Pa]; zero mean, without the hydrostatic part."""
         phases = self.phases(r[:, 0], r[:, 1], t)
         elevation = self.elevation(r[:, 0], r[:, 1], t)

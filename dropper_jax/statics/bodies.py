@@ -11,6 +11,7 @@ with the attached nodes included. The descent is that of `system`. Dense: for hu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -142,3 +143,8 @@ def moves_of(model: Model) -> NodeMoves | BodyMoves:
     if model.constraints:
         return BodyMoves(model)
     return NodeMoves(model)
+
+
+def stiffness_matrix(moves: NodeMoves | BodyMoves, s: State, loads: jax.Array) -> jax.Array:
+    """K at a configuration in the form of its unknowns: blocks, or one matrix."""
+    return moves.tangent.matrix(jax.linearize(partial(moves.rows, s, loads), moves.none)[1], moves.none)

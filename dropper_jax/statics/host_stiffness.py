@@ -10,9 +10,10 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
+from dropper_jax.statics.bodies import stiffness_matrix
 from dropper_jax.statics.pattern import pattern_of
 from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale
-from dropper_jax.statics.tangent import LEFT, NodeMoves, stiffness_matrix
+from dropper_jax.statics.tangent import LEFT, NodeMoves
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array

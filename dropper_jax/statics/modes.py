@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model, State
+from dropper_jax.statics.pattern import Array
 from dropper_jax.statics.rest_problem import rest
 from dropper_jax.statics.system import stiffness_and_motions, stiffness_of_motions
 
@@ -31,20 +31,20 @@ class Modes:
             each, the last ones.
         mass: modal masses (modes,) [kg], of the shape: `x'Mx`.
         damping_ratio: at zero amplitude (modes,), relative to `critical_damping`: includes `b_l`, but not `b_q`.
-        bodies: displacements of the reference points [m] and rotations about x, y, z [rad] (modes, bodies, 6); or None.
-        body_share: fraction of the kinetic energy of each mode in each body (modes, bodies); or None.
+        bodies: displacements of the reference points [m] and rotations about x, y, z [rad] (modes, bodies, 6).
+        body_share: fraction of the kinetic energy of each mode in each body (modes, bodies).
     """
 
     period: np.ndarray
     shape: np.ndarray
     mass: np.ndarray
     damping_ratio: np.ndarray
-    bodies: np.ndarray | None = None
-    body_share: np.ndarray | None = None
+    bodies: np.ndarray
+    body_share: np.ndarray
 
     def pick(self, which: np.ndarray) -> Modes:
         """The modes with these indices."""
-        return Modes(*(None if part is None else part[which] for part in vars(self).values()))
+        return Modes(*(part[which] for part in vars(self).values()))
 
     @property
     def omega(self) -> np.ndarray:
@@ -90,10 +90,12 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     omega = np.sqrt(value)
     ratio = np.asarray(_damping(model, pose, jnp.asarray(shape))) / (2 * omega * mass)
     period = 2 * np.pi / omega
-    if not model.constraints:
-        return Modes(period, shape, mass, ratio)
-    share = _share_of_bodies(still, pose, shape, mass)
-    return Modes(period, shape, mass, ratio, _of_bodies(model, pose, shape), share)
+    bodies = np.zeros((len(value), 0, 6))
+    share = np.zeros((len(value), 0))
+    if model.constraints:
+        bodies = _of_bodies(model, pose, shape)
+        share = _share_of_bodies(still, pose, shape, mass)
+    return Modes(period, shape, mass, ratio, bodies, share)
 
 
 def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.ndarray:
@@ -181,7 +183,7 @@ def _share_of_bodies(model: Model, pose: State, shape: np.ndarray, mass: np.ndar
     return np.stack([np.sum(energy[:, own], axis=1) for own in corners], axis=1) / mass[:, None]
 
 
-def _symmetric(matrix: ArrayLike) -> ArrayLike:
+def _symmetric(matrix: Array) -> Array:
     return 0.5 * (matrix + matrix.T)
 
 

@@ -11,9 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Law, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE, Newton, Solver, StepProblem, Unknowns, largest_row, newton, subtract
-from dropper_jax.solvers import SOLVERS
+from dropper_jax.solvers import SOLVERS, Dense
 
 #: Minimum kappa over the weight per length: prevents drift of unconstrained parts (a float in calm water).
 SMALLEST = 1e-9
@@ -108,7 +109,7 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
     else:
         stiffness = 0.0
     bed = model.effect("seabed")
-    if bed is not None:
+    if isinstance(bed, Seabed):
         contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
         stiffness = xp.maximum(stiffness, contact)
     extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
@@ -151,7 +152,7 @@ def rest_solver(model: Model) -> Solver:
         if model.node_reach > 0:
             return SOLVERS["dense"]
         return SOLVERS["network"]
-    if SOLVERS["dense"].size(model) <= MOST_DENSE:
+    if Dense().size(model) <= MOST_DENSE:
         return SOLVERS["dense"]
     return SOLVERS["banded"]
 

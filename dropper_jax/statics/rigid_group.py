@@ -20,7 +20,7 @@ from dropper_jax.statics.stiffness import FREEDOMS, Stiffness, forces_on_held, m
 
 
 def stiffness_of_group(
-    model: Model, pose: State, names: Sequence[str], about: Sequence[float], label: str = "group"
+    model: Model, pose: State, names: Sequence[str], about: Sequence[float] | np.ndarray, label: str = "group"
 ) -> Stiffness:
     """The stiffness (6, 6) of fixed points that move as one rigid body.
 

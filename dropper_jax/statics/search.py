@@ -17,7 +17,9 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
-from dropper_jax.model import Effect, Ends, Model, State, state
+from dropper_jax.effects.seabed_friction import SeabedFriction
+from dropper_jax.effects.weight import Weight
+from dropper_jax.model import Ends, Model, State, state
 from dropper_jax.residual import GRAVITY_SCALE
 from dropper_jax.statics.catenary import catenary_guess, hang
 from dropper_jax.statics.rest_problem import polish, rest, solve_statics, system_tolerance
@@ -56,8 +58,8 @@ class Equilibrium:
     tension: np.ndarray
     residual: float
     status: str
-    message: str = ""
-    state: State | None = field(default=None, repr=False)
+    message: str
+    state: State = field(repr=False)
 
 
 def given_loads(model: Model, loads: jax.Array | None) -> jax.Array:
@@ -72,7 +74,9 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
 
     The descent of a system of lines starts at `near`, if that is given, in place of straight lines.
     """
-    if model.dtype != jnp.float64 and jax.config.jax_enable_x64:  # the balance of stiff links would be lost in rounding
+    if (
+        model.dtype != jnp.float64 and jnp.result_type(float) == jnp.float64
+    ):  # the balance of stiff links would be lost in rounding
         exact = search(model.cast(jnp.float64), loads, t, near)
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full = model
@@ -160,12 +164,13 @@ def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[S
     return solve_statics(model, fallen, loads)
 
 
-def outward(full: Model) -> Effect | None:
+def outward(full: Model) -> SeabedFriction | None:
     """The static seabed friction of the lines of a system, or None."""
     friction = full.effect("seabed_friction")
-    if friction is None or friction.statics != "outward" or full.geometry.is_path or full.constraints:
-        return None
-    return friction
+    alone = full.geometry.is_path or full.constraints
+    if isinstance(friction, SeabedFriction) and friction.statics == "outward" and not alone:
+        return friction
+    return None
 
 
 def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
@@ -178,7 +183,7 @@ def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, fl
 
 def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
     line = model.line
-    ends, force = _forces(model, None if near is None else near.r, np.asarray(t, model.dtype))
+    ends, force = _forces(model, None if near is None else near.r, jnp.asarray(t, model.dtype))
     ends = jax.tree.map(np.asarray, ends)
     total = np.asarray(force, float) + np.asarray(loads, float)
     if not np.any(total):
@@ -242,10 +247,10 @@ def _catenary(model: Model, t: float) -> State:
     ends = model.ends(jnp.asarray(t, model.dtype))
     line = model.line
     weight = model.effect("weight")
-    if weight is None:
-        total = GRAVITY_SCALE * float(jnp.sum(line.mass))
-    else:
+    if isinstance(weight, Weight):
         total = float(jnp.sum(weight.per_link(line)))
+    else:
+        total = GRAVITY_SCALE * float(jnp.sum(line.mass))
     end = None
     if ends.end is not None:
         end = np.asarray(ends.end, float)

@@ -8,6 +8,7 @@ follow from the implicit function theorem, by one linear solve at the equilibriu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -30,7 +31,7 @@ from dropper_jax.statics.system import descend, unbalance
 from dropper_jax.statics.tangent import Linear, solve_linear
 
 
-def nodal_loads(model: Model, nodes: ArrayLike | None, forces: ArrayLike | None) -> jax.Array:
+def nodal_loads(model: Model, nodes: Sequence[int] | np.ndarray | None, forces: ArrayLike | None) -> jax.Array:
     """Loads (free nodes, 3) [N] from node numbers (counted from 1) and 3-vectors; zero without `nodes`."""
     if nodes is None or len(nodes) == 0:
         return given_loads(model, None)
@@ -85,9 +86,11 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
         found = equilibrium(*at, t)
         if found.status != "ok":
             raise SceneError(f"equilibrium: {found.message}")
+        start = found.state
+    else:
+        start = near
     there = near is None
-    near = found.state if near is None else near
-    near = replace(near, t=jnp.asarray(t, model.dtype))
+    near = replace(start, t=jnp.asarray(t, model.dtype))
     loads = given_loads(model, loads)
     s, acting = _settle(model, near, loads, there)
     residual, tolerance = _remaining_residual(acting, s, loads)

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,9 +25,9 @@ from dropper_jax.effects.bending import CRUSHED
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
 from dropper_jax.solvers.dense import residual_matrix
-from dropper_jax.statics.bodies import BodyMoves, moves_of
+from dropper_jax.statics.bodies import BodyMoves, moves_of, stiffness_matrix
 from dropper_jax.statics.rest_problem import SMALLEST, RestProblem, balanced, force_scale, name_of, soft_scale
-from dropper_jax.statics.tangent import NodeMoves, stiffness_matrix
+from dropper_jax.statics.tangent import NodeMoves
 
 
 @cached_jit()
@@ -185,7 +185,7 @@ def correct_pose(
     reach = 1.0 * jnp.mean(moves.model.line.length)
     rows_at = partial(moves.rows, s, loads)
     rows, linear = jax.linearize(rows_at, moves.none)
-    dx = -moves.tangent.apply(moves.tangent.factor(linear, kappa, rows), rows)
+    dx = -moves.tangent.factor(linear, kappa, rows)(rows, False)
     farthest = jnp.max(jnp.sum(dx.reshape(-1, 3) ** 2, axis=1), initial=0.0)
     dx = dx * jnp.minimum(1.0, reach / jnp.sqrt(jnp.maximum(farthest, 1e-300)))
     # maximum opposing force along a correction, relative to its initial value
@@ -245,9 +245,23 @@ CONTINUED = 12
 IMPROVED = 0.5
 
 
+class _Descent(NamedTuple):
+    """A configuration and its scaled unbalanced force, the next kappa, how many successive ones were within the
+    tolerance, the number of corrections, the force of the guess, and the best configuration with its force."""
+
+    s: State
+    size: jax.Array
+    kappa: jax.Array
+    reached: jax.Array
+    count: jax.Array
+    first: jax.Array
+    best: State
+    least: jax.Array
+
+
 @cached_jit(static=("rounds",))
 def descend(
-    model: Model, s: State, loads: jax.Array, tolerance: jax.Array, kappa: jax.Array, rounds: int
+    model: Model, s: State, loads: jax.Array, tolerance: jax.Array | float, kappa: jax.Array, rounds: int
 ) -> tuple[State, jax.Array]:
     """Result of the descent from `s`: the best configuration and its maximum scaled unbalanced force.
 
@@ -258,24 +272,25 @@ def descend(
     s = balanced(model, s, loads)
     never = jnp.full((), jnp.inf, model.dtype)
 
-    def needs_correction(carry: tuple[Any, ...]) -> jax.Array:
-        _, size, _, reached, count, first, (_, least) = carry
-        hopeless = (count > HOPELESS) & ~(least < first)
-        return (reached < 2) & (count < rounds) & (jnp.isfinite(size) | (count == 0)) & ~hopeless
+    def needs_correction(now: _Descent) -> jax.Array:
+        hopeless = (now.count > HOPELESS) & ~(now.least < now.first)
+        unfinished = (now.reached < 2) & (now.count < rounds)
+        return unfinished & (jnp.isfinite(now.size) | (now.count == 0)) & ~hopeless
 
-    def correct(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        s, _, kappa, reached, count, first, (best, least) = carry
+    def correct(now: _Descent) -> _Descent:
+        s, _, kappa, reached, count, first, best, least = now
         s, size, before, kappa = correct_pose(moves, s, loads, kappa)
         size = size / scale
         # the guess is evaluated here, by its first correction, so that the program contains the rows once less
         first = jnp.where(count == 0, before / scale, first)
         least = jnp.where(count == 0, before / scale, least)
-        best = jax.tree.map(lambda new, old: jnp.where(size < least, new, old), (s, size), (best, least))
-        return s, size, kappa, jnp.where(size <= tolerance, reached + 1, 0), count + 1, first, best
+        best, least = jax.tree.map(lambda new, old: jnp.where(size < least, new, old), (s, size), (best, least))
+        return _Descent(s, size, kappa, jnp.where(size <= tolerance, reached + 1, 0), count + 1, first, best, least)
 
     none = jnp.zeros((), jnp.int32)
-    start = s, never, jnp.asarray(kappa, s.r.dtype), none, none, never, (s, never)
-    return jax.lax.while_loop(needs_correction, correct, start)[-1]
+    start = _Descent(s, never, jnp.asarray(kappa, s.r.dtype), none, none, never, s, never)
+    end = jax.lax.while_loop(needs_correction, correct, start)
+    return end.best, end.least
 
 
 def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:

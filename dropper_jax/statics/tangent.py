@@ -20,13 +20,13 @@ from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.indexed_sums import scatter_add_many
 from dropper_jax.model import Graph, Model, State, state
-from dropper_jax.solvers.elimination import Elimination, Order, apply, eliminate, elimination_order, solve
+from dropper_jax.solvers.elimination import Order, apply, eliminate, elimination_order, solve
 from dropper_jax.statics.pattern import Pattern, pattern
 from dropper_jax.statics.rest_problem import SMALLEST, balanced, soft_scale, unbalanced_at
 
 Linear = Callable[[jax.Array], jax.Array]
-#: Factors of a dense matrix.
-LU = tuple[jax.Array, jax.Array]
+#: A factored map: the displacements for given forces, or of the transposed map.
+Solve = Callable[[jax.Array, bool], jax.Array]
 
 #: Maximum number of corrections of a linear solve, and the remaining fraction of the right side above which the system
 #: has no solution.
@@ -68,23 +68,20 @@ class Tangent:
         matrix = jnp.zeros((size, 3, size, 3), blocks.dtype)
         return matrix.at[row, :, column, :].set(blocks).reshape(3 * size, 3 * size)
 
-    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> Elimination:
+    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> Solve:
         """The factored map of displacements like x, stiffened by kappa [N/m]."""
         own = jnp.asarray(self.pattern.row == self.pattern.column, x.dtype)
         stiffer = kappa * own[:, None, None] * jnp.eye(3, dtype=x.dtype)
         return self.factor_matrix(self.matrix(linear, x) + stiffer)
 
-    def factor_matrix(self, blocks: jax.Array) -> Elimination:
+    def factor_matrix(self, blocks: jax.Array) -> Solve:
         """The factored map of these blocks."""
-        return eliminate(self.order, blocks)
+        factor = eliminate(self.order, blocks)
+        return lambda rows, transposed: solve(factor.transpose() if transposed else factor, rows)
 
     def multiply(self, blocks: jax.Array, x: jax.Array) -> jax.Array:
         """The map of these blocks at displacements x (free, 3)."""
         return scatter_add_many(self.pattern.row, apply(blocks, x[self.pattern.column]), len(x))
-
-    def apply(self, factor: Elimination, rows: jax.Array, transposed: bool = False) -> jax.Array:
-        """The displacements for given forces."""
-        return solve(factor.transpose() if transposed else factor, rows)
 
 
 @dataclass(frozen=True)
@@ -99,29 +96,25 @@ class DenseTangent:
     def dense(self, matrix: jax.Array) -> jax.Array:
         return matrix
 
-    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> LU:
-        return lu_factor(self.matrix(linear, x) + kappa * jnp.eye(x.size, dtype=x.dtype))
-
-    def apply(self, factor: LU, rows: jax.Array, transposed: bool = False) -> jax.Array:
-        return lu_solve(factor, rows, trans=int(transposed))
+    def factor(self, linear: Linear, kappa: jax.Array, x: jax.Array) -> Solve:
+        factor = lu_factor(self.matrix(linear, x) + kappa * jnp.eye(x.size, dtype=x.dtype))
+        return lambda rows, transposed: lu_solve(factor, rows, trans=int(transposed))
 
 
 def solve_linear(tangent: Tangent | DenseTangent, linear: Linear, right: jax.Array) -> jax.Array:
     """dr [m] with `linear(dr) = right` [N]; differentiable in both modes; NaN if there is no solution."""
-    return _solve_factored(tangent, linear, tangent.factor(linear, tangent.kappa, right), right)
+    return _solve_factored(linear, tangent.factor(linear, tangent.kappa, right), right)
 
 
 def solve_matrix(tangent: Tangent, matrix: jax.Array, right: jax.Array) -> jax.Array:
     """The same for a matrix as blocks, real or complex, without free motions."""
     factor = tangent.factor_matrix(jax.lax.stop_gradient(matrix))
-    return _solve_factored(tangent, partial(tangent.multiply, matrix), factor, right)
+    return _solve_factored(partial(tangent.multiply, matrix), factor, right)
 
 
-def _solve_factored(
-    tangent: Tangent | DenseTangent, linear: Linear, factor: Elimination | LU, right: jax.Array
-) -> jax.Array:
+def _solve_factored(linear: Linear, factor: Solve, right: jax.Array) -> jax.Array:
     def solve_with(transposed: bool, matrix: Linear, b: jax.Array) -> jax.Array:
-        return refine_solution(matrix, partial(tangent.apply, factor, transposed=transposed), b)
+        return refine_solution(matrix, lambda left: factor(left, transposed), b)
 
     return jax.lax.custom_linear_solve(linear, right, partial(solve_with, False), partial(solve_with, True))
 
@@ -168,8 +161,3 @@ class NodeMoves:
     def move_pose(self, s: State, loads: jax.Array, x: jax.Array) -> State:
         """The configuration at the displacement x from s."""
         return balanced(self.model, state(self.model, s.r + x, t=s.t), loads)
-
-
-def stiffness_matrix(moves: NodeMoves, s: State, loads: jax.Array) -> jax.Array:
-    """K at a configuration in the form of its unknowns: blocks, or one matrix."""
-    return moves.tangent.matrix(jax.linearize(partial(moves.rows, s, loads), moves.none)[1], moves.none)

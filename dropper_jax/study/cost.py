@@ -119,7 +119,7 @@ class Variant:
         run = jax.jit(partial(advance, stepper, saves=1, save_every=steps))
         self.compiled = run.lower(model, self.start, self.dt).compile()
         self.counts = self.compiled.cost_analysis() or {}  # of one step: the body of a loop counts once
-        self.program = self.compiled.as_text()
+        self.program = self.compiled.as_text() or ""
         #: Wall times [s] of its runs, and Newton corrections per step, once they are counted.
         self.times: list[float] = []
         self.corrections: float | None = None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -147,7 +146,7 @@ class _DesignSearch:
         self.scene, self.paths, self.names, self.goals, self.progress = scene, paths, names, goals, progress
         model = bare_model(overgrown(scene))
         self.quantities = [static_quantity(name, model, "target") for name in names]
-        self.poses: dict[tuple[float, ...], tuple[Model, Any, np.ndarray]] = {}
+        self.poses: dict[tuple[float, ...], tuple[Model, State, np.ndarray]] = {}
 
     def at(self, x: np.ndarray | list[float]) -> Scene:
         return self.scene.with_values(dict(zip(self.paths, map(float, x), strict=True)))

@@ -103,7 +103,7 @@ def examine(repeats: int = 400) -> Installation:
         versions=versions(),
         system=System(platform.platform(), os.cpu_count(), available_memory()),
         devices=[f"{device.platform}:{device.id} {device.device_kind}" for device in jax.devices()],
-        float64=bool(jax.config.jax_enable_x64),
+        float64=jnp.result_type(float) == jnp.float64,
         one_kernel=tags_enabled(),
         compiler_options={name: _is_known(name) for name in OPTIONS},
         cache=cache(),
@@ -181,10 +181,9 @@ def loads_stored_programs() -> Check:
     """Whether a program stored by one process is loaded by the next, with the same result."""
     name = "programs stored for the next start"
     with tempfile.TemporaryDirectory() as folder:
-        probes = [_probe(folder) for _ in range(2)]
-    if None in probes:
+        first, second = (_probe(folder) for _ in range(2))
+    if first is None or second is None:
         return Check(name, False, "a process that stores programs fails")
-    first, second = probes
     if first["folder"] is None:
         return Check(name, False, "the folder of temporary files cannot be used")
     if not second["loaded"]:

@@ -35,7 +35,7 @@ def regime(solution: Solution) -> dict[str, float]:
     at = [take_every(a, every) for a in (solution.positions, solution.velocities, solution.t)]
     looked = (at[0], at[1][:, free], at[2])
 
-    speed = np.asarray(_across(model.sea, np.asarray(free), *map(np.asarray, looked))).max(axis=0)
+    speed = np.asarray(_across(model.sea, jnp.asarray(free), *map(jnp.asarray, looked))).max(axis=0)
     diameter = np.asarray(model.line.drag_diameter)[links]
     period = shortest = float("nan")
     if model.sea.waves is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -11,6 +11,8 @@ from jax.flatten_util import ravel_pytree
 
 from dropper_jax.base.errors import SceneError
 
+#: A number, an array or a tree of arrays.
+Tree = TypeVar("Tree")
 #: Relative change of the number that matters most, and the difference of both changes from which a gradient is not
 #: trusted.
 SIZE = 0.005
@@ -45,7 +47,11 @@ class GradientCheck(NamedTuple):
 
 
 def check_gradient(
-    function: Callable[[Any], Any], x: Any, gradient: Any, scale: Any = None, size: float = SIZE
+    function: Callable[[Tree], float | jax.Array],
+    x: Tree,
+    gradient: Tree,
+    scale: Tree | None = None,
+    size: float = SIZE,
 ) -> GradientCheck:
     """Whether a gradient, such as that of `jax.grad` through a run, predicts a change of engineering size.
 

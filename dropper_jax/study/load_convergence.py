@@ -80,7 +80,7 @@ class _LoadRun:
     @classmethod
     def of(cls, scene: Scene, step: Mapping[str, float]) -> _LoadRun:
         """The run with an accuracy or equal steps."""
-        solution = simulate(scene, **step)
+        solution = simulate(scene, accuracy=step.get("accuracy"), dt=step.get("dt"))
         if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
             raise KeyboardInterrupt
         good = is_finished(solution) and len(solution.t) > 3
@@ -96,8 +96,10 @@ class _LoadRun:
 
     def row(self, right: list[Table] | None) -> Table:
         """Its errors relative to the loads of a finer run."""
-        loads = None if right is None else self.loads(right)
-        errors = {name: None if loads is None else _worst(loads, right, name) for name in WANTED}
+        errors: dict[str, float | None] = dict.fromkeys(WANTED)
+        loads = self.loads(right)
+        if right is not None and loads is not None:
+            errors = {name: _worst(loads, right, name) for name in WANTED}
         return {
             "accuracy": self.accuracy,
             "dt": self.dt,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.base.read import Plain, Table
+from dropper_jax.base.read import Plain, Table, declared_fields
 from dropper_jax.effects import EFFECTS
 from dropper_jax.evaluation.extremes import line_snaps
 from dropper_jax.evaluation.record import Record, arc, record
@@ -55,7 +55,8 @@ def _line(line: Table) -> Table:
 
 def _effect(name: str, values: Table) -> Table:
     found = dict(values)
-    for key, field in EFFECTS[name].__dataclass_fields__.items():
+    for field in declared_fields(EFFECTS[name]).values():
+        key = field.name
         if found.get(key) is not None and field.metadata.get("shape") in ("link", "node"):
             found[key] = _halve_value(found[key], 2 if field.metadata.get("unit") in SHARED else 1)
     for key in ("node", "nodes"):  # of one line, counted from 1
@@ -81,11 +82,11 @@ def _start(start: Table) -> Table:
 
 def _halve_value(value: Plain, parts: int) -> Plain:
     """Value of each half of a link, from a number or a list of one per link."""
-    if isinstance(value, bool | str) or value is None:
-        return value
     if isinstance(value, list):
         return [_halve_value(x, parts) for x in value for _ in (0, 1)]
-    return value / parts
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return value / parts
+    return value
 
 
 #: Loads of each line: mean and standard deviation in time of the link with the maximum tension [N], mean of the maxima
@@ -258,9 +259,10 @@ def _windows(found: Record, values: np.ndarray) -> np.ndarray:
 
 def _period(scene: Scene) -> float:
     """Period of the waves with the most energy [s], else the length of a window without waves, 10 s."""
-    if scene.sea is None or scene.sea.waves is None:
+    sea = scene.sea
+    if sea is None or sea.waves is None:
         return 10.0
-    return periods(scene).get("waves") or main_period(scene.sea)
+    return periods(scene).get("waves") or main_period(sea, sea.waves)
 
 
 def _row(i: int, made: dict[str, list[Table]], factor: float) -> Table:

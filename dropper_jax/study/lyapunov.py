@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -62,7 +62,7 @@ def _measure_growth(model: Model, s: State, stepper: Stepper, dt: float | jax.Ar
     dv = unit_perturbation(model, s, seed)
     tangent = jax.jvp(lambda v: begin(stepper, model, replace(s, v=v)).state, (s.v,), (dv,))[1]
 
-    def one(carry: tuple[State, Any], _: None) -> tuple[tuple[State, Any], tuple[jax.Array, jax.Array]]:
+    def one(carry: tuple[State, State], _: None) -> tuple[tuple[State, State], tuple[jax.Array, jax.Array]]:
         s, ds = carry
 
         def advance(s: State) -> tuple[State, jax.Array]:
@@ -99,7 +99,7 @@ def perturbation_size(model: Model, dr: jax.Array, dv: jax.Array) -> jax.Array:
 def _only_motion(ds: State, size: jax.Array) -> State:
     """The scaled perturbation, without bookkeeping and time."""
 
-    def scale_leaf(x: Any) -> Any:
+    def scale_leaf(x: jax.Array) -> jax.Array:
         if getattr(x, "dtype", None) == float0:
             return x
         return x / size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.stepping.adaptive import adaptive_start, advance_adaptively
-from dropper_jax.stepping.integrate import begin, empty_rows, next_progress, scan_steps
+from dropper_jax.stepping.integrate import Progress, begin, empty_rows, next_progress, scan_steps
 from dropper_jax.stepping.stepper import make_stepper
 
 #: Schemes with a weight gamma, and the default weights of a comparison.
@@ -101,7 +101,11 @@ def runnable(schemes: list[Scheme], model: Model) -> tuple[list[Scheme], list[di
     return good, refused
 
 
-def link_vectors(model: Model, r: np.ndarray, t: np.ndarray) -> np.ndarray:
+#: Rows of a run, traced or on the host.
+Rows = jax.Array | np.ndarray
+
+
+def link_vectors(model: Model, r: Rows, t: np.ndarray) -> np.ndarray:
     """Link vectors (k, n, 3) [m] of free nodes r (k, nodes, 3) at times t (k,), in the precision of r."""
     return np.asarray(_links(model, jnp.asarray(r), jnp.asarray(t, model.dtype))).astype(r.dtype)
 
@@ -123,7 +127,7 @@ def angles_between(d: np.ndarray, reference: np.ndarray) -> np.ndarray:
         return 2 * np.arcsin(np.minimum(0.5 * chord, 1.0))
 
 
-def rms(x: np.ndarray) -> float:
+def rms(x: Rows) -> float:
     """Root of the mean square; infinite if any entry is not finite."""
     with np.errstate(over="ignore"):
         if np.all(np.isfinite(x)):
@@ -136,7 +140,7 @@ def rms_angle(d: np.ndarray, reference: np.ndarray) -> float:
     return rms(angles_between(d, reference))
 
 
-def rms_position(r: np.ndarray, reference: np.ndarray) -> float:
+def rms_position(r: Rows, reference: Rows) -> float:
     """RMS over times and nodes of the distance between nodes [m]."""
     return rms(np.linalg.norm(r - reference, axis=-1))
 
@@ -165,14 +169,24 @@ class Marched(NamedTuple):
     path: jax.Array
 
 
+class _SoFar(NamedTuple):
+    """Of a run: its last step, tensions of the first step since the saved row, and `Marched`'s values up to now."""
+
+    progress: Progress
+    first: jax.Array
+    worst: jax.Array
+    retried: jax.Array
+    path: jax.Array
+
+
 @cached_jit(static=("stepper", "capacity"), kernel=True)
 def march(
     stepper: Stepper,
     model: Model,
     s: State,
-    dt: jax.Array,
-    every: jax.Array,
-    saves: jax.Array,
+    dt: jax.Array | float,
+    every: jax.Array | int,
+    saves: jax.Array | int,
     capacity: int,
 ) -> Marched:
     """`saves` times `every` steps of `dt` from s, in the first of `capacity` rows.
@@ -181,24 +195,23 @@ def march(
     """
     dt = jnp.asarray(dt, model.dtype)
 
-    def one(i: jax.Array, carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        progress, first, worst, retried, path = carry
-        after, taken = next_progress(stepper, model, progress, dt)
-        path = path + jnp.sum((after.state.r - progress.state.r) ** 2) / dt
-        first = jnp.where(i == 0, after.state.tension, first)
-        return after, first, jnp.maximum(worst, taken.row), retried + taken.retried, path
+    def one(i: jax.Array, so_far: _SoFar) -> _SoFar:
+        after, taken = next_progress(stepper, model, so_far.progress, dt)
+        path = so_far.path + jnp.sum((after.state.r - so_far.progress.state.r) ** 2) / dt
+        first = jnp.where(i == 0, after.state.tension, so_far.first)
+        return _SoFar(after, first, jnp.maximum(so_far.worst, taken.row), so_far.retried + taken.retried, path)
 
-    def row(carry: tuple[Any, ...]) -> Marched:
-        progress, first, worst, retried, path = carry
+    def row(so_far: _SoFar) -> Marched:
+        progress, first, worst, retried, path = so_far
         s = progress.state
         return Marched(s.r, s.v, jnp.stack([s.tension, first]), s.work, worst, progress.first_bad, retried, path)
 
-    def save(carry: tuple[Any, ...], _: jax.Array) -> tuple[tuple[Any, ...], Marched]:
-        carry = jax.lax.fori_loop(0, every, one, carry)
-        return carry, row(carry)
+    def save(so_far: _SoFar, _: jax.Array) -> tuple[_SoFar, Marched]:
+        so_far = jax.lax.fori_loop(0, every, one, so_far)
+        return so_far, row(so_far)
 
     zero = jnp.zeros((), model.dtype)
-    start = begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero
+    start = _SoFar(begin(stepper, model, s), jnp.zeros_like(s.tension), zero, jnp.zeros((), jnp.int32), zero)
     return scan_steps(save, start, saves, empty_rows(jax.eval_shape(row, start), capacity))[1]
 
 
@@ -212,7 +225,7 @@ class MarchResult(NamedTuple):
 
 @cached_jit(static=("stepper", "saves"), kernel=True)
 def march_with_accuracy(
-    stepper: Stepper, model: Model, s: State, grid: jax.Array, accuracy: jax.Array, saves: int
+    stepper: Stepper, model: Model, s: State, grid: jax.Array | float, accuracy: jax.Array | float, saves: int
 ) -> MarchResult:
     """`march` in steps that follow an accuracy, on a grid [s]; `path` by the trapezoidal rule, tensions are means."""
     grid = jnp.asarray(grid, model.dtype)
@@ -283,14 +296,14 @@ def convergence(
     return found
 
 
-def _angles(model: Model, r: np.ndarray, grid: float) -> np.ndarray:
+def _angles(model: Model, r: Rows, grid: float) -> np.ndarray:
     """Polar and azimuth (2, k, n) [rad]."""
     links = link_vectors(model, r, grid * np.arange(1, len(r) + 1))
     nodes = np.concatenate([np.zeros((len(r), 1, 3)), np.cumsum(links, axis=1)], axis=1)
     return np.stack(link_angles(nodes))
 
 
-def _differences(label: str, dts: list[float], motions: list[Any], states: list[str]) -> Table:
+def _differences(label: str, dts: list[float], motions: list[np.ndarray | None], states: list[str]) -> Table:
     count = next((m.shape[-1] for m in motions if m is not None), 0)
     nothing = np.full((2, count), np.nan)
     pairs = pairwise(motions)

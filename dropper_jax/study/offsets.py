@@ -27,8 +27,8 @@ from dropper_jax.statics.static_pose import release_loads
 def offset_curves(
     scene: Scene,
     points: Sequence[str],
-    directions: Sequence[float],
-    distances: Sequence[float],
+    directions: Sequence[float] | np.ndarray,
+    distances: Sequence[float] | np.ndarray,
     progress: Progress = silent,
 ) -> list[Table]:
     """Equilibria with points displaced together: a row per direction and distance.

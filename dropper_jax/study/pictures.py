@@ -96,8 +96,9 @@ def responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
         values = np.array([row[key] for row in rows], float)
         axes.plot(period, np.unwrap(values) if key == "phase_rad" else values, label="as in the scene", **marks(0))
         axes.set_ylabel(label)
-    more = [row.get("amplitude_10_percent_more") for row in rows]
-    if all(value is not None for value in more):
+    key = "amplitude_10_percent_more"
+    more = [row[key] for row in rows if row.get(key) is not None]
+    if len(more) == len(rows):
         higher = [row["amplitude_rad"] * (1.0 + value) for row, value in zip(rows, more, strict=True)]
         panels[0].plot(period, higher, label="waves 10 % higher", **marks(1))
         panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)

@@ -17,7 +17,7 @@ from dropper_jax.residual import Stepper
 from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.lyapunov import perturbation_size, unit_perturbation
-from dropper_jax.study.march import grid_run, link_vectors, rms_angle
+from dropper_jax.study.march import Rows, grid_run, link_vectors, rms_angle
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Reference:
     """
 
     t: np.ndarray
-    r: np.ndarray
+    r: Rows
     links: np.ndarray
     tension: np.ndarray
     error: float
@@ -153,7 +153,7 @@ def _stepper_or_default(model: Model, name: str) -> Stepper:
         return make_stepper(model, "energy_momentum")
 
 
-def _extrapolate(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> np.ndarray:
+def _extrapolate(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Rows:
     """Positions (k, nodes, 3) extrapolated from steps h, h/2, h/4, for an error in even powers of h."""
     h1 = grid_run(stepper, model, s, grid, every, saves).r
     h2 = grid_run(stepper, model, s, grid, every * 2, saves).r
@@ -163,7 +163,7 @@ def _extrapolate(stepper: Stepper, model: Model, s: State, grid: float, every: i
     return again + (again - once) / 15
 
 
-def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -> np.ndarray:
+def instant_tension(model: Model, r: Rows, v: Rows, t: np.ndarray) -> np.ndarray:
     """Tensions (k, n) [N] of states r, v (k, nodes, 3) at times t (k,).
 
     Rigid links: the T for which no link's length accelerates, `d . d'' + |d'|^2 = 0` with `M a = F + G' T`;
@@ -171,7 +171,7 @@ def instant_tension(model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray) -
     """
     if model.laws:
         return np.full((len(t), model.line.links), np.nan)
-    return np.asarray(_tensions(model, r, v, jnp.asarray(t, model.dtype)))
+    return np.asarray(_tensions(model, jnp.asarray(r), jnp.asarray(v), jnp.asarray(t, model.dtype)))
 
 
 @cached_jit()

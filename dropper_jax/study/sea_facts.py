@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from operator import itemgetter
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.run.simulate import Solution, simulate
 from dropper_jax.scene import line_slices, utilisations
 from dropper_jax.sea import Sea
-from dropper_jax.sea.make import finite_wave, make_sea
+from dropper_jax.sea.make import finite_wave, make_current, make_sea
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.steady import SteadyWave, fitting_theory, highest, second_harmonic
 from dropper_jax.sea.waves import Waves
@@ -44,7 +44,7 @@ def _waves(spec: SeaSpec) -> Table | None:
     wave = finite_wave(spec)
     if wave is not None:
         return _steady(wave)
-    sea = make_sea(SeaSpec(**{**vars(spec), "interpolation": "none"}))
+    sea = make_sea(replace(spec, interpolation="none"))
     if sea.waves.size == 1:
         return _linear(sea.waves, spec.depth)
     return _irregular(sea, spec)
@@ -101,6 +101,7 @@ def _irregular(sea: Sea, spec: SeaSpec) -> Table:
     hs = float(sea.waves.significant_height)
     tz = mean_period(sea)
     limits = {"depth": SHALLOW_HEIGHT * spec.depth, "steepness": steepest_sea(tz, spec.gravity)}
+    limit, breaking = min(limits.items(), key=itemgetter(1))
     return {
         "kind": "irregular",
         "theory": "linear",
@@ -110,18 +111,17 @@ def _irregular(sea: Sea, spec: SeaSpec) -> Table:
         "peak_period_s": float(2.0 * np.pi / sea.waves.omega[int(np.argmax(np.asarray(sea.waves.amplitude)))]),
         "hs_over_depth": hs / spec.depth,
         "steepness": 2.0 * np.pi * hs / (spec.gravity * tz**2),
-        "breaking_hs_m": min(limits.values()),
-        "breaking_by": min(limits, key=limits.get),
-        "share_of_breaking": hs / min(limits.values()),
+        "breaking_hs_m": breaking,
+        "breaking_by": limit,
+        "share_of_breaking": hs / breaking,
     }
 
 
 def _current(spec: SeaSpec) -> Table | None:
     if spec.current is None:
         return None
-    sea = make_sea(SeaSpec(**{**vars(spec), "waves": None, "wave_current": "none"}))
     heights = np.array([0.0, -0.5 * spec.depth, -0.95 * spec.depth])
-    velocity = np.asarray(sea.current.profile(jnp.asarray(heights), jnp.asarray(spec.depth)))
+    velocity = np.asarray(make_current(spec.current).profile(jnp.asarray(heights), jnp.asarray(spec.depth)))
     return {
         "kind": spec.current.kind,
         "heights_m": heights,
@@ -130,23 +130,23 @@ def _current(spec: SeaSpec) -> Table | None:
     }
 
 
-def cycle_times(scene: Scene, count: int) -> np.ndarray:
+def cycle_times(sea: Sea, count: int) -> np.ndarray:
     """Times (count,) [s] over the longest constituent of current and level, or over their tables.
 
     Raises:
         SceneError: neither changes with time.
     """
-    if scene.sea is None:
-        parts = []
-    else:
-        parts = [p for p in (scene.sea.current, scene.sea.level) if p is not None]
+    parts = [p for p in (sea.current, sea.level) if p is not None]
     periods = [float(np.max(p.period)) for p in parts if p.period is not None]
     spans = [p.time for p in parts if p.time is not None]
     if periods:
         return np.linspace(0.0, max(periods), count)
     if spans:
         return np.linspace(min(s[0] for s in spans), max(s[-1] for s in spans), count)
-    raise SceneError("--tide: neither sea.current nor sea.level changes with time. Use a scene in which one does")
+    raise SceneError(STEADY)
+
+
+STEADY = "--tide: neither sea.current nor sea.level changes with time. Use a scene in which one does"
 
 
 def tidal_cycle(scene: Scene, count: int = 13) -> Table:
@@ -159,9 +159,12 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
         displacements from there of all nodes and of the nodes of each line.
     """
     model = build_model(scene)
+    sea = model.sea
+    if sea is None:
+        raise SceneError(STEADY)
     loads = release_loads(model, scene.start)
-    times = cycle_times(scene, count)
-    slack = equilibrium(replace(model, sea=replace(model.sea, current=None, level=None)), loads)
+    times = cycle_times(sea, count)
+    slack = equilibrium(replace(model, sea=replace(sea, current=None, level=None)), loads)
     rows = []
     for t in times:
         pose = equilibrium(model, loads, float(t))
@@ -169,13 +172,13 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
         used = utilisations(scene.anchors, {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()})
         way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
         level_m = 0.0
-        if model.sea.level is not None:
-            level_m = float(model.sea.level.at(jnp.asarray(t)))
+        if sea.level is not None:
+            level_m = float(sea.level.at(jnp.asarray(t)))
         rows.append(
             {
                 "t_s": float(t),
                 "level_m": level_m,
-                "speed_m_per_s": _speed(model.sea, float(t)),
+                "speed_m_per_s": _speed(sea, float(t)),
                 "status": pose.status,
                 "displacement_m": float(way.max()),
                 "line_moved_m": {line.name: float(way[line.nodes].max()) for line in line_slices(scene)},
@@ -186,7 +189,7 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
     return {"rows": rows, "slack": slack.positions, "slack_status": slack.status}
 
 
-def _speed(sea: Any, t: float) -> float:
+def _speed(sea: Sea, t: float) -> float:
     """Speed of the current at the surface [m/s], negative after the current has turned."""
     if sea.current is None:
         return 0.0
@@ -202,7 +205,9 @@ TAKEN = 1.0 / 3.0
 HIGHER_WAVES = 1.1
 
 
-def responses(scene: Scene, periods: Sequence[float], more: bool = True, progress: Progress = silent) -> list[Table]:
+def responses(
+    scene: Scene, periods: Sequence[float] | np.ndarray, more: bool = True, progress: Progress = silent
+) -> list[Table]:
     """Response of a scene's first link in regular waves of these periods [s], over whole periods at the end of runs.
 
     Args:
@@ -244,15 +249,18 @@ def responses(scene: Scene, periods: Sequence[float], more: bool = True, progres
 
 def _response(solution: Solution, period: float) -> Table:
     model = build_model(solution.scene, "float64")
+    sea = model.sea
+    if sea is None or model.line.diameter is None:
+        raise SceneError("line.0.diameter: missing; a response needs it, > 0 m")
     span = np.floor(TAKEN * solution.t[-1] / period) * period
     last = solution.t > solution.t[-1] - span
     t = solution.t[last]
     nodes = solution.positions[last]
-    course = float(model.sea.waves.direction)
+    course = float(sea.waves.direction)
     link = nodes[:, 1] - nodes[:, 0]
     angle = np.arctan2(link[:, 0] * np.cos(course) + link[:, 1] * np.sin(course), -link[:, 2])
     held = jnp.asarray(nodes[:1, 0] * [1.0, 1.0, 0.0])
-    eta = np.asarray(jax.jit(jax.vmap(lambda s: model.sea.elevation(held, s)[0]))(jnp.asarray(t)))
+    eta = np.asarray(jax.jit(jax.vmap(lambda s: sea.elevation(held, s)[0]))(jnp.asarray(t)))
     wave = np.exp(-2j * np.pi * t / period)
     swing = 2 * np.mean((angle - angle.mean()) * wave)
     surface = 2 * np.mean(eta * wave)

@@ -7,7 +7,6 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +21,7 @@ from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import (
     Marched,
+    Rows,
     Scheme,
     grid_run,
     link_vectors,
@@ -203,7 +203,7 @@ def _single(x: ArrayLike) -> ArrayLike:
     return x
 
 
-def _walls(run: Callable[[], Any], repeats: int, before: float = 0.0) -> list[float]:
+def _walls(run: Callable[[], object], repeats: int, before: float = 0.0) -> list[float]:
     """Wall times of compiled runs [s]; only a few if they are long, none if one took `before` and is long."""
     enough = 0.2  # total time [s] after which no more are run
     times = [before] if before > enough else []
@@ -240,7 +240,8 @@ def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: R
 def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarray:
     """Energy balance error since the start (k,) [J]: energies of the raw velocities minus all counted work."""
     dtype = model.dtype
-    energies = np.asarray(_energies(model, np.asarray(run.r, dtype), np.asarray(run.v, dtype), np.asarray(t, dtype)))
+    states = [jnp.asarray(x, dtype) for x in (run.r, run.v, t)]
+    energies = np.asarray(_energies(model, *states))
     start = float(_energies(model, s.r[None], s.v[None], s.t[None])[0])
     with np.errstate(invalid="ignore", over="ignore"):
         return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
@@ -257,7 +258,7 @@ def _energies(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Arr
     return jax.vmap(total)(r, v, t)
 
 
-def _tension_errors(run: Marched, stepper: Stepper, reference: np.ndarray) -> np.ndarray:
+def _tension_errors(run: Marched, stepper: Stepper, reference: np.ndarray) -> Rows:
     """Differences (k - 1, n) [N]; tensions from within steps are interpolated between both sides of a saved time."""
     ending = run.tension[:-1, 0]
     beginning = run.tension[1:, 1]

@@ -160,12 +160,12 @@ OTHER_NAMES = {
     "mc": "statdynfricscale",
     "fric_coeff": "frictioncoefficient",
 }
-#: Numbers with a counterpart in a scene, with MoorDyn's defaults.
+#: Numbers with a counterpart in a scene, with MoorDyn's defaults; a step or depth of 0 is not given.
 NUMBERS = {
-    "dtm": None,
+    "dtm": 0.0,
     "g": GRAVITY,
     "rho": SEA_WATER,
-    "wtrdpth": None,
+    "wtrdpth": 0.0,
     "kbot": 3.0e6,
     "cbot": 3.0e5,
     "tmaxic": 120.0,
@@ -209,7 +209,7 @@ class Options:
         missed: one line for each of those that affect the results.
     """
 
-    values: dict[str, float | None] = field(default_factory=lambda: dict(NUMBERS))
+    values: dict[str, float] = field(default_factory=lambda: dict(NUMBERS))
     texts: dict[str, str] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)

@@ -123,7 +123,7 @@ def _free_body(deck: Deck, row: Row, found: Ends, used: set[str], notes: list[st
     found.bodies.append(body)
 
 
-def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> dict[str, bool]:
+def _pinned_field(row: Row, kind: str, what: str, notes: list[str]) -> Table:
     """Additional keys of `[[body]]` for a pinned body or rod."""
     if kind.lower() in PINNED_COUPLED:
         notes.append(f"line {row.number}: {what} is coupled and pinned: it is pinned at its position")
@@ -150,9 +150,8 @@ def _rod_ends(rod: Row, shape: Table, found: Ends, used: set[str]) -> dict[str, 
 def _ends(deck: Deck, row: Row) -> tuple[str, str]:
     """Words of the two ends of a line; version 1 has them after length and segments."""
     row.need(6, "line")
-    if not first_version(deck):
-        return row.words[2:4]
-    return row.words[4:6]
+    first = 4 if first_version(deck) else 2
+    return row.words[first], row.words[first + 1]
 
 
 def first_version(deck: Deck) -> bool:
@@ -261,11 +260,10 @@ def _rod(deck: Deck, row: Row, bodies: dict[str, Row], found: Ends, used: set[st
             notes.append(f"{rod} is coupled: its ends are fixed; use [[vessel]] to move such points together")
         return ""
     body = bodies.get(_holder(row))
-    if body is None:
-        buoy = None
-    else:
+    buoy = None
+    if body is not None:
         buoy = spar(deck, body, row, row.name or f"buoy-{key}")
-    if buoy is None or f"R{key}B" in used:
+    if body is None or buoy is None or f"R{key}B" in used:
         row.refuse(
             f"rod {key}, {holder!r}: is not represented; allowed: free, pinned, coupled and fixed rods, rods on free "
             "or pinned bodies, and upright ones without mass on a free body that cannot turn, lines at their end A",

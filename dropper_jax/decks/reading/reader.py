@@ -6,13 +6,12 @@ import math
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
 
 from dropper_jax.base.errors import LocatedValues, SceneError, nearest
 from dropper_jax.base.files import find_referenced
-from dropper_jax.base.read import Table
+from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.toml_text import parsed_toml
-from dropper_jax.decks.reading.joints import Part, join_lines
+from dropper_jax.decks.reading.joints import DeckLine, Part, join_lines
 from dropper_jax.decks.reading.options import Options, read_options, read_seafloor, read_types
 from dropper_jax.decks.reading.points import Ends, first_version, read_ends, wet_floats_note
 from dropper_jax.decks.reading.sections import Deck, read_input, split_file
@@ -57,17 +56,17 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     notes = [*options.missed]
     types = read_types(deck, notes)
     ends = read_ends(deck, notes)
-    lines = _lines(deck, types, ends.names, notes)
+    own_lines = _lines(deck, types, ends.names)
     _check_outputs(deck)
     held = {point["name"] for point in ends.points if point.get("kind") != "free"}
-    if not ends.bodies and all(line["links"] == 1 and {line["from"], line["to"]} <= held for line in lines):
-        for line in lines:  # MoorDyn's only stretch; here at least one node must be free
-            line["links"] = 2
-            notes.append(f"line {line['name']!r}: NumSegs 1 between fixed points: 2 links are used")
-    used = {line["type"] for line in lines}
-    bending = _bending(lines, types, ends, notes)
-    broken = _failures(deck, lines, ends.names, notes)
-    lines, parts = join_lines(lines, ends.joints)
+    if not ends.bodies and all(line.links == 1 and {line.start, line.end} <= held for line in own_lines):
+        for line in own_lines:  # MoorDyn's only stretch; here at least one node must be free
+            line.links = 2
+            notes.append(f"line {line.name!r}: NumSegs 1 between fixed points: 2 links are used")
+    used = {line.type for line in own_lines}
+    bending = _bending(own_lines, types, ends, notes)
+    broken = _failures(deck, own_lines, ends.names, notes)
+    lines, parts = join_lines(own_lines, ends.joints)
     for failure in broken:
         failure |= _link_of(parts[failure["line"]], failure["link"])
     notes += _joint_notes(lines, parts, options.values["tmaxic"] == 0.0)
@@ -143,8 +142,8 @@ def _check_depth(deck: Deck, options: Options, depth: float) -> None:
     options.values["wtrdpth"] = depth
 
 
-def _lines(deck: Deck, types: Table, names: dict[str, str], notes: list[str]) -> list[Table]:
-    found: dict[str, Table] = {}
+def _lines(deck: Deck, types: Table, names: dict[str, str]) -> list[DeckLine]:
+    found: dict[str, DeckLine] = {}
     by_upper = {key.upper(): name for key, name in names.items()}
     order = (4, 5, 2, 3) if first_version(deck) else (2, 3, 4, 5)
     for row in deck.require("lines"):
@@ -159,21 +158,21 @@ def _lines(deck: Deck, types: Table, names: dict[str, str], notes: list[str]) ->
                 row.refuse(f"{end_word!r} is not a point of the file; {nearest(end_word, names)}")
         if start.upper() == end.upper():
             row.refuse(f"line {row.words[0]} starts and ends at {start}; allowed: two different points")
-        found[row.words[0]] = {
-            "name": row.name or f"line-{row.words[0]}",
-            "from": by_upper[start.upper()],
-            "to": by_upper[end.upper()],
-            "type": row.words[1],
-            "length": row.value(order[2], "UnstrLen", 0.0, open_low=True),
-            "links": row.integer(order[3], "NumSegs"),
-        }
+        found[row.words[0]] = DeckLine(
+            name=row.name or f"line-{row.words[0]}",
+            start=by_upper[start.upper()],
+            end=by_upper[end.upper()],
+            type=row.words[1],
+            length=row.value(order[2], "UnstrLen", 0.0, open_low=True),
+            links=row.integer(order[3], "NumSegs"),
+        )
     return list(found.values())
 
 
 def line_parts(deck: Deck) -> dict[str, Part]:
     """Where each line of a deck is in the lines of its scene, by its name."""
     ends = read_ends(deck, [])
-    return join_lines(_lines(deck, read_types(deck, []), ends.names, []), ends.joints)[1]
+    return join_lines(_lines(deck, read_types(deck, []), ends.names), ends.joints)[1]
 
 
 def _joint_notes(lines: list[Table], parts: dict[str, Part], as_given: bool) -> list[str]:
@@ -210,7 +209,7 @@ def _check_outputs(deck: Deck) -> None:
                 row.refuse(f"output {word!r}: there is no such line; allowed: {', '.join(known)}")
 
 
-def _failures(deck: Deck, lines: list[Table], names: dict[str, str], notes: list[str]) -> list[Table]:
+def _failures(deck: Deck, lines: list[DeckLine], names: dict[str, str], notes: list[str]) -> list[Table]:
     """`[[failure]]` entries: the first or last link of each line that detaches from a point."""
     found: list[Table] = []
     by_upper = {key.upper(): name for key, name in names.items()}
@@ -222,14 +221,14 @@ def _failures(deck: Deck, lines: list[Table], names: dict[str, str], notes: list
         load = row.value(4, "FailTen", 0.0)
         given = {key: value for key, value in (("time", time), ("load", load)) if value > 0.0}
         for word in row.words[2].split(","):
-            line = by_number.get(word, {})
-            if point not in (line.get("from"), line.get("to")):
+            line = by_number.get(word)
+            if line is None or point not in (line.start, line.end):
                 row.refuse(f"line {word} does not end at point {row.words[1]}")
             if given:
                 link = 1
-                if line["from"] != point:
-                    link = line["links"]
-                found.append({"line": line["name"], "link": link, **given})
+                if line.start != point:
+                    link = line.links
+                found.append({"line": line.name, "link": link, **given})
         if load > 0.0 and "," in row.words[2]:
             notes.append(f"line {row.number}: the lines of a failure detach one by one, each at its own tension")
     return found
@@ -237,7 +236,7 @@ def _failures(deck: Deck, lines: list[Table], names: dict[str, str], notes: list
 
 def _run(options: Options, notes: list[str]) -> Table:
     dt = options.values["dtm"]
-    if dt is None or dt <= 0.0:
+    if dt <= 0.0:
         notes.append(f"the file has no time step dtM: {DEFAULT_STEP:g} s is used")
         dt = DEFAULT_STEP
     elif dt < 1e-3:  # needed for the stability of an explicit scheme, not for accuracy
@@ -252,16 +251,16 @@ def _run(options: Options, notes: list[str]) -> Table:
     return {"dt": dt}
 
 
-def _bending(lines: list[Table], types: Table, ends: Ends, notes: list[str]) -> Table | None:
+def _bending(lines: list[DeckLine], types: Table, ends: Ends, notes: list[str]) -> Table | None:
     """`[effects.bending]` of lines with EI, clamped where they end at fixed rods (as in MoorDyn); None without any."""
-    stiff = [line for line in lines if "EI" in types[line["type"]]]
+    stiff = [line for line in lines if "EI" in types[line.type]]
     if not stiff:
         return None
-    every = [line[key] for line in lines for key in ("from", "to")]
+    every = [name for line in lines for name in (line.start, line.end)]
     clamped = []
     for line in stiff:
-        for name in (line["from"], line["to"]):
-            pinned = f"line {line['name']!r} is pinned on {name.removeprefix('point-')}"
+        for name in (line.start, line.end):
+            pinned = f"line {line.name!r} is pinned on {name.removeprefix('point-')}"
             if name in ends.turning:
                 notes.append(f"{pinned}, which moves; in MoorDyn it is clamped along the rod")
             elif name in ends.leaving and every.count(name) > 1:
@@ -311,7 +310,7 @@ def _sea(deck: Deck, options: Options, notes: list[str]) -> Table:
     if "seafloorfile" in options.texts and not depth:
         depths = read_seafloor(_seafloor(options, folder))["bed_depth"]
         depth = sum(depths) / len(depths)
-    if not depth or depth <= 0.0:
+    if depth <= 0.0:
         at = options.lines.get("wtrdpth", deck.first.get("options", 1))
         deck.refuse(at, "WtrDpth: missing; needed: > 0 m, in the file or as --depth")
     sea: Table = {"depth": depth, "density": values["rho"], "gravity": values["g"]}
@@ -352,7 +351,7 @@ def _apply_free_text(deck: Deck, scene: Table) -> None:
                 scene[key] = value
 
 
-def _join_pieces(lines: list[Table], given: Any) -> None:
+def _join_pieces(lines: list[Table], given: Plain) -> None:
     """Set the line from which each piece was cut; a list of anything else is a remark of the user."""
     if isinstance(given, list):
         lists = [names for names in given if isinstance(names, list)]

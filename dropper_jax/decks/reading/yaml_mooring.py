@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
@@ -182,12 +183,10 @@ def _line(path: Path, row: Table, at: str, types: Iterable[str], points: Iterabl
 
 def _number(path: Path, value: Plain, at: str, low: float = -math.inf, open_low: bool = False) -> float:
     """A finite number; PyYAML reads `1e8`, without a point, as text."""
-    try:
-        found = math.nan
-        if not isinstance(value, bool):
+    found = math.nan
+    if isinstance(value, int | float | str) and not isinstance(value, bool):
+        with suppress(ValueError):
             found = float(value)
-    except (TypeError, ValueError):
-        found = math.nan
     if not math.isfinite(found) or found < low or (open_low and found == low):
         if low == -math.inf:
             limit = ""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from dropper_jax.base.read import Values, declared_fields
 from dropper_jax.decks.reading.points import wet_floats_note
 from dropper_jax.decks.writing.pieces import detachment
 from dropper_jax.effects import EFFECTS
@@ -94,14 +93,14 @@ def moved_points(scene: Scene) -> set[str]:
     return found
 
 
-def _named_points(values: Mapping[str, Any], keys: Sequence[str]) -> list[str]:
+def _named_points(values: Values, keys: Sequence[str]) -> list[str]:
     words = [[values[key]] if isinstance(values[key], str) else values[key] for key in keys]
     return [name for names in words for name in names if name]
 
 
-def _given_values(cls: type, values: Mapping[str, Any]) -> Iterator[str]:
+def _given_values(cls: type, values: Values) -> Iterator[str]:
     """Keys whose values differ from the defaults of the class."""
-    for field in dataclasses.fields(cls):
+    for field in declared_fields(cls).values():
         value = values.get(field.name)
         if field.name in values and value is not None and not np.array_equal(value, field.default):
             yield field.name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,12 @@ COEFFICIENTS = (
 )
 
 
+#: Rows (strain, tension [N]) of a tabulated law.
+Rows = tuple[tuple[float, float], ...]
+#: Values and table of a line type.
+Kind = tuple[tuple[float, ...], Rows | None]
+
+
 @dataclass(frozen=True)
 class Piece:
     """A stretch of equal links: the values of its line type, its number of links and its length [m].
@@ -35,12 +41,12 @@ class Piece:
     type: tuple[float, ...]
     links: int
     length: float
-    table: tuple[tuple[float, float], ...] | None = None
+    table: Rows | None = None
 
     @property
-    def kind(self) -> tuple[Any, ...]:
-        """The values that two stretches of the same line type share."""
-        return (*self.type, self.table)
+    def kind(self) -> Kind:
+        """What two stretches of the same line type share."""
+        return self.type, self.table
 
 
 def pieces(scene: Scene, index: int) -> list[Piece]:
@@ -74,13 +80,13 @@ def pieces(scene: Scene, index: int) -> list[Piece]:
     return found
 
 
-def _rows(table: ForceTable) -> tuple[tuple[float, float], ...]:
+def _rows(table: ForceTable) -> Rows:
     return tuple(zip(table.strain.tolist(), table.tension.tolist(), strict=True))
 
 
-def line_types(parts: list[list[Piece]]) -> dict[tuple[Any, ...], str]:
+def line_types(parts: list[list[Piece]]) -> dict[Kind, str]:
     """Names of the line types."""
-    kinds: dict[tuple[Any, ...], str] = {}
+    kinds: dict[Kind, str] = {}
     for piece in (piece for part in parts for piece in part):
         kinds.setdefault(piece.kind, f"type{len(kinds) + 1}")
     return kinds

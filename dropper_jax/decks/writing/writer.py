@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
+from dropper_jax.base.read import Table, Values
 from dropper_jax.decks.reading.water import CURRENT, FREQUENCIES
 from dropper_jax.decks.writing.bodies import body_numbers, body_tables, check_bodies, rule, section
 from dropper_jax.decks.writing.differences import differences, moved_points
@@ -26,11 +26,11 @@ from dropper_jax.sea.spec import CurrentSpec
 
 
 def write_moordyn(
-    scene: str | Path | Mapping[str, Any] | Scene,
+    scene: str | Path | Values | Scene,
     path: str | Path,
     *,
     dt: float | None = None,
-    options: Mapping[str, Any] | None = None,
+    options: Values | None = None,
     force: bool = False,
 ) -> list[str]:
     """Write a system of lines as a MoorDyn v2 input; returns what the file cannot represent, one line each.
@@ -127,7 +127,7 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
     parts = [pieces(scene, i) for i in range(len(scene.lines))]
     kinds = line_types(parts)
     types = []
-    for (diameter, mass, stiffness, *rest, table), name in kinds.items():
+    for ((diameter, mass, stiffness, *rest), table), name in kinds.items():
         axial = _value(stiffness) if table is None else _table_file(path, name)
         types.append(" ".join([name, _value(diameter), _value(mass), axial, *map(_value, rest)]))
     head = "TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx"
@@ -200,7 +200,7 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
         yield from section("FAILURE", "ID Point Lines FailTime FailTen", "(#) (#) (,) (s) (N)", rows)
 
 
-def _point(number: int, kind: str, position: Sequence[float], body: list[float | None], name: str) -> str:
+def _point(number: int, kind: str, position: np.ndarray, body: list[float | None], name: str) -> str:
     return " ".join([str(number), kind, *map(_value, position), *(_value(x or 0.0) for x in body)]) + (
         f"  ! name: {name}"
     )
@@ -218,12 +218,12 @@ def _join(scene: Scene, line: LineSpec, part: list[Piece], words: dict[str, str]
         rows.append(_point(len(rows) + 1, "Free", start + share * (end - start), [None] * 4, name))
 
 
-def _options(scene: Scene, path: Path, dt: float | None, more: Mapping[str, Any]) -> Iterator[str]:
+def _options(scene: Scene, path: Path, dt: float | None, more: Values) -> Iterator[str]:
     run = scene.run
     sea = scene.sea
     bed = scene.effects.get("seabed")
     depth = sea.depth if sea is not None else (bed or {}).get("depth")
-    values: dict[str, Any] = {
+    values: Table = {
         "dtM": run.step if dt is None else dt,
         "dtOut": run.step * run.save_every,
         "g": scene.gravity,
@@ -273,7 +273,7 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
     found = {}
     sea = scene.sea
     bed = scene.effects.get("seabed")
-    for (*_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
+    for (_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
         if table is not None:
             rows = [f"{_value(e)} {_value(tension)}" for e, tension in table]
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]

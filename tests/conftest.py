@@ -162,6 +162,36 @@ def json_of(printed):
     return lambda arguments, code=0: json.loads(printed(arguments, code).out)
 
 
+@pytest.fixture
+def refused(capsys):
+    """`refused(arguments)`: the one line of `dropper` on what a user can mend; the object of --json has it too."""
+
+    def call(arguments):
+        assert main([*arguments, "--json"]) == 2
+        out, err = capsys.readouterr()
+        found = json.loads(out)
+        assert (found["schema"], found["status"]) == (1, "invalid_input")
+        assert err == f"error: {found['error']}\n"
+        assert err.count("\n") == 1
+        return err
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def refusal():
+    """`refusal(call, ...)`: the one line with which a call refuses what it is given."""
+
+    def read(call, *given, **settings):
+        with pytest.raises(dj.SceneError) as caught:
+            call(*given, **settings)
+        message = str(caught.value)
+        assert "\n" not in message
+        return message
+
+    return read
+
+
 @pytest.fixture(scope="session")
 def both_modes():
     """`both_modes(f)(x)`: f(x) (m,) or a number, its derivatives (m, n) or (n,) in reverse and in forward mode.

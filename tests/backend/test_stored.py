@@ -89,17 +89,6 @@ DAMAGES = [
 ]
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_damaged_content_is_removed_and_not_read(tmp_path, damage):
-    folder = Folder(tmp_path)
-    assert folder.read("a") is None
-    folder.write("a", b"program")
-    assert folder.read("a") == b"program"
-    (tmp_path / "a").write_bytes(damage((tmp_path / "a").read_bytes()))
-    assert folder.read("a") is None
-    assert names(tmp_path) == []
-
-
 def test_the_least_recently_used_files_are_removed_first(tmp_path):
     folder = Folder(tmp_path, largest=3 * 140)
     for i, key in enumerate("abc"):

@@ -31,45 +31,19 @@ GOOD = as_toml(
 )
 
 
-def one_line_refusal(capsys, argv: list[str]) -> str:
-    """Exit code 2, one line on standard error; with --json the object too. Returns the line."""
-    assert main(argv) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
-    assert main([*argv, "--json"]) == 2
-    found = json.loads(capsys.readouterr().out)
-    assert found["schema"] == 1
-    assert found["status"] == "invalid_input"
-    assert f"error: {found['error']}\n" == err
-    return err
-
-
 @pytest.mark.parametrize(
     ("old", "new", "named", "allowed"),
     [
         ("mass = 0.01", "mass = -0.01", "line.0.mass: -0.01", "> 0 kg"),
-        ("mass = 0.01", 'mass = "heavy"', "line.0.mass: 'heavy' is not a number", "> 0 kg"),
-        ("mass = 0.01", "mass = nan", "line.0.mass: nan is not finite", "> 0 kg"),
-        ("length = 0.1", "length = -0.1", "line.0.length: -0.1", "> 0 m"),
-        ("length = 0.1", "length = 0.02", "line.0.length: the links are 0.06 m long", "more than 0.1 m"),
-        ("length = 0.1", "lenth = 0.1", "line.0.lenth: unknown key", "'length'"),
-        ("dt = 0.01", "dt = 0.0", "run.dt: 0.0", "> 0 s"),
-        ("dt = 0.01", "dt = -1.0", "run.dt: -1.0", "> 0 s"),
-        ("duration = 0.1", "duration = -5.0", "run.duration: -5.0", "> 0 s"),
-        ("duration = 0.1", "duration = inf", "run.duration: inf", "> 0 s"),
-        ("[effects.weight]", "[effects.wight]", "effects.wight: unknown key", "'weight'"),
         ("dt = 0.01", "dt = 0.01 0.02", "TOML syntax", "line 4"),
     ],
 )
 @pytest.mark.parametrize("command", ["run", "equilibrium"])
-def test_bad_scene_file_is_refused_in_one_line(tmp_path, capsys, command, old, new, named, allowed):
+def test_bad_scene_file_is_refused_in_one_line(tmp_path, refused, command, old, new, named, allowed):
     file = tmp_path / "scene.toml"
     assert old in GOOD
     file.write_text(GOOD.replace(old, new))
-    line = one_line_refusal(capsys, [command, str(file)])
+    line = refused([command, str(file)])
     assert named in line
     assert allowed in line
 
@@ -78,11 +52,8 @@ def test_bad_scene_file_is_refused_in_one_line(tmp_path, capsys, command, old, n
     ("argv", "words"),
     [
         (["run", "dropper-relase-a"], ["'dropper-relase-a'", "did you mean 'dropper-release-a'"]),
-        (["run", "none.toml"], ["cannot read 'none.toml'"]),
-        (["equilibrium", "none.toml"], ["cannot read 'none.toml'"]),
         (["run", SCENE, "--dt", "0"], ["run.dt: 0.0", "> 0 s"]),
         (["run", SCENE, "--dt", "nan"], ["run.dt: nan is not finite", "> 0 s"]),
-        (["run", SCENE, "--dt", "fast"], ["--dt", "'fast' is not a number"]),
         (["run", SCENE, "--duration", "-3"], ["run.duration: -3.0", "> 0 s"]),
         (["run", SCENE, "--dtype", "half"], ["run.dtype: 'half'", "float64, float32"]),
         (["run", SCENE, "--gamma", "2"], ["run.gamma: 2.0", "0 to 1"]),
@@ -91,17 +62,12 @@ def test_bad_scene_file_is_refused_in_one_line(tmp_path, capsys, command, old, n
         (["run", SCENE, "--integrator", "rk4"], ["run.integrator: 'rk4'"]),
         (["run", SCENE, "--set", "effects.linear_dampin.b_l=1"], ["did you mean 'effects.linear_damping.b_l'"]),
         (["run", SCENE, "--set", "effects.linear_damping.b_l=-1"], ["effects.linear_damping.b_l: -1", ">= 0 kg/s"]),
-        (["run", SCENE, "--set", "run.dt"], ["--set: 'run.dt' is not KEY=VALUE"]),
-        (["run", SCENE, "--out", "run.txt"], ["--out: 'run.txt'", ".npz"]),
         (["run", SCENE, "--out", "no-such-folder/run.npz"], ["--out", "'no-such-folder' does not exist"]),
-        (["run", SCENE, "--animate", "film.mkv"], ["--animate: 'film.mkv'", ".gif"]),
-        (["run", SCENE, "--colour"], ["unrecognized arguments: --colour"]),
         (["run"], ["SCENE: missing"]),
-        (["rnu"], ["'rnu'"]),
     ],
 )
-def test_bad_argument_is_refused_in_one_line(capsys, argv, words):
-    line = one_line_refusal(capsys, argv)
+def test_bad_argument_is_refused_in_one_line(refused, argv, words):
+    line = refused(argv)
     for word in words:
         assert word in line
 
@@ -139,13 +105,13 @@ def test_toml_of_awkward_values_reads_back():
     assert tomllib.loads(as_toml({**awkward, "left out": None})) == awkward
 
 
-def test_scenes_lists_every_packaged_scene_with_a_description(capsys, json_of):
+def test_scenes_lists_every_packaged_scene_with_a_description(printed, json_of):
     found = json_of(["scenes", "--json"])
     assert [scene["name"] for scene in found["scenes"]] == list(scene_names())
     assert all(scene["description"] for scene in found["scenes"])
-    assert main(["scenes"]) == 0
-    listed = []
-    for name, rest in re.findall(r"^  (\S+)(.*)$", capsys.readouterr().out, re.MULTILINE):
+    shown, listed = printed(["scenes"]).out, []
+    assert all(len(line) <= 120 for line in shown.splitlines())
+    for name, rest in re.findall(r"^  (\S+)(.*)$", shown, re.MULTILINE):
         also = re.search(r"\(also (.*)\)$", rest)
         listed += [name, *(name + ending for ending in (also[1].split(", ") if also else ()))]
     assert sorted(listed) == sorted(scene_names())
@@ -188,13 +154,13 @@ ELASTIC = ["--set", "line.0.axial.law=elastic", "--set", "line.0.axial.EA=50.0",
     "more",
     [
         [],
-        pytest.param(["--integrator", "rattle", "--dt", "0.004"], marks=pytest.mark.check),
+        ["--integrator", "rattle", "--dt", "0.004"],
         ["--integrator", "theta_midpoint", "--gamma", "0.6", "--solver", "dense"],
         ["--integrator", "rk4", "--dt", "0.001", *ELASTIC],
-        pytest.param(["--dtype", "float32", "--set", "run.save_interval=0.05"], marks=pytest.mark.check),
+        ["--dtype", "float32", "--set", "run.save_interval=0.05"],
     ],
 )
-def test_rerun_from_provenance_gives_the_same_numbers_to_the_bit(tmp_path, capsys, more):
+def test_rerun_from_provenance_gives_the_same_numbers_to_the_bit(tmp_path, more):
     assert main(["run", SCENE, "--duration", "0.2", "--quiet", "--out", str(tmp_path / "run.npz"), *more]) == 0
     first = Solution.load(tmp_path / "run.npz")
     STORE.clear()  # the program too is made again
@@ -303,16 +269,8 @@ def test_installed_command_keeps_standard_output_clean():
 
 
 def test_set_reads_numbers_lists_and_names(json_of):
-    argv = [
-        "equilibrium",
-        SCENE,
-        "--json",
-        "--set",
-        "point.right.position=[0.3, 0.0, 0.0]",
-        "--set",
-        "run.solver=dense",
-    ]
-    assert json_of(argv)["positions_m"][-1] == [0.3, 0.0, 0.0]
+    change = ["--set", "point.right.position=[0.3, 0.0, 0.0]", "--set", "run.solver=dense"]
+    assert json_of(["equilibrium", SCENE, "--json", *change])["positions_m"][-1] == [0.3, 0.0, 0.0]
     assert load_scene(SCENE).points[1].position[0] == 0.28
 
 
@@ -350,10 +308,10 @@ def test_run_with_errors_prints_loads_with_what_they_are_off_by(tmp_path, printe
         (["--skip", "0.02"], "can only be left out together with --errors"),
     ],
 )
-def test_a_skip_that_leaves_nothing_or_belongs_to_nothing_is_refused(options, said, tmp_path, capsys):
+def test_a_skip_that_leaves_nothing_or_belongs_to_nothing_is_refused(options, said, tmp_path, refused):
     scene = tmp_path / "scene.toml"
     scene.write_text(GOOD, encoding="utf-8")
-    assert said in one_line_refusal(capsys, ["run", str(scene), *options, "--quiet"])
+    assert said in refused(["run", str(scene), *options, "--quiet"])
 
 
 @pytest.mark.parametrize(

@@ -16,12 +16,6 @@ from fitting.sweep import QUANTITIES
 SHORT = ["double-pendulum-chaotic", "--duration", "0.2", "--dt", "0.01", "--quiet"]
 
 
-def parsed(command, *argv):
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    return parser.parse_args(argv)
-
-
 def test_names_in_help_texts_are_those_that_there_are():
     assert [scheme.name for scheme in INTEGRATORS.values()] == list(INTEGRATORS) == list(options.SCHEMES)
     assert tuple(QUANTITIES) == sweep.DEFAULT_QUANTITIES

@@ -16,7 +16,7 @@ import pytest
 import dropper_jax
 from dropper_jax import cli, scene_names
 from dropper_jax.cli import main
-from dropper_jax.load.packaged import is_packaged, scene_titles, variants_of
+from dropper_jax.load.packaged import is_packaged
 from dropper_jax.scene import run
 from dropper_jax.solvers import SOLVERS
 
@@ -107,12 +107,6 @@ def test_scenes_are_listed_and_printed_without_jax():
         code, out, lines, imported = started("scenes", name)
         assert (code, lines, imported) == (0, [], [])
         assert tomllib.loads(out)["name"] == name
-
-
-def test_every_packaged_scene_has_a_title_in_one_group(printed):
-    titled = [name for titles in scene_titles().values() for name in titles]
-    assert sorted(x for name in titled for x in (name, *map(name.__add__, variants_of(name)))) == list(scene_names())
-    assert all(len(line) <= 120 for line in printed(["scenes"]).out.splitlines())
 
 
 def test_versions_are_those_of_the_installed_packages():

@@ -35,8 +35,3 @@ def test_commands_name_scenes_and_parameters_that_exist(command):
     free = re.search(r"--free (\S+)", command)
     names = free.group(1).split(",") if free else []
     assert len(full_names(scene, names)) == len(names)
-
-
-def test_pictures_are_there():
-    for name in re.findall(r"!\[.*?\]\((.*?)\)", TEXT):
-        assert (ROOT / "docs" / name).is_file()

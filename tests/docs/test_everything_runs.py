@@ -16,8 +16,10 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax.cli import main
+from dropper_jax.cli import main, parse
 from dropper_jax.cli.new import template
+from dropper_jax.effects import EFFECTS
+from fitting import Camera, observe, simulate_truth, write_trace
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -51,9 +53,9 @@ ELSEWHERE = {
 }
 #: Pages, or sections of pages, whose Python runs in tests of their own, or asks for data that only a user has.
 PYTHON_ELSEWHERE = {
-    "docs/README.md": "tests/docs/test_docs.py",
+    "docs/README.md": "tests/docs/test_everything_runs.py",
     "docs/physics.md": "tests/docs/test_reference_step.py",
-    "docs/python.md#Add an effect": "tests/docs/test_docs.py",
+    "docs/python.md#Add an effect": "tests/docs/test_everything_runs.py",
     "docs/python.md#A rope in your own program": "tests/docs/test_rope_page.py",
     "docs/fits.md#Fit any channel": "tests/fitting/channels/test_fit_channels.py",
 }
@@ -117,10 +119,16 @@ def test_what_is_run_elsewhere_is_there():
     assert [start for start in ELSEWHERE if not any(line.startswith(f"dropper {start}") for line in written)] == []
 
 
+@pytest.mark.parametrize("line", commands())
+def test_commands_on_the_pages_are_understood(line):
+    # a misspelt option or a command that is gone ends in an error of the parser
+    assert callable(parse(shlex.split(line)[1:]).run)
+
+
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory):
     """A folder with the files that the pages name."""
-    from fitting import Camera, Motion, View, film, observe, simulate_truth, write_trace, write_video
+    from fitting import Motion, View, film, write_video
     from fitting.farm.site import site_text
     from fitting.films.render import chessboards
     from fitting.films.video import opencv
@@ -178,6 +186,51 @@ def test_python_of_a_page_runs(page, place):
     if page.stem == "python":
         assert names["lines"].status == "ok"
         assert np.all(np.isfinite(names["track"]))
+
+
+@pytest.fixture
+def registry():
+    """The registry of effects as it was, whatever a page registers."""
+    before = dict(EFFECTS)
+    yield EFFECTS
+    EFFECTS.clear()
+    EFFECTS.update(before)
+
+
+def run_texts(texts, page, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    names = {"__name__": page}
+    for text in texts:
+        exec(compile(text, page, "exec"), names)
+    return names
+
+
+@pytest.mark.check
+@pytest.mark.slow
+def test_the_section_on_effects_runs_and_keeps_what_it_promises(tmp_path, monkeypatch, registry, capsys):
+    page = ROOT / "docs/python.md"
+    names = run_texts(python_by_section(page)["docs/python.md#Add an effect"], "python.md", tmp_path, monkeypatch)
+    assert registry["shock_cord"] is names["ShockCord"]
+    (section,) = re.findall(r"^## Add an effect$(.*?)(?=^## |\Z)", page.read_text(), re.M | re.S)
+    assert capsys.readouterr().out.strip() in section
+    model, start = names["model"], names["start"]
+    force = jax.make_jaxpr(lambda r: model.effects[1].force(model.instant(r, start.v, start.t)))(start.r)
+    assert "scatter" not in str(force), "a scatter keeps a run from being one kernel"
+    # the promise that nothing else changes: no stepper or solver was replaced, the effect is the scene's own
+    assert names["model"].effects[1].name == "shock_cord"
+
+
+@pytest.mark.check
+@pytest.mark.slow
+def test_the_scene_and_the_code_of_the_first_page_run(tmp_path, monkeypatch):
+    page = ROOT / "docs/README.md"
+    (tmp_path / "loop.toml").write_text(blocks(page, "toml")[0])
+    trace = observe(simulate_truth("dropper-release-a", 2.0, 60.0, 8), Camera(rate=60.0, angle_noise=0.005), seed=0)
+    write_trace(tmp_path / "traces.csv", trace)
+    names = run_texts(blocks(page, "python"), "README.md", tmp_path, monkeypatch)
+    assert names["solution"].status == "ok"
+    assert names["result"].method == "gradient"
+    assert names["result"].values == pytest.approx([0.002, 0.001], abs=0.002)
 
 
 def test_python_of_every_page_is_run_somewhere():

@@ -116,7 +116,10 @@ def test_the_error_of_an_unknown_effect_names_the_option_and_the_entry_point(tmp
         ("x = ", "cannot be used: SyntaxError"),
         ("import not_there", "cannot be used: ModuleNotFoundError"),
         (EFFECT.replace("@component\n", ""), "cannot be used: ValueError: Push: is not a component"),
-        (EFFECT.replace('"push"', '"weight"'), "cannot be used: ValueError: Push: the name 'weight' is already used"),
+        (
+            EFFECT.replace('"push"', '"weight"'),
+            "cannot be used: ValueError: Push: the name 'weight' is already used by dropper_jax.effects.weight.Weight",
+        ),
     ],
 )
 def test_a_file_without_a_usable_effect_is_refused_by_name(tmp_path, printed, text, words):
@@ -126,6 +129,12 @@ def test_a_file_without_a_usable_effect_is_refused_by_name(tmp_path, printed, te
     assert line.startswith("error: --effects: ")
     assert words in line
     assert known == EFFECTS
+
+
+def test_an_effect_has_a_name_and_is_registered_once():
+    with pytest.raises(ValueError, match="has no `name`"):
+        register(type("Nameless", (Effect,), {}))
+    assert register(EFFECTS["weight"]) is EFFECTS["weight"]
 
 
 @pytest.mark.parametrize("name", ["none.py", "scene.toml"])

@@ -290,11 +290,8 @@ def test_a_run_says_what_its_winch_does_badly(control, message):
         (table(), {"integrator": "generalized_alpha"}, "it needs constant lengths"),
     ],
 )
-def test_bad_input_gives_one_line(changing, run, message):
-    with pytest.raises(dj.SceneError) as error:
-        dj.simulate(scene(changing, **run))
-    assert message in str(error.value)
-    assert "\n" not in str(error.value)
+def test_bad_input_gives_one_line(changing, run, message, refusal):
+    assert message in refusal(dj.simulate, scene(changing, **run))
 
 
 def test_rigid_lines_are_refused():

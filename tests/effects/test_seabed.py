@@ -95,13 +95,9 @@ def sliding(friction, duration=1.0):
     }, angle
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
-    ("friction", "integrator"),
-    [
-        pytest.param(None, "energy_momentum", marks=pytest.mark.check),
-        pytest.param(0.2, "energy_momentum", marks=pytest.mark.check),
-        pytest.param(0.2, "generalized_alpha", marks=pytest.mark.check),
-    ],
+    ("friction", "integrator"), [(None, "energy_momentum"), (0.2, "energy_momentum"), (0.2, "generalized_alpha")]
 )
 def test_a_chain_slides_down_a_slope_as_a_block_does(friction, integrator):
     scene, angle = sliding(friction)

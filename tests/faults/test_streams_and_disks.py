@@ -134,11 +134,8 @@ def test_numbers_beyond_64_bits_are_refused():
         (["sweep", "string", "--vary", "b_l=0:1:1000000000000", "--out", "x.zarr"], "allowed: at most 10000000"),
     ],
 )
-def test_what_is_too_large_is_told_before_it_begins(capsys, argv, words):
-    assert main(argv) == 2
-    out, err = capsys.readouterr()
-    assert words in err
-    assert err.count("\n") == 1
+def test_what_is_too_large_is_told_before_it_begins(refused, argv, words):
+    assert words in refused(argv)
 
 
 def test_what_a_killed_writer_left_is_removed_and_what_a_living_one_writes_stays(tmp_path):
@@ -198,21 +195,6 @@ def resident(folder):
     return sum(1024 * int(next(x for x in lines[i:] if x.startswith("Rss:")).split()[1]) for i in starts)
 
 
-def test_a_killed_run_is_kept_up_to_its_last_whole_piece(tmp_path, monkeypatch):
-    """The process ends between two pieces, half of the third written; the next start saves what was whole."""
-    out = tmp_path / "run.npz"
-    killed_at(20, out, monkeypatch, lambda folder: dj.simulate("conical-pendulum", **SHORT, scratch=folder))
-    told = recover(out)
-    assert told == [f"{out}: from a run that was killed; the part after t = 0.2 s is lost"]
-    found, whole = Solution.load(out), dj.simulate("conical-pendulum", **SHORT)
-    assert found.status == "interrupted"
-    np.testing.assert_array_equal(found.positions, whole.positions[:21])
-    assert [item.name for item in tmp_path.iterdir()] == ["run.npz"]
-
-
-SHORT = {"dt": 0.01, "duration": 2.0}
-
-
 def killed_at(count, out, monkeypatch, simulate):
     """The folder of a run whose process ended after so many states, half of the next piece written."""
     machine = files.part_prefix(out).split(".")[3].rsplit("-", 2)[0]
@@ -268,17 +250,6 @@ def test_sigterm_keeps_what_is_done_as_an_interruption_does(tmp_path):
     assert json.loads(said)["status"] == "interrupted"
     assert Solution.load(out).status == "interrupted"
     assert len(Solution.load(out).t) > 1
-
-
-def test_a_page_holds_a_description_with_its_own_markers(tmp_path):
-    from dropper_jax.report.page import view_page
-
-    run = dj.simulate("conical-pendulum", dt=0.01, duration=0.1)
-    text = "/*SCRIPT*/ /*DATA*/ </script>"
-    marked = dj.simulate(run.scene.with_values({"description": text}), dt=0.01, duration=0.1)
-    page = view_page(marked)
-    data = page.split('<script id="data" type="application/json">')[1].split("</script>")[0]
-    assert json.loads(data)["description"] == text
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """The packaged scenes: all of them, and the numbers of those that a source prints."""
 
 import json
-import math
 
 import numpy as np
 import pytest
@@ -74,11 +73,6 @@ def test_compound_bars_follow_from_table_d_1():
         assert line.mass[j] == pytest.approx(mass, rel=1e-12)
         assert line.centre_of_mass[j] == pytest.approx(centre, rel=1e-10)
         assert line.inertia[j] == pytest.approx(about_pivot - mass * centre**2, rel=1e-9)
-
-
-def test_conical_rate_is_that_of_a_circle():
-    start = load_scene("conical-pendulum").start
-    assert start.azimuth_rate[0] ** 2 == pytest.approx(9.81 / math.sin(math.pi / 8), rel=1e-14)
 
 
 @pytest.mark.parametrize(("letter", "node", "force"), [("a", 1, 1.128), ("b", 2, 0.78), ("c", 3, 0.78), ("d", 4, 0.6)])

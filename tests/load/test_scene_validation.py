@@ -45,14 +45,6 @@ def changed(path: str, value: object) -> dict:
     return table
 
 
-def refusal(table: object) -> str:
-    with pytest.raises(SceneError) as caught:
-        Scene.from_dict(table)
-    message = str(caught.value)
-    assert "\n" not in message
-    return message
-
-
 BAD = [
     # unknown keys, with the nearest name
     ("runs", {}, "runs: unknown key", "'run'"),
@@ -128,20 +120,27 @@ BAD = [
     ("start", {"release_nodes": [4], "release_force": [[0, 0, 1]]}, "start.release_nodes.0: 4 is not", "1 to 3"),
     ("start", {"kind": "static", "polar": [0] * 4}, "start.polar: not used by kind 'static'", "release_force"),
     ("start", {"kind": "angles", "polar": [0.3] * 4}, "start.polar: node 4 is at", "the position of 'right'"),
+    # the entry of a list
+    (
+        "start",
+        {"release_nodes": [1], "release_force": [[0, math.nan, 1]]},
+        "start.release_force.0.1: nan is not finite",
+        "allowed",
+    ),
 ]
 
 
 @pytest.mark.parametrize(
     ("path", "value", "named", "allowed"), BAD, ids=[f"{case[0]}={_shown(case[1])}"[:60] for case in BAD]
 )
-def test_bad_value_is_refused_by_name_with_what_is_allowed(path, value, named, allowed):
-    message = refusal(changed(path, value))
+def test_bad_value_is_refused_by_name_with_what_is_allowed(path, value, named, allowed, refusal):
+    message = refusal(Scene.from_dict, changed(path, value))
     assert message.startswith(named)
     assert allowed in message[len(named) :]
 
 
 @pytest.mark.parametrize("zero", ["horizontal", "down"])
-def test_start_angles_with_four_decimals_are_closed_and_those_further_off_are_refused(zero):
+def test_start_angles_with_four_decimals_are_closed_and_those_further_off_are_refused(zero, refusal):
     """Two links down and two up, symmetric about the middle; the angles by which they close are known."""
     outer = np.arccos(0.6)
     polar = np.array([outer, np.arccos(0.4), -np.arccos(0.4), -outer])
@@ -152,7 +151,7 @@ def test_start_angles_with_four_decimals_are_closed_and_those_further_off_are_re
     assert 0.1 * along.sum() == pytest.approx(0.2, abs=1e-13)
     np.testing.assert_allclose(scene.start.polar, polar, atol=1e-4)
     start["polar"] = (polar + [0.002, 0, 0, 0]).tolist()
-    assert "the position of" in refusal(changed("start", start))
+    assert "the position of" in refusal(Scene.from_dict, changed("start", start))
 
 
 NUMBERS = [
@@ -163,26 +162,16 @@ NUMBERS = [
     "line.0.mass",
     "effects.weight.gravity",
     "effects.linear_damping.b_l",
+    "point.1.position.2",
 ]
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 10**400])
 @pytest.mark.parametrize("path", NUMBERS)
-def test_a_number_that_is_not_finite_is_refused_everywhere(path, bad):
-    message = refusal(changed(path, bad))
+def test_a_number_that_is_not_finite_is_refused_everywhere(path, bad, refusal):
+    message = refusal(Scene.from_dict, changed(path, bad))
     assert message.startswith(f"{path}: ")
     assert "is not finite; allowed: " in message
-
-
-@pytest.mark.parametrize("path", ["point.1.position.2", "start.release_force.0.1"])
-def test_nan_inside_a_list_is_refused_with_its_place(path):
-    table = changed("start", {"release_nodes": [1], "release_force": [[0.0, 0.0, 1.0]]})
-    *parents, last = (int(part) if part.isdecimal() else part for part in path.split("."))
-    place = table
-    for part in parents:
-        place = place[part]
-    place[last] = math.nan
-    assert refusal(table).startswith(f"{path}: nan is not finite")
 
 
 def test_rigid_lines_make_a_system_in_which_each_keeps_its_length():
@@ -208,13 +197,13 @@ def test_a_stiffness_alone_is_that_of_a_rope():
         ("point", {"name": "lost", "position": [0, 0, 0]}, "point.2.name: 'lost' is not an end of any line"),
     ],
 )
-def test_lines_must_reach_their_ends_and_points_need_a_line(section, more, start):
-    assert refusal({**LOOP, section: [*LOOP[section], more]}).startswith(start)
+def test_lines_must_reach_their_ends_and_points_need_a_line(section, more, start, refusal):
+    assert refusal(Scene.from_dict, {**LOOP, section: [*LOOP[section], more]}).startswith(start)
 
 
-def test_a_pose_with_wrong_link_lengths_is_refused():
+def test_a_pose_with_wrong_link_lengths_is_refused(refusal):
     rows = [[0, 0, 0], [0.1, 0, 0], [0.1, 0, -0.15], [0.2, 0, -0.1], [0.2, 0, 0]]
-    message = refusal(changed("start", {"kind": "positions", "positions": rows}))
+    message = refusal(Scene.from_dict, changed("start", {"kind": "positions", "positions": rows}))
     assert message == "start.positions: link 2 is 0.15 m long; allowed: its length 0.1 m"
 
 
@@ -232,16 +221,9 @@ def test_a_file_that_is_no_toml_is_refused_with_file_and_line(content, words, tm
         load_scene(file)
 
 
-def test_missing_file_and_folder_are_refused(tmp_path):
+def test_missing_file_and_folder_are_refused(tmp_path, refusal):
     for path in (tmp_path / "none.toml", tmp_path):
-        with pytest.raises(SceneError, match="cannot read") as caught:
-            load_scene(path)
-        assert "\n" not in str(caught.value)
-
-
-def test_unknown_packaged_scene_names_the_nearest():
-    with pytest.raises(SceneError, match="did you mean 'dropper-release-a'"):
-        load_scene("dropper-relase-a")
+        assert "cannot read" in refusal(load_scene, path)
 
 
 def test_values_are_changed_by_path_number_or_name():
@@ -277,11 +259,10 @@ def test_values_are_changed_by_path_number_or_name():
         ("line.0.mass", -1.0, "is out of range; allowed: a number or a list of 4 numbers, each > 0 kg"),
     ],
 )
-def test_unknown_path_or_bad_value_by_path_is_refused(path, value, words):
-    with pytest.raises(SceneError) as caught:
-        Scene.from_dict(LOOP).with_values({path: value})
-    assert str(caught.value).startswith(path)
-    assert words in str(caught.value)
+def test_unknown_path_or_bad_value_by_path_is_refused(path, value, words, refusal):
+    message = refusal(Scene.from_dict(LOOP).with_values, {path: value})
+    assert message.startswith(path)
+    assert words in message
 
 
 def test_free_end_and_elastic_stretch_need_no_slack():

@@ -10,7 +10,6 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import Scene, SceneError, as_toml, build_model, packaged_scene
 from dropper_jax.load.expressions import evaluate
-from dropper_jax.load.library import float_of
 from dropper_jax.load.packaged import parse_toml
 from fitting.parameters.of_scene import find_parameters
 
@@ -133,12 +132,10 @@ def test_rows_of_units_with_heading_and_shared_anchors():
 @pytest.mark.parametrize(
     ("repeat", "words"), [("= -6 * 1", "-6 makes -6 copies; allowed: a count >= 0"), ([4, 1], "[4, 1] makes -2 copies")]
 )
-def test_a_negative_repeat_is_refused(repeat, words):
+def test_a_negative_repeat_is_refused(repeat, words, refusal):
     point = {"repeat": {"k": repeat}, "name": "end-{k}", "position": [0.0, 0.0, 0.0]}
-    table = {key: FARM[key] for key in ("run", "line_type", "line", "effects")}
-    with pytest.raises(SceneError) as caught:
-        dj.load_scene({**table, "parameters": FARM["parameters"], "point": [*FARM["point"], point]})
-    assert f".repeat.k: {words}" in str(caught.value)
+    table = {key: FARM[key] for key in ("run", "line_type", "line", "effects", "parameters")}
+    assert f".repeat.k: {words}" in refusal(dj.load_scene, {**table, "point": [*FARM["point"], point]})
     with pytest.raises(SceneError, match="makes -4 copies"):
         dj.load_scene("dropper-farm").with_values({"parameters.droppers": -4})
 
@@ -209,9 +206,3 @@ def test_unknown_parameters_are_named():
         dj.load_scene(FARM).with_values({"parameters.lop": 1.0})
     with pytest.raises(SceneError, match=r"has no \[parameters\]"):
         dj.load_scene("string").with_values({"parameters.loop": 1.0})
-
-
-def test_a_float_floats():
-    """It carries its volume of water less its own weight: 0.2 m3 of 80 kg/m3."""
-    found = float_of(0.2)
-    assert (1025.0 * found["volume"] - found["mass"]) == pytest.approx(189.0)

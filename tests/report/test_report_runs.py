@@ -149,17 +149,12 @@ def test_report_of_a_failed_run_exits_with_3_and_says_why(longline, tmp_path, ca
         (["run.npz", "--report", "text.npz"], "--report: 'text.npz' is a file"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(longline, made, tmp_path, capsys, monkeypatch, more, words):
+def test_bad_input_is_refused_in_one_line(longline, made, tmp_path, refused, monkeypatch, more, words):
     monkeypatch.chdir(tmp_path)
     longline(samples=11).save(tmp_path / "run.npz")
     made("double-pendulum-periodic", np.zeros((11, 3, 3)), np.ones((11, 2))).save(tmp_path / "other.npz")
     (tmp_path / "text.npz").write_text("no run")
-    assert main(["report", *more, "--json"]) == 2
-    out = capsys.readouterr()
-    found = json.loads(out.out)
-    assert found["status"] == "invalid_input"
-    assert words in found["error"]
-    assert out.err.count("\n") == 1
+    assert words in refused(["report", *more])
 
 
 def test_a_load_that_some_runs_do_not_know_is_not_extrapolated():

@@ -83,6 +83,8 @@ def test_an_interrupted_run_goes_on_to_its_end():
     part = dj.simulate(PENDULUM, dt=0.01, duration=0.5, progress=stop)
     rest = part.continued()
     assert part.status == "interrupted"
+    assert 0.3 < part.t[-1] / whole.t[-1] < 0.6
+    np.testing.assert_array_equal(part.positions, whole.positions[: len(part.t)])
     np.testing.assert_array_equal(rest.positions[-1], whole.positions[-1])
     assert rest.t[-1] == whole.t[-1]
 

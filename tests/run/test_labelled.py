@@ -61,11 +61,8 @@ def test_elevation_is_the_regular_wave_at_the_origin(solution, opened):
 
 
 def test_a_file_gives_back_the_run_and_its_names(solution, file, opened):
-    again = Solution.load(file)
-    np.testing.assert_array_equal(again.t, solution.t)
-    assert again.work_names == solution.work_names
+    assert Solution.load(file).work_names == solution.work_names
     assert opened.position.sel(axis="z").dims == ("time", "node")
-    assert opened.tension.sel(link="sock/6").dims == ("time",)
     assert opened.step_status.attrs["flag_meanings"] == "good failed"
     np.testing.assert_array_equal(opened.step_status.attrs["flag_values"], [0, 1])
 

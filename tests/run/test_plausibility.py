@@ -7,7 +7,6 @@ import pytest
 
 from dropper_jax import SceneError, load_scene, packaged_scene, scene_names
 from dropper_jax.cli import main
-from dropper_jax.cli.new import KINDS
 from dropper_jax.run.plausibility import plausibility_warnings, with_cause
 from dropper_jax.run.pose_remarks import check_stretch, pose_remarks
 
@@ -113,12 +112,6 @@ def test_no_packaged_scene_is_doubtful(name):
     scene = load_scene(name)
     if scene.season is None and all(line.growth is None for line in scene.lines):  # growth needs an equilibrium
         assert plausibility_warnings(scene) == ()
-
-
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "mussels"])
-def test_no_template_is_doubtful(tmp_path, capsys, kind):
-    assert main(["new", kind, str(tmp_path / "own.toml")]) == 0
-    assert plausibility_warnings(load_scene(tmp_path / "own.toml")) == ()
 
 
 def test_the_tension_of_a_line_that_is_too_short_is_that_of_springs_in_series():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError, Solution
+from dropper_jax import Solution
 from dropper_jax.run.samples import ARRAYS
 from dropper_jax.run.summary import write_angles, write_tensions
 from fitting import read_trace
@@ -30,18 +30,6 @@ def test_netcdf_gives_back_every_number_and_setting(run, tmp_path):
     assert again.provenance() == run.provenance()
     assert again.scene == run.scene
     assert [item.name for item in tmp_path.iterdir()] == ["run.nc"]
-
-
-def test_both_formats_go_through_one_loader(run, tmp_path):
-    files = [run.save(tmp_path / name) for name in ("run.nc", "run.npz")]
-    first, second = (Solution.load(file) for file in files)
-    assert first.provenance() == second.provenance()
-    np.testing.assert_array_equal(first.positions, second.positions)
-
-
-def test_a_reopened_run_repeats_to_the_bit(run, tmp_path):
-    again = Solution.load(run.save(tmp_path / "run.nc")).rerun()
-    np.testing.assert_array_equal(again.positions, run.positions)
 
 
 def test_dataset_has_names_units_and_the_angles_of_the_solution(run):
@@ -86,17 +74,6 @@ def test_tension_table_holds_the_tensions_at_their_times(run, tmp_path):
     table = np.loadtxt(write_tensions(run, tmp_path / "tensions.csv"), delimiter=",", skiprows=3)
     np.testing.assert_array_equal(table[:, 0], run.t_tension)
     np.testing.assert_array_equal(table[:, 1:], run.tension)
-
-
-def test_files_that_are_no_runs_are_refused_in_one_line(tmp_path):
-    (tmp_path / "text.nc").write_text("no netCDF")
-    xarray.Dataset({"a": ("x", [1.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
-    for name in ("text.nc", "other.nc"):
-        with pytest.raises(SceneError, match=rf"{name}: not a saved run; allowed") as caught:
-            Solution.load(tmp_path / name)
-        assert "\n" not in str(caught.value)
-    with pytest.raises(SceneError, match=r"none\.nc: cannot be read"):
-        Solution.load(tmp_path / "none.nc")
 
 
 def test_systems_of_lines_keep_their_names_in_netcdf_and_tables(longline, tmp_path):

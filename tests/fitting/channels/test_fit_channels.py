@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
-from dropper_jax import SceneError, as_toml
+from dropper_jax import as_toml
 from fitting import fit_channels
 from fitting.channels.fit import growth, pose, warnings_of
 from fitting.channels.observe import differentiate_channels, observe_channels, shift_setup
@@ -201,12 +201,9 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
         ({"own": ["b_l"], "free": ["line.0.length"]}, "own: 'b_l': there is only one run"),
     ],
 )
-def test_mistakes_are_named(more, said):
+def test_mistakes_are_named(more, said, refusal):
     given = {"free": ["b_l"], "own": [], "start": {}, "bounds": {}, "priors": {}, **more}
-    with pytest.raises(SceneError) as error:
-        pose(table(seen(np.random.default_rng(0))), dj.load_scene(scene()), **given)
-    assert said in str(error.value)
-    assert "\n" not in str(error.value)
+    assert said in refusal(pose, table(seen(np.random.default_rng(0))), dj.load_scene(scene()), **given)
 
 
 def test_growth_of_derivatives_is_seen(found):

@@ -108,12 +108,9 @@ def test_an_order_that_nothing_tells_is_exit_3_with_a_picture_and_start_settles_
     np.testing.assert_allclose(read_trace(out).theta, truth, atol=0.01)
 
 
-def test_a_film_without_circles_is_named(tmp_path, capsys):
+def test_a_film_without_circles_is_named(tmp_path, refused):
     write_video(tmp_path / "empty.avi", discs(np.zeros((30, 0, 2))), 60.0)
-    assert main(["track", str(tmp_path / "empty.avi"), "--nodes", "4", "--json", "--quiet"]) == 2
-    said, errors = capsys.readouterr()
-    assert json.loads(said)["status"] == "invalid_input"
-    (line,) = [line for line in errors.splitlines() if line]
+    line = refused(["track", str(tmp_path / "empty.avi"), "--nodes", "4", "--quiet"])
     assert "empty.avi" in line
     assert "circles" in line
 

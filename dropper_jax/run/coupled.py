@@ -46,13 +46,12 @@ class Coupled:
     Within a step a point moves along the cubic through both positions and velocities (the quintic with accelerations).
     Inner steps follow the accuracy of the scene, and the last one ends with the coupling step. Of a scene with `run.dt`
     they are equal, of this length or slightly less. The force on a point is the sum of the tensions along the end links
-    of its lines in the last inner step. Weight, buoyancy and drag of the half
-    links that belong to the point are added:
+    of its lines in the last inner step, with weight, buoyancy and drag of the half links that belong to the point:
 
         F = sum_j T_j d_j/|d_j| + F_effects,    d_j from the point along link j
 
-    The inertia of these halves is left out: add `mass` to that of the body. Forces come from the last inner step. A
-    body that uses them explicitly therefore needs steps that are short compared with its own periods.
+    The inertia of these halves is left out: add `mass` to that of the body. A body that uses the forces explicitly
+    needs steps that are short compared with its own periods, for they come from the last inner step.
 
     Args:
         scene: as for `simulate`; its `[run]` gives the scheme and the accuracy, or the maximum inner step.
@@ -68,6 +67,8 @@ class Coupled:
         status: `ok`, or how the last step failed: `not_converged`, `non_finite`.
         failure: the reason in one line; empty if the step succeeded.
         residual, retried: of the last step: maximum scaled residual, inner steps solved by the fallback.
+        unresolved: number of inner steps so far of the shortest length, whose error is larger than the accuracy allows.
+        positions, tension: of all nodes [m] and links [N].
 
     Raises:
         SceneError: points that are not fixed or already move.

@@ -2,9 +2,9 @@
 
     J_i = f_i(r_1, T_1, ..., r_K, T_K),    dJ_i = sum_k (df_i/dr_k dr_k + df_i/dT_k dT_k)
 
-A run stores the state before each step and its unknowns (some 0.2 MB a step for 400 links), so the backward pass solves no
-step again. Each step costs one factorisation, common to all quantities, and one transposed solve for each. Steps that
-do not converge are not halved here: such a run must be repeated with a smaller step.
+A run stores the state before each step and its unknowns (some 0.2 MB a step for 400 links), so the backward pass solves
+no step again. Each step costs one factorisation, common to all quantities, and one transposed solve for each. Steps
+that do not converge are not halved here: such a run must be repeated with a smaller step.
 """
 
 from __future__ import annotations

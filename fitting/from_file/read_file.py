@@ -183,16 +183,16 @@ def motion_of(cells: Cells, columns: Columns, t: np.ndarray, values: np.ndarray,
 
 
 def cut_span(trace: Trace, given: Given) -> Trace:
-    """The trace between the times that the user gives.
+    """The trace from the time on that the user gives.
 
     Raises:
-        SceneError: hardly a row lies between them.
+        SceneError: hardly a row is left.
     """
     low = -np.inf if given.begin is None else given.begin
     found = trace.between(low, np.inf)
     if len(found.t) < 10:
         raise SceneError(
-            f"{trace.name}: {len(found.t)} rows between --from and --until; the file has {trace.t[0]:g} to "
+            f"{trace.name}: {len(found.t)} rows after --from {low:g} s; the file has {trace.t[0]:g} to "
             f"{trace.t[-1]:g} s"
         )
     return found
@@ -254,7 +254,7 @@ def lengths_in_metres(
         missing = ",".join(f"L{j + 1}" for j in range(count))
         raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
     if shown is None:
-        scale = METRES.get(unit or "", np.nan)
+        scale = METRES[unit]
     else:
         scale = GRAVITY / shown[0]
     if unit is None:

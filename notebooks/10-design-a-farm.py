@@ -55,7 +55,7 @@ site = read_site(plain)
 def used(site, folder):
     """Utilisation of each part in each case."""
     run_cases(site, folder)
-    found = assess(site, folder, site.prepared().run.dt)
+    found = assess(site, folder)
     names = [case["name"] for case in found["cases"]]
     rows = [("part", *names)]
     rows += [(part["part"], *(f"{case['utilisation']:.2f}" for case in part["cases"])) for part in found["parts"]]

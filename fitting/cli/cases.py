@@ -64,19 +64,18 @@ def run(args: argparse.Namespace) -> int:
     from fitting.farm.cases.step_errors import step_errors
 
     folder = Path(args.out)
-    dt = site.prepared().run.step
     how: Table = {
         "workers": args.workers or available_cores(),
         "scheduler": args.scheduler,
         "progress": progress(args.quiet),
     }
     try:
-        done = run_cases(site, folder, dt=dt, **how)
-        found = assess(site, folder, dt)
-        steps = step_errors(site, folder, dt, found, **how)
+        done = run_cases(site, folder, **how)
+        found = assess(site, folder)
+        steps = step_errors(site, folder, found, **how)
     except CasesStopped as error:
         return print_result(args, {}, failure=("interrupted", str(error)))
-    found = assess(site, folder, dt, steps)
+    found = assess(site, folder, steps)
     files = write_page(found, folder)
     found |= {"out": str(folder), "runs": done.runs, "resumed": done.resumed, "run_s": done.run_s}
     print_result(args, found, text(found, files))

@@ -17,7 +17,7 @@ from fitting.farm.cases.stored import Runs
 from fitting.farm.site import Part, Site, Storm
 
 
-def assess(site: Site, folder: str | Path, dt: float, step: Table | None = None) -> Table:
+def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
     """All content of the report, as plain values.
 
     The utilisation of a part in a case is that of its worst line, `factor * characteristic load / capacity`. Its error
@@ -26,7 +26,7 @@ def assess(site: Site, folder: str | Path, dt: float, step: Table | None = None)
     Args:
         step: errors by part, from `step_errors`.
     """
-    runs = Runs(site, folder, dt)
+    runs = Runs(site, folder)
     rows: dict[str, list[Table]] = {part.name: [] for part in site.parts}
     held: dict[str, list[Table]] = {name: [] for name in runs.held}
     cases = []
@@ -48,7 +48,8 @@ def assess(site: Site, folder: str | Path, dt: float, step: Table | None = None)
         "schema": 1,
         "site": site.name,
         "scene": site.scene.name,
-        "dt_s": dt,
+        "dt_s": site.steps.get("dt"),
+        "accuracy": site.steps.get("accuracy"),
         "duration_s": site.run.duration,
         "skip_s": site.run.skip,
         "seeds": len(site.seeds),

@@ -34,7 +34,7 @@ class CaseStore(Store[Case, Found]):
 
     stopped = CasesStopped
 
-    def __init__(self, folder: str | Path, site: Site, dt: float) -> None:
+    def __init__(self, folder: str | Path, site: Site) -> None:
         self.path, self.site = Path(folder) / RUNS, site
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -44,7 +44,7 @@ class CaseStore(Store[Case, Found]):
         shared = {
             "format": RUN_FORMAT,
             "scene": site.scene.as_written(),
-            "run": [run.duration, dt, run.skip, run.ramp],
+            "run": [run.duration, site.steps.get("dt", site.steps), run.skip, run.ramp],
             "exclusion": site.exclusion is not None,
             "curved": site.curve_lines,
             **({"quantities": site.quantities} if site.quantities else {}),

@@ -119,14 +119,14 @@ STATUS = ("ok", "not_converged", "non_finite", "invalid_input")
 
 
 class Runner:
-    """Runs of one site with one step; shared results of cases are computed once.
+    """Runs of one site; shared results of cases are computed once.
 
     Cases share one compiled program, and each run is separate. Side by side, a step of such a system costs more
     (dropper-farm-2 in a storm: 2.7 ms instead of 1.2 to 2.2): all runs wait for the one that needs most corrections.
     """
 
-    def __init__(self, site: Site, dt: float | None = None) -> None:
-        self.site, self.base = site, site.prepared(dt=dt)
+    def __init__(self, site: Site) -> None:
+        self.site, self.base = site, site.prepared()
         self._scenes: dict[Any, Scene] = {}
         self._starts: dict[Any, tuple[State, np.ndarray, np.ndarray]] = {}
 
@@ -165,9 +165,9 @@ class Runner:
         done = 0
         info = {"status": np.array(0)}
         retried = 0
-        while done < scene.run.saves:
-            carry, (rows, _) = run.go_on(carry, scene.run.saves - done)
-            t = (done + 1 + np.arange(len(rows.r))) * scene.run.step
+        while done < scene.run.rows:
+            carry, (rows, _) = run.go_on(carry, scene.run.rows - done)
+            t = (done + 1 + np.arange(len(rows.r))) * scene.run.interval
             if np.any(rows.first_bad >= 0):
                 good = int(np.argmax(rows.first_bad >= 0))
             else:

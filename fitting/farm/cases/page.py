@@ -61,10 +61,14 @@ def page(found: Table) -> str:
         what = "mean of the seeds' maxima"
     else:
         what = "most probable maximum of the storm"
+    if found["dt_s"] is None:
+        steps = f"accuracy {found['accuracy']:g}"
+    else:
+        steps = f"steps of {found['dt_s']:g} s"
     parts = [
         f"# Load cases: {found['site']}",
         f"{verdict} Load cases: {len(labels)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
-        f"first {found['skip_s']:g} s do not count, steps of {found['dt_s']:g} s. Characteristic load: {what}. "
+        f"first {found['skip_s']:g} s do not count, {steps}. Characteristic load: {what}. "
         f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']}).",
         bullets(found["flags"]),
         "## Parts, each in its worst case",

@@ -36,7 +36,6 @@ def run_cases(
     folder: str | Path,
     *,
     cases: Sequence[Case] | None = None,
-    dt: float | None = None,
     workers: int = 1,
     scheduler: Any = None,
     progress: Progress | None = None,
@@ -45,7 +44,7 @@ def run_cases(
 
     Args:
         folder: stores the runs, one file each; after a kill at any moment, the same call resumes.
-        cases: default: all of the site; dt: step [s], default: the site's.
+        cases: default: all of the site.
         workers: processes of this machine, each with one compiled program.
         scheduler: a Dask client or the address of a scheduler, whose workers run the cases.
 
@@ -53,17 +52,16 @@ def run_cases(
         CasesStopped: writing failed or a worker died; finished runs are kept.
     """
     cases = list(site.cases if cases is None else cases)
-    dt = site.prepared().run.step if dt is None else dt
-    store = CaseStore(folder, site, dt)
+    store = CaseStore(folder, site)
     todo = [case for case in cases if not store.has(case)]
     kept = len(cases) - len(todo)
     started = time.perf_counter()
     if scheduler is not None:
-        source = _remote(site, todo, dt, scheduler)
+        source = _remote(site, todo, scheduler)
     elif workers > 1 and len(todo) > 1:
-        source = _local(site, todo, dt, min(workers, len(todo)))
+        source = _local(site, todo, min(workers, len(todo)))
     else:
-        source = _here(site, todo, dt)
+        source = _here(site, todo)
 
     def words(ran: int, seconds: float) -> str:
         return f"{kept + ran} of {len(cases)} runs, {seconds / ran * (len(todo) - ran):.0f} s left"
@@ -72,32 +70,32 @@ def run_cases(
     return Done(len(cases), kept, time.perf_counter() - started)
 
 
-def _here(site: Site, todo: list[Case], dt: float) -> Iterator[tuple[Case, Found]]:
+def _here(site: Site, todo: list[Case]) -> Iterator[tuple[Case, Found]]:
     if todo:
-        runner = Runner(site, dt)
+        runner = Runner(site)
         yield from ((case, runner(case)) for case in todo)
 
 
 @lru_cache(maxsize=2)
-def _runner(identity: str, dt: float) -> Runner:
+def _runner(identity: str) -> Runner:
     """The runner shared by all runs of a worker."""
     register_installed()
-    return Runner(read_site(json.loads(identity)), dt)
+    return Runner(read_site(json.loads(identity)))
 
 
-def run_one(identity: str, dt: float, number: int, seed: int) -> Found:
+def run_one(identity: str, number: int, seed: int) -> Found:
     """One run on a worker: the load case with this number, of the site with these values."""
-    runner = _runner(identity, dt)
+    runner = _runner(identity)
     return runner(Case(runner.site.storms[number], seed))
 
 
-def _local(site: Site, todo: list[Case], dt: float, workers: int) -> Iterator[tuple[Case, Found]]:
+def _local(site: Site, todo: list[Case], workers: int) -> Iterator[tuple[Case, Found]]:
     """Results from processes of this machine, as they finish."""
     identity = json.dumps(site.portable())
     with ProcessPoolExecutor(
         workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(os.getpid(), REGISTERED_FILES)
     ) as pool:
-        futures = {pool.submit(run_one, identity, dt, c.storm.number, c.seed): c for c in todo}
+        futures = {pool.submit(run_one, identity, c.storm.number, c.seed): c for c in todo}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
@@ -120,8 +118,8 @@ def _begin(parent: int, effect_files: list[str]) -> None:
     threading.Thread(target=watch_parent, daemon=True).start()
 
 
-def _remote(site: Site, todo: list[Case], dt: float, scheduler: Any) -> Iterator[tuple[Case, Found]]:
+def _remote(site: Site, todo: list[Case], scheduler: Any) -> Iterator[tuple[Case, Found]]:
     """Over a cluster."""
     identity = json.dumps(site.portable())
-    jobs = [(identity, dt, case.storm.number, case.seed) for case in todo]
+    jobs = [(identity, case.storm.number, case.seed) for case in todo]
     return ((todo[i], found) for i, found in done_on(scheduler, run_one, jobs))

@@ -18,7 +18,6 @@ from fitting.farm.site import Case, Site
 def step_errors(
     site: Site,
     folder: str | Path,
-    dt: float,
     found: Table,
     *,
     workers: int = 1,
@@ -27,12 +26,14 @@ def step_errors(
 ) -> Table:
     """Error of the load of each part in its worst case, by runs with half the step (and a quarter, `halvings` = 2).
 
+    Where steps follow an accuracy a quarter of it is half the step.
+
     Let q be the mean over the first `step_seeds` seeds of the worst line's maxima. After k halvings the error is
     `2^k/(2^k - 1) |q(h) - q(h/2^k)|`, that of a scheme of first order: contact and slack reduce one of second order to
     this.
 
     Returns:
-        by part {value_n, error_n, relative, by_step} or {skipped}.
+        by part {value_n, error_n, relative, by_step} or {skipped}; steps [s], or accuracies.
     """
     if not site.run.halvings:
         return {part["part"]: {"skipped": "run.halvings is 0"} for part in found["parts"]}
@@ -40,19 +41,22 @@ def step_errors(
     storms = {site.storms[row["case"]].number: site.storms[row["case"]] for row in worst.values()}
     seeds = site.seeds[: site.run.step_seeds]
     cases = [Case(storm, seed) for storm in storms.values() for seed in seeds]
-    steps = [dt / 2**i for i in range(min(site.run.halvings, 2) + 1)]
-    for finer in steps[1:]:
-        run_cases(site, folder, cases=cases, dt=finer, workers=workers, scheduler=scheduler, progress=progress)
-    return {name: _error(site, folder, row, steps, seeds) for name, row in worst.items()}
+    sites = [site, *(site.finer(k) for k in range(1, min(site.run.halvings, 2) + 1))]
+    for finer in sites[1:]:
+        run_cases(finer, folder, cases=cases, workers=workers, scheduler=scheduler, progress=progress)
+    return {name: _error(sites, folder, row, seeds) for name, row in worst.items()}
 
 
-def _error(site: Site, folder: str | Path, row: Table, steps: list[float], seeds: Sequence[int]) -> Table:
+def _error(sites: list[Site], folder: str | Path, row: Table, seeds: Sequence[int]) -> Table:
     means = []
-    for dt in steps:
-        runs = Runs(site, folder, dt)
+    steps = []
+    for site in sites:
+        runs = Runs(site, folder)
         good, bad = runs.of(site.storms[row["case"]], seeds)
+        ((key, value),) = site.steps.items()
         if bad:
-            return {"skipped": f"a run with a step of {dt:g} s ended with {bad[0]['status']}"}
+            return {"skipped": f"a run with {key} = {value:g} ended with {bad[0]['status']}"}
+        steps.append(f"{value:g}")
         means.append(float(np.mean(runs.maxima(good, row["line"]))))
     gain = 2.0 ** (len(means) - 1)
     error = gain / (gain - 1.0) * abs(means[0] - means[-1])
@@ -62,6 +66,6 @@ def _error(site: Site, folder: str | Path, row: Table, steps: list[float], seeds
         "value_n": means[0],
         "error_n": error,
         "relative": error / max(means[0], 1e-300),
-        "by_step": {f"{dt:g}": value for dt, value in zip(steps, means, strict=True)},
+        "by_step": dict(zip(steps, means, strict=True)),
         "seeds": len(seeds),
     }

@@ -17,8 +17,8 @@ from fitting.farm.site import Case, Site, Storm
 class Runs:
     """The stored runs of a site, load case by load case; only one is in memory at a time."""
 
-    def __init__(self, site: Site, folder: str | Path, dt: float) -> None:
-        self.site, self.store = site, CaseStore(folder, site, dt)
+    def __init__(self, site: Site, folder: str | Path) -> None:
+        self.site, self.store = site, CaseStore(folder, site)
         self.links = {line.name: line.links for line in whole_lines(site.scene)}
         self.held = [point.name for point in site.scene.points if not point.is_free]
 

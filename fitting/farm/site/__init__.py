@@ -9,7 +9,7 @@
 
     [run]                           settings of every run
     duration = 600.0                [s]
-    dt = 0.03                       [s], default: the scene's
+    accuracy = 0.01                 which the steps follow; or equal steps, dt = 0.03 [s]; default: as the scene
     seeds = 10                      realisations of each sea, from first_seed = 1 on
     skip = 30.0                     [s] at the start that are not counted; ramp = 15.0 [s] of the waves
     characteristic = "mean"         of the seeds' maxima, or "most_probable" of a storm of `storm` = 10800 s

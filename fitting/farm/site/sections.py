@@ -72,7 +72,10 @@ class RunValues(Section):
     """`[run]`: settings of every run, and the statistics over its seeds."""
 
     duration: float = parameter("simulated time of a run", unit="s", low=0.0, open_low=True)
-    dt: float | None = parameter("time step", unit="s", low=0.0, open_low=True, default=None)
+    accuracy: float | None = parameter(
+        "required relative accuracy, which the steps follow", unit="-", low=0.0, high=1.0, open_low=True, default=None
+    )
+    dt: float | None = parameter("equal time step instead", unit="s", low=0.0, open_low=True, default=None)
     seeds: int = whole_number("realisations of each sea", default=10)
     first_seed: int = whole_number("seed of the first one", low=0, default=1)
     skip: float = parameter("time at the start that is not counted", unit="s", low=0.0, default=30.0)
@@ -82,6 +85,10 @@ class RunValues(Section):
     confidence: float = parameter("level of intervals", unit="-", low=0.5, high=0.999, default=0.9)
     halvings: int = whole_number("of the step, for its error", low=0, default=1)
     step_seeds: int = whole_number("seeds of the runs with halved steps", default=3)
+
+    def check(self, path: str) -> None:
+        if self.accuracy is not None and self.dt is not None:
+            raise refuse(f"{path}.dt", self.dt, "excludes accuracy", "one of both")
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,10 @@ from fitting.farm.site.case import BROKEN, INTACT, NEVER, PROFILE, Anchor, Break
 from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.sections import Backbone, Exclusion, Factors, RunValues, SeasonValues, SeaState
 
+#: Keys of a scene's `[run]` that say how its steps are chosen and saved.
+STEP_KEYS = ("dt", "accuracy", "save_every", "save_interval")
+#: Longest time [s] between the samples of loads; extremes are those of all steps.
+LONGEST_INTERVAL = 0.1
 #: Growth of a line in a month without any.
 BARE = {"depth": [0.0], "thickness": [0.0], "density": 0.0}
 
@@ -179,20 +183,38 @@ class Site:
         found = {name for month in self.lists.months for name in self.growth[month]}
         return tuple(name for name in self.lines if name in found)
 
-    def prepared(self, scene: Scene | None = None, dt: float | None = None) -> Scene:
+    @property
+    def steps(self) -> dict[str, float]:
+        """The `accuracy`, or `dt` [s], of the runs: the site's, otherwise that of its scene."""
+        for run in (self.run, self.scene.run):
+            if run.dt is not None:
+                return {"dt": run.dt}
+            if run.accuracy is not None:
+                return {"accuracy": run.accuracy}
+        raise ValueError("a scene has one of both")
+
+    def finer(self, halvings: int) -> Site:
+        """The site with half the step of its runs, so many times: a quarter of the accuracy, in second order."""
+        share = {"dt": 0.5**halvings, "accuracy": 0.25**halvings}
+        steps = {key: share[key] * value for key, value in self.steps.items()}
+        table = {**self.table, "run": {**self.table["run"], **steps}}
+        return replace(self, run=replace(self.run, **steps), table=table)
+
+    def prepared(self, scene: Scene | None = None) -> Scene:
         """The common scene of all cases: with the run's values, and with every table that cases change.
 
         Args:
             scene: another version of the farm, with the same names; default: `site.scene`.
-            dt: time step [s], if it differs from the site's.
 
         Raises:
             SceneError: as for any scene.
         """
         scene = self.scene if scene is None else scene
-        table = scene.with_equal_steps().as_written()
-        own = {"duration": self.run.duration, **({} if self.run.dt is None else {"dt": self.run.dt})}
-        table["run"] = {**table["run"], **own, "save_every": 1, **({} if dt is None else {"dt": dt})}
+        table = scene.as_written()
+        run = {key: value for key, value in table["run"].items() if key not in STEP_KEYS}
+        if "accuracy" in self.steps:
+            run["save_interval"] = min(scene.run.interval, LONGEST_INTERVAL)
+        table["run"] = {**run, "duration": self.run.duration, **self.steps}
         for line in table["line"]:
             if line.get("name") in self.grown_lines:
                 line["growth"] = dict(BARE)

@@ -97,15 +97,37 @@ def folder(site, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(site, folder):
-    first = assess(site, folder, DT)
-    return assess(site, folder, DT, step_errors(site, folder, DT, first))
+    first = assess(site, folder)
+    return assess(site, folder, step_errors(site, folder, first))
+
+
+@pytest.mark.check
+def test_steps_of_cases_follow_the_accuracy_of_the_site(tmp_path):
+    """The loads of runs in fine equal steps, and an error by the step from runs at a quarter of the accuracy."""
+    cases = {"directions": [0.0], "currents": [0.5]}
+    run = {**SITE["run"], "seeds": 1, "step_seeds": 1}
+    loads = {}
+    for key, value in (("accuracy", 0.01), ("dt", 0.002)):
+        site = small_site(cases=cases, run={**run, key: value})
+        run_cases(site, tmp_path)
+        found = assess(site, tmp_path)
+        loads[key] = found["parts"][0]["worst"]["load_n"]
+        assert (found["dt_s"], found["accuracy"]) == (site.run.dt, site.run.accuracy)
+    assert loads["accuracy"] == pytest.approx(loads["dt"], rel=0.02)
+    site = small_site(cases=cases, run={**run, "accuracy": 0.01})
+    error = step_errors(site, tmp_path, assess(site, tmp_path))["legs"]
+    assert list(error["by_step"]) == ["0.01", "0.0025"]
+    assert error["relative"] < 0.02
+    assert "accuracy 0.01" in page(assess(site, tmp_path))
+    with pytest.raises(SceneError, match=r"run\.dt: 0\.01 excludes accuracy"):
+        small_site(run={**run, "accuracy": 0.01, "dt": 0.01})
 
 
 @pytest.mark.check
 def test_a_run_keeps_the_loads_of_a_plain_simulation_of_its_scene(site, folder):
     """The same scene by `simulate`, its extremes and held loads by the report of runs."""
     case = site.cases[-1]  # current, west leg broken
-    kept = Store(folder, site, DT).read(case)
+    kept = Store(folder, site).read(case)
     solution = dj.simulate(site.prepared().with_values(site.changes(case)))
     skip = site.run_of(case.storm).skip
     assert skip == site.break_time > site.run.skip
@@ -141,14 +163,14 @@ def test_what_was_run_is_never_run_again_and_other_capacities_need_no_run(site, 
     stronger = small_site(part=[{**SITE["part"][0], "capacity": 1.6e4}], factors={"intact": 2.0, "broken": 2.0})
     assert run_cases(stronger, folder).resumed == 12
     more = small_site(run={**SITE["run"], "seeds": 4})
-    store = Store(folder, more, DT)
+    store = Store(folder, more)
     assert [store.has(case) for case in more.cases].count(False) == 4  # the fourth seed of four load cases
     longer = small_site(run={**SITE["run"], "duration": 14.0})
-    assert not any(Store(folder, longer, DT).has(case) for case in longer.cases)
+    assert not any(Store(folder, longer).has(case) for case in longer.cases)
 
 
 def same_bits(site, one, other):
-    here, there = Store(one, site, DT), Store(other, site, DT)
+    here, there = Store(one, site), Store(other, site)
     for case in site.cases:
         a, b = here.read(case), there.read(case)
         assert a.keys() == b.keys()
@@ -162,7 +184,7 @@ def test_workers_of_a_cluster_give_the_same_bits(site, folder, tmp_path):
     some = [case for case in site.cases if case.storm.number == 3]
     with distributed.Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
         run_cases(site, tmp_path, cases=some, scheduler=client)
-    here, there = Store(folder, site, DT), Store(tmp_path, site, DT)
+    here, there = Store(folder, site), Store(tmp_path, site)
     for case in some:
         np.testing.assert_array_equal(here.read(case)["largest"], there.read(case)["largest"])
 
@@ -192,8 +214,8 @@ def test_runs_killed_at_any_moment_go_on_with_the_same_bits(site, folder, tmp_pa
 
 
 def test_a_file_cut_off_while_it_was_written_counts_as_not_there(site, folder, tmp_path):
-    store = Store(tmp_path, site, DT)
-    whole = Store(folder, site, DT).file(site.cases[0]).read_bytes()
+    store = Store(tmp_path, site)
+    whole = Store(folder, site).file(site.cases[0]).read_bytes()
     store.file(site.cases[0]).write_bytes(whole[: len(whole) // 2])
     assert not store.has(site.cases[0])
     assert store.read(site.cases[0]) is None
@@ -202,14 +224,14 @@ def test_a_file_cut_off_while_it_was_written_counts_as_not_there(site, folder, t
 def test_a_run_that_an_earlier_version_stored_is_found_under_the_same_name(site, tmp_path):
     with zipfile.ZipFile(Path(__file__).parents[3] / "run" / "saved-files.zip") as archive:
         archive.extractall(tmp_path)
-    store = Store(tmp_path / "cases", site, DT)
+    store = Store(tmp_path / "cases", site)
     assert [store.has(case) for case in site.cases].index(True) == 0
     np.testing.assert_array_equal(store.read(site.cases[0])["largest"], np.arange(4.0))
 
 
 def test_utilisation_is_factor_times_the_mean_of_the_seeds_maxima_over_capacity(site, folder, found):
     row = next(row for row in found["parts"][0]["cases"] if row["case"] == 3)
-    store = Store(folder, site, DT)
+    store = Store(folder, site)
     runs = [store.read(Case(site.storms[3], seed)) for seed in site.seeds]
     lines = np.array([[run["largest"][:2].max(), run["largest"][2:].max()] for run in runs])  # two links each
     means = lines.mean(axis=0)
@@ -240,11 +262,11 @@ def test_fatigue_goes_by_the_parts_own_curve_and_years_by_the_hours_of_sea_state
 
 def test_a_part_without_a_curve_has_no_damage(folder):
     bare = small_site(part=[{"name": "legs", "lines": "*-leg", "capacity": 8e3}])
-    store = Store(folder, bare, DT)
-    one = Store(folder, small_site(), DT).read(bare.cases[0])
+    store = Store(folder, bare)
+    one = Store(folder, small_site()).read(bare.cases[0])
     for case in bare.cases:
         store.write(case, one)
-    assert assess(bare, folder, DT)["parts"][0]["fatigue"] == {"skipped": "no curve given"}
+    assert assess(bare, folder)["parts"][0]["fatigue"] == {"skipped": "no curve given"}
 
 
 def test_the_report_says_what_a_reader_must_know(found):
@@ -259,9 +281,9 @@ def test_the_report_says_what_a_reader_must_know(found):
 
 def test_a_step_that_errs_by_more_than_five_per_cent_and_a_missing_run_are_flagged(site, folder):
     coarse = {"legs": {"case": 0, "error_n": 90.0, "relative": 0.08, "value_n": 1.0}}
-    assert any("step error 8%" in flag for flag in assess(site, folder, DT, coarse)["flags"])
+    assert any("step error 8%" in flag for flag in assess(site, folder, coarse)["flags"])
     more = small_site(run={**SITE["run"], "seeds": 4})
-    found = assess(more, folder, DT)
+    found = assess(more, folder)
     assert (found["status"], len(found["failed"]), found["passes"]) == ("failed", 4, False)
     assert any("4 of 16 runs are missing" in flag for flag in found["flags"])
 
@@ -273,8 +295,8 @@ def test_a_run_that_fails_is_kept_with_its_reason(tmp_path):
     runner.scene = lambda case: (_ for _ in ()).throw(dj.SceneError("start: no pose"))
     kept = runner(bad.cases[0])
     assert str(kept["message"]) == "start: no pose"
-    Store(tmp_path, bad, DT).write(bad.cases[0], kept)
-    row = assess(bad, tmp_path, DT)["failed"][0]
+    Store(tmp_path, bad).write(bad.cases[0], kept)
+    row = assess(bad, tmp_path)["failed"][0]
     assert (row["status"], row["why"]) == ("invalid_input", "start: no pose")
 
 
@@ -319,7 +341,7 @@ def by_standard(tmp_path_factory):
     )
     folder = tmp_path_factory.mktemp("by-standard")
     run_cases(site, folder)
-    return assess(site, folder, DT)
+    return assess(site, folder)
 
 
 SEAS = ((10, 0.8), (50, 1.0))

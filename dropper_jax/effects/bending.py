@@ -102,17 +102,14 @@ class Bending(Effect):
             return each
         return intact[first] * intact[last] * each
 
-    def _clamps(self, model: ModelView) -> tuple[np.ndarray, jax.Array | None]:
-        """Links at clamped points (clamps,), and the directions (clamps, 3) that they would have without bending."""
-        if not self.clamped:
-            return np.zeros(0, int), None
+    def _clamps(self, model: ModelView) -> tuple[np.ndarray, np.ndarray]:
+        """Links at clamped points (clamps,), and whether they leave them, 1.0, or arrive there, -1.0."""
         found = {}
         for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
             found[model.points[member.start].name] = (span.start, 1.0)
             found[model.points[member.end].name] = (span.stop - 1, -1.0)
-        links, signs = zip(*(found[name] for name in self.clamped), strict=True)
-        size = jnp.sqrt(dot(self.directions, self.directions))
-        return np.array(links), np.array(signs)[:, None] * self.directions / size[:, None]
+        links = [found[name][0] for name in self.clamped]
+        return np.array(links, int), np.array([found[name][1] for name in self.clamped])
 
     def _joints(self, model: ModelView) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Both links of every joint (joints,), those of joined lines last, and its three nodes (joints, 3)."""
@@ -148,8 +145,10 @@ class Bending(Effect):
         stiffness = self._stiffness(k, first, second)
         links = r[:, 1:] - r[:, :-1]
         before, after = jnp.moveaxis(links / jnp.sqrt(dot(links, links) + 1e-30)[..., None], 1, 0)
-        if self.clamped:
-            at, leaving = self._clamps(k.model)
+        if self.directions is not None:
+            at, signs = self._clamps(k.model)
+            size = jnp.sqrt(dot(self.directions, self.directions))
+            leaving = signs[:, None] * self.directions / size[:, None]
             stiffness = jnp.concatenate([stiffness, self._stiffness(k, at, at)])
             before = jnp.concatenate([before[: len(first)], leaving])
         bend = after - before

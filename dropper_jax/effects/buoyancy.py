@@ -59,9 +59,10 @@ class Buoyancy(Effect):
 def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
     line = scene.line
-    sea = scene.sea
+    sea = scene.needed_sea
     gravity = scene.gravity
-    volume = (line.mass * gravity - np.asarray(wet_weight, float)) / (sea.density * sea.gravity)
+    wet_weight = np.asarray(wet_weight, float)
+    volume = (line.mass * gravity - wet_weight) / (sea.density * sea.gravity)
     if np.any(volume <= 0.0):
         worst = int(np.argmin(volume))
         dry = line.mass[worst] * gravity
@@ -106,8 +107,16 @@ def displaced_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
     return np.sqrt(4.0 * _volume_from_weight(scene, wet_weight) / (np.pi * line.length))
 
 
-def drag_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
-    """Diameters of the links for drag and added mass [m]: the outer ones, or those of the displaced volume."""
-    if line.outer_diameter is None:
-        return displaced_diameter(line, scene)
-    return line.outer_diameter
+def drag_diameter(scene: SceneData) -> np.ndarray:
+    """Diameters of all links for drag and added mass [m]: the outer ones, or those of the displaced volume.
+
+    Raises:
+        SceneError: a line has none.
+    """
+    line = scene.line
+    if line.outer_diameter is not None:
+        return line.outer_diameter
+    diameter = displaced_diameter(line, scene)
+    if diameter is None:
+        raise SceneError("line.diameter: missing; drag and added mass need the diameter of every line [m]")
+    return diameter

@@ -80,12 +80,14 @@ class JointFriction(Law):
         after = jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])[:links]
         return -k.model.gather(cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None])
 
-    def _per_joint(self, value: jax.Array, joints: int) -> jax.Array:
+    def _per_joint(self, value: jax.Array | None, joints: int) -> jax.Array:
+        if value is None:
+            return jnp.zeros(joints)
         if value.ndim == 0:
             return jnp.broadcast_to(value, (joints,))
         return value[:joints]
 
-    def force(self, k: Kinematics) -> jax.Array | None:
+    def force(self, k: Kinematics) -> jax.Array:
         if self.viscous is None:
             return jnp.zeros_like(k.r)
         rates = self.relative_rates(k)

@@ -37,7 +37,7 @@ class MorisonDrag(Effect):
 
     name: ClassVar[str] = "morison_drag"
     needs_water: ClassVar[bool] = True
-    cdn: jax.Array | None = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
+    cdn: jax.Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
     cdt: jax.Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
     shelter: jax.Array | None = parameter(
         "factor on the current that reaches the link", unit="-", shape="link", low=0.0, default=None
@@ -105,7 +105,7 @@ class MorisonDrag(Effect):
         total = jnp.zeros_like(k.v)
         for part in k.line.parts():
             flow = part.at(relative)
-            if self.shelter is not None:
+            if self.shelter is not None and water.current is not None:
                 flow = flow - part.at(water.current) * ((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]
             across, along = split(flow, tangents)
             wet = part.share * wet_share(k, part, tangents, water.motion.elevation)
@@ -136,4 +136,4 @@ def relative_roughness(scene: SceneData) -> np.ndarray:
     """k/D of each link (n,); smooth if no roughness is given."""
     height = scene.effects.get("morison_drag", {}).get("roughness")
     line = scene.line
-    return (0.0 if height is None else np.asarray(height, float)) / drag_diameter(line, scene) * np.ones(line.links)
+    return (0.0 if height is None else np.asarray(height, float)) / drag_diameter(scene) * np.ones(line.links)

@@ -67,7 +67,7 @@ class NodalForce(Effect):
 
     def factor(self, t: jax.Array) -> jax.Array:
         """s(t), dimensionless."""
-        if self.time is not None:
+        if self.time is not None and self.scale is not None:
             return jnp.interp(t, self.time, self.scale)
         begin = 0.0 if self.start is None else self.start
         if self.rise is None:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import field, replace
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import as_array
 from dropper_jax.base.read import rises
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect
@@ -30,7 +30,7 @@ class RecordedMotion(Effect):
     name: ClassVar[str] = "recorded_motion"
     time: jax.Array = parameter("times of the rows", unit="s", shape="table")
     positions: jax.Array = parameter("point after point", unit="m", shape="vectors")
-    home: jax.Array | None = None  # positions of the points in the scene (points, 3) [m]
+    home: jax.Array = field(kw_only=True)  # positions of the points in the scene (points, 3) [m]
     points: tuple[str, ...] = option("names of the points that move", type=list, default=())
 
     @classmethod
@@ -54,7 +54,7 @@ class RecordedMotion(Effect):
 
     @classmethod
     def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        return cls(**values, home=np.array([scene.point(name).position for name in values["points"]]))
+        return cls(**values, home=as_array([scene.point(name).position for name in values["points"]]))
 
     def moves(self, name: str) -> bool:
         return name in self.points

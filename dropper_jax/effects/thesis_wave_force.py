@@ -34,7 +34,7 @@ class ThesisWaveForce(Effect):
     constant: ClassVar[bool] = True
     c_d: jax.Array = parameter("drag coefficient", unit="-", low=0.0, default=2.0)
     c_m: jax.Array = parameter("inertia coefficient", unit="-", low=0.0, default=1.0)
-    c_a: jax.Array | None = parameter("added mass coefficient, with relative velocity", unit="-", low=0.0, default=None)
+    c_a: jax.Array = parameter("added mass coefficient, with relative velocity", unit="-", low=0.0, default=None)
     velocity: str = option(
         "velocity of the water: absolute, or relative to the node", choices=VELOCITIES, default="absolute"
     )
@@ -66,7 +66,7 @@ class ThesisWaveForce(Effect):
         line = k.line
         density = k.sea.density
         inertia = line.node_share(density * line.volume * self.c_m)
-        return inertia[:, None], line.node_share(0.5 * density * line.diameter * line.length * self.c_d)[:, None]
+        return inertia[:, None], line.node_share(0.5 * density * line.needed_diameter * line.length * self.c_d)[:, None]
 
 
 @component

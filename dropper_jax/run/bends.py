@@ -10,8 +10,8 @@ import numpy as np
 
 from dropper_jax.analysis.writhe import writhe
 from dropper_jax.base.read import Table
-from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.bending import CRUSHED, common_ends
+from dropper_jax.effects.clamp_motion import ClampMotion
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
@@ -189,7 +189,7 @@ def _clamps(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
         for name, direction in zip(given["clamped"], given["directions"], strict=True):
             found[name] = direction / np.linalg.norm(direction)
     if "clamp_motion" in scene.effects:
-        clamp = EFFECTS["clamp_motion"].build(scene.effects["clamp_motion"], scene)
+        clamp = ClampMotion(**scene.effects["clamp_motion"])
         found[clamp.point] = np.asarray(jax.vmap(clamp.leaving)(jnp.asarray(t)))
     return found
 

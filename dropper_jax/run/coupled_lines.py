@@ -109,7 +109,7 @@ class CoupledLines:
 
     def moving(self, since: PointMotion, to: PointMotion, t: Array | float, dt: Array | float) -> CoupledLines:
         """The lines with points that move from one motion to the other between t and t + dt [s]."""
-        positions, rates, bends = (jnp.stack(both) for both in zip(since, to, strict=True))
+        positions, rates, bends = jax.tree.map(lambda *both: jnp.stack(both), since, to)
         if self._motion.accelerations is None:
             bends = None
         values = {"begin": jnp.asarray(t, rates.dtype), "width": jnp.asarray(dt, rates.dtype), "positions": positions}
@@ -133,7 +133,7 @@ class CoupledLines:
 
     @property
     def _motion(self) -> CoupledMotion:
-        return self.model.effects[-1]
+        return self.model.having(CoupledMotion)[-1]
 
 
 _forces = cached_jit()(CoupledLines.forces)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table, plain
 from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.body import BodySpec
@@ -84,6 +85,17 @@ class SceneData:
         if self.sea is None:
             return GRAVITY
         return float(self.sea.gravity)
+
+    @property
+    def needed_sea(self) -> SeaSpec:
+        """The water, for what needs it.
+
+        Raises:
+            SceneError: the scene has none.
+        """
+        if self.sea is None:
+            raise SceneError("sea: missing; needed: a [sea] section")
+        return self.sea
 
     @property
     def branched(self) -> bool:

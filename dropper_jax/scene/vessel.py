@@ -156,8 +156,8 @@ class VesselSpec(DeclaredSection):
     heading: float = parameter(
         "direction of its x-axis from x towards y", unit="rad", low=-6.29, high=6.29, default=0.0
     )
-    time: np.ndarray | None = parameter("times of a table of its motion", unit="s", shape="table", default=None)
-    motion: np.ndarray | None = part(_read_motion, default=None)
+    time: np.ndarray = parameter("times of a table of its motion", unit="s", shape="table", default=None)
+    motion: np.ndarray = part(_read_motion, default=None)
     rao: RaoSpec | None = part(RaoSpec.read, default=None)
     attachments: dict[str, np.ndarray] = part(read_positions, default_factory=dict)
 

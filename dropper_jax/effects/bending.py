@@ -13,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
-from dropper_jax.base.read import Pairs
+from dropper_jax.base.read import Pairs, Values
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData
 
@@ -51,7 +51,7 @@ class Bending(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if all(line.links < 2 for line in scene.lines) and not values["clamped"] and not values["joined"]:
             raise SceneError("effects.bending: needs a line of at least 2 links. Use more links, or remove the effect")
         given = ()
@@ -67,17 +67,11 @@ class Bending(Effect):
                 raise SceneError(
                     f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: a non-zero vector"
                 )
-        held = [p.name for p in scene.points if not p.is_free]
         for i, name in enumerate(values["clamped"]):
             path = f"effects.bending.clamped.{i}"
-            if name not in held:
-                raise SceneError(f"{path}: {name!r} is not a fixed point; {nearest(name, held)}")
+            scene.check_line_end(name, path)
             if name in values["clamped"][:i]:
                 raise SceneError(f"{path}: {name!r} is listed twice; allowed: each point once")
-            ends = [line.name for line in scene.lines for end in (line.start, line.end) if end == name]
-            if len(ends) != 1:
-                raise SceneError(f"{path}: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line")
-
         ends = {line.name: (line.start, line.end) for line in scene.lines}
         for i, pair in enumerate(values["joined"]):
             for name in pair:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +11,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import upright
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Plain, Values
 from dropper_jax.effects.submerged import wet_share
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.scene import LineSpec, SceneData
@@ -34,7 +33,7 @@ class Buoyancy(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if scene.effects.get("weight", {}).get("wet_weight") is not None:
             raise SceneError(
                 "effects.weight.wet_weight: is a weight in water, but effects.buoyancy takes the buoyancy off again; "

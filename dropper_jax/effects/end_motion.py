@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import trace_once
-from dropper_jax.base.read import rises
+from dropper_jax.base.read import Values, rises
 from dropper_jax.model import HeldMotion
 from dropper_jax.scene import SceneData
 
@@ -43,7 +42,7 @@ class EndMotion(HeldMotion):
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         cls.check_points(values, scene)
         harmonic = values["amplitude"] is not None and values["period"] is not None
         table = values["time"] is not None and values["displacement"] is not None

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, safe_norm
+from dropper_jax.base.read import Values
 from dropper_jax.model import Kinematics, Law, Line
 from dropper_jax.scene import SceneData
 
@@ -44,7 +44,7 @@ class JointFriction(Law):
     axis: jax.Array | None = parameter("direction of the pins", unit="-", shape="vector", default=None)
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if values["viscous"] is None and values["dry"] is None:
             raise SceneError("effects.joint_friction: give `viscous`, `dry` or both; both are missing")
         axis = values["axis"]

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import as_array, dot
-from dropper_jax.base.read import Pairs
+from dropper_jax.base.read import Pairs, Values
 from dropper_jax.effects.contact_bars import Bars, ContactPairs, Group
 from dropper_jax.effects.nearest_points import Nearest, contact_force, nearest_points, relative_motion
 from dropper_jax.effects.rigid_bodies import tetrahedron
@@ -55,7 +54,7 @@ class LineContact(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if not values["pairs"] and not values["bodies"]:
             raise SceneError(
                 'effects.line_contact.pairs: missing; needed: names of lines, such as [["dropper-1", "dropper-2"]]'
@@ -89,7 +88,7 @@ class LineContact(Effect):
                 raise SceneError(f"effects.line_contact.bodies: {name!r} has no cylinders or spheres to touch")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         lines = _lines_of(scene)
         values = dict(values)
         if values["radius"] is None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.read import Values
 from dropper_jax.effects.cylinder import SOURCES, check_source
 from dropper_jax.effects.submerged import split, wet_share
 from dropper_jax.model import Effect, Kinematics, LinkEnd
@@ -92,11 +92,11 @@ class MorisonInertia(_InertiaForce):
     coefficients: str = option("source of can", choices=SOURCES, default="given")
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         check_source("effects.morison_inertia", values, "can", "added mass coefficient across the link")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         source = values["coefficients"]
         values = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
         if source != "given":  # until the flow is known

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +12,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import as_array
+from dropper_jax.base.read import Values
 from dropper_jax.model import Effect, HeldMotion
 from dropper_jax.scene import SceneData
 from dropper_jax.sea import Sea
@@ -39,7 +39,7 @@ class SeaFollowingEnd(HeldMotion):
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         path = "effects.sea_following_end"
         cls.check_points(values, scene)
         if scene.needed_sea.waves is None or scene.needed_sea.ramp is None:
@@ -52,7 +52,7 @@ class SeaFollowingEnd(HeldMotion):
                 raise SceneError(f"{path}.{key}: has {np.size(values[key])} values; allowed: 1, or {count} as `omega`")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         place = as_array(scene.point(values["point"]).position)
         return cls(**values, place=place, settled=as_array([0.0, scene.needed_sea.ramp]))
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, dot, trace_once
-from dropper_jax.base.read import rises
+from dropper_jax.base.read import Values, rises
 from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
@@ -39,7 +38,7 @@ class Seabed(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         grid = [values[key] is not None for key in ("bed_x", "bed_y", "bed_depth")]
         if any(grid) and not all(grid):
             raise SceneError("effects.seabed: `bed_x`, `bed_y` and `bed_depth` belong together, one of them is missing")
@@ -58,7 +57,7 @@ class Seabed(Effect):
             raise SceneError("line.diameter: missing; effects.seabed needs the diameter of every line [m]")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Seabed:
+    def build(cls, values: Values, scene: SceneData) -> Seabed:
         values = dict(values)
         if values["depth"] is None and values["bed_x"] is None:
             values["depth"] = scene.needed_sea.depth

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.read import Values
 from dropper_jax.effects.drag_velocity import drag_velocity
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
@@ -40,12 +40,12 @@ class ThesisWaveForce(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if values["c_a"] is not None and values["velocity"] == "absolute":
             raise SceneError("effects.thesis_wave_force.c_a: is only used with velocity 'relative'")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         if values["velocity"] == "absolute":
             return cls(**values)
         # without added mass every scheme supports it

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.read import Pairs
+from dropper_jax.base.read import Pairs, Values
 from dropper_jax.effects.shafts import Shafts, check_joined
 from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.scene import SceneData
@@ -66,7 +65,7 @@ class Torsion(Effect):
     twist: Twist | None = None
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         names = [line.name for line in scene.lines]
         for i, name in enumerate(values["lines"]):
             if name not in names:
@@ -78,7 +77,7 @@ class Torsion(Effect):
                 raise SceneError(f"effects.torsion.{key}: {what}; allowed: 0 where `last` is {other!r}")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         return (cls if values["coupling"] is None else CoupledTorsion)(**values)
 
     def begin(self, model: ModelView) -> Twist:

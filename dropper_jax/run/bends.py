@@ -242,7 +242,7 @@ def point_load(
 def held_points(scene: SceneData) -> list[str]:
     """Names of the fixed points at which a line ends."""
     ends = {name for line in scene.lines for name in (line.start, line.end)}
-    return [point.name for point in scene.points if not point.is_free and point.name in ends]
+    return [name for name in scene.fixed_points if name in ends]
 
 
 def end_tensions(scene: SceneData, tension: np.ndarray) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Displacement, Model, State
@@ -172,15 +172,14 @@ def coupled_lines(
 
 def coupled_points(scene: Scene, given: Sequence[str] | None) -> tuple[str, ...]:
     """The coupled points, checked."""
-    held = [p.name for p in scene.points if not p.is_free]
+    held = scene.fixed_points
     if given is None:
         if len(held) != 1:
             raise SceneError(f"points: missing; needed: names of the fixed points that move: {', '.join(held)}")
         return tuple(held)
     names = (given,) if isinstance(given, str) else tuple(given)
     for i, name in enumerate(names):
-        if name not in held:
-            raise SceneError(f"points.{i}: {name!r} is not a fixed point; {nearest(name, held)}")
+        scene.check_fixed(name, f"points.{i}")
         if name in names[:i]:
             raise SceneError(f"points.{i}: {name!r} is a duplicate; allowed: every point once")
     if not names:

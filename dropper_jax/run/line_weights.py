@@ -75,7 +75,7 @@ def fixed_point_loads(
     """
     links = EndLinks(overgrown(scene), waves=False)
     times = np.array([0.0 if t is None else t])
-    loads = {point.name: np.zeros(3) for point in scene.points if not point.is_free}
+    loads = {name: np.zeros(3) for name in scene.fixed_points}
     for point, end in line_ends(scene):
         if point in loads:
             loads[point] += links.force(end, positions[None, end.nodes], tension[None], times)[0]

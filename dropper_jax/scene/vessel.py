@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -47,8 +48,8 @@ class RaoSpec(DeclaredSection):
     phases: str = option(
         "sign of the phases: positive if the motion leads, or if it lags the elevation", choices=("lead", "lag")
     )
-    amplitude: np.ndarray | None = None
-    phase: np.ndarray | None = None
+    amplitude: np.ndarray = dataclasses.field(default_factory=partial(np.zeros, 0))
+    phase: np.ndarray = dataclasses.field(default_factory=partial(np.zeros, 0))
 
     @classmethod
     def read(cls, table: Plain, path: str) -> RaoSpec:

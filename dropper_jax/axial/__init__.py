@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from dropper_jax.axial.changing_length import LENGTH_IN_TIME, ChangingLength
 from dropper_jax.axial.damped_rope import DampedRope
 from dropper_jax.axial.elastic import AXIAL_RINGING, Elastic
@@ -11,7 +13,13 @@ from dropper_jax.axial.rigid import Rigid
 from dropper_jax.axial.rope import Rope
 from dropper_jax.axial.tabulated import Tabulated
 
-LAWS = {"rigid": Rigid, "elastic": Elastic, "rope": Rope, "damped_rope": DampedRope, "tabulated": Tabulated}
+LAWS: dict[str, Callable[..., AxialLaw]] = {
+    "rigid": Rigid,
+    "elastic": Elastic,
+    "rope": Rope,
+    "damped_rope": DampedRope,
+    "tabulated": Tabulated,
+}
 
 __all__ = [
     "AXIAL_RINGING",

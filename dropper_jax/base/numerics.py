@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar, overload
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 Components = tuple[jax.Array, jax.Array, jax.Array]
 #: A pytree of arrays.
 Tree = TypeVar("Tree")
+
+
+@overload
+def as_array(values: None) -> None: ...
+@overload
+def as_array(values: Any) -> jax.Array: ...
+def as_array(values: Any) -> jax.Array | None:
+    """Numbers of a scene as an array of JAX, without a program of JAX; None remains None."""
+    if values is None:
+        return None
+    return jnp.asarray(np.asarray(values))
 
 
 def components(x: jax.Array) -> Components:

@@ -11,7 +11,7 @@ import numbers
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
-from typing import Any, ClassVar, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Protocol, Self, TypeVar, overload
 
 import numpy as np
 
@@ -61,6 +61,10 @@ def short_text(value: Plain) -> str:
     return text[: shown - 3] + "..."
 
 
+@overload
+def plain(value: Mapping[str, Any]) -> Table: ...
+@overload
+def plain(value: Plain) -> Plain: ...
 def plain(value: Plain) -> Plain:
     """Arrays and tuples as lists and sections as tables, also inside tables; everything else unchanged."""
     if hasattr(value, "tolist"):

@@ -7,7 +7,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from html import escape
-from typing import Any
+from typing import Any, overload
 
 from dropper_jax.base.read import Plain, Table, Values, plain
 
@@ -16,6 +16,10 @@ Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 SCHEMA = 1
 
 
+@overload
+def jsonable(value: dict[str, Any]) -> dict[str, Any]: ...
+@overload
+def jsonable(value: Any) -> Json: ...
 def jsonable(value: Any) -> Json:
     """Plain JSON values: arrays and tuples as lists, NaN and infinity as None."""
     match value:

@@ -13,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
-from dropper_jax.base.read import Pairs
+from dropper_jax.base.read import Pairs, Values
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData
 
@@ -51,7 +51,7 @@ class Bending(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if all(line.links < 2 for line in scene.lines) and not values["clamped"] and not values["joined"]:
             raise SceneError("effects.bending: needs a line of at least 2 links. Use more links, or remove the effect")
         given = ()
@@ -67,17 +67,11 @@ class Bending(Effect):
                 raise SceneError(
                     f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: a non-zero vector"
                 )
-        held = [p.name for p in scene.points if not p.is_free]
         for i, name in enumerate(values["clamped"]):
             path = f"effects.bending.clamped.{i}"
-            if name not in held:
-                raise SceneError(f"{path}: {name!r} is not a fixed point; {nearest(name, held)}")
+            scene.check_line_end(name, path)
             if name in values["clamped"][:i]:
                 raise SceneError(f"{path}: {name!r} is listed twice; allowed: each point once")
-            ends = [line.name for line in scene.lines for end in (line.start, line.end) if end == name]
-            if len(ends) != 1:
-                raise SceneError(f"{path}: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line")
-
         ends = {line.name: (line.start, line.end) for line in scene.lines}
         for i, pair in enumerate(values["joined"]):
             for name in pair:
@@ -102,17 +96,14 @@ class Bending(Effect):
             return each
         return intact[first] * intact[last] * each
 
-    def _clamps(self, model: ModelView) -> tuple[np.ndarray, jax.Array | None]:
-        """Links at clamped points (clamps,), and the directions (clamps, 3) that they would have without bending."""
-        if not self.clamped:
-            return np.zeros(0, int), None
+    def _clamps(self, model: ModelView) -> tuple[np.ndarray, np.ndarray]:
+        """Links at clamped points (clamps,), and whether they leave them, 1.0, or arrive there, -1.0."""
         found = {}
         for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
             found[model.points[member.start].name] = (span.start, 1.0)
             found[model.points[member.end].name] = (span.stop - 1, -1.0)
-        links, signs = zip(*(found[name] for name in self.clamped), strict=True)
-        size = jnp.sqrt(dot(self.directions, self.directions))
-        return np.array(links), np.array(signs)[:, None] * self.directions / size[:, None]
+        links = [found[name][0] for name in self.clamped]
+        return np.array(links, int), np.array([found[name][1] for name in self.clamped])
 
     def _joints(self, model: ModelView) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Both links of every joint (joints,), those of joined lines last, and its three nodes (joints, 3)."""
@@ -148,8 +139,10 @@ class Bending(Effect):
         stiffness = self._stiffness(k, first, second)
         links = r[:, 1:] - r[:, :-1]
         before, after = jnp.moveaxis(links / jnp.sqrt(dot(links, links) + 1e-30)[..., None], 1, 0)
-        if self.clamped:
-            at, leaving = self._clamps(k.model)
+        if self.directions is not None:
+            at, signs = self._clamps(k.model)
+            size = jnp.sqrt(dot(self.directions, self.directions))
+            leaving = signs[:, None] * self.directions / size[:, None]
             stiffness = jnp.concatenate([stiffness, self._stiffness(k, at, at)])
             before = jnp.concatenate([before[: len(first)], leaving])
         bend = after - before

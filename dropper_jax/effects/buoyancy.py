@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +11,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import upright
-from dropper_jax.base.read import Plain
+from dropper_jax.base.read import Plain, Values
 from dropper_jax.effects.submerged import wet_share
 from dropper_jax.model import Effect, Kinematics, ModelView
 from dropper_jax.scene import LineSpec, SceneData
@@ -34,7 +33,7 @@ class Buoyancy(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if scene.effects.get("weight", {}).get("wet_weight") is not None:
             raise SceneError(
                 "effects.weight.wet_weight: is a weight in water, but effects.buoyancy takes the buoyancy off again; "
@@ -59,9 +58,10 @@ class Buoyancy(Effect):
 def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
     line = scene.line
-    sea = scene.sea
+    sea = scene.needed_sea
     gravity = scene.gravity
-    volume = (line.mass * gravity - np.asarray(wet_weight, float)) / (sea.density * sea.gravity)
+    wet_weight = np.asarray(wet_weight, float)
+    volume = (line.mass * gravity - wet_weight) / (sea.density * sea.gravity)
     if np.any(volume <= 0.0):
         worst = int(np.argmin(volume))
         dry = line.mass[worst] * gravity
@@ -106,8 +106,16 @@ def displaced_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
     return np.sqrt(4.0 * _volume_from_weight(scene, wet_weight) / (np.pi * line.length))
 
 
-def drag_diameter(line: LineSpec, scene: SceneData) -> np.ndarray | None:
-    """Diameters of the links for drag and added mass [m]: the outer ones, or those of the displaced volume."""
-    if line.outer_diameter is None:
-        return displaced_diameter(line, scene)
-    return line.outer_diameter
+def drag_diameter(scene: SceneData) -> np.ndarray:
+    """Diameters of all links for drag and added mass [m]: the outer ones, or those of the displaced volume.
+
+    Raises:
+        SceneError: a line has none.
+    """
+    line = scene.line
+    if line.outer_diameter is not None:
+        return line.outer_diameter
+    diameter = displaced_diameter(line, scene)
+    if diameter is None:
+        raise SceneError("line.diameter: missing; drag and added mass need the diameter of every line [m]")
+    return diameter

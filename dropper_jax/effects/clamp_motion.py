@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.read import rises
+from dropper_jax.base.read import Values, rises
 from dropper_jax.effects.bending import Bending
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
@@ -57,8 +56,11 @@ class ClampMotion(Effect):
     point: str = option("name of the fixed point where the line is clamped", type=str, default="")
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
-        _check_point(values["point"], scene)
+    def check(cls, values: Values, scene: SceneData) -> None:
+        path = "effects.clamp_motion.point"
+        scene.check_line_end(values["point"], path)
+        if values["point"] in scene.effects["bending"]["clamped"]:
+            raise SceneError(f"{path}: {values['point']!r} is in effects.bending.clamped too; allowed: one of the two")
         time = np.asarray(values["time"])
         if not rises(time, 2):
             raise SceneError("effects.clamp_motion.time: needs at least 2 increasing times, one per direction")
@@ -126,22 +128,7 @@ def turned_by(quaternion: jax.Array, vector: jax.Array) -> jax.Array:
     return unit + 2.0 * jnp.cross(s, jnp.cross(s, unit) + w * unit)
 
 
-def _check_point(name: str, scene: SceneData) -> None:
-    held = [point.name for point in scene.points if not point.is_free]
-    if name not in held:
-        raise SceneError(f"effects.clamp_motion.point: {name!r} is not a fixed point; {nearest(name, held)}")
-    ends = [line.name for line in scene.lines for end in (line.start, line.end) if end == name]
-    if len(ends) != 1:
-        raise SceneError(
-            f"effects.clamp_motion.point: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line"
-        )
-    if name in scene.effects["bending"]["clamped"]:
-        raise SceneError(
-            f"effects.clamp_motion.point: {name!r} is in effects.bending.clamped too; allowed: one of the two"
-        )
-
-
-def _check_rows(values: Mapping[str, Any], rows: int, turned: bool) -> None:
+def _check_rows(values: Values, rows: int, turned: bool) -> None:
     """Refuse tables of another length, rows that are no unit vectors or quaternions, and frames that jump."""
     key = "quaternion" if turned else "direction"
     table = np.asarray(values[key], float).reshape(-1, 4 if turned else 3)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import Graph, ModelView
 
@@ -16,19 +16,25 @@ from dropper_jax.model import Graph, ModelView
 Group = tuple[int, ...]
 
 
-class Touching(Protocol):
-    """Description of the bars of an effect, see `line_contact.LinksInContact`."""
+@component
+class ContactPairs:
+    """Lines that may touch each other, and lines with bars; a negative owner of a bar is a buoy's point."""
 
-    radius: jax.Array
-    bars: jax.Array
-    bar_radius: jax.Array
-    mixed: jax.Array
-    beside: tuple[tuple[Group, Group], ...]
-    along: tuple[tuple[Group, int], ...]
+    axis: jax.Array = parameter("axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors")
+    radius: jax.Array = parameter("their radii", unit="m", shape="table")
+    mixed: jax.Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors")
+    corner: int = option("number of the first body's first corner among the points", type=int, default=0)
+    beside: tuple[tuple[Group, Group], ...] = option("pairs of lines", type=tuple, default=())
+    along: tuple[tuple[Group, int], ...] = option("lines and the owner of each bar", type=tuple, default=())
 
     @property
     def rigid(self) -> bool:
         """Whether a bar belongs to a rigid body."""
+        return any(owner >= 0 for _, owner in self.along)
+
+    def nodes(self, graph: Graph) -> np.ndarray:
+        """Four nodes of two links each; with rigid bodies six, those of a link and the body's corners."""
+        return _nodes_of_bars(graph, self.beside, self.along, self.corner)
 
 
 #: Rounding of the nearest point for parallel axes, relative to the square of their lengths: they meet at their middles,
@@ -44,16 +50,16 @@ class Bars:
         spread: see `segments.nearest_points`, (pieces,) [m^2].
     """
 
-    def __init__(self, effect: Touching, model: ModelView) -> None:
+    def __init__(self, pairs: ContactPairs, radius: jax.Array, model: ModelView) -> None:
         length = model.line.length
-        radius = jnp.broadcast_to(effect.radius, model.line.length.shape)
-        first, second = _links(model.geometry, effect.beside)
-        link, bar = _links_and_bars(model.geometry, effect.along)
+        radius = jnp.broadcast_to(radius, model.line.length.shape)
+        first, second = _links(model.geometry, pairs.beside)
+        link, bar = _links_and_bars(model.geometry, pairs.along)
         axis = jnp.zeros((0, 2, 3), length.dtype)
         other = jnp.zeros(0, length.dtype)
         if len(bar):
-            axis = effect.bars[bar]
-            other = effect.bar_radius[bar]
+            axis = pairs.axis[bar]
+            other = pairs.radius[bar]
         across = axis[:, 1] - axis[:, 0]
         self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + other])
         square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[link] ** 2 + dot(across, across)])
@@ -63,8 +69,8 @@ class Bars:
         self.shares = None
         if not len(bar):
             return
-        owner = np.array([number for _, number in effect.along])[bar]
-        self.shares = effect.mixed[bar] if effect.rigid else None
+        owner = np.array([number for _, number in pairs.along])[bar]
+        self.shares = pairs.mixed[bar] if pairs.rigid else None
         self.offset = jnp.where((owner < 0)[:, None, None], axis, 0.0)
 
     def axes(self, r: jax.Array) -> jax.Array:
@@ -130,7 +136,7 @@ def _links_and_bars(graph: Graph, along: tuple[tuple[Group, int], ...]) -> tuple
 
 
 @lru_cache(maxsize=64)
-def nodes_of_bars(
+def _nodes_of_bars(
     graph: Graph,
     beside: tuple[tuple[Group, Group], ...],
     along: tuple[tuple[Group, int], ...],

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import as_array
 from dropper_jax.model import Effect
 
 
@@ -71,6 +72,12 @@ class CoupledMotion(Effect):
         cls, points: tuple[str, ...], positions: np.ndarray, velocities: np.ndarray, bent: bool
     ) -> CoupledMotion:
         """Points that leave their positions (c, 3) [m] at time 0 with velocities [m/s]; `bent` with accelerations."""
-        ends = np.stack([positions, positions + velocities])
-        rates = np.stack([velocities, velocities])
-        return cls(np.array(0.0), np.array(1.0), positions, ends, rates, np.zeros_like(ends) if bent else None, points)
+        return cls(
+            begin=as_array(0.0),
+            width=as_array(1.0),
+            home=as_array(positions),
+            positions=as_array([positions, positions + velocities]),
+            velocities=as_array([velocities, velocities]),
+            accelerations=as_array(np.zeros((2, *positions.shape))) if bent else None,
+            points=points,
+        )

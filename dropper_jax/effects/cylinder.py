@@ -26,13 +26,10 @@ degrees): others have psi = 1 and C_M = 2 in API's practice.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import refuse, rises
+from dropper_jax.base.read import Values, refuse, rises
 
 #: Sources of coefficients: the scene's numbers, the rough cylinder above, a table over KC.
 SOURCES = ("given", "rough_cylinder", "table")
@@ -73,7 +70,7 @@ def rough_added_mass(kc: np.ndarray, roughness: np.ndarray) -> np.ndarray:
     return np.where(finite < 3.0, 1.0, np.maximum(1.0 - 0.044 * (finite - 3.0), 0.6 - (steady - 0.65)))
 
 
-def from_table(path: str, kc: np.ndarray, re: np.ndarray, values: Mapping[str, Any], key: str) -> np.ndarray:
+def from_table(path: str, kc: np.ndarray, re: np.ndarray, values: Values, key: str) -> np.ndarray:
     """Coefficients (links,) interpolated between the rows of a scene's table over KC.
 
     Raises:
@@ -92,7 +89,7 @@ def _inside(path: str, found: np.ndarray, low: float, high: float, name: str) ->
         raise SceneError(f"{path}: {name} = {worst:.4g} of a link is outside the table; allowed: {low:g} to {high:g}")
 
 
-def check_source(path: str, values: Mapping[str, Any], key: str, word: str) -> None:
+def check_source(path: str, values: Values, key: str, word: str) -> None:
     """Check tables for consistency, and reject missing values of other sources.
 
     Args:

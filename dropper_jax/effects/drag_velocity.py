@@ -43,6 +43,6 @@ def drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
     alone then follows `exp(-z)` exactly. The mid-step velocity alone would reverse it at every step and keep its size.
     The result approaches v_mid as the step decreases (second order). At a plain instant it is v.
     """
-    if k.before is None:
+    if k.h is None or k.before is None:
         return k.v
     return k.v + excess(k.h * decay) * (k.v - k.before)

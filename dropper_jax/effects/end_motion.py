@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -11,9 +10,12 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import trace_once
-from dropper_jax.base.read import rises
+from dropper_jax.base.read import Values, rises
 from dropper_jax.model import HeldMotion
 from dropper_jax.scene import SceneData
+
+#: Error of a motion that is neither harmonic nor tabulated.
+EITHER = "effects.end_motion: give either `amplitude` and `period`, or `time` and `displacement`"
 
 
 @component
@@ -40,47 +42,51 @@ class EndMotion(HeldMotion):
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         cls.check_points(values, scene)
         harmonic = values["amplitude"] is not None and values["period"] is not None
         table = values["time"] is not None and values["displacement"] is not None
         if harmonic == table:
-            raise SceneError("effects.end_motion: give either `amplitude` and `period`, or `time` and `displacement`")
+            raise SceneError(EITHER)
         if table and (len(values["time"]) != len(values["displacement"]) or not rises(values["time"], 2)):
             raise SceneError("effects.end_motion.time: needs at least 2 increasing times, one per displacement")
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] at time t [s]."""
-        if self.time is not None:
+        if self.time is not None and self.displacement is not None:
             row = interpolate_quintic(t, self.time, self.displacement)
             if self.ramp is None:
                 return row
-            return self._apply_ramp(t - self.time[0], row, self.displacement[0])
+            return apply_ramp((t - self.time[0]) / self.ramp, row, self.displacement[0])
+        if self.amplitude is None or self.period is None:
+            raise SceneError(EITHER)
         phase = 0.0 if self.phase is None else self.phase
         motion = self.amplitude * jnp.sin(2 * jnp.pi * t / self.period + phase)
         if self.ramp is None:
             return motion
-        return self._apply_ramp(t, motion, jnp.zeros_like(motion))
+        return apply_ramp(t / self.ramp, motion, jnp.zeros_like(motion))
 
-    def _apply_ramp(self, since: jax.Array, full: jax.Array, first: jax.Array) -> jax.Array:
-        u = jnp.clip(since / self.ramp, 0.0, 1.0)
-        return first + (full - first) * (u**3 * (10 - 15 * u + 6 * u * u))
+    @property
+    def _begin(self) -> jax.Array:
+        """Time [s] from which the point moves."""
+        if self.time is not None:
+            return self.time[0]
+        if self.period is None:
+            raise SceneError(EITHER)
+        return jnp.zeros_like(self.period)
 
     @property
     def kinks(self) -> jax.Array | None:
         if self.time is not None:
             return self.time[jnp.array([0, -1] if self.ramp is None else [-1])]
         if self.ramp is None:
-            return jnp.zeros(1, self.amplitude.dtype)
+            return jnp.ravel(self._begin)
         return None
 
     @property
     def corners(self) -> jax.Array | None:
         """All rows of a table, at which the third derivative jumps, and both ends of a ramp."""
-        if self.time is None:
-            begin = jnp.zeros((), self.amplitude.dtype)
-        else:
-            begin = self.time[0]
+        begin = self._begin
         if self.ramp is None:
             ramp = jnp.ravel(begin)
         else:
@@ -88,6 +94,12 @@ class EndMotion(HeldMotion):
         if self.time is None:
             return ramp
         return jnp.concatenate([self.time, ramp])
+
+
+def apply_ramp(u: jax.Array, full: jax.Array, first: jax.Array) -> jax.Array:
+    """From the first displacement (3,) [m] at u = 0 to the full one at 1 and later."""
+    u = jnp.clip(u, 0.0, 1.0)
+    return first + (full - first) * (u**3 * (10 - 15 * u + 6 * u * u))
 
 
 @trace_once

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, safe_norm
+from dropper_jax.base.read import Values
 from dropper_jax.model import Kinematics, Law, Line
 from dropper_jax.scene import SceneData
 
@@ -44,7 +44,7 @@ class JointFriction(Law):
     axis: jax.Array | None = parameter("direction of the pins", unit="-", shape="vector", default=None)
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if values["viscous"] is None and values["dry"] is None:
             raise SceneError("effects.joint_friction: give `viscous`, `dry` or both; both are missing")
         axis = values["axis"]
@@ -80,12 +80,14 @@ class JointFriction(Law):
         after = jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])[:links]
         return -k.model.gather(cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None])
 
-    def _per_joint(self, value: jax.Array, joints: int) -> jax.Array:
+    def _per_joint(self, value: jax.Array | None, joints: int) -> jax.Array:
+        if value is None:
+            return jnp.zeros(joints)
         if value.ndim == 0:
             return jnp.broadcast_to(value, (joints,))
         return value[:joints]
 
-    def force(self, k: Kinematics) -> jax.Array | None:
+    def force(self, k: Kinematics) -> jax.Array:
         if self.viscous is None:
             return jnp.zeros_like(k.r)
         rates = self.relative_rates(k)

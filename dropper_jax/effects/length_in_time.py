@@ -12,6 +12,7 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import as_array
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect, Kinematics, Line, Model, ModelView
 from dropper_jax.scene import SceneData
@@ -91,16 +92,16 @@ class Winch:
         zero = jnp.zeros_like(initial)
         return WinchState(zero, initial, zero, zero)
 
-    def advance(self, t: jax.Array, tension: jax.Array, h: jax.Array) -> WinchState:
+    def advance(self, now: WinchState, t: jax.Array, tension: jax.Array, h: jax.Array) -> WinchState:
         """Its state after a step of h [s] that ended at t [s] with these tensions (n,) [N]."""
         error = tension[self.measured] - self.target
-        integral = self.now.integral + h * error
+        integral = now.integral + h * error
         wanted = self.gain[0] * error + self.gain[1] * integral
-        length = self.total(t, self.now.length)
+        length = self.total(t, now.length)
         rate = jnp.clip(wanted, self.limits[0], self.limits[1])
         at_end = ((length <= self.range[0]) & (rate < 0.0)) | ((length >= self.range[1]) & (rate > 0.0))
         rate = jnp.where(at_end, 0.0, rate)
-        integral = jnp.where(rate == wanted, integral, self.now.integral)
+        integral = jnp.where(rate == wanted, integral, now.integral)
         return WinchState(t, length, rate, integral)
 
 
@@ -150,7 +151,13 @@ class ControlledLength(LengthInTime):
     def advance(
         self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array
     ) -> tuple[WinchState | None, ...]:
-        return tuple(entry.advance(after.t, tension, h) if isinstance(entry, Winch) else None for entry in self.entries)
+        found = []
+        for entry in self.entries:
+            if isinstance(entry, Winch) and entry.now is not None:
+                found.append(entry.advance(entry.now, after.t, tension, h))
+            else:
+                found.append(None)
+        return tuple(found)
 
 
 def _total(line: Line, entry: ChangingLinks) -> jax.Array:
@@ -167,7 +174,7 @@ def changing_lengths(scene: SceneData) -> list[Effect]:
             own = spec.numbers(line.links)
             links = tuple(start + i for i in own)
             if spec.control is None:
-                table = LengthTable(spec.time, spec.length, spec.between == "smooth", links)
+                table = LengthTable(as_array(spec.time), as_array(spec.length), spec.between == "smooth", links)
                 _check_between_rows(line.name, table)
                 entries.append(table)
             else:
@@ -175,10 +182,10 @@ def changing_lengths(scene: SceneData) -> list[Effect]:
                 measured = links[0 if spec.end == "from" else -1]
                 entries.append(
                     Winch(
-                        np.asarray(control.target),
-                        control.gain,
-                        control.limits,
-                        control.lengths,
+                        as_array(control.target),
+                        as_array(control.gain),
+                        as_array(control.limits),
+                        as_array(control.lengths),
                         links=links,
                         measured=measured,
                     )
@@ -201,9 +208,7 @@ def _check_between_rows(name: str, table: LengthTable) -> None:
         return
     rows = np.arange(len(table.time))
     t = np.interp(np.linspace(0.0, rows[-1], SAMPLES_PER_ROW * rows[-1] + 1), rows, table.time)
-    time = jnp.asarray(table.time)
-    length = jnp.asarray(table.length)
-    found = np.asarray(jax.vmap(lambda at: interpolate_quintic(at, time, length[:, None])[0])(jnp.asarray(t)))
+    found = np.asarray(jax.vmap(lambda at: table.total(at, at))(jnp.asarray(t)))
     lowest = int(np.argmin(found))
     if found[lowest] <= 0.0:
         raise SceneError(
@@ -250,7 +255,7 @@ def with_length_in_time(
     if model.line.axial.rigid(model.line.links)[list(chosen)].any():
         raise SceneError(f"line: the links of {line!r} are rigid. Use a line that stretches, such as a rope")
     entry = LengthFunction(jax.tree.map(jnp.asarray, parameters), function, chosen)
-    known = model.effect(LengthInTime.name)
+    known = next(iter(model.having(LengthInTime)), None)
     if known is None:
         return replace(model, effects=(*model.effects, LengthInTime((entry,))))
     more = replace(known, entries=(*known.entries, entry))

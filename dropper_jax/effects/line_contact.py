@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from dataclasses import field
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -11,10 +11,10 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.numerics import dot
-from dropper_jax.base.read import Pairs
-from dropper_jax.effects.contact_bars import Bars, Group, nodes_of_bars
-from dropper_jax.effects.nearest_points import contact_force, nearest_points, relative_motion
+from dropper_jax.base.numerics import as_array, dot
+from dropper_jax.base.read import Pairs, Values
+from dropper_jax.effects.contact_bars import Bars, ContactPairs, Group
+from dropper_jax.effects.nearest_points import Nearest, contact_force, nearest_points, relative_motion
 from dropper_jax.effects.rigid_bodies import tetrahedron
 from dropper_jax.model import Effect, Kinematics, ModelView, at_pieces, sum_of_pieces
 from dropper_jax.scene import SceneData
@@ -45,7 +45,7 @@ class LineContact(Effect):
     slip: jax.Array = parameter(
         "sliding speed at which friction is 0.7 of its value", unit="m/s", low=0.0, open_low=True, default=0.01
     )
-    radius: jax.Array | None = parameter(
+    radius: jax.Array = parameter(
         "radius of the links; half the diameter if not given", unit="m", shape="link", low=0.0, default=None
     )
     pairs: tuple[tuple[str, str], ...] = option("lines that may touch each other", type=Pairs, default=())
@@ -54,7 +54,7 @@ class LineContact(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if not values["pairs"] and not values["bodies"]:
             raise SceneError(
                 'effects.line_contact.pairs: missing; needed: names of lines, such as [["dropper-1", "dropper-2"]]'
@@ -88,7 +88,7 @@ class LineContact(Effect):
                 raise SceneError(f"effects.line_contact.bodies: {name!r} has no cylinders or spheres to touch")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         lines = _lines_of(scene)
         values = dict(values)
         if values["radius"] is None:
@@ -114,12 +114,14 @@ class LineContact(Effect):
         mixed = [_mixture(scene, owner, np.array([start, end])) for _, owner, start, end, _ in bars]
         return kind(
             **values,
-            bars=np.array([[start, end] for _, _, start, end, _ in bars]).reshape(-1, 2, 3),
-            bar_radius=np.array([radius for *_, radius in bars]),
-            mixed=np.array(mixed).reshape(-1, 2, 4),
-            corner=len(scene.points),
-            beside=tuple((lines[a], lines[b]) for a, b in values["pairs"]),
-            along=tuple((group, owner) for group, owner, *_ in bars),
+            touching=ContactPairs(
+                axis=as_array(np.array([[start, end] for _, _, start, end, _ in bars]).reshape(-1, 2, 3)),
+                radius=as_array([radius for *_, radius in bars]),
+                mixed=as_array(np.array(mixed).reshape(-1, 2, 4)),
+                corner=len(scene.points),
+                beside=tuple((lines[a], lines[b]) for a, b in values["pairs"]),
+                along=tuple((group, owner) for group, owner, *_ in bars),
+            ),
         )
 
 
@@ -131,30 +133,21 @@ LARGEST_MOTION = 0.25
 
 @component
 class LinksInContact(LineContact):
-    """The same with indices for names and its work recorded; a negative owner of a bar is a buoy's point."""
+    """The same with indices for names and its work recorded."""
 
-    bars: jax.Array = parameter(
-        "axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors", default=None
-    )
-    bar_radius: jax.Array = parameter("their radii", unit="m", shape="table", default=None)
-    mixed: jax.Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors", default=None)
-    corner: int = option("number of the first body's first corner among the points", type=int, default=0)
-    beside: tuple[tuple[Group, Group], ...] = option("pairs of lines", type=tuple, default=())
-    along: tuple[tuple[Group, int], ...] = option("lines and the owner of each bar", type=tuple, default=())
+    touching: ContactPairs = field(kw_only=True)
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
-        """Four nodes of two links each; with rigid bodies six, those of a link and the body's corners."""
-        return nodes_of_bars(model.geometry, self.beside, self.along, self.corner)
+        return self.touching.nodes(model.geometry)
 
-    @property
-    def rigid(self) -> bool:
-        return any(owner >= 0 for _, owner in self.along)
+    def _bars(self, model: ModelView) -> Bars:
+        return Bars(self.touching, self.radius, model)
 
     def force(self, k: Kinematics) -> jax.Array:
         return sum_of_pieces(self, k)
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
-        bars = Bars(self, k.model)
+        bars = self._bars(k.model)
         p = bars.axes(r)
         speed = bars.mix_velocities(v)
         near = nearest_points(p, bars.reach, bars.spread)
@@ -166,7 +159,7 @@ class LinksInContact(LineContact):
 
     def contact_energy(self, k: Kinematics) -> jax.Array:
         """Energy of compressed contacts, scalar [J]."""
-        bars = Bars(self, k.model)
+        bars = self._bars(k.model)
         return jnp.sum(self._energy(bars, bars.axes(at_pieces(k, self.piece_nodes(k.model))[0])))
 
     def _energy(self, bars: Bars, p: jax.Array) -> jax.Array:
@@ -181,7 +174,7 @@ class LinksInContact(LineContact):
         size = jnp.sum(own**2, axis=(-2, -1)) + (SMALL_MOTION * bars.reach) ** 2
         return -(lacking / size)[..., None, None] * own
 
-    def _dissipative_force(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
+    def _dissipative_force(self, near: Nearest, push: jax.Array, speed: jax.Array) -> jax.Array:
         """Damping and friction (pieces, 4, 3) [N]."""
         relative = jnp.sum(near.shares[..., None] * speed, axis=-2)
         unit = near.separation / jnp.sqrt(dot(near.separation, near.separation) + 1e-30)[..., None]
@@ -192,7 +185,7 @@ class LinksInContact(LineContact):
         return near.shares[..., None] * (damper[..., None] * unit - rub[..., None] * sliding)[..., None, :]
 
     def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
-        bars = Bars(self, before.model)
+        bars = self._bars(before.model)
         nodes = self.piece_nodes(before.model)
         start = bars.axes(at_pieces(before, nodes)[0])
         end = bars.axes(at_pieces(after, nodes)[0])
@@ -205,7 +198,7 @@ class LinksInContact(LineContact):
 class LinksPushed(LinksInContact):
     """Contact without damping and friction: conservative."""
 
-    def _dissipative_force(self, near: Any, push: jax.Array, speed: jax.Array) -> jax.Array:
+    def _dissipative_force(self, near: Nearest, push: jax.Array, speed: jax.Array) -> jax.Array:
         return jnp.zeros((), speed.dtype)
 
     def potential(self, k: Kinematics) -> jax.Array:

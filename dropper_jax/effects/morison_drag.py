@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.read import Values
 from dropper_jax.effects.buoyancy import drag_diameter
 from dropper_jax.effects.cylinder import SOURCES, check_source, steady_drag
 from dropper_jax.effects.drag_velocity import drag_velocity
@@ -37,7 +37,7 @@ class MorisonDrag(Effect):
 
     name: ClassVar[str] = "morison_drag"
     needs_water: ClassVar[bool] = True
-    cdn: jax.Array | None = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
+    cdn: jax.Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
     cdt: jax.Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
     shelter: jax.Array | None = parameter(
         "factor on the current that reaches the link", unit="-", shape="link", low=0.0, default=None
@@ -60,7 +60,7 @@ class MorisonDrag(Effect):
     wakes: str = option("effect of lines on the current behind them", choices=("none", "porous"), default="none")
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if values["wakes"] == "none" and values["turbulence"] is not None:
             raise SceneError("effects.morison_drag.turbulence: is only used with wakes 'porous'")
         if values["wakes"] != "none":
@@ -68,7 +68,7 @@ class MorisonDrag(Effect):
         check_source("effects.morison_drag", values, "cdn", "drag coefficient across the link")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         """The effect with its coefficients; flow-dependent ones have their steady values until the flow is known."""
         kept = {key: values[key] for key in ("cdn", "cdt", "shelter", "tangents")}
         if values["coefficients"] == "rough_cylinder":
@@ -105,7 +105,7 @@ class MorisonDrag(Effect):
         total = jnp.zeros_like(k.v)
         for part in k.line.parts():
             flow = part.at(relative)
-            if self.shelter is not None:
+            if self.shelter is not None and water.current is not None:
                 flow = flow - part.at(water.current) * ((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]
             across, along = split(flow, tangents)
             wet = part.share * wet_share(k, part, tangents, water.motion.elevation)
@@ -115,7 +115,7 @@ class MorisonDrag(Effect):
         return total
 
 
-def _check_wakes(values: Mapping[str, Any], scene: SceneData) -> None:
+def _check_wakes(values: Values, scene: SceneData) -> None:
     """Wakes need a current from one side, and replace fixed factors."""
     current = None if scene.sea is None else scene.sea.current
     path = "effects.morison_drag.wakes: 'porous'"
@@ -136,4 +136,4 @@ def relative_roughness(scene: SceneData) -> np.ndarray:
     """k/D of each link (n,); smooth if no roughness is given."""
     height = scene.effects.get("morison_drag", {}).get("roughness")
     line = scene.line
-    return (0.0 if height is None else np.asarray(height, float)) / drag_diameter(line, scene) * np.ones(line.links)
+    return (0.0 if height is None else np.asarray(height, float)) / drag_diameter(scene) * np.ones(line.links)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.read import Values
 from dropper_jax.effects.cylinder import SOURCES, check_source
 from dropper_jax.effects.submerged import split, wet_share
 from dropper_jax.model import Effect, Kinematics, LinkEnd
@@ -18,6 +18,11 @@ from dropper_jax.scene import SceneData
 
 class _InertiaForce(Effect):
     """The force on the right-hand side, with the coefficients of the subclass."""
+
+    @property
+    def fluid_acceleration(self) -> str:
+        """`local` or `material`."""
+        raise NotImplementedError
 
     @property
     def needs_material(self) -> bool:
@@ -29,14 +34,13 @@ class _InertiaForce(Effect):
     def _wet_mass(self, k: Kinematics, part: LinkEnd) -> jax.Array:
         """Mass of the water displaced by the submerged ends of links (n, 1) [kg]."""
         wet = wet_share(k, part, k.water.tangents, k.water.motion.elevation)
-        return (part.share * (k.sea.density * k.line.volume) * wet)[:, None]
+        return (k.sea.density * k.line.volume * part.share * wet)[:, None]
 
     def force(self, k: Kinematics) -> jax.Array:
         water = k.water
-        if self.needs_material:
+        change = water.motion.acceleration
+        if self.needs_material and water.material is not None:
             change = water.material
-        else:
-            change = water.motion.acceleration
         total = jnp.zeros_like(k.r)
         for part in k.line.parts():
             across, along = split(part.at(change), water.tangents)
@@ -76,12 +80,8 @@ class MorisonInertia(_InertiaForce):
 
     name: ClassVar[str] = "morison_inertia"
     needs_water: ClassVar[bool] = True
-    can: jax.Array | None = parameter(
-        "added mass coefficient across the link", unit="-", shape="link", low=0.0, default=None
-    )
-    cat: jax.Array | None = parameter(
-        "added mass coefficient along the link", unit="-", shape="link", low=0.0, default=None
-    )
+    can: jax.Array = parameter("added mass coefficient across the link", unit="-", shape="link", low=0.0, default=None)
+    cat: jax.Array = parameter("added mass coefficient along the link", unit="-", shape="link", low=0.0, default=None)
     fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")
     table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
     table_can: jax.Array | None = parameter("can at those", unit="-", shape="table", low=0.0, default=None)
@@ -92,18 +92,21 @@ class MorisonInertia(_InertiaForce):
     coefficients: str = option("source of can", choices=SOURCES, default="given")
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         check_source("effects.morison_inertia", values, "can", "added mass coefficient across the link")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         source = values["coefficients"]
         values = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
         if source != "given":  # until the flow is known
             values["can"] = np.ones(scene.line.links)
         if values["can"] is None and values["cat"] is None:
             return FroudeKrylov(fluid_acceleration=values["fluid_acceleration"])
-        return cls(**{**values, **{key: 0.0 for key in ("can", "cat") if values[key] is None}})
+        for key in ("can", "cat"):
+            if values[key] is None:
+                values[key] = 0.0
+        return cls(**values)
 
     @property
     def reach(self) -> int:
@@ -125,7 +128,7 @@ class MorisonInertia(_InertiaForce):
         can, cat = (value if jnp.ndim(value) == 0 else value[:, None] for value in (self.can, self.cat))
         if k.line.outer_diameter is None:
             return can, cat
-        size = ((k.line.outer_diameter / k.line.diameter) ** 2)[:, None]
+        size = ((k.line.outer_diameter / k.line.needed_diameter) ** 2)[:, None]
         return size * can, size * cat
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
@@ -142,6 +145,8 @@ class MorisonInertia(_InertiaForce):
     def _lagrangian(self, k: Kinematics, a: jax.Array) -> jax.Array:
         """The same for added mass that conserves energy; k is the middle of a step of length k.h."""
         h = k.h
+        if h is None:
+            raise ValueError("effects.morison_inertia.added_mass: 'lagrangian' is a force over a step")
         length = k.line.length[:, None]
         before = k.v - 0.5 * h * a
         after = k.v + 0.5 * h * a

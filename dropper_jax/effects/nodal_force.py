@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +11,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.indexed_sums import scatter_add
-from dropper_jax.base.read import rises
+from dropper_jax.base.read import Values, rises
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
 
@@ -45,7 +44,7 @@ class NodalForce(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         links = scene.lines[0].links
         for node in values["nodes"]:
             if not 1 <= node <= links:
@@ -67,7 +66,7 @@ class NodalForce(Effect):
 
     def factor(self, t: jax.Array) -> jax.Array:
         """s(t), dimensionless."""
-        if self.time is not None:
+        if self.time is not None and self.scale is not None:
             return jnp.interp(t, self.time, self.scale)
         begin = 0.0 if self.start is None else self.start
         if self.rise is None:

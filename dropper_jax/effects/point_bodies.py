@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,6 @@ from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.model import Effect, Kinematics, ModelView
-from dropper_jax.scene import SceneData
 
 
 @component
@@ -33,15 +31,6 @@ class PointBodies(Effect):
     added_mass: jax.Array = parameter("added mass coefficient Ca", unit="-", shape="table", low=0.0)
     gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     points: tuple[int, ...] = option("numbers of the points", type=tuple, default=())
-    wet: bool = option("whether there is water", type=bool, default=False)
-
-    @property
-    def needs_water(self) -> bool:
-        return self.wet
-
-    @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        return cls(**values)
 
     def nodes(self, model: ModelView) -> np.ndarray:
         """Free node of each body."""
@@ -64,27 +53,36 @@ class PointBodies(Effect):
         s = jnp.clip(0.5 + (elevation - k.r[self.nodes(k.model), 2]) / self._diameter(), 0.0, 1.0)
         return k.sea.density * self.volume * s * s * (3.0 - 2.0 * s)
 
+    def _loads(self, k: Kinematics, nodes: np.ndarray) -> jax.Array:
+        """Forces on the bodies (bodies, 3) [N]."""
+        return (self.mass * self.gravity)[:, None] * jnp.array([0.0, 0.0, -1.0], k.r.dtype)
+
     def force(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)
-        down = jnp.array([0.0, 0.0, -1.0], k.r.dtype)
-        total = (self.mass * self.gravity)[:, None] * down
-        if self.wet:
-            water = k.water.motion
-            displaced = self._wet_mass(k, k.water.motion.elevation[nodes])
-            share = displaced / jnp.where(self.volume > 0, k.sea.density * self.volume, 1.0)
-            share = jnp.where(self.volume > 0, share, 1.0)
-            u = water.velocity[nodes] - k.v[nodes]
-            drag = 0.5 * k.sea.density * self.drag_area * share * safe_norm(u)
-            total = total - (displaced * k.sea.gravity)[:, None] * down + drag[:, None] * u
-            total = total + ((1.0 + self.added_mass) * displaced)[:, None] * water.acceleration[nodes]
-        return scatter_add(nodes, total, k.free)
+        return scatter_add(nodes, self._loads(k, nodes), k.free)
 
 
 @component
 class WetPointBodies(PointBodies):
-    """The same with added mass: only used if a body in the water has it."""
+    """The same in water."""
 
-    name: ClassVar[str] = "point_bodies"
+    needs_water: ClassVar[bool] = True
+
+    def _loads(self, k: Kinematics, nodes: np.ndarray) -> jax.Array:
+        down = jnp.array([0.0, 0.0, -1.0], k.r.dtype)
+        water = k.water.motion
+        displaced = self._wet_mass(k, water.elevation[nodes])
+        share = displaced / jnp.where(self.volume > 0, k.sea.density * self.volume, 1.0)
+        share = jnp.where(self.volume > 0, share, 1.0)
+        u = water.velocity[nodes] - k.v[nodes]
+        drag = 0.5 * k.sea.density * self.drag_area * share * safe_norm(u)
+        total = super()._loads(k, nodes) - (displaced * k.sea.gravity)[:, None] * down + drag[:, None] * u
+        return total + ((1.0 + self.added_mass) * displaced)[:, None] * water.acceleration[nodes]
+
+
+@component
+class PointBodiesWithAddedMass(WetPointBodies):
+    """The same with added mass: only used if a body in the water has it."""
 
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         nodes = self.nodes(k.model)

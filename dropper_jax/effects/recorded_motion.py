@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, ClassVar
+from dataclasses import field, replace
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.read import rises
+from dropper_jax.base.numerics import as_array
+from dropper_jax.base.read import Values, rises
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect
 from dropper_jax.scene import SceneData
@@ -30,20 +29,20 @@ class RecordedMotion(Effect):
     name: ClassVar[str] = "recorded_motion"
     time: jax.Array = parameter("times of the rows", unit="s", shape="table")
     positions: jax.Array = parameter("point after point", unit="m", shape="vectors")
-    home: jax.Array | None = None  # positions of the points in the scene (points, 3) [m]
+    home: jax.Array = field(kw_only=True)  # positions of the points in the scene (points, 3) [m]
     points: tuple[str, ...] = option("names of the points that move", type=list, default=())
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         path = f"effects.{cls.name}"
-        held = [p.name for p in scene.points if not p.is_free]
         for i, name in enumerate(values["points"]):
-            if name not in held:
-                raise SceneError(f"{path}.points.{i}: {name!r} is not a fixed point; {nearest(name, held)}")
+            scene.check_fixed(name, f"{path}.points.{i}")
             if name in values["points"][:i]:
                 raise SceneError(f"{path}.points.{i}: {name!r} is a duplicate point; allowed: each point once")
         if not values["points"]:
-            raise SceneError(f"{path}.points: is empty; allowed: names of fixed points: {', '.join(held)}")
+            raise SceneError(
+                f"{path}.points: is empty; allowed: names of fixed points: {', '.join(scene.fixed_points)}"
+            )
         if not rises(values["time"], 2):
             raise SceneError(f"{path}.time: needs at least 2 increasing times")
         rows = len(values["time"]) * len(values["points"])
@@ -53,8 +52,8 @@ class RecordedMotion(Effect):
             )
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        return cls(**values, home=np.array([scene.point(name).position for name in values["points"]]))
+    def build(cls, values: Values, scene: SceneData) -> Effect:
+        return cls(**values, home=as_array([scene.point(name).position for name in values["points"]]))
 
     def moves(self, name: str) -> bool:
         return name in self.points

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from dataclasses import field
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,8 @@ import numpy as np
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.numerics import as_array
+from dropper_jax.base.read import Values
 from dropper_jax.model import Effect, HeldMotion
 from dropper_jax.scene import SceneData
 from dropper_jax.sea import Sea
@@ -31,16 +33,16 @@ class SeaFollowingEnd(HeldMotion):
     heave: jax.Array = parameter("vertical motion over the elevation", unit="-", shape="numbers", default=1.0)
     surge: jax.Array = parameter("horizontal motion over the water's", unit="-", shape="numbers", default=1.0)
     omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", default=None)
-    place: jax.Array | None = None
-    settled: jax.Array | None = None  # start and end of the sea's ramp (2,) [s]
+    place: jax.Array = field(kw_only=True)
+    settled: jax.Array = field(kw_only=True)  # start and end of the sea's ramp (2,) [s]
     point: str = option("name of the point that moves", type=str, default="")
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         path = "effects.sea_following_end"
         cls.check_points(values, scene)
-        if scene.sea.waves is None or scene.sea.ramp is None:
+        if scene.needed_sea.waves is None or scene.needed_sea.ramp is None:
             raise SceneError(f"{path}: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`")
         count = 1
         if values["omega"] is not None:
@@ -50,15 +52,16 @@ class SeaFollowingEnd(HeldMotion):
                 raise SceneError(f"{path}.{key}: has {np.size(values[key])} values; allowed: 1, or {count} as `omega`")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
-        return cls(**values, place=scene.point(values["point"]).position, settled=jnp.array([0.0, scene.sea.ramp]))
+    def build(cls, values: Values, scene: SceneData) -> Effect:
+        place = as_array(scene.point(values["point"]).position)
+        return cls(**values, place=place, settled=as_array([0.0, scene.needed_sea.ramp]))
 
     @property
     def kinks(self) -> jax.Array | None:
         return self.settled
 
     def _factor(self, value: jax.Array, omega: jax.Array) -> jax.Array:
-        if jnp.ndim(value) == 0:
+        if jnp.ndim(value) == 0 or self.omega is None:
             return value
         return jnp.interp(omega, self.omega, value)
 

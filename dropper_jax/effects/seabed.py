@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ import jax.numpy as jnp
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import cross, dot, trace_once
-from dropper_jax.base.read import rises
+from dropper_jax.base.read import Values, rises
 from dropper_jax.base.springs import REST, lag, mean_positive_part, never_more
 from dropper_jax.model import ContactArea, Effect, Kinematics
 from dropper_jax.scene import SceneData
@@ -31,7 +30,7 @@ class Seabed(Effect):
     name: ClassVar[str] = "seabed"
     stiffness: jax.Array = parameter("contact stiffness", unit="Pa/m", low=0.0, open_low=True, default=3e6)
     damping: jax.Array = parameter("contact damping", unit="Pa s/m", low=0.0, default=3e5)
-    depth: jax.Array | None = parameter("depth of a flat bed", unit="m", low=0.0, open_low=True, default=None)
+    depth: jax.Array = parameter("depth of a flat bed", unit="m", low=0.0, open_low=True, default=None)
     bed_x: jax.Array | None = parameter("x of the depth grid", unit="m", shape="table", default=None)
     bed_y: jax.Array | None = parameter("y of the depth grid", unit="m", shape="table", default=None)
     bed_depth: jax.Array | None = parameter(
@@ -39,7 +38,7 @@ class Seabed(Effect):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         grid = [values[key] is not None for key in ("bed_x", "bed_y", "bed_depth")]
         if any(grid) and not all(grid):
             raise SceneError("effects.seabed: `bed_x`, `bed_y` and `bed_depth` belong together, one of them is missing")
@@ -58,16 +57,16 @@ class Seabed(Effect):
             raise SceneError("line.diameter: missing; effects.seabed needs the diameter of every line [m]")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Seabed:
         values = dict(values)
         if values["depth"] is None and values["bed_x"] is None:
-            values["depth"] = scene.sea.depth
+            values["depth"] = scene.needed_sea.depth
         return cls(**values)
 
     # part of a cell, on either side of a grid line, over which one slope of the seabed blends into the next
     def bed_height(self, r: jax.Array, rounded: float = 0.02) -> jax.Array:
         """Height z of the seabed (nodes,) [m] at positions r (nodes, 3); with `rounded` = 0 its creases are sharp."""
-        if self.bed_x is None:
+        if self.bed_x is None or self.bed_y is None or self.bed_depth is None:
             return -self.depth * jnp.ones_like(r[:, 2])
         grid = self.bed_depth.reshape(self.bed_x.shape[0], self.bed_y.shape[0])
         i, a = _shares(self.bed_x, r[:, 0], rounded)
@@ -98,7 +97,7 @@ class Seabed(Effect):
 
     def normal(self, k: Kinematics) -> jax.Array:
         """Contact force (nodes,) [N], never negative."""
-        area = k.line.node_share(k.line.diameter * k.line.length)
+        area = k.line.node_share(k.line.needed_diameter * k.line.length)
         area = sum((e.contact_area(k.model) for e in k.model.having(ContactArea)), area)
         n = self.upward(k.r)
         return area * self.pressure(k, self, (self.bed_height(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n))

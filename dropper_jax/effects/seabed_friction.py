@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +11,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
+from dropper_jax.base.read import Values
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Kinematics, Law, Line
 from dropper_jax.scene import SceneData
@@ -64,7 +64,7 @@ class SeabedFriction(Law):
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if "seabed" not in scene.effects:
             raise SceneError("effects.seabed_friction: needs the contact force of [effects.seabed]; it is missing")
         if "joint_friction" in scene.effects:

@@ -22,12 +22,21 @@ Part = tuple[str, bool]
 class Twisting(Protocol):
     """What shafts need of the effect: see `torsion`."""
 
-    lines: tuple[str, ...]
-    joined: tuple[tuple[str, str], ...]
-    first: str
-    last: str
-    torque: Any
-    turn: Any
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Lines that twist; all if not given."""
+
+    @property
+    def joined(self) -> tuple[tuple[str, str], ...]:
+        """Lines that twist across their common point as one."""
+
+    @property
+    def first(self) -> str:
+        """First points of the lines: held or free."""
+
+    @property
+    def last(self) -> str:
+        """Last points of the lines."""
 
 
 class Shafts:
@@ -97,13 +106,13 @@ class Shafts:
         """Twist of shafts from that of lines, both ends of each included."""
         if self.one_line_each:
             return phi
-        return self.sign[self.line_node] * phi[self.line_node]
+        return phi[self.line_node] * self.sign[self.line_node]
 
     def on_lines(self, phi: jax.Array) -> jax.Array:
         """Twist of lines, both ends of each included, from that of shafts."""
         if self.one_line_each:
             return phi
-        return self.sign * phi[self.node]
+        return phi[self.node] * self.sign
 
     def differences(self, phi: jax.Array) -> jax.Array:
         """Over the links (n,)."""
@@ -121,7 +130,7 @@ class Shafts:
     def solve(self, diagonal: jax.Array, between: jax.Array, right: jax.Array, goal: jax.Array) -> jax.Array:
         """x of `(diagonal + K) x = right`, K of springs `between` the nodes of links (n,), with x = goal at prescribed
         nodes."""
-        between = self.twists * between
+        between = between * self.twists
         low = self.sums(jnp.zeros_like(between), -between)
         up = self.sums(-between, jnp.zeros_like(between))
         free = ~self.held
@@ -184,7 +193,7 @@ def check_joined(effect: Twisting, scene: SceneData) -> None:
         raise SceneError("effects.torsion.joined: the lines form a ring; allowed: lines with two ends")
     lasts = [name for shaft in shafts for name, is_last in free_ends(shaft) if is_last]
     for key in ("torque", "turn"):
-        if getattr(effect, key) != 0.0 and not lasts:
+        if getattr(effect, key, 0.0) != 0.0 and not lasts:
             raise SceneError(f"effects.torsion.{key}: all last points are joined; allowed: 0")
     for shaft in shafts:
         rules = {effect.last if is_last else effect.first for _, is_last in free_ends(shaft)}

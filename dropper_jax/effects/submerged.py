@@ -15,7 +15,7 @@ Array = Any
 
 def wet_share(k: Kinematics, part: LinkEnd, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
     """Submerged fraction of this end of each link (n,), 0 to 1."""
-    height = k.line.diameter + k.line.length * jnp.abs(tangents[:, 2])
+    height = k.line.needed_diameter + k.line.length * jnp.abs(tangents[:, 2])
     return submerged_fraction(part.at(elevation - k.r[:, 2]), height)
 
 

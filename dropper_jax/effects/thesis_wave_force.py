@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
+from dropper_jax.base.read import Values
 from dropper_jax.effects.drag_velocity import drag_velocity
 from dropper_jax.model import Effect, Kinematics
 from dropper_jax.scene import SceneData
@@ -34,18 +34,18 @@ class ThesisWaveForce(Effect):
     constant: ClassVar[bool] = True
     c_d: jax.Array = parameter("drag coefficient", unit="-", low=0.0, default=2.0)
     c_m: jax.Array = parameter("inertia coefficient", unit="-", low=0.0, default=1.0)
-    c_a: jax.Array | None = parameter("added mass coefficient, with relative velocity", unit="-", low=0.0, default=None)
+    c_a: jax.Array = parameter("added mass coefficient, with relative velocity", unit="-", low=0.0, default=None)
     velocity: str = option(
         "velocity of the water: absolute, or relative to the node", choices=VELOCITIES, default="absolute"
     )
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         if values["c_a"] is not None and values["velocity"] == "absolute":
             raise SceneError("effects.thesis_wave_force.c_a: is only used with velocity 'relative'")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         if values["velocity"] == "absolute":
             return cls(**values)
         # without added mass every scheme supports it
@@ -66,7 +66,7 @@ class ThesisWaveForce(Effect):
         line = k.line
         density = k.sea.density
         inertia = line.node_share(density * line.volume * self.c_m)
-        return inertia[:, None], line.node_share(0.5 * density * line.diameter * line.length * self.c_d)[:, None]
+        return inertia[:, None], line.node_share(0.5 * density * line.needed_diameter * line.length * self.c_d)[:, None]
 
 
 @component

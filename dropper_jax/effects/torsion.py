@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
-from dropper_jax.base.read import Pairs
+from dropper_jax.base.read import Pairs, Values
 from dropper_jax.effects.shafts import Shafts, check_joined
 from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.scene import SceneData
@@ -49,7 +48,7 @@ class Torsion(Effect):
     damping: jax.Array = parameter(
         "torque per rate of twist per length", unit="N m^2 s", shape="link", low=0.0, default=0.0
     )
-    coupling: jax.Array | None = parameter(
+    coupling: jax.Array = parameter(
         "k_tt, tension per twist per length, and torque per strain", unit="N m", shape="link", default=None
     )
     torque: jax.Array = parameter("moment on last points that are free to turn", unit="N m", default=0.0)
@@ -66,7 +65,7 @@ class Torsion(Effect):
     twist: Twist | None = None
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         names = [line.name for line in scene.lines]
         for i, name in enumerate(values["lines"]):
             if name not in names:
@@ -78,7 +77,7 @@ class Torsion(Effect):
                 raise SceneError(f"effects.torsion.{key}: {what}; allowed: 0 where `last` is {other!r}")
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         return (cls if values["coupling"] is None else CoupledTorsion)(**values)
 
     def begin(self, model: ModelView) -> Twist:
@@ -91,13 +90,13 @@ class Torsion(Effect):
     def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Twist:
         model = after.model
         shafts = Shafts(model.geometry, self)
-        phi, rate = map(shafts.of_lines, self.twist)
+        phi, rate = map(shafts.of_lines, self.twist or self.begin(model))
         inertia, stiffness, damping = self._along(model)
-        load = shafts.last * self.torque + shafts.at_nodes(-self._strain_torque(before, after))
+        load = self.torque * shafts.last + shafts.at_nodes(-self._strain_torque(before, after))
         # w = (phi1 - phi0)/h:  (2 I/h + h K/2 + C) w = 2 I/h phi0' - K phi0 + load
         own = stiffness * 0.5 * h + damping
         right = 2.0 * inertia / h * rate + shafts.at_nodes(-stiffness * shafts.differences(phi)) + load
-        mean = shafts.solve(2.0 * inertia / h, own, right, (shafts.turned * self._turned_at(after.t) - phi) / h)
+        mean = shafts.solve(2.0 * inertia / h, own, right, (self._turned_at(after.t) * shafts.turned - phi) / h)
         rate = jnp.where(shafts.held, mean, 2.0 * mean - rate)
         return shafts.on_lines(phi + h * mean), shafts.on_lines(rate)
 
@@ -106,8 +105,8 @@ class Torsion(Effect):
         shafts = Shafts(model.geometry, self)
         _, stiffness, _ = self._along(model)
         zero = jnp.zeros(shafts.held.shape, stiffness.dtype)
-        goal = shafts.turned * self._turned_at(zero[0])
-        return shafts.on_lines(shafts.solve(zero, stiffness, shafts.last * self.torque, goal))
+        goal = self._turned_at(zero[0]) * shafts.turned
+        return shafts.on_lines(shafts.solve(zero, stiffness, self.torque * shafts.last, goal))
 
     def _turned_at(self, t: jax.Array) -> jax.Array:
         share = jnp.where(self.turn_time > 0.0, t / jnp.where(self.turn_time > 0.0, self.turn_time, 1.0), 1.0)
@@ -131,13 +130,13 @@ class CoupledTorsion(Torsion):
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> jax.Array:
         length = after.line.length
         strain = 0.5 * (safe_norm(before.links) + safe_norm(after.links)) / length - 1.0
-        return Shafts(after.model.geometry, self).twists * self.coupling * strain
+        return self.coupling * Shafts(after.model.geometry, self).twists * strain
 
     def twist_tension(self, model: ModelView) -> jax.Array:
         """Tension (n,) [N] due to the twist."""
         phi = self.at_rest(model) if self.twist is None else self.twist[0]
         shafts = Shafts(model.geometry, self)
-        return shafts.twists * self.coupling * shafts.differences(shafts.of_lines(phi)) / model.line.length
+        return self.coupling * shafts.twists * shafts.differences(shafts.of_lines(phi)) / model.line.length
 
     def force(self, k: Kinematics) -> jax.Array:
         return sum_of_pieces(self, k)

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from dropper_jax.backend.one_kernel import ELEMENTWISE, separate_call
-from dropper_jax.lanes.rules import STRUCTURAL, Value, lined_up, spread
+from dropper_jax.lanes.rules import STRUCTURAL, Parameters, Value, lined_up, spread
 
 #: A pytree of arrays.
 Tree = TypeVar("Tree")
@@ -80,7 +80,7 @@ CALLS = {
 }
 
 
-def split_constants(program: Program) -> tuple[Program, Sequence[Any]]:
+def split_constants(program: Program) -> tuple[Program, Sequence[jax.Array]]:
     """A traced function, and its constants: that of a call may have none."""
     if hasattr(program, "consts"):
         return program.jaxpr, program.consts
@@ -120,7 +120,7 @@ def _which_of(eqn: Operation, many: list[bool]) -> list[bool]:
     return [True] * len(eqn.outvars)
 
 
-def scan_parts(p: dict[str, Any]) -> tuple[int, int]:
+def scan_parts(p: Parameters) -> tuple[int, int]:
     """Number of constants and of carried values among the inputs of a scan."""
     if "num_consts" in p:
         return p["num_consts"], p["num_carry"]
@@ -128,7 +128,7 @@ def scan_parts(p: dict[str, Any]) -> tuple[int, int]:
     return len(consts), len(carry)
 
 
-def which_scanned(p: dict[str, Any], many: list[bool]) -> list[bool]:
+def which_scanned(p: Parameters, many: list[bool]) -> list[bool]:
     """For the carry and the saved values: a carry that gets members in one iteration has them from the start."""
     consts, carried = scan_parts(p)
     carry = many[consts : consts + carried]
@@ -140,7 +140,7 @@ def which_scanned(p: dict[str, Any], many: list[bool]) -> list[bool]:
         carry = grown
 
 
-def which_looped(p: dict[str, Any], many: list[bool]) -> tuple[list[bool], bool]:
+def which_looped(p: Parameters, many: list[bool]) -> tuple[list[bool], bool]:
     """For the carry and the test: if members disagree on when to stop, the whole carry has members."""
     tests = p["cond_nconsts"]
     bodies = p["body_nconsts"]
@@ -154,7 +154,7 @@ def which_looped(p: dict[str, Any], many: list[bool]) -> tuple[list[bool], bool]
         carry = grown
 
 
-def which_branched(p: dict[str, Any], many: list[bool]) -> list[bool]:
+def which_branched(p: Parameters, many: list[bool]) -> list[bool]:
     """For the results: those for which any branch has members."""
     rows = []
     for found in zip(*(_which(b, many) for b in p["branches"]), strict=True):
@@ -229,13 +229,13 @@ class Interpreter:
         rows = jax.vmap(lambda *xs: alone(eqn, xs), in_axes=axes, axis_size=self.members)(*first)
         return [Value(jnp.moveaxis(x, 0, -1), True) for x in rows]
 
-    def _scan(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
+    def _scan(self, p: Parameters, inputs: list[Value]) -> list[Value]:
         consts, carried = scan_parts(p)
         out = which_scanned(p, [v.many for v in inputs])
         start = self.with_member_axis(inputs[consts : consts + carried], out[:carried])
         rows = inputs[consts + carried :]
 
-        def body(carry: list[Any], row: list[Any]) -> tuple[list[Any], list[Any]]:
+        def body(carry: list[jax.Array], row: list[jax.Array]) -> tuple[list[jax.Array], list[jax.Array]]:
             given = [*inputs[:consts], *as_values(carry, out[:carried]), *as_values(row, [v.many for v in rows])]
             found = self.with_member_axis(self.run(p["jaxpr"], given), out)
             return found[:carried], found[carried:]
@@ -244,15 +244,15 @@ class Interpreter:
         end, saved = lax.scan(body, start, [v.array for v in rows], **options)
         return as_values([*end, *saved], out)
 
-    def _while(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
+    def _while(self, p: Parameters, inputs: list[Value]) -> list[Value]:
         tests = p["cond_nconsts"]
         bodies = p["body_nconsts"]
         many, disagree = which_looped(p, [v.many for v in inputs])
 
-        def going(carry: list[Any]) -> jax.Array:
+        def going(carry: list[jax.Array]) -> jax.Array:
             return self.run(p["cond_jaxpr"], [*inputs[:tests], *as_values(carry, many)])[0].array
 
-        def body(carry: list[Any]) -> list[Any]:
+        def body(carry: list[jax.Array]) -> list[jax.Array]:
             given = [*inputs[tests : tests + bodies], *as_values(carry, many)]
             found = self.with_member_axis(self.run(p["body_jaxpr"], given), many)
             if not disagree:
@@ -264,7 +264,7 @@ class Interpreter:
         end = lax.while_loop((lambda carry: jnp.any(going(carry))) if disagree else going, body, start)
         return as_values(end, many)
 
-    def _cond(self, p: dict[str, Any], inputs: list[Value]) -> list[Value]:
+    def _cond(self, p: Parameters, inputs: list[Value]) -> list[Value]:
         index = inputs[0]
         given = inputs[1:]
         if index.many:  # members take different branches: all branches are run
@@ -276,7 +276,7 @@ class Interpreter:
             return [Value(x, True) for x in chosen]
         many = which_branched(p, [v.many for v in given])
 
-        def branch(program: Program, arrays: list[Any]) -> list[Any]:
+        def branch(program: Program, arrays: list[jax.Array]) -> list[jax.Array]:
             return self.with_member_axis(self.run(program, as_values(arrays, [v.many for v in given])), many)
 
         branches = [partial(branch, b) for b in p["branches"]]
@@ -294,7 +294,7 @@ def as_values(arrays: Sequence[jax.Array], many: Sequence[bool]) -> list[Value]:
     return [Value(x, m) for x, m in zip(arrays, many, strict=True)]
 
 
-def alone(eqn: Operation, inputs: Sequence[Any]) -> list[Any]:
+def alone(eqn: Operation, inputs: Sequence[jax.Array]) -> list[jax.Array]:
     """The operation itself, on inputs without members."""
     found = eqn.primitive.bind(*inputs, **eqn.params)
     if eqn.primitive.multiple_results:

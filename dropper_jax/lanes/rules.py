@@ -21,8 +21,10 @@ class Value(NamedTuple):
     many: bool
 
 
+#: Parameters of an operation of JAX.
+Parameters = dict[str, Any]
 #: Parameters, number of members, inputs -> the result; None if the rule does not apply.
-Rule = Callable[[dict[str, Any], int, list[Value]], jax.Array | None]
+Rule = Callable[[Parameters, int, list[Value]], jax.Array | None]
 
 
 def spread(v: Value, members: int) -> jax.Array:
@@ -41,42 +43,42 @@ def lined_up(v: Value, shape: tuple[int, ...], members: int) -> jax.Array:
     return jnp.broadcast_to(x, (*shape, members))
 
 
-def _broadcast(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
+def _broadcast(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
     if len(inputs) > 1:  # shapes that are known at run time only
         return None
     rank = len(p["shape"])
     return lax.broadcast_in_dim(inputs[0].array, (*p["shape"], members), (*p["broadcast_dimensions"], rank))
 
 
-def _slice(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
+def _slice(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
     strides = None
     if p["strides"] is not None:
         strides = (*p["strides"], 1)
     return lax.slice(inputs[0].array, (*p["start_indices"], 0), (*p["limit_indices"], members), strides)
 
 
-def _pad(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
+def _pad(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
     x, value = inputs
     if value.many:
         return None
     return lax.pad(spread(x, members), value.array, (*p["padding_config"], (0, 0, 0)))
 
 
-def _concatenate(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
+def _concatenate(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
     return lax.concatenate([spread(v, members) for v in inputs], p["dimension"])
 
 
-def _stack(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
+def _stack(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
     return jnp.stack([spread(v, members) for v in inputs], p["axis"])
 
 
-def _reshape(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
+def _reshape(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
     if p["dimensions"] is None:
         return lax.reshape(inputs[0].array, (*p["new_sizes"], members))
     return None
 
 
-def _transpose(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array:
+def _transpose(p: Parameters, members: int, inputs: list[Value]) -> jax.Array:
     return lax.transpose(inputs[0].array, (*p["permutation"], len(p["permutation"])))
 
 
@@ -87,7 +89,7 @@ LONGEST_TREE = 128
 def _reduced_by(two: Callable[[jax.Array, jax.Array], jax.Array]) -> Rule:
     """Reduction over some axes as a tree of elementwise operations, which still run over the members."""
 
-    def rule(p: dict[str, Any], members: int, inputs: list[Value]) -> jax.Array | None:
+    def rule(p: Parameters, members: int, inputs: list[Value]) -> jax.Array | None:
         x = inputs[0].array
         axes = tuple(p["axes"])
         kept = [i for i in range(x.ndim) if i not in axes]

@@ -264,9 +264,9 @@ def _shortest(sea: Sea) -> float:
 
 def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
     slender = 0.05  # maximum ratio of diameter to wavelength for Morison's equation (thesis (6.11))
-    diameter = drag_diameter(scene.line, scene)
-    if diameter is None or not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
+    if not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
         return []
+    diameter = drag_diameter(scene)
     shortest = _shortest(sea)
     widest = int(np.argmax(diameter))
     ends = np.cumsum([line.links for line in scene.lines])

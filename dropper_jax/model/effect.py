@@ -7,15 +7,14 @@ and rates, computed on demand. A law with its own unknowns (dry friction) is a `
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Values
 from dropper_jax.model.kinematics import Kinematics, ModelView
 from dropper_jax.model.line import Line
 from dropper_jax.model.slots import PAIRS
@@ -81,11 +80,11 @@ class Effect:
         return self
 
     @classmethod
-    def check(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check(cls, values: Values, scene: SceneData) -> None:
         """Raise `SceneError` for combinations of values that single-field ranges cannot express."""
 
     @classmethod
-    def build(cls, values: Mapping[str, Any], scene: SceneData) -> Effect:
+    def build(cls, values: Values, scene: SceneData) -> Effect:
         """Build the effect from validated scene values (None if omitted)."""
         return cls(**values)
 
@@ -108,12 +107,11 @@ class HeldMotion(Effect):
         return name == self.point or name in self.also
 
     @classmethod
-    def check_points(cls, values: Mapping[str, Any], scene: SceneData) -> None:
+    def check_points(cls, values: Values, scene: SceneData) -> None:
         """Reject points that are not fixed."""
-        held = [p.name for p in scene.points if not p.is_free]
-        for key, name in (("point", values["point"]), *((f"also.{i}", name) for i, name in enumerate(values["also"]))):
-            if name not in held:
-                raise SceneError(f"effects.{cls.name}.{key}: {name!r} is not a fixed point; {nearest(name, held)}")
+        scene.check_fixed(values["point"], f"effects.{cls.name}.point")
+        for i, name in enumerate(values["also"]):
+            scene.check_fixed(name, f"effects.{cls.name}.also.{i}")
 
 
 class Law(Effect, ABC):

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.read import read_number
+from dropper_jax.base.read import Values, read_number
 from dropper_jax.model import AddedMass, Model, ModelView, State
 from dropper_jax.residual.problem import StepProblem
 
@@ -85,7 +84,7 @@ class Integrator:
             read_number(getattr(self, name), f"run.{name}", declared)
 
     @classmethod
-    def options(cls) -> dict[str, Mapping[str, Any]]:
+    def options(cls) -> dict[str, Values]:
         """The declared options: meaning and range by name."""
         return {f.name: f.metadata for f in dataclasses.fields(cls)}
 

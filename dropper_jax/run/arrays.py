@@ -5,8 +5,9 @@ from __future__ import annotations
 import jax
 import numpy as np
 
-from dropper_jax.axial import LAWS, AxialLaw, Groups, Tabulated
+from dropper_jax.axial import LAWS, AxialLaw, Groups
 from dropper_jax.axial.force_table import stack_tables
+from dropper_jax.base.numerics import as_array
 from dropper_jax.base.read import Table, Values
 from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.buoyancy import displaced_diameter
@@ -39,7 +40,7 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
     """The model of a scene without its growth; bodies and buoys become separate effects."""
     # imports inside: modules that most scenes start without
     index = {point.name: i for i, point in enumerate(scene.points)}
-    points = tuple(Point(position=p.position, name=p.name, kind=p.kind) for p in scene.points)
+    points = tuple(Point(position=as_array(p.position), name=p.name, kind=p.kind) for p in scene.points)
     effects = [EFFECTS[name].build(values, scene) for name, values in scene.effects.items()]
     sea = None
     if scene.sea is not None:
@@ -69,12 +70,12 @@ def bare_model(scene: SceneData, dtype: str | None = None) -> Model:
 def _line(scene: SceneData, index: dict[str, int], corners: int) -> Line:
     line = scene.line
     return Line(
-        length=line.length,
-        mass=line.mass,
-        centre_of_mass=line.centre_of_mass,
-        inertia=line.inertia,
-        diameter=displaced_diameter(line, scene),
-        outer_diameter=line.outer_diameter,
+        length=as_array(line.length),
+        mass=as_array(line.mass),
+        centre_of_mass=as_array(line.centre_of_mass),
+        inertia=as_array(line.inertia),
+        diameter=as_array(displaced_diameter(line, scene)),
+        outer_diameter=as_array(line.outer_diameter),
         geometry=_geometry(scene, index, corners),
         axial=_axial(scene.lines),
         failures=make_failures(scene),
@@ -106,10 +107,11 @@ def _axial(lines: tuple[LineSpec, ...]) -> AxialLaw:
 def _law(line: LineSpec) -> AxialLaw:
     if line.rigid:
         return LAWS["rigid"]()
+    constants = line.constants
     if line.tables is not None:
         strain, force, slope = stack_tables(line.tables)
-        return Tabulated(EA=line.EA, damping=line.axial_damping, strain=strain, force=force, slope=slope)
-    return LAWS[line.axial_law](EA=line.EA, damping=line.axial_damping, **line.constants)
+        constants = {"strain": strain, "force": force, "slope": slope}
+    return LAWS[line.axial_law](EA=line.EA, damping=line.axial_damping, **constants)
 
 
 def static_pose(scene: SceneData, model: Model) -> Equilibrium:
@@ -135,7 +137,7 @@ def make_failures(scene: SceneData) -> Failures | None:
         if named[-1] >= 0:
             row[np.arange(len(row)) != named[-1]] = np.inf
     times = np.array([np.inf if spec.time is None else spec.time for spec in scene.failures])
-    return Failures(load, times, tuple(named))
+    return Failures(as_array(load), as_array(times), tuple(named))
 
 
 def breaks(scene: SceneData, parted: Parted | None) -> tuple[Table, ...]:

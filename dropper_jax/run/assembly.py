@@ -26,14 +26,13 @@ from dropper_jax.run.end_of_run import Last, last_row, name_leaves
 from dropper_jax.run.plausibility import scene_warnings
 from dropper_jax.run.pose_remarks import pose_remarks
 from dropper_jax.run.resolution import with_quality_checks, without_push
-from dropper_jax.run.row_store import BLOCK_STATES, InMemory, release_pages
+from dropper_jax.run.row_store import BLOCK_STATES, InMemory, Rows, release_pages
 from dropper_jax.run.samples import Kind
 from dropper_jax.run.step_extremes import ARRAYS_OF, extremes_by_signal, saved_signal
 from dropper_jax.scene import RunSpec
-from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.control import DRIFT_LIMIT
 from dropper_jax.stepping.extremes import Extremes
-from dropper_jax.stepping.integrate import Observed, Trajectory, observe
+from dropper_jax.stepping.integrate import Observed, Progress, Trajectory, observe
 from dropper_jax.stepping.step_change import STEP_CHANGES, books_changes
 from dropper_jax.stepping.step_control import allowed_error
 
@@ -116,12 +115,12 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         scene=scene,
         settings=_settings_of(prepared),
         t=t,
-        positions=seen.each.positions,
-        velocities=seen.each.velocities,
+        positions=seen.positions,
+        velocities=seen.velocities,
         tension=without_push(scene, join(start.tension, kept.tension), stepper.limit(model)),
         t_tension=np.concatenate([t[:1], t[1:] - middle]),
-        kinetic=seen.each.kinetic,
-        potential=seen.each.potential,
+        kinetic=seen.kinetic,
+        potential=seen.potential,
         work=join(start.work, kept.work),
         work_names=ledger(stepper, model, scene.run),
         step_status=np.zeros(good + 1, np.int8),
@@ -130,14 +129,14 @@ def _observe_run(kind: type[Kind], prepared: PreparedRun, run: Trajectory) -> Ki
         retried_steps=int(np.sum(run.retried[: good + 1])),
         first_bad=first_bad,
         max_residual=float(np.max(run.residual[: good + 1])),
-        max_closure_error=float(np.max(seen.each.closure)),
+        max_closure_error=float(np.max(seen.closure)),
         versions=versions(),
         broken=broken,
         own=_name_leaves(own),
         continues=continues,
-        **seen.bodies,
     )
-    return replace(found, warnings=tuple(_remarks(found, model, np.asarray(start.tension))))
+    warnings = tuple(_remarks(found, model, np.asarray(start.tension)))
+    return replace(found, warnings=warnings, **seen.bodies)
 
 
 def _first_failure(
@@ -208,10 +207,20 @@ def ledger(stepper: Stepper, model: Model, run: RunSpec) -> tuple[str, ...]:
 
 
 class _Observed(NamedTuple):
-    """Observed quantities at all saved times: of the lines, and of the bodies by name."""
+    """Observed quantities at all saved times: of the lines, as in `Observed`, and of the bodies by name."""
 
-    each: Observed
+    positions: np.ndarray
+    velocities: np.ndarray
+    kinetic: np.ndarray
+    potential: np.ndarray
+    closure: np.ndarray
     bodies: dict[str, np.ndarray]
+
+    @classmethod
+    def of(cls, model: Model, states: tuple[Any, ...]) -> _Observed:
+        """Of states as in `_observe_states`."""
+        states = jax.device_put(states)  # `jnp.asarray` would compile a program for each shape
+        return cls(*map(np.asarray, _observe(model, *states)), bodies=body_motion(model, *states[:2]))
 
 
 def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _Observed:
@@ -221,14 +230,11 @@ def _observe_states(model: Model, states: tuple[Any, ...], rows: InMemory) -> _O
     """
     count = len(states[2])
     if count <= BLOCK_STATES:
-        states = jax.device_put(states)  # `jnp.asarray` would compile a program for each shape
-        return _Observed(jax.tree.map(np.asarray, _observe(model, *states)), body_motion(model, *states[:2]))
-    found = None
+        return _Observed.of(model, states)
     for first in range(0, count, BLOCK_STATES):
         at = np.arange(first, first + BLOCK_STATES).clip(max=count - 1)
-        block = jax.device_put(jax.tree.map(lambda a, at=at: a[at], states))
-        seen = _Observed(jax.tree.map(np.asarray, _observe(model, *block)), body_motion(model, *block[:2]))
-        if found is None:
+        seen = _Observed.of(model, jax.tree.map(lambda a, at=at: a[at], states))
+        if first == 0:
             found = jax.tree.map(lambda a: rows.empty((count, *a.shape[1:]), a.dtype), seen)
         for whole, part in zip(jax.tree.leaves(found), jax.tree.leaves(seen), strict=True):
             whole[first : first + BLOCK_STATES] = part[: count - first]
@@ -264,7 +270,8 @@ def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutc
     start = prepared.first.carry
     within = outcome.beside
     carry = outcome.carry
-    if not (isinstance(within, Within) and isinstance(carry, Adaptive) and isinstance(start, Adaptive)):
+    accuracy = solution.scene.run.accuracy
+    if accuracy is None or within is None or isinstance(carry, Progress) or isinstance(start, Progress):
         return solution
     stepper = prepared.stepper
     model = prepared.model
@@ -273,7 +280,6 @@ def _with_adaptive_steps(solution: Kind, prepared: PreparedRun, outcome: RunOutc
     first = solution.tension[:1]
     steps = within.steps[:good]
     interval = solution.settings["dt"]
-    accuracy = solution.scene.run.accuracy
     taken = {
         "steps": int(np.sum(steps)),
         "refused_steps": int(carry.refused) - int(start.refused),
@@ -381,7 +387,7 @@ LIMITING = 0.6
 
 
 def stiffness_remarks(
-    scheme: Embedded, model: Model, r: np.ndarray, v: np.ndarray, t: np.ndarray, h: np.ndarray
+    scheme: Embedded, model: Model, r: Rows, v: Rows, t: np.ndarray, h: np.ndarray
 ) -> tuple[str, ...]:
     """A warning if damping limits most steps h (k,) [s] of a run with states (k, ...) at its saved times."""
     if not len(t):
@@ -389,7 +395,7 @@ def stiffness_remarks(
     rows = np.unique(np.linspace(0, len(t) - 1, CHECKED_TIMES).round().astype(int))
     rates = _rates(model, *(jnp.asarray(a[rows], model.dtype) for a in (r, v, t)))
     sizes = {name: float(np.median(h[rows] * np.asarray(rate))) for name, rate in rates.items()}
-    name = max(sizes, key=sizes.get, default=None)
+    name = max(sizes, key=lambda effect: sizes[effect], default=None)
     if name is None or sizes[name] < LIMITING * scheme.stable:
         return ()
     return (

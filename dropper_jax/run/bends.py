@@ -10,8 +10,8 @@ import numpy as np
 
 from dropper_jax.analysis.writhe import writhe
 from dropper_jax.base.read import Table
-from dropper_jax.effects import EFFECTS
 from dropper_jax.effects.bending import CRUSHED, common_ends
+from dropper_jax.effects.clamp_motion import ClampMotion
 from dropper_jax.load.scene import Scene
 from dropper_jax.run.end_links import EndLinks, line_ends
 from dropper_jax.run.growth import overgrown
@@ -189,7 +189,7 @@ def _clamps(scene: Scene, t: np.ndarray) -> dict[str, np.ndarray]:
         for name, direction in zip(given["clamped"], given["directions"], strict=True):
             found[name] = direction / np.linalg.norm(direction)
     if "clamp_motion" in scene.effects:
-        clamp = EFFECTS["clamp_motion"].build(scene.effects["clamp_motion"], scene)
+        clamp = ClampMotion(**scene.effects["clamp_motion"])
         found[clamp.point] = np.asarray(jax.vmap(clamp.leaving)(jnp.asarray(t)))
     return found
 
@@ -242,7 +242,7 @@ def point_load(
 def held_points(scene: SceneData) -> list[str]:
     """Names of the fixed points at which a line ends."""
     ends = {name for line in scene.lines for name in (line.start, line.end)}
-    return [point.name for point in scene.points if not point.is_free and point.name in ends]
+    return [name for name in scene.fixed_points if name in ends]
 
 
 def end_tensions(scene: SceneData, tension: np.ndarray) -> dict[str, np.ndarray]:

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
@@ -46,10 +47,10 @@ def link_directions(polar: jax.Array, azimuth: jax.Array, zero: str) -> jax.Arra
 
 def from_angles(
     model: Model,
-    polar: jax.Array,
-    azimuth: jax.Array,
-    polar_rate: jax.Array,
-    azimuth_rate: jax.Array,
+    polar: ArrayLike,
+    azimuth: ArrayLike,
+    polar_rate: ArrayLike,
+    azimuth_rate: ArrayLike,
     zero: str = "horizontal",
 ) -> State:
     """The state of links with these angles [rad] and rates [rad/s], each (n,); differentiable in all of them."""
@@ -77,13 +78,9 @@ def between_points(model: Model, near: State | None = None, there: bool = False)
     if not held.free_nodes:
         return state(model, jnp.stack(positions))
     if near is None:
-        beside = None
-    else:
-        beside = state(held, near.r[: held.free_nodes], tension=near.tension)
-    if beside is None:
         s = _equilibrium_state(held, None)
     else:
-        s = settle(held, beside, there=there)
+        s = settle(held, state(held, near.r[: held.free_nodes], tension=near.tension), there=there)
     r = s.r
     if positions:
         r = jnp.concatenate([s.r, jnp.stack(positions)])
@@ -92,7 +89,7 @@ def between_points(model: Model, near: State | None = None, there: bool = False)
 
 def _equilibrium_state(model: Model, loads: jax.Array | None) -> State:
     pose = model_equilibrium(model, loads)
-    if pose.status not in ("ok", "traced"):
+    if pose.state is None or pose.status not in ("ok", "traced"):
         raise SceneError(f"start: {pose.message}")
     return pose.state
 
@@ -129,7 +126,7 @@ def _state_of_spec(model: Model, start: StartSpec, near: State | None, there: bo
         return from_angles(model, start.polar, start.azimuth, start.polar_rate, start.azimuth_rate, start.zero)
     nodes = np.concatenate(model.geometry.paths)
     free = np.array([np.flatnonzero(nodes == node)[0] for node in range(model.free_nodes)])
-    return state(model, start.positions[free], None if start.velocities is None else start.velocities[free])
+    return state(model, start.positions[free], start.velocities[free])
 
 
 @cached_jit()
@@ -202,6 +199,6 @@ def linearised(scene: SceneLike) -> Linearised:
     scene = load_scene(scene)
     model = build_model(scene)
     pose = static_pose(scene, model)
-    if pose.status != "ok":
+    if pose.state is None or pose.status != "ok":
         raise SceneError(f"start: {pose.message}")
     return linearised_about(model, pose.state, release_loads(model, scene.start))

@@ -22,7 +22,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.memory import available_memory, in_words
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
-from dropper_jax.run.end_of_run import Last, last_row, name_leaves
+from dropper_jax.run.end_of_run import Last, Row, last_row, name_leaves
 from dropper_jax.run.row_store import InMemory
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Adaptive, Within, adaptive_start, advance_adaptively
@@ -33,7 +33,7 @@ from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin
 MEMORY_SHARE = 0.9
 
 
-def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None) -> None:
+def check_memory(model: Model, start: Row, run: RunSpec, scratch: Path | None) -> None:
     """Reject a run whose saved states do not fit.
 
     Raises:
@@ -62,7 +62,7 @@ def check_memory(model: Model, start: State, run: RunSpec, scratch: Path | None)
         )
 
 
-def row_bytes(model: Model, s: State) -> int:
+def row_bytes(model: Model, s: Row | State) -> int:
     """Bytes of an observed state: positions and velocities of all nodes, tensions, angles, energies."""
     own = sum(np.asarray(leaf).nbytes for leaf in jax.tree.leaves((s.parted, s.own)))
     nodes = model.free_nodes + 2 * max(1, model.line.links // 8)
@@ -160,12 +160,13 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
     Args:
         watch: signals whose extremes over all steps are saved, a pytree; see `stepping.extremes`.
     """
-    if isinstance(carry, Progress):
+    own = run.accuracy
+    if own is None or isinstance(carry, Progress):
         equal = _EqualSteps(stepper, model, carry, run, watch)
         return Program(equal, carry, equal.companion)
     dt = jnp.asarray(run.interval, model.dtype)
     saves = max(size for size in CHUNK_SIZES if size == 1 or size * MIN_CHUNKS <= run.rows)
-    accuracy = jnp.asarray(run.accuracy, model.dtype)
+    accuracy = jnp.asarray(own, model.dtype)
     none = np.int32(0)
     program = _advance_adaptively.program(stepper, model, carry, dt, accuracy, count=none, watch=watch, saves=saves)
 
@@ -178,9 +179,9 @@ def compile_run(stepper: Stepper, model: Model, carry: Carry, run: RunSpec, watc
 
     def companion(finer: bool) -> Companion:
         if finer:
-            other = run.accuracy / FACTOR
+            other = own / FACTOR
         else:
-            other = min(run.accuracy * FACTOR, 1.0)
+            other = min(own * FACTOR, 1.0)
         # steps end at the saved times: with the interval of the run those of both would be equal where it is short
         interval = 0.5 * dt if finer else 2.0 * dt
         go_on = partial(advance, interval=interval, accuracy=jnp.asarray(other, model.dtype))

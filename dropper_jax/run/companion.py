@@ -31,6 +31,7 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run.chunks import FACTOR, Companion, Program, RunOutcome
+from dropper_jax.run.row_store import Rows
 from dropper_jax.run.samples import TOO_LONG, Kind, Samples, is_finished
 from dropper_jax.scene import RunSpec, whole_lines
 from dropper_jax.stepping.adaptive import Within
@@ -254,12 +255,12 @@ def parts_at(solution: Samples, finer: Samples) -> float | None:
     return float(solution.t[1 + chaos])
 
 
-def _longest(vectors: np.ndarray) -> np.ndarray:
+def _longest(vectors: Rows) -> np.ndarray:
     """Length (k,) of the longest of vectors (k, nodes, 3)."""
     return np.sqrt(np.max(np.sum(vectors**2, axis=2), axis=1, initial=0.0))
 
 
-def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
+def _travel(solution: Samples, nodes: Rows) -> float | None:
     """Maximum extent [m] of a node's path (k, nodes, 3); None for a run at rest."""
     travel = float(np.max(np.linalg.norm(np.ptp(nodes, axis=0), axis=1)))
     if travel > TRAVEL_AT_REST * max(line.total for line in solution.scene.lines):
@@ -267,7 +268,7 @@ def _travel(solution: Samples, nodes: np.ndarray) -> float | None:
     return None
 
 
-def _chaos(separation: np.ndarray, nodes: np.ndarray) -> int | None:
+def _chaos(separation: np.ndarray, nodes: Rows) -> int | None:
     """Saved time after which the two runs are different motions: small errors grow at a rate that only chaos has."""
     if not np.any(separation > SEPARATED):
         return None

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.coupled_motion import CoupledMotion
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Displacement, Model, State
@@ -147,7 +147,7 @@ class CoupledLines:
 
     def moving(self, since: PointMotion, to: PointMotion, t: Array | float, dt: Array | float) -> CoupledLines:
         """The lines with points that move from one motion to the other between t and t + dt [s]."""
-        positions, rates, bends = (jnp.stack(both) for both in zip(since, to, strict=True))
+        positions, rates, bends = jax.tree.map(lambda *both: jnp.stack(both), since, to)
         if self._motion.accelerations is None:
             bends = None
         values = {"begin": jnp.asarray(t, rates.dtype), "width": jnp.asarray(dt, rates.dtype), "positions": positions}
@@ -171,7 +171,7 @@ class CoupledLines:
 
     @property
     def _motion(self) -> CoupledMotion:
-        return self.model.effects[-1]
+        return self.model.having(CoupledMotion)[-1]
 
 
 _forces = cached_jit()(CoupledLines.forces)
@@ -210,15 +210,14 @@ def coupled_lines(
 
 def coupled_points(scene: Scene, given: Sequence[str] | None) -> tuple[str, ...]:
     """The coupled points, checked."""
-    held = [p.name for p in scene.points if not p.is_free]
+    held = scene.fixed_points
     if given is None:
         if len(held) != 1:
             raise SceneError(f"points: missing; needed: names of the fixed points that move: {', '.join(held)}")
         return tuple(held)
     names = (given,) if isinstance(given, str) else tuple(given)
     for i, name in enumerate(names):
-        if name not in held:
-            raise SceneError(f"points.{i}: {name!r} is not a fixed point; {nearest(name, held)}")
+        scene.check_fixed(name, f"points.{i}")
         if name in names[:i]:
             raise SceneError(f"points.{i}: {name!r} is a duplicate; allowed: every point once")
     if not names:

@@ -9,7 +9,7 @@ so a file is compared with a carry of the same kind.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -47,6 +47,10 @@ class Row(NamedTuple):
     own: dict[str, Frozen]
 
 
+#: An end of a run: `Last`, or that of another component.
+End = TypeVar("End")
+
+
 class Last(NamedTuple):
     """The end of a run: its last row and its last carry."""
 
@@ -65,9 +69,9 @@ def first_row(s: State, work: int) -> Row:
     return Row(s.r, s.v, s.tension, jnp.asarray(np.zeros(work), s.r.dtype), s.parted, s.own)
 
 
-def name_leaves(last: Last) -> dict[str, np.ndarray]:
-    """The leaves by name."""
-    return {_name(way): np.asarray(leaf) for way, leaf in jax.tree_util.tree_flatten_with_path(last)[0]}
+def name_leaves(end: NamedTuple) -> dict[str, np.ndarray]:
+    """The leaves of the end of a run by name."""
+    return {_name(way): np.asarray(leaf) for way, leaf in jax.tree_util.tree_flatten_with_path(end)[0]}
 
 
 def units(name: str) -> str:
@@ -75,7 +79,7 @@ def units(name: str) -> str:
     return UNITS.get(name.rpartition("_")[2], "1")
 
 
-def restore_carry(kind: Last, last: dict[str, np.ndarray]) -> Last:
+def restore_carry(kind: End, last: dict[str, np.ndarray]) -> End:
     """The end of a run restored from saved leaves; `kind` is any end of the same scene and scheme.
 
     Raises:

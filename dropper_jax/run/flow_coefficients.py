@@ -68,13 +68,17 @@ def link_flow(scene: Scene) -> Flow:
     first = first_nodes(scene)
     along = nodes[first + 1] - nodes[first]
     tangent = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
-    diameter = drag_diameter(scene.line, scene) * np.ones(len(tangent))
-    sigma, current = _across(model.sea, 0.5 * (nodes[first] + nodes[first + 1]), tangent)
+    diameter = drag_diameter(scene) * np.ones(len(tangent))
+    sea = model.needed_sea
+    sigma, current = _across(sea, 0.5 * (nodes[first] + nodes[first + 1]), tangent)
     speed = np.sqrt(2.0) * sigma
-    if model.sea.waves is None:
-        kc = np.full(len(sigma), np.inf)
-    else:
-        kc = speed * _period(model.sea) / diameter
+    kc = np.full(len(sigma), np.inf)
+    if sea.waves is not None:
+        if sea.waves.size == 1 or sea.waves.bound:
+            period = float(2 * np.pi / sea.waves.omega[0])
+        else:
+            period = mean_period(sea)
+        kc = speed * period / diameter
     re = np.sqrt(current**2 + sigma**2) * diameter / VISCOSITY
     share = current / np.maximum(current + speed, 1e-12)
     rough = relative_roughness(scene)
@@ -87,12 +91,6 @@ def link_flow(scene: Scene) -> Flow:
         else:
             found[name] = rough_drag(kc, rough, share) if key == "cdn" else rough_added_mass(kc, rough)
     return Flow(kc, re, share, found)
-
-
-def _period(sea: Sea) -> float:
-    if sea.waves.size == 1 or sea.waves.bound:
-        return float(2 * np.pi / sea.waves.omega[0])
-    return mean_period(sea)
 
 
 def _across(sea: Sea, positions: np.ndarray, tangent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

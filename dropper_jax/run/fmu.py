@@ -6,7 +6,7 @@ import importlib
 import json
 import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,6 +83,7 @@ class Unit:
     """
 
     GIVEN = "{}"
+    register_variable: Callable[[object], None]
 
     def __init__(self, **settings: object) -> None:
         super().__init__(**settings)

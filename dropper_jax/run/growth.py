@@ -26,7 +26,8 @@ def overgrown(scene: Scene) -> Scene:
     for i, (line, where) in enumerate(sliced_lines(scene)):
         layer = _layer(scene, line, z[where.nodes])
         if layer is not None:
-            found = grown(line.length, line.mass, line.diameter, *layer, scene.sea.density, scene.sea.gravity)
+            sea = scene.needed_sea
+            found = grown(line.length, line.mass, line.needed_diameter, *layer, sea.density, sea.gravity)
             changes |= {f"line.{i}.mass": found.mass, f"line.{i}.diameter": found.diameter}
     found = bare.with_values(changes)
     object.__setattr__(scene, "_overgrown", found)
@@ -49,7 +50,9 @@ def _layer(scene: Scene, line: LineSpec, z: np.ndarray) -> tuple[np.ndarray, np.
     season = scene.season
     if season is None or not season.on(line.name, line.piece_of):
         return None
-    return season.layer(line.name, line.piece_of, depth, np.cumsum(line.length) - 0.5 * line.length, line.diameter)
+    return season.layer(
+        line.name, line.piece_of, depth, np.cumsum(line.length) - 0.5 * line.length, line.needed_diameter
+    )
 
 
 def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Table]:
@@ -78,15 +81,16 @@ def season_table(scene: Scene, months: Sequence[float] | None = None) -> list[Ta
     ropes: dict[tuple[float, float], list[str]] = {}
     for line in scene.lines:
         if season.on(line.name, line.piece_of):
-            ropes.setdefault((float(line.mass[0] / line.length[0]), float(line.diameter[0])), []).append(line.name)
+            ropes.setdefault((float(line.mass[0] / line.length[0]), float(line.needed_diameter[0])), []).append(
+                line.name
+            )
+    sea = scene.needed_sea
     metre = np.ones(len(season.depth))
     rows = []
     for (mass, diameter), names in ropes.items():
         for month in asked:
             thickness, density = season.over(season.depth, month)
-            found = grown(
-                metre, mass * metre, diameter * metre, thickness, density, scene.sea.density, scene.sea.gravity
-            )
+            found = grown(metre, mass * metre, diameter * metre, thickness, density, sea.density, sea.gravity)
             for i in range(len(metre)):
                 rows.append(
                     {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,8 @@ STANDARD_NAMES = {"time": "time", "elevation": "sea_surface_height_above_mean_se
 #: Values of a flag and their meanings.
 FLAGS = {"step_status": ((0, 1), "good failed")}
 Variables = dict[str, tuple[Any, ...]]
+#: How each variable of a dataset is stored.
+Encoding = dict[Hashable, dict[str, Any]]
 
 
 def derive_variables(solution: Samples) -> Variables:
@@ -94,7 +97,7 @@ def select_line(dataset: xarray.Dataset, name: str) -> xarray.Dataset:
     raise SceneError(f"line: {name!r} is not a line; {nearest(name, [str(n) for n in dataset['line'].values])}")
 
 
-def for_file(dataset: xarray.Dataset) -> tuple[xarray.Dataset, dict[str, dict[str, Any]]]:
+def for_file(dataset: xarray.Dataset) -> tuple[xarray.Dataset, Encoding]:
     """The dataset and its encoding for a CF file.
 
     Time counts from a date; names are arrays of characters, since a coordinate variable must be a number; nothing is
@@ -103,7 +106,7 @@ def for_file(dataset: xarray.Dataset) -> tuple[xarray.Dataset, dict[str, dict[st
     dataset = dataset.copy()
     comment = {"comment": "simulated time: the date has no meaning", "units_metadata": "leap_seconds: none"}
     dataset["time"].attrs.update(units=EPOCH, calendar="standard", **comment)
-    packed: dict[str, dict[str, Any]] = {}
+    packed: Encoding = {}
     for name in dataset.variables:
         variable = dataset[name]
         if variable.dtype.kind in "UO":

@@ -75,7 +75,7 @@ def fixed_point_loads(
     """
     links = EndLinks(overgrown(scene), waves=False)
     times = np.array([0.0 if t is None else t])
-    loads = {point.name: np.zeros(3) for point in scene.points if not point.is_free}
+    loads = {name: np.zeros(3) for name in scene.fixed_points}
     for point, end in line_ends(scene):
         if point in loads:
             loads[point] += links.force(end, positions[None, end.nodes], tension[None], times)[0]
@@ -108,7 +108,8 @@ def line_weights(scene: Scene) -> list[Table]:
 
     Values are means over the lines' length, mussels included.
     """
-    if scene.sea is None:
+    sea = scene.sea
+    if sea is None:
         return []
     bare = scene
     scene = overgrown(scene)
@@ -122,7 +123,7 @@ def line_weights(scene: Scene) -> list[Table]:
     for line, own in zip(whole_lines(scene), whole_lines(bare), strict=True):
         length = line.spec.total
         mass = float(np.sum(line.spec.mass))
-        displaced = scene.sea.density * float(np.sum(volume[line.links]))
+        displaced = sea.density * float(np.sum(volume[line.links]))
         wet = float(np.sum(weights[line.links]))
         key = tuple(float(f"{value / length:.6g}") for value in (mass, displaced, wet))
         row = {
@@ -130,7 +131,7 @@ def line_weights(scene: Scene) -> list[Table]:
             "mass_kg_per_m": mass / length,
             "displaced_kg_per_m": displaced / length,
             "wet_weight_n_per_m": wet / length,
-            "density_kg_per_m3": scene.sea.density * mass / displaced,
+            "density_kg_per_m3": sea.density * mass / displaced,
             "meant_heavy": False,
         }
         row = rows.setdefault(key, row)

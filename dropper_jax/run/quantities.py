@@ -85,6 +85,11 @@ class Quantity:
         return SIGNALS[self.signal][0]
 
     @property
+    def modes(self) -> int:
+        """Of a period, the number of modes up to its own."""
+        return max(self.members or (0,)) + 1
+
+    @property
     def at_rest(self) -> bool:
         """Whether it depends on the start alone."""
         return self.statistic == START
@@ -93,7 +98,7 @@ class Quantity:
         """The number for saved states at times t (k,) [s] of a run from the free nodes `start` (nodes, 3)."""
         if self.signal == PERIOD:
             pose = state(model, start, tension=run.tension[0], t=t[0])
-            return natural_periods(model, pose, self.members[0] + 1)[-1]
+            return natural_periods(model, pose, self.modes)[-1]
         samples = self.in_time(model, start, run.r, run.v, run.tension, t, run.parted)
         return statistic(self.statistic, samples, t[-1] / len(t) if len(t) < 2 else t[1] - t[0])
 
@@ -106,7 +111,7 @@ class Quantity:
     def of_pose(self, model: Model, s: State) -> jax.Array:
         """The number at one instant, a static pose."""
         if self.signal == PERIOD:
-            return natural_periods(model, s, self.members[0] + 1)[-1]
+            return natural_periods(model, s, self.modes)[-1]
         if model.sea is None:
             still = model
         else:

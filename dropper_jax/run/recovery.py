@@ -18,7 +18,7 @@ from dropper_jax.run.row_store import OnDisk, read_mark
 from dropper_jax.run.simulate import Solution, initial_carry, restore_end, stepper_fields
 from dropper_jax.stepping.adaptive import Adaptive, Within
 from dropper_jax.stepping.extremes import Extremes
-from dropper_jax.stepping.integrate import Trajectory
+from dropper_jax.stepping.integrate import empty_trajectory
 
 
 def recover(path: Path) -> list[str]:
@@ -65,16 +65,16 @@ def killed_run(folder: Path) -> Solution:
             raise SceneError("it continued another run. Use --continue from that run again")
         first, since = initial_carry(stepper, model, scene, None)
         carry = first.carry
-    if isinstance(first.carry, Adaptive):
-        beside = Within(*(0.0,) * len(Within._fields))
-    else:
-        beside = None
-    plain = Trajectory(*(0.0,) * 8, first.row.parted, first.row.own), beside
-    extremes = None
+    progress = first.carry
+    beside = None
+    if isinstance(progress, Adaptive):
+        beside = Within(progress.t, progress.t, progress.t)
+        progress = progress.progress
+    plain = empty_trajectory(progress, 0)
     # rows by an earlier version have no extremes
-    if len(rows.about["kinds"]) > len(jax.tree.leaves(plain)):
-        extremes = Extremes(*(0.0,) * len(Extremes._fields))
-    rows.with_structure((plain[0]._replace(extremes=extremes), beside))
+    if len(rows.about["kinds"]) > len(jax.tree.leaves((plain, beside))):
+        plain = plain._replace(extremes=Extremes(*(0.0,) * len(Extremes._fields)))
+    rows.with_structure((plain, beside))
     outcome = RunOutcome(*rows.read(scene.run.rows), carry, 0.0, interrupted=True)
     prepared = PreparedRun(scene, stepper, model, first, since, rows, dict(settings))
     solution = build_solution(Solution, prepared, outcome)

@@ -66,7 +66,7 @@ def without_push(scene: Scene, tension: np.ndarray, tolerance: float) -> np.ndar
     Axial residuals are lengths, so a relative tolerance of the length is a relative tolerance of EA for tensions.
     """
     for line, where in sliced_lines(scene):
-        if line.axial_law == "rope":
+        if line.axial_law == "rope" and line.EA is not None:
             own = tension[:, where.links]
             tension[:, where.links] = np.where((own < 0.0) & (own >= -tolerance * line.EA), 0.0, own)
     return tension

@@ -51,6 +51,10 @@ def take_every(array: np.ndarray, every: int) -> np.ndarray:
     return found
 
 
+#: Rows of a run (k, ...), of JAX in a chunk, of NumPy in a store.
+Rows = jax.Array | np.ndarray
+
+
 class InMemory(Store):
     """Rows (k, ...) of several arrays in memory: chunks of a run under the number of rows before them."""
 
@@ -71,7 +75,7 @@ class InMemory(Store):
         """The first `key` rows, or as many as there are."""
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:key], *self.pieces)
 
-    def join(self, first: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    def join(self, first: Rows, rest: Rows) -> np.ndarray:
         """Rows after a first one."""
         return np.concatenate([np.asarray(first)[None], rest])
 
@@ -131,8 +135,7 @@ class OnDisk(InMemory):
             return np.zeros((count, *shape), dtype)
         return np.memmap(self.path / f"rows.{number}", dtype, "r", shape=(count, *shape))
 
-    def join(self, first: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        first = np.asarray(first)
+    def join(self, first: Rows, rest: Rows) -> np.ndarray:
         found = self.empty((len(rest) + 1, *rest.shape[1:]), rest.dtype)
         found[0] = first
         for begin in range(0, len(rest), BLOCK_STATES):

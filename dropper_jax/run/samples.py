@@ -179,7 +179,8 @@ class Samples:
         for line in self.lines:
             parts.append(link_angles(self.positions[:, line.nodes], zero="horizontal"))
             release_pages([self.positions])
-        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
+        polar, azimuth = zip(*parts, strict=True)
+        return np.concatenate(polar, axis=1), np.concatenate(azimuth, axis=1)
 
     @property
     def polar(self) -> np.ndarray:
@@ -195,7 +196,8 @@ class Samples:
         """Rates of the angles (k, n) [rad/s]."""
         nodes = [line.nodes for line in self.lines]
         parts = [angle_rates(self.positions[:, own], self.velocities[:, own], zero) for own in nodes]
-        return tuple(np.concatenate(found, axis=1) for found in zip(*parts, strict=True))
+        polar, azimuth = zip(*parts, strict=True)
+        return np.concatenate(polar, axis=1), np.concatenate(azimuth, axis=1)
 
     @cached_property
     def curvature(self) -> np.ndarray | None:

@@ -156,10 +156,8 @@ class Solution(Samples):
         Raises:
             SceneError: this run failed, or has no final state.
         """
-        further = duration
-        if duration is None:
-            further = self.further
-        return simulate(self.scene, start=self, **{**self._stepping(), "duration": further, **kwargs})
+        settings = {**self._stepping(), **kwargs}
+        return simulate(self.scene, start=self, duration=self.further if duration is None else duration, **settings)
 
     @property
     def further(self) -> float:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import xarray
 
 #: Name in the dataset, dimensions, units and meaning of each array of a solution.
-VARIABLES = {
+VARIABLES: dict[str, tuple[str, tuple[str, ...], str, str]] = {
     "positions": ("position", ("time", "node", "axis"), "m", "position of the nodes"),
     "velocities": ("velocity", ("time", "node", "axis"), "m s-1", "velocity of the nodes"),
     "tension": ("tension", ("time", "link"), "N", "tension of the links"),
@@ -63,7 +63,7 @@ VARIABLES |= {
     for key, (unit, text) in EXTREME_WORDS.items()
 }
 BODY_AXES = ("time", "body", "axis")
-BODY_VARIABLES = {
+BODY_VARIABLES: dict[str, tuple[str, tuple[str, ...], str, str]] = {
     "body_position": ("body_position", BODY_AXES, "m", "position of the bodies' reference points"),
     "body_attitude": ("body_attitude", BODY_AXES, "rad", "roll, pitch and yaw of the bodies: about x, y and z"),
     "body_velocity": ("body_velocity", BODY_AXES, "m s-1", "velocity of the bodies' reference points"),
@@ -190,7 +190,7 @@ def _present_fields(solution: Samples) -> list[str]:
 def to_xarray(solution: Samples) -> xarray.Dataset:
     """The run as a dataset: time, node, link and axis are coordinates; angles [rad] are added for convenience."""
     xr = extra("xarray", "io")
-    found = {
+    found: labelled.Variables = {
         name: (dimensions, values, {"units": units, "long_name": meaning})
         for key, (name, dimensions, units, meaning) in {**VARIABLES, **DERIVED}.items()
         if (values := getattr(solution, key)) is not None
@@ -273,7 +273,7 @@ def _write_netcdf(solution: Samples, path: Path) -> Path:
     return atomic_write(path, lambda file: _dump(dataset, file, packed, vars(solution).values()))
 
 
-def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: dict[str, Any], arrays: Iterable[Any]) -> None:
+def _dump(dataset: xarray.Dataset, file: BinaryIO, packed: labelled.Encoding, arrays: Iterable[Any]) -> None:
     """The dataset into an open file.
 
     HDF5 crashes if a write fails while it closes a file, so errors are hidden from HDF5 and raised afterwards.

@@ -16,7 +16,7 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import SCHEMA, jsonable
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.run.bends import bending_summary, bends
+from dropper_jax.run.bends import bending_summary
 from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.samples import Samples
 from dropper_jax.run.step_facts import step_facts
@@ -44,7 +44,7 @@ def summary(run: Samples) -> Table:
         of_some["lines"] = line_offsets(run.scene)
     if run.body_position is not None:
         of_some["bodies"] = run.body_summary()
-    if bends(run.scene):
+    if run.curvature is not None and run.bending_moment is not None:
         of_some["bending"] = bending_summary(run.scene, run.t, run.curvature, run.bending_moment)
     for key in ("accuracy", "error_tolerance", "refused_steps", "shortest_steps", "load_errors"):
         if key in run.settings:

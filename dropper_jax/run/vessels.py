@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.numerics import as_array
 from dropper_jax.effects import Effect
 from dropper_jax.effects.vessel_motion import VesselByTable, VesselInWaves
 from dropper_jax.scene import SceneData, VesselSpec
@@ -25,10 +25,18 @@ def _vessel_effect(
     vessel: VesselSpec, path: str, name: str, position: np.ndarray, scene: SceneData, sea: Sea | None
 ) -> Effect:
     if vessel.rao is None:
-        return VesselByTable(vessel.time, vessel.motion, position, np.array(vessel.heading), point=name)
+        return VesselByTable(
+            time=as_array(vessel.time),
+            motion=as_array(vessel.motion),
+            arm=as_array(position),
+            heading=as_array(vessel.heading),
+            point=name,
+        )
     # fraction of the wave energy that the RAO table must cover, and how far waves may be outside its headings [rad]
     covered = 0.95
     margin = 0.05
+    if sea is None or sea.waves is None:
+        raise SceneError(f"{path}.rao: needs waves; needed: [sea.waves]")
     waves = sea.waves
     omega = np.asarray(waves.omega, float)
     amplitude = np.asarray(waves.amplitude, float)
@@ -51,11 +59,11 @@ def _vessel_effect(
         )
     response = table.response(omega, heading)
     return VesselInWaves(
-        response.real,
-        response.imag,
-        place=vessel.position,
-        arm=position,
-        heading=np.array(vessel.heading),
-        settled=jnp.array([0.0, scene.sea.ramp]),
+        real=as_array(response.real),
+        imaginary=as_array(response.imag),
+        place=as_array(vessel.position),
+        arm=as_array(position),
+        heading=as_array(vessel.heading),
+        settled=as_array([0.0, scene.needed_sea.ramp]),
         point=name,
     )

@@ -62,13 +62,16 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         raise SceneError(f"effects.morison_drag.wakes: more than {most} links; allowed: at most {most}")
     bare = dataclasses.replace(scene, effects={**scene.effects, "morison_drag": {**drag, "wakes": "none"}})
     model = bare_model(bare, "float64")
+    sea = model.needed_sea
     nodes = static_pose(bare, model).positions
     links = first_nodes(scene)
     middle = 0.5 * (nodes[links] + nodes[links + 1])
     along = nodes[links + 1] - nodes[links]
-    weight = np.linalg.norm(along, axis=1) * drag_diameter(scene.line, scene)
+    weight = np.linalg.norm(along, axis=1) * drag_diameter(scene)
     height = float(np.sum(weight * middle[:, 2]) / np.sum(weight))
-    stream = np.asarray(model.sea.current.profile(jnp.asarray([height]), model.sea.depth))[0, :2]
+    stream = np.zeros(2)
+    if sea.current is not None:
+        stream = np.asarray(sea.current.profile(jnp.asarray([height]), sea.depth))[0, :2]
     speed = float(np.hypot(*stream))
     if speed < 1e-6:
         raise SceneError(
@@ -82,7 +85,7 @@ def scene_wakes(scene: Scene) -> SceneWakes:
         z=np.clip(middle[:, 2], -scene.sea.depth, 0.0),
         wide=np.abs(along[:, :2] @ side),
         high=np.abs(along[:, 2]),
-        diameter=drag_diameter(scene.line, scene) * np.ones(len(middle)),
+        diameter=drag_diameter(scene) * np.ones(len(middle)),
         drag=_coefficient(scene) * np.ones(len(middle)),
     )
     # default turbulence intensity of the current (assumed)

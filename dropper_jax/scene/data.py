@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table, plain
 from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.body import BodySpec
@@ -84,6 +85,38 @@ class SceneData:
         if self.sea is None:
             return GRAVITY
         return float(self.sea.gravity)
+
+    @property
+    def needed_sea(self) -> SeaSpec:
+        """The water, for what needs it.
+
+        Raises:
+            SceneError: the scene has none.
+        """
+        if self.sea is None:
+            raise SceneError("sea: missing; needed: a [sea] section")
+        return self.sea
+
+    @property
+    def fixed_points(self) -> list[str]:
+        """Names of the fixed points."""
+        return [point.name for point in self.points if not point.is_free]
+
+    def check_fixed(self, name: str, path: str) -> None:
+        """Reject a name that is not that of a fixed point.
+
+        Raises:
+            SceneError: with the path at which it is given.
+        """
+        if name not in self.fixed_points:
+            raise SceneError(f"{path}: {name!r} is not a fixed point; {nearest(name, self.fixed_points)}")
+
+    def check_line_end(self, name: str, path: str) -> None:
+        """Reject a name that is not that of a fixed point at which one line ends."""
+        self.check_fixed(name, path)
+        ends = [line.name for line in self.lines for end in (line.start, line.end) if end == name]
+        if len(ends) != 1:
+            raise SceneError(f"{path}: {name!r} has the lines {', '.join(ends)}; allowed: a point with one line")
 
     @property
     def branched(self) -> bool:

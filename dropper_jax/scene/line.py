@@ -115,6 +115,17 @@ class LineSpec(DeclaredSection):
         return float(np.sum(self.length))
 
     @property
+    def needed_diameter(self) -> np.ndarray:
+        """Diameters of the links [m], for what needs them.
+
+        Raises:
+            SceneError: the line has none.
+        """
+        if self.diameter is None:
+            raise SceneError(f"line.{self.name}.diameter: missing; needed: the diameter of the line [m]")
+        return self.diameter
+
+    @property
     def rigid(self) -> bool:
         return self.axial_law == "rigid"
 

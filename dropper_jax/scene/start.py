@@ -50,13 +50,13 @@ class StartSpec(SectionValues):
         metadata={"kind": "option", "meaning": "nodes released at t = 0", "type": tuple, "low": 1}, default=None
     )
     release_force: np.ndarray | None = parameter("forces released at t = 0", unit="N", shape="vectors", default=None)
-    polar: np.ndarray | None = parameter("polar angle of each link", unit="rad", shape="table", default=None)
-    azimuth: np.ndarray | None = parameter("azimuth of each link", unit="rad", shape="table", default=None)
-    polar_rate: np.ndarray | None = parameter("rate of the polar angle", unit="rad/s", shape="table", default=None)
-    azimuth_rate: np.ndarray | None = parameter("rate of the azimuth", unit="rad/s", shape="table", default=None)
-    zero: str | None = option("where the polar angle is zero", choices=("horizontal", "down"), default=None)
-    positions: np.ndarray | None = parameter("positions of all nodes", unit="m", shape="vectors", default=None)
-    velocities: np.ndarray | None = parameter("velocities of all nodes", unit="m/s", shape="vectors", default=None)
+    polar: np.ndarray = parameter("polar angle of each link", unit="rad", shape="table", default=None)
+    azimuth: np.ndarray = parameter("azimuth of each link", unit="rad", shape="table", default=None)
+    polar_rate: np.ndarray = parameter("rate of the polar angle", unit="rad/s", shape="table", default=None)
+    azimuth_rate: np.ndarray = parameter("rate of the azimuth", unit="rad/s", shape="table", default=None)
+    zero: str = option("where the polar angle is zero", choices=("horizontal", "down"), default=None)
+    positions: np.ndarray = parameter("positions of all nodes", unit="m", shape="vectors", default=None)
+    velocities: np.ndarray = parameter("velocities of all nodes", unit="m/s", shape="vectors", default=None)
 
     @property
     def is_static(self) -> bool:
@@ -126,7 +126,7 @@ def _check_release(nodes: tuple[int, ...] | None, force: np.ndarray | None, path
     )
     for i, node in enumerate(nodes or ()):
         yield node > free, f"{path}.release_nodes.{i}: {node} is not a free node; allowed: 1 to {free}"
-    if nodes is not None:
+    if nodes is not None and force is not None:
         yield (
             len(force) != len(nodes),
             f"{path}.release_force: {short_text(plain(force))} has {len(force)} vectors; allowed: {len(nodes)}, one "
@@ -136,8 +136,9 @@ def _check_release(nodes: tuple[int, ...] | None, force: np.ndarray | None, path
 
 @raises_first
 def _check_rows(rows: np.ndarray | None, path: str, count: int, what: str, which: str) -> Iterator[Check]:
-    yield rows is None, f"{path}: missing; needed: {count} {what}, {which}"
-    given = np.shape(rows)[0]
+    if rows is None:
+        raise SceneError(f"{path}: missing; needed: {count} {what}, {which}")
+    given = len(rows)
     yield given != count, f"{path}: {short_text(plain(rows))} has {given} {what}; allowed: {count}, {which}"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 
@@ -47,8 +48,8 @@ class RaoSpec(DeclaredSection):
     phases: str = option(
         "sign of the phases: positive if the motion leads, or if it lags the elevation", choices=("lead", "lag")
     )
-    amplitude: np.ndarray | None = None
-    phase: np.ndarray | None = None
+    amplitude: np.ndarray = dataclasses.field(default_factory=partial(np.zeros, 0))
+    phase: np.ndarray = dataclasses.field(default_factory=partial(np.zeros, 0))
 
     @classmethod
     def read(cls, table: Plain, path: str) -> RaoSpec:
@@ -156,8 +157,8 @@ class VesselSpec(DeclaredSection):
     heading: float = parameter(
         "direction of its x-axis from x towards y", unit="rad", low=-6.29, high=6.29, default=0.0
     )
-    time: np.ndarray | None = parameter("times of a table of its motion", unit="s", shape="table", default=None)
-    motion: np.ndarray | None = part(_read_motion, default=None)
+    time: np.ndarray = parameter("times of a table of its motion", unit="s", shape="table", default=None)
+    motion: np.ndarray = part(_read_motion, default=None)
     rao: RaoSpec | None = part(RaoSpec.read, default=None)
     attachments: dict[str, np.ndarray] = part(read_positions, default_factory=dict)
 

@@ -60,7 +60,7 @@ class Case:
     short: float
     expected: str = "ok"
     point: str = ""
-    exact: Exact | None = None
+    exact: Exact = Exact(np.zeros(0), np.zeros(0))
     size: float = 1.0
     level: float = 0.0
     weights: Sequence[float] = ()

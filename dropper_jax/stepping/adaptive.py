@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
@@ -166,7 +167,7 @@ def advance_adaptively(
     dt: jax.Array,
     accuracy: jax.Array,
     saves: int,
-    count: jax.Array | None = None,
+    count: jax.Array | np.integer | None = None,
     watch: Watch | None = None,
 ) -> tuple[Adaptive, tuple[Trajectory, Within]]:
     """Advance by `saves` intervals of dt [s], in steps whose local error the accuracy allows.

@@ -139,7 +139,7 @@ def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: jax.Ar
 
 
 def scan_steps(
-    advance: Callable[[Carry, Any], tuple[Carry, Rows]], carry: Carry, count: jax.Array | int, rows: Rows
+    advance: Callable[[Carry, Any], tuple[Carry, Rows]], carry: Carry, count: jax.Array | np.integer | int, rows: Rows
 ) -> tuple[Carry, Rows]:
     """Call `advance(carry, number)` `count` times; its results replace the first of the `rows` (capacity, ...).
 
@@ -166,7 +166,7 @@ def advance(
     dt: jax.Array,
     saves: int,
     save_every: int = 1,
-    count: jax.Array | None = None,
+    count: jax.Array | np.integer | None = None,
     watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
     """Advance by `saves * save_every` steps of dt [s], scalar or (saves, save_every), saved every `save_every`.

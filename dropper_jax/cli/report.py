@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from typing import TYPE_CHECKING
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
@@ -13,9 +12,6 @@ from dropper_jax.cli.options import add_effects, add_examples, add_json, read_ru
 from dropper_jax.cli.outputs import Output
 from dropper_jax.cli.printing import FAILED, OK, print_line, print_result
 from dropper_jax.evaluation.settings import Settings
-
-if TYPE_CHECKING:
-    pass
 
 help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact, extremes over seeds"
 

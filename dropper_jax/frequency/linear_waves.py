@@ -245,7 +245,7 @@ def _krylov(linear: Linear, b: jax.Array) -> jax.Array:
     return gmres(linear, b, tol=1e-12, restart=60, maxiter=4, solve_method="batched")[0]
 
 
-def tension_deviation(model: Model, pose: State, loads: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+def tension_deviation(model: Model, pose: State) -> tuple[jax.Array, jax.Array]:
     """Mean and standard deviation of all tensions (n,) [N] in the irregular waves of the model, by the full equations.
 
     Differentiable in model and configuration, forward and reverse: the linearised drag D = g(D) has the derivative
@@ -254,7 +254,6 @@ def tension_deviation(model: Model, pose: State, loads: jax.Array | None = None)
 
     Args:
         pose: `equilibrium(...).state`.
-        loads: additional forces of the equilibrium (free nodes, 3) [N].
 
     Raises:
         SceneError: rigid links or bodies, or no irregular waves.

@@ -20,7 +20,7 @@ from dropper_jax.run.arrays import static_pose
 from dropper_jax.run.build import SceneLike, build_model
 from dropper_jax.run.simulate import simulate
 from dropper_jax.scene import whole_lines
-from dropper_jax.sea.make import make_current, wave_components, waves_on
+from dropper_jax.sea.make import make_current, waves_of
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.rest_problem import rest
@@ -250,23 +250,13 @@ def _waves(
     spec: SeaSpec, sea_states: ArrayLike | None, direction: float | None, frequencies: int
 ) -> tuple[np.ndarray, Waves]:
     """Height and period of each state, and its waves, with a leading axis of the states."""
-    if spec.current is None or spec.wave_current == "none":
-        current = None
-    else:
+    current = None
+    if spec.current is not None:
         current = make_current(spec.current)
-
-    def waves_of(given: WaveSpec) -> Waves:
-        drawn = wave_components(given, spec.depth, spec.gravity)
-        action = spec.wave_current == "action"
-        approximate = spec.dispersion == "fenton"
-        return waves_on(
-            drawn, spec.depth, spec.gravity, current=current, conserve_action=action, approximate=approximate
-        )
-
     if sea_states is None:
         own = None
         if spec.waves is not None:
-            own = waves_of(spec.waves)
+            own = waves_of(spec, spec.waves, current)
         if own is None or own.size < 2:
             raise SceneError("sea.waves: is not an irregular linear sea. Use sea states, or kind 'spectrum'")
         peak = own.omega[jnp.argmax(own.amplitude)]
@@ -275,7 +265,7 @@ def _waves(
     if states.shape[1] != 2 or not np.all(np.isfinite(states) & (states > 0.0)):
         raise SceneError("sea_states: need rows of a significant height [m] and a peak period [s]; allowed: above 0")
     base = _spectrum(spec, direction, frequencies)
-    waves = jax.jit(jax.vmap(lambda x: waves_of(replace(base, hs=x[0], tp=x[1]))))(jnp.asarray(states))
+    waves = jax.jit(jax.vmap(lambda x: waves_of(spec, replace(base, hs=x[0], tp=x[1]), current)))(jnp.asarray(states))
     if not np.all(np.isfinite(waves.wave_number)):
         raise SceneError("sea.wave_current: the current stops waves of these states. Use longer waves")
     return states, waves

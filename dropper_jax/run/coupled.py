@@ -268,10 +268,10 @@ class Coupled:
             raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
         except Exception:  # any error of a file in another format
             raise SceneError(f"{path}: not a saved coupling; allowed: a file written by `Coupled.save`") from None
-        same_scene(self.scene, scene)
         if (scene.run.accuracy is None) != (self.scene.run.accuracy is None):
             own = self.scene.run.steps_in_words
-            raise SceneError(f"{path}: was saved with {scene.run.steps_in_words}; allowed: a file of {own}")
+            raise SceneError(f"{path}: was saved with {scene.run.steps_in_words}; allowed: a file of {own}. Use dt")
+        same_scene(self.scene, scene)
         if points != self.points:
             raise SceneError(f"{path}: couples {', '.join(points)}; allowed: {', '.join(self.points)}")
         return arrays

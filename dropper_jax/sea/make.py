@@ -50,16 +50,7 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
         along = _along(spec, current, direction, wave.wave_number)
         waves = bound_waves(wave, float(given.phase), direction, along, spec.ramp)
     elif given is not None:
-        waves = waves_on(
-            wave_components(given, spec.depth, spec.gravity),
-            spec.depth,
-            spec.gravity,
-            current=current if spec.wave_current != "none" else None,
-            conserve_action=spec.wave_current == "action",
-            approximate=spec.dispersion == "fenton",
-            stretching=spec.stretching,
-            ramp=spec.ramp,
-        )
+        waves = dataclasses.replace(waves_of(spec, given, current), stretching=spec.stretching, ramp=spec.ramp)
         _refuse_blocked(waves)
         if spec.interpolation == "grid" and reach is not None:
             waves = _interpolate_waves(spec, waves, *reach)
@@ -238,6 +229,18 @@ def wave_components(spec: WaveSpec, depth: Scalar, gravity: Scalar) -> Component
         jnp.asarray(2 * np.pi / period, float),
         jnp.asarray(np.atleast_1d(spec.phase) * every),
         jnp.asarray(spec.direction, float),
+    )
+
+
+def waves_of(spec: SeaSpec, given: WaveSpec, current: Current | None) -> Waves:
+    """Linear waves in the water of a sea, on its current if that changes them."""
+    return waves_on(
+        wave_components(given, spec.depth, spec.gravity),
+        spec.depth,
+        spec.gravity,
+        current=current if spec.wave_current != "none" else None,
+        conserve_action=spec.wave_current == "action",
+        approximate=spec.dispersion == "fenton",
     )
 
 

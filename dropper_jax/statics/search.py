@@ -181,6 +181,12 @@ def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, fl
     return solve_statics(model, s, loads)
 
 
+def _host_ends(ends: Ends) -> tuple[np.ndarray, np.ndarray | None]:
+    """Start and end (3,) [m] of a line on the host; None for a free end."""
+    end = None if ends.end is None else np.asarray(ends.end, float)
+    return np.asarray(ends.start, float), end
+
+
 def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
     line = model.line
     ends, force = _forces(model, None if near is None else near.r, jnp.asarray(t, model.dtype))
@@ -194,12 +200,8 @@ def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State
     flexibility = 0.0
     if line.axial.elastic:
         flexibility = 1.0 / line.axial.axial_stiffness()
-    end = None
-    if ends.end is not None:
-        end = np.asarray(ends.end, float)
     nodes, tension = hang(
-        np.asarray(ends.start, float),
-        end,
+        *_host_ends(ends),
         np.asarray(line.length, float),
         total,
         np.broadcast_to(np.asarray(flexibility, float), line.length.shape),
@@ -251,10 +253,7 @@ def _catenary(model: Model, t: float) -> State:
         total = float(jnp.sum(weight.per_link(line)))
     else:
         total = GRAVITY_SCALE * float(jnp.sum(line.mass))
-    end = None
-    if ends.end is not None:
-        end = np.asarray(ends.end, float)
-    nodes, tension = catenary_guess(np.asarray(ends.start, float), end, np.asarray(line.length, float), total)
+    nodes, tension = catenary_guess(*_host_ends(ends), np.asarray(line.length, float), total)
     return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
 
 

@@ -24,6 +24,8 @@ from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.integrate import Progress, advance, begin
 from dropper_jax.stepping.stepper import make_stepper
 
+#: Timed runs of each model.
+ROUNDS = 7
 FULL = "whole scene"
 BARE = "bare scene"
 
@@ -42,7 +44,6 @@ class Unused(Effect):
 def cost(
     scene: Scene,
     steps: int = 2000,
-    rounds: int = 7,
     each: Callable[[Table], None] = lambda row: None,
 ) -> Table:
     """Flops and bytes of the compiled step, and measured time per step, with all effects, without each, and bare.
@@ -74,7 +75,7 @@ def cost(
             each(variant.row(variants[0]))
         for variant in variants:
             variant.times.clear()  # the first run is a warm-up
-        for _ in range(rounds):
+        for _ in range(ROUNDS):
             for variant in variants:
                 variant.time()
         for variant in variants:
@@ -158,12 +159,11 @@ class Variant:
         """Its numbers, with ratios to the whole scene."""
         one = self.us_per_correction
         of = whole.us_per_correction
-        counts = self.counts[0] if isinstance(self.counts, list) else self.counts
         return {
             "name": self.name,
             "effects": [e.name for e in self.model.effects],
-            "flops": counts.get("flops"),
-            "bytes": counts.get("bytes accessed"),
+            "flops": self.counts.get("flops"),
+            "bytes": self.counts.get("bytes accessed"),
             "us_per_step": self.us_per_step,
             "ratio": self.us_per_step / whole.us_per_step,
             "corrections_per_step": self.corrections,

@@ -54,7 +54,7 @@ def test_rows_of_a_killed_run_are_recovered(saved, run):
 
 
 def test_a_coupled_state_is_restored(saved):
-    lines = Coupled(SCENE)
+    lines = Coupled(SCENE, dt=0.01)
     forces = lines.restore(saved / "coupled.npz")
     assert lines.time == pytest.approx(0.01)
     assert np.all(np.isfinite(forces))

@@ -57,18 +57,20 @@ def body_tables(scene: Scene) -> list[str]:
     bodies = []
     rods = []
     for i, b in enumerate(scene.buoys):
-        types.append(_row(f"buoy{i + 1}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
+        types.append(words_of(f"buoy{i + 1}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
         base = scene.point(b.point).position  # in MoorDyn lines end at the base
-        bodies.append(_row(i + 1, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0", f" ! name: {b.point}"))
+        bodies.append(
+            words_of(i + 1, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0", f" ! name: {b.point}")
+        )
         rods.append(
-            _row(i + 1, f"buoy{i + 1}", f"Body{i + 1}", "0 0 0 0 0", b.height, SEGMENTS, "-", f" ! name: {b.name}")
+            words_of(i + 1, f"buoy{i + 1}", f"Body{i + 1}", "0 0 0 0 0", b.height, SEGMENTS, "-", f" ! name: {b.name}")
         )
     for body, number in zip(scene.bodies, body_numbers(scene).values(), strict=True):
         bodies.append(_body(number, body))
         for c in body.cylinders:
             key = f"rod{len(rods) + 1}"
-            types.append(_row(key, c.diameter, 0.0, c.cdn, c.can, c.cdt, c.cat))
-            rods.append(_row(len(rods) + 1, key, f"Body{number}", *c.start, *c.end, c.slices, "-"))
+            types.append(words_of(key, c.diameter, 0.0, c.cdn, c.can, c.cdt, c.cat))
+            rods.append(words_of(len(rods) + 1, key, f"Body{number}", *c.start, *c.end, c.slices, "-"))
     found = (
         ("ROD TYPES", "TypeName Diam Mass/m Cd Ca CdEnd CaEnd", "(name) (m) (kg/m) (-) (-) (-) (-)", types),
         (
@@ -99,8 +101,9 @@ def _body(number: int, body: BodySpec) -> str:
         area = s.cd * np.pi * s.diameter**2 / 4.0
         added = s.ca
     pose = ("Pinned" if body.pinned else "Free", *body.position, *np.degrees(body.attitude))
-    return _row(number, *pose, body.mass, centre, moments, volume, area, added, f" ! name: {body.name}")
+    return words_of(number, *pose, body.mass, centre, moments, volume, area, added, f" ! name: {body.name}")
 
 
-def _row(*values: str | int | float) -> str:
+def words_of(*values: str | int | float) -> str:
+    """The words of a row, with every digit of its numbers."""
     return " ".join(repr(float(x)) if isinstance(x, float) else str(x) for x in values)

@@ -14,7 +14,7 @@ from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table, Values
 from dropper_jax.decks.reading.water import CURRENT, FREQUENCIES
-from dropper_jax.decks.writing.bodies import body_numbers, body_tables, check_bodies, rule, section
+from dropper_jax.decks.writing.bodies import body_numbers, body_tables, check_bodies, rule, section, words_of
 from dropper_jax.decks.writing.differences import differences, moved_points
 from dropper_jax.decks.writing.pieces import DIGITS, Piece, detachment, line_types, pieces
 from dropper_jax.effects.buoyancy import displaced_diameter
@@ -93,10 +93,6 @@ def _check_scene(scene: Scene) -> Iterator[Check]:
         )
 
 
-def _value(x: float) -> str:
-    return repr(float(x))
-
-
 def _front(scene: Scene) -> Iterator[str]:
     """Free text: values without a counterpart in MoorDyn."""
     yield rule("MoorDyn input, written by dropper-jax")
@@ -128,8 +124,8 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
     kinds = line_types(parts)
     types = []
     for ((diameter, mass, stiffness, *rest), table), name in kinds.items():
-        axial = _value(stiffness) if table is None else _table_file(path, name)
-        types.append(" ".join([name, _value(diameter), _value(mass), axial, *map(_value, rest)]))
+        axial = stiffness if table is None else _table_file(path, name)
+        types.append(words_of(name, diameter, mass, axial, *rest))
     head = "TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx"
     yield from section("LINE TYPES", head, "(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)", types)
     yield from body_tables(scene)
@@ -160,8 +156,8 @@ def _tables(scene: Scene, path: Path) -> Iterator[str]:
         first[line.name] = len(lines) + 1
         ends = [line.start, *_joints(line, part), line.end]
         for i, (name, piece) in enumerate(zip(_names(line, part), part, strict=True)):
-            row = [len(lines) + 1, kinds[piece.kind], words[ends[i]], words[ends[i + 1]], _value(piece.length)]
-            lines.append(" ".join(str(x) for x in (*row, piece.links, "-")) + f"  ! name: {name}")
+            row = (len(lines) + 1, kinds[piece.kind], words[ends[i]], words[ends[i + 1]], piece.length, piece.links)
+            lines.append(words_of(*row, "-", f" ! name: {name}"))
     head = "ID Attachment X Y Z Mass Volume CdA Ca"
     yield from section("POINTS", head, "(#) (word/ID) (m) (m) (m) (kg) (m^3) (m^2) (-)", rows)
     head = "ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs"
@@ -195,15 +191,13 @@ def _failures(scene: Scene, parts: list[list[Piece]], words: dict[str, str], fir
         load = failure.load or 0.0
         if failure.load is None and failure.time is None:
             load = line.breaking_load[failure.link - 1]
-        rows.append(f"{len(rows) + 1} {point} {first[line.name] + position.stretch} {_value(time)} {_value(load)}")
+        rows.append(words_of(len(rows) + 1, point, first[line.name] + position.stretch, float(time), float(load)))
     if rows:
         yield from section("FAILURE", "ID Point Lines FailTime FailTen", "(#) (#) (,) (s) (N)", rows)
 
 
 def _point(number: int, kind: str, position: np.ndarray, body: list[float | None], name: str) -> str:
-    return " ".join([str(number), kind, *map(_value, position), *(_value(x or 0.0) for x in body)]) + (
-        f"  ! name: {name}"
-    )
+    return words_of(number, kind, *position, *(float(x or 0.0) for x in body), f" ! name: {name}")
 
 
 def _join(scene: Scene, line: LineSpec, part: list[Piece], words: dict[str, str], rows: list[str]) -> None:
@@ -249,7 +243,7 @@ def _options(scene: Scene, path: Path, dt: float | None, more: Values) -> Iterat
         values["TmaxIC"] = 0
     yield rule("OPTIONS")
     for key, value in {**values, **more}.items():
-        yield f"{value if isinstance(value, int | str) else _value(value)} {key}"
+        yield words_of(value if isinstance(value, int | str) else float(value), key)
 
 
 def _below(scene: Scene) -> float:
@@ -275,7 +269,7 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
     bed = scene.effects.get("seabed")
     for (_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
         if table is not None:
-            rows = [f"{_value(e)} {_value(tension)}" for e, tension in table]
+            rows = [words_of(*row) for row in table]
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]
             found[_table_file(path, name)] = "\n".join([*head, *rows])  # MoorDyn rejects an empty last line
     if sea is not None and sea.waves is not None:
@@ -288,8 +282,8 @@ def _files(scene: Scene, path: Path) -> dict[str, str]:
         x = np.asarray(bed["bed_x"], float)
         y = np.asarray(bed["bed_y"], float)
         z = np.asarray(bed["bed_depth"], float)
-        rows = [f"{_value(a)} {_value(b)} {_value(-c)}" for (a, b), c in zip(product(x, y), z, strict=True)]
-        head = [f"{len(x)} {len(y)}", *(" ".join(_value(v) for v in axis) for axis in (x, y))]
+        rows = [words_of(a, b, -c) for (a, b), c in zip(product(x, y), z, strict=True)]
+        head = [f"{len(x)} {len(y)}", words_of(*x), words_of(*y)]
         found[f"{path.stem}-seafloor.txt"] = "\n".join([*head, *rows]) + "\n"
     return found
 
@@ -298,7 +292,7 @@ def _waves_text(amplitude: np.ndarray, omega: np.ndarray, phase: np.ndarray, dir
     """Text of the frequency file for components (c,) of this package [m], [rad/s], [rad], [rad]."""
     turn = 0.5 * np.pi - phase
     table = np.stack([omega, amplitude * np.cos(turn), amplitude * np.sin(turn), direction * np.ones_like(omega)], 1)
-    return "\n".join(["0.0 0.0 0.0 0.0", *(" ".join(repr(float(x)) for x in row) for row in table)]) + "\n"
+    return "\n".join(["0.0 0.0 0.0 0.0", *(words_of(*row) for row in table)]) + "\n"
 
 
 def current_text(spec: CurrentSpec, profile: Callable[[np.ndarray], np.ndarray], depth: float) -> str:
@@ -309,4 +303,4 @@ def current_text(spec: CurrentSpec, profile: Callable[[np.ndarray], np.ndarray],
         heights = spec.heights
     rows = zip(heights, profile(np.asarray(heights, float)), strict=True)
     lines = ["----- MoorDyn steady currents file -----", "z ux uy uz", "(m) (m/s) (m/s) (m/s)"]
-    return "\n".join([*lines, *(" ".join(_value(x) for x in (z, *u)) for z, u in rows)]) + "\n"
+    return "\n".join([*lines, *(words_of(float(z), *map(float, u)) for z, u in rows)]) + "\n"

@@ -133,7 +133,7 @@ def test_the_error_of_a_solution_is_in_radians_whatever_the_noise(windows):
 
     theta = 0.3 * np.random.default_rng(6).standard_normal(windows.theta.shape)
     problem = SimpleNamespace(windows=replace(windows, decay=np.array([[5.0, 5.0]])))
-    point = SimpleNamespace(windows=problem.windows, evaluation=SimpleNamespace(theta=theta))
+    point = SimpleNamespace(problem=problem, evaluation=SimpleNamespace(theta=theta))
     expected = np.where(windows.weight > 0, theta, 0.0)
     np.testing.assert_allclose(Solution.errors.fget(point), expected)
 

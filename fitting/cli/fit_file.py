@@ -121,7 +121,9 @@ def column_names(text: str | None) -> dict[str, str] | None:
     return {name.strip(): column.strip() for name, _, column in pairs}
 
 
-def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:
+def fit_files(
+    args: argparse.Namespace, free: list[str] | None, shared: Table, say: Progress
+) -> tuple[FitResult, Table, str]:
     """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
     from dropper_jax.load.scene import Scene
     from fitting.calibration.fit import fit, free_laws
@@ -136,7 +138,6 @@ def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[F
         counts = ", ".join(f"{one.trace.name} {one.trace.links}" for one in measured)
         raise SceneError(f"the files show different numbers of links: {counts}. Fit each rig alone")
     plain = propose_scene(measured[0], given)
-    free = None if args.free is None else args.free.split(",")
 
     def fit_plain() -> FitResult:
         scene = Scene.from_dict(plain, measured[0].trace.name)

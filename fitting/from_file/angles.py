@@ -45,8 +45,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     """
     notes = []
     turn = wrap_of(raw)
-    steps = [step_of(column) for column in raw.T]
-    step = max(steps)
+    step = max(step_of(column) for column in raw.T)
     known = raw[np.isfinite(raw)]
     is_integer = bool(np.all(known == np.round(known))) and step >= 1.0
     reach = float(np.max(np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0)))
@@ -66,10 +65,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     else:
         size = RADIANS.get(unit or "", 0.0)
         turn = 2 * np.pi / size if size else None
-    if turn:
-        theta = unwrap(raw, turn)
-    else:
-        theta = raw
+    theta = unwrap(raw, turn) if turn else raw
     if theta.shape[1] == 1 and is_log_of_steps(theta[:, 0], step):
         # a row is written where the reading changes: the angle is then between the two readings
         theta = 0.5 * (theta[1:] + theta[:-1])
@@ -80,7 +76,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         unit, why = decide_unit(file, t, theta)
         notes.append(f"angle in {unit}: {why}")
         size = RADIANS[unit]
-    elif unit in RADIANS and len(notes) == 0:
+    elif unit in RADIANS and not notes:
         notes.append(f"angle in {unit}")
     if step:
         notes.append(f"readings in steps of {step * size:.3g} rad")

@@ -40,8 +40,7 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     """Write `report.md`, its pictures and `fitted.toml`, the scene with the fitted values; returns the files."""
     folder = folder_without(folder, "report.md")
     fitted = fitted_scene(result.scene, result.model, result.parameters, result.values)
-    runs = {run: predict(result, run) for run, _ in fitted_runs(result)}
-    runs = {run: found for run, found in runs.items() if found is not None}
+    runs = {run: found for run, _ in fitted_runs(result) if (found := predict(result, run)) is not None}
     return [
         atomic_write(folder / "fitted.toml", as_toml(fitted.as_written())),
         *draw_fit(result, folder),

@@ -494,11 +494,8 @@ def some_of(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Para
     for name in names:
         if not any(f"{p.name}.".startswith(f"{name}.") for p in parameters):
             raise SceneError(f"free: {name!r} does not exist; {nearest(name, [p.name for p in parameters])}")
-    found = []
-    for p in parameters:
-        if not names or any(f"{p.name}.".startswith(f"{n}.") for n in names):
-            found.append(p)
-    return tuple(found)
+    stems = tuple(f"{name}." for name in names)
+    return tuple(p for p in parameters if not names or f"{p.name}.".startswith(stems))
 
 
 def choose_samples(

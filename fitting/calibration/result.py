@@ -71,6 +71,10 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
     return steps, max(windows.theta.shape[1], samples if steps > windows.steps else 0)
 
 
+#: Maximum evaluations for the starts of held-out windows, at each part of them.
+START_ITERATIONS = 30
+
+
 def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solution:
     """Fit only the starts of windows, on a growing fraction of each."""
     traces = list(prepared.traces)
@@ -81,7 +85,9 @@ def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solu
     problem = replace(problem, windows=windows, simulator=problem.simulator.view_of_starts())
     # fractions of a held-out window whose angles are used in turn to find its start
     for part in (0.2, 0.5, 1.0):
-        solution = fit_windows(replace(problem, windows=windows.early(part)), values, starts, iterations=30)
+        solution = fit_windows(
+            replace(problem, windows=windows.early(part)), values, starts, iterations=START_ITERATIONS
+        )
         starts = solution.starts
     return solution
 

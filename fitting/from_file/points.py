@@ -80,13 +80,11 @@ def read_points(file: str, points: np.ndarray) -> Links:
         raise SceneError(f"{file}: the points do not move. Give a file with motion")
     notes = []
     fixed = spread < FIXED * spread.max()
+    pivot = None
     if fixed.sum() == 1:
         pivot = complex(np.nanmean(points[fixed][0]))
-    else:
-        pivot = None
-    moving = list(points[~fixed])
-    if pivot is not None:
         notes.append("the point that does not move is the pivot")
+    moving = list(points[~fixed])
     orders = [tuple(range(len(moving)))]
     if len(moving) <= MOST_POINTS:
         orders = list(permutations(range(len(moving))))

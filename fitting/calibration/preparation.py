@@ -122,7 +122,7 @@ class Samples:
         sigma: noise of each run's links (n,) [rad].
         held_out: (from, to) [s] that are scored.
         rest: poses at rest.
-        slowest, period: of the line as one pendulum, and of its shortest link [s].
+        period: of the shortest link as a pendulum [s].
         notes: for the user.
     """
 
@@ -131,7 +131,6 @@ class Samples:
     sigma: list[np.ndarray]
     held_out: tuple[tuple[float, float], ...]
     rest: Rest | None
-    slowest: float
     period: float
     notes: list[str]
 
@@ -535,7 +534,7 @@ def choose_samples(
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
     poses = rests(traces, sigma, rest) if rest else None
-    found = Samples(traces, spans, sigma, held, poses, slowest, period, notes)
+    found = Samples(traces, spans, sigma, held, poses, period, notes)
     if not rest and not released:
         for trace, size in zip(found.observed, sigma, strict=True):
             notes += advice_on_rest(trace, size[: model.line.links], slowest)

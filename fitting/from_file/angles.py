@@ -23,13 +23,11 @@ class Angles:
     """Angles (k, n) [rad] without jumps, at times (k,) in the file's unit.
 
     Attributes:
-        step: difference of two readings [rad]; 0 if they are not rounded visibly.
         notes: how they were read.
     """
 
     t: np.ndarray
     theta: np.ndarray
-    step: float
     notes: tuple[str, ...]
 
 
@@ -80,7 +78,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         notes.append(f"angle in {unit}")
     if step:
         notes.append(f"readings in steps of {step * size:.3g} rad")
-    return Angles(t, size * theta, size * step, tuple(notes))
+    return Angles(t, size * theta, tuple(notes))
 
 
 def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:

@@ -65,7 +65,7 @@ def given_of(args: argparse.Namespace) -> Given:
     )
 
 
-def is_trace_file(file: str, partial: bool = False) -> bool:
+def is_trace_file(file: str, partial: bool) -> bool:
     """Whether a file has the columns of a trace, `t` and `theta_1`, or of any link if `partial`, under these names."""
     from fitting.from_file.cells import read_lines
 
@@ -73,11 +73,8 @@ def is_trace_file(file: str, partial: bool = False) -> bool:
     names = []
     if heads:
         names = re.split(r"[,;\s]+", heads[0].strip())
-    if partial:
-        angles = [name for name in names if re.fullmatch(r"theta_\d+", name)]
-    else:
-        angles = [name for name in names if name == "theta_1"]
-    return "t" in names and bool(angles)
+    pattern = r"theta_\d+" if partial else "theta_1"
+    return "t" in names and any(re.fullmatch(pattern, name) for name in names)
 
 
 def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:

@@ -68,7 +68,7 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
     return [(run, trace) for run, trace in enumerate(result.traces) if (result.windows.run == run).any()]
 
 
-def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None) -> str:
+def report(result: FitResult, full_runs: Mapping[int, Prediction]) -> str:
     """The Markdown text; `full_runs` are uninterrupted runs by the number of their trace."""
     names = result.solution.problem.names
     tests = []
@@ -103,7 +103,7 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None)
     for run, trace in fitted_runs(result):
         parts.append(f"## {literal(trace.name)}")
         parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]
-        if full_runs and run in full_runs:
+        if run in full_runs:
             text = full_runs[run].text
             parts += [f"{text[0].upper()}{text[1:]}.", f"![one run](one_run_{run + 1}.png)"]
     return "\n\n".join(parts) + "\n"

@@ -269,8 +269,9 @@ class Coupled:
         except Exception:  # any error of a file in another format
             raise SceneError(f"{path}: not a saved coupling; allowed: a file written by `Coupled.save`") from None
         if (scene.run.accuracy is None) != (self.scene.run.accuracy is None):
-            own = self.scene.run.steps_in_words
-            raise SceneError(f"{path}: was saved with {scene.run.steps_in_words}; allowed: a file of {own}. Use dt")
+            there = scene.run.steps_in_words
+            here = self.scene.run.steps_in_words
+            raise SceneError(f"{path}: was saved with {there}; allowed: a file of {here}. Use a scene with {there}")
         same_scene(self.scene, scene)
         if points != self.points:
             raise SceneError(f"{path}: couples {', '.join(points)}; allowed: {', '.join(self.points)}")

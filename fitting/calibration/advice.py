@@ -136,19 +136,23 @@ def score_candidates(prepared: Prepared, solution: Solution, simulator: Simulato
             tested.append((one, change))
     price = 0.5 * np.log(max(solution.windows.samples / problem.memory, 2.0))
     names = [problem.names[i] for i in free]
-    found = []
+    # indistinguishable candidates keep the order of their probabilities
+    tested.sort(key=lambda pair: pair[1].p)
+    rows = []
     for (one, change), p in zip(tested, holm([change.p for _, change in tested]), strict=True):
-        row = _candidate(one, change, p, price, names)
+        own = [parameter.name for parameter in one.parameters]
+        changes = dict(zip(own, map(float, change.change), strict=True))
+        errors = dict(zip(own, map(float, change.error), strict=True))
+        moves = dict(zip(names, map(float, change.moves), strict=True)) | changes
+        worth = change.gain - price * len(own)  # each number costs some of the gain
+        row = Candidate(one.name, one.paths, changes, errors, change.gain, p, worth, moves=moves)
         if row.worth_naming:
             beside = np.concatenate([free, one.rows])
             others = [other for other in asked if other is not one and len(other.rows) == len(one.rows)]
             alike = [other.name for other in others if score_change(S, g, data, beside, other.rows) is None]
             row = replace(row, alike=tuple(alike))
-        found.append((change.p, row))
-    # indistinguishable candidates keep the order of their probabilities
-    found.sort(key=lambda pair: pair[0])
-    rows = sorted((row for _, row in found), key=lambda row: -round(row.worth, 1))
-    return rows + undistinguished
+        rows.append(row)
+    return sorted(rows, key=lambda row: -round(row.worth, 1)) + undistinguished
 
 
 @dataclass(frozen=True)
@@ -173,16 +177,6 @@ def _not_free(prepared: Prepared, parameters: Sequence[Parameter]) -> list[Untes
         found.append(UntestedCandidate(name, tuple(paths), more, np.arange(end, end + len(more))))
         end += len(more)
     return found
-
-
-def _candidate(one: UntestedCandidate, found: ScoreChange, p: float, price: float, free: Sequence[str]) -> Candidate:
-    """A tested candidate with its probability over all candidates; each number costs `price` of its gain."""
-    names = [parameter.name for parameter in one.parameters]
-    changes = dict(zip(names, map(float, found.change), strict=True))
-    errors = dict(zip(names, map(float, found.error), strict=True))
-    moves = dict(zip(free, map(float, found.moves), strict=True)) | changes
-    worth = found.gain - price * len(names)
-    return Candidate(one.name, one.paths, changes, errors, found.gain, p, worth, moves=moves)
 
 
 def joint_information(

@@ -157,8 +157,8 @@ def fit_and_free(
 
 def free_laws(
     result: FitResult,
-    method: Method | GradientDescent | str = "shooting",
-    loss: Loss = LEAST_SQUARES,
+    method: Method,
+    loss: Loss,
     freed: Sequence[Candidate | LawTest] = (),
     progress: Progress = silent,
 ) -> FitResult:
@@ -168,7 +168,6 @@ def free_laws(
         result: of a fit by this method and loss.
         freed: what was freed before.
     """
-    method = as_method(method)
     found = list(freed)
     while result.status == "model_error" and len(found) < MOST_FREED:
         wrong = result.laws.wrong

@@ -37,7 +37,7 @@ NORMAL = 1.645
 
 
 class Kick(NamedTuple):
-    """From `time` [s] of a run on, some windows follow no motion of the model; `lasting`: more than one.
+    """From `time` [s] of a run on, some windows follow no motion of the model.
 
     Samples from `begin` [s] on are left out: the previous window may have some after the kick.
     """
@@ -46,7 +46,6 @@ class Kick(NamedTuple):
     time: float
     begin: float
     windows: np.ndarray
-    lasting: bool
 
 
 def without_kicks(
@@ -72,7 +71,7 @@ def without_kicks(
     removed = []
     for kick in found:
         last = float(windows.ends[kick.windows[-1]])
-        if kick.lasting:
+        if len(kick.windows) > 1:
             what = "is disturbed, or moves out of its plane, from"
         else:
             what = "is kicked or touched at"
@@ -142,7 +141,7 @@ def _kick(windows: Windows, good: np.ndarray, k: int, time: float, early: float)
     ends = (j for j in range(k + 1, windows.count) if good[j] or windows.run[j] != windows.run[k])
     last = next(ends, windows.count)
     begin = float(min(early, windows.begin[k]))
-    return Kick(int(windows.run[k]), float(min(early, time)), begin, np.arange(k, last), last > k + 1)
+    return Kick(int(windows.run[k]), float(min(early, time)), begin, np.arange(k, last))
 
 
 def _first_missed(solution: Solution, windows: Windows, which: np.ndarray, starts: Starts, limit: float) -> np.ndarray:

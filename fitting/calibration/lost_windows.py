@@ -162,11 +162,10 @@ def _split(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[Pr
     if len(pieces) == windows.count:
         return prepared, solution
     prepared = prepared.with_pieces(pieces)
-    # windows without enough samples are dropped; the others are matched by their start time
-    kept_at = {(int(r), round(float(b), 9)): i for i, (r, b) in enumerate(zip(windows.run, windows.begin, strict=True))}
-    new = prepared.windows
-    origin = np.array([kept_at.get((int(r), round(float(b), 9)), -1) for r, b in zip(new.run, new.begin, strict=True)])
-    same = (origin >= 0) & (new.step_counts == np.where(origin >= 0, windows.step_counts[origin], 0))
+    # windows without enough samples are dropped; the others are matched by their run, start and steps
+    whole = {windows.piece(k)[:3]: k for k in range(windows.count)}
+    origin = np.array([whole.get(prepared.windows.piece(k)[:3], -1) for k in range(prepared.windows.count)])
+    same = origin >= 0
     starts = with_rows(prepared.starts, same, pick(solution.starts, origin[same]))
     problem = replace(solution.problem, windows=replace(prepared.first_windows, substeps=windows.substeps))
     evaluation = problem.evaluate(solution.values, starts)

@@ -112,6 +112,7 @@ def plan(
         foreign = [name for name in asked if name not in names]
         if foreign:
             raise SceneError(f"for: {foreign[0]!r} is not free; allowed: {', '.join(names)}")
+        stems = tuple(f"{name}." for name in asked)
         motion = simulate_truth(scene, max(durations), rate)
         for noise in sorted(noises):
             progress((i + noise / max(noises) / 2) / len(scenes), f"{scene.name}, {noise:g} rad")
@@ -127,10 +128,7 @@ def plan(
             for duration in durations:
                 errors, weight = _errors(problem, there.evaluation, prepared.values, duration, gap_weight)
                 by_name = dict(zip(problem.names, map(float, errors), strict=True))
-                mine = []
-                for name, e in by_name.items():
-                    if any(name == a or name.startswith(f"{a}.") for a in asked):
-                        mine.append(e)
+                mine = [e for name, e in by_name.items() if f"{name}.".startswith(stems)]
                 score = float(np.mean(np.log(mine)))
                 found.append(Planned(scene.name, duration, noise, by_name, score, weight))
     progress(1.0, "ok")

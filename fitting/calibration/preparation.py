@@ -122,7 +122,7 @@ class Samples:
         sigma: noise of each run's links (n,) [rad].
         held_out: (from, to) [s] that are scored.
         rest: poses at rest.
-        slowest, period: of the line as one pendulum, and of its shortest link [s].
+        period: of the shortest link as a pendulum [s].
         notes: for the user.
     """
 
@@ -131,7 +131,6 @@ class Samples:
     sigma: list[np.ndarray]
     held_out: tuple[tuple[float, float], ...]
     rest: Rest | None
-    slowest: float
     period: float
     notes: list[str]
 
@@ -494,11 +493,8 @@ def some_of(parameters: Sequence[Parameter], names: Sequence[str]) -> tuple[Para
     for name in names:
         if not any(f"{p.name}.".startswith(f"{name}.") for p in parameters):
             raise SceneError(f"free: {name!r} does not exist; {nearest(name, [p.name for p in parameters])}")
-    found = []
-    for p in parameters:
-        if not names or any(f"{p.name}.".startswith(f"{n}.") for n in names):
-            found.append(p)
-    return tuple(found)
+    stems = tuple(f"{name}." for name in names)
+    return tuple(p for p in parameters if not names or f"{p.name}.".startswith(stems))
 
 
 def choose_samples(
@@ -538,7 +534,7 @@ def choose_samples(
         if mine := [(low, high) for run, low, high in spans if run == i]:
             refuse_rising_energy(trace, model, mine, period)
     poses = rests(traces, sigma, rest) if rest else None
-    found = Samples(traces, spans, sigma, held, poses, slowest, period, notes)
+    found = Samples(traces, spans, sigma, held, poses, period, notes)
     if not rest and not released:
         for trace, size in zip(found.observed, sigma, strict=True):
             notes += advice_on_rest(trace, size[: model.line.links], slowest)

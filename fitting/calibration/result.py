@@ -32,11 +32,11 @@ def score_held_out(
     """RMS angle error [rad] on a span of some runs, by default of all; starts are fitted on the span's own angles, the
     parameters are fixed."""
     low, high = span
-    parts = [(i, trace.between(low, high)) for i, trace in enumerate(prepared.traces) if runs is None or i in runs]
     pieces = []
-    for i, part in parts:
-        if len(part.t) > 2:
-            end = min(high, float(part.t[-1]) + prepared.traces[i].interval)
+    for i, trace in enumerate(prepared.traces):
+        part = trace.between(low, high)
+        if (runs is None or i in runs) and len(part.t) > 2:
+            end = min(high, float(part.t[-1]) + trace.interval)
             pieces.append(Span(i, max(low, float(part.t[0])), end))
     length = min(window_length(prepared, span), *(piece.high - piece.low for piece in pieces))
     windows = prepared.cut(length, pieces).pad_to(*_shape(prepared))
@@ -71,18 +71,23 @@ def _shape(prepared: Prepared) -> tuple[int, int]:
     return steps, max(windows.theta.shape[1], samples if steps > windows.steps else 0)
 
 
-def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray, iterations: int = 30) -> Solution:
+#: Maximum evaluations for the starts of held-out windows, at each part of them.
+START_ITERATIONS = 30
+
+
+def fit_starts(prepared: Prepared, windows: Windows, values: np.ndarray) -> Solution:
     """Fit only the starts of windows, on a growing fraction of each."""
-    # earlier fitted samples must not affect the smoothing of a held-out start
-    begin = [np.min(windows.begin[windows.run == i], initial=np.inf) for i in range(len(prepared.traces))]
-    later = zip(prepared.traces, begin, strict=True)
-    traces = [trace.between(t0, np.inf) if np.isfinite(t0) else trace for trace, t0 in later]
+    traces = list(prepared.traces)
+    for i in np.unique(windows.run):  # earlier fitted samples must not affect the smoothing of a held-out start
+        traces[i] = traces[i].between(np.min(windows.begin[windows.run == i]), np.inf)
     starts = first_starts(prepared.simulator.model_at(values), traces, windows, prepared.sigma)
     problem = prepared.problem(frozen=np.ones(len(values), bool))
     problem = replace(problem, windows=windows, simulator=problem.simulator.view_of_starts())
     # fractions of a held-out window whose angles are used in turn to find its start
     for part in (0.2, 0.5, 1.0):
-        solution = fit_windows(replace(problem, windows=windows.early(part)), values, starts, iterations=iterations)
+        solution = fit_windows(
+            replace(problem, windows=windows.early(part)), values, starts, iterations=START_ITERATIONS
+        )
         starts = solution.starts
     return solution
 

@@ -48,7 +48,7 @@ def fitted_spans(
     traces: Sequence[Trace],
     until: float | None,
     held_out: Sequence[tuple[float, float]],
-    begin: float | None = None,
+    begin: float | None,
 ) -> list[Span]:
     """(run, from, to) of all samples that may be fitted: from `begin` to `until`, outside the held-out spans.
 
@@ -57,10 +57,7 @@ def fitted_spans(
     """
     found = []
     for i, trace in enumerate(traces):
-        if begin is None:
-            low = float(trace.t[0])
-        else:
-            low = max(float(trace.t[0]), begin)
+        low = max(float(trace.t[0]), -np.inf if begin is None else begin)
         last = min(float(trace.t[-1]) + trace.interval, np.inf if until is None else until)
         for start, end in [*held_out, (last, last)]:
             if low < min(start, last):

@@ -86,14 +86,14 @@ def refuse_wrong_file(trace: Trace, model: Model, requested: Convention, free: S
         tried.append((Change(words, f"--zero {at.zero} --sign={at.sign}", lambda theta: theta), at))
     tried = [(_opening(model, at.in_model(change.apply(rows))), change, at) for change, at in tried]
     best = min(left for left, _, _ in tried)
-    apart = f"the links at their angles end {_distance(model, given)} m from the second hook"
+    apart = f"the links at their angles end {given * _reach(model):.2g} m from the second hook"
     if best < min(OPEN, CLOSES * given):
         # of changes that close equally well, the one with links that hang as at rest
         alike = [one for one in tried if one[0] < 1.5 * best + 1e-3]
         rest = resting_angles(model)
         off = [round(off_rest(at.in_model(change.apply(rows)), rest), 2) for _, change, at in alike]
         left, change, _ = alike[int(np.argmin(off))]
-        words = f"{change.mistake}, as it seems: {apart} as given, {_distance(model, left)} m without this mistake"
+        words = f"{change.mistake}, as it seems: {apart} as given, {left * _reach(model):.2g} m without this mistake"
         if given <= TOO_OPEN:  # a camera rolled by 2 degrees opens them as far, and a fit may free its roll
             return [f"{trace.name}: {words}: {change.fix}, or free what opens them (--auto-free)"]
         raise SceneError(f"{trace.name}: {words}. To correct it: {change.fix}")
@@ -110,7 +110,7 @@ def _open_cause(model: Model, theta: np.ndarray, free: Sequence[str]) -> str:
     missing = missing_reach(model, theta)
     off = complex(np.median(missing.real), np.median(missing.imag))
     # [m] by which frames may still be open
-    still = OPEN * float(np.sqrt(np.log(2) * np.sum(length**2)))
+    still = OPEN * _reach(model)
     links = np.exp(1j * theta)
     rows = np.concatenate([links.real, links.imag])
     more = np.linalg.lstsq(rows, np.concatenate([missing.real, missing.imag]), rcond=None)[0]
@@ -137,12 +137,13 @@ def _opening(model: Model, theta: np.ndarray) -> float:
     if len(theta) < FEWEST:
         return np.inf
     size = np.abs(missing_reach(model, theta[:: max(1, len(theta) // MOST)]))
+    return float(np.median(size) / _reach(model))
+
+
+def _reach(model: Model) -> float:
+    """Distance [m] from the second hook, in the median frame, for a change of every angle by 1 rad."""
     # the median of a squared deviation in two directions is log(2) of its mean
-    return float(np.median(size) / np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2)))
-
-
-def _distance(model: Model, opening: float) -> str:
-    return f"{opening * np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2)):.2g}"
+    return float(np.sqrt(np.log(2) * np.sum(np.asarray(model.line.length) ** 2)))
 
 
 def _closing_shifts(model: Model, theta: np.ndarray, at: Convention) -> Iterator[Change]:

@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
     shared |= {"method": chosen_method(args), "until": args.until, "held_out": spans, "settings": settings}
     say = progress(args.quiet)
     if scene is None:
-        result, found, about = fit_files(args, shared, say)
+        result, found, about = fit_files(args, free, shared, say)
     else:
         run_fit = fit_and_free if args.auto_free else fit
         result = run_fit(traces, scene, free, **shared, progress=say)
@@ -207,14 +207,11 @@ def fit_to_channels(args: argparse.Namespace, scene: Scene, free: list[str] | No
     changed = {"run.dt": args.dt, "run.integrator": args.integrator}
     scene = scene.with_values({key: value for key, value in changed.items() if value is not None})
     say = progress(args.quiet)
-    own = []
-    if args.own is not None:
-        own = args.own.split(",")
     result = fit_channels(
         args.traces[0],
         scene,
         free,
-        own=own,
+        own=[] if args.own is None else args.own.split(","),
         **shared,
         iterations=args.iterations,
         progress=say,

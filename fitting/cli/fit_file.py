@@ -65,7 +65,7 @@ def given_of(args: argparse.Namespace) -> Given:
     )
 
 
-def is_trace_file(file: str, partial: bool = False) -> bool:
+def is_trace_file(file: str, partial: bool) -> bool:
     """Whether a file has the columns of a trace, `t` and `theta_1`, or of any link if `partial`, under these names."""
     from fitting.from_file.cells import read_lines
 
@@ -73,11 +73,8 @@ def is_trace_file(file: str, partial: bool = False) -> bool:
     names = []
     if heads:
         names = re.split(r"[,;\s]+", heads[0].strip())
-    if partial:
-        angles = [name for name in names if re.fullmatch(r"theta_\d+", name)]
-    else:
-        angles = [name for name in names if name == "theta_1"]
-    return "t" in names and bool(angles)
+    pattern = r"theta_\d+" if partial else "theta_1"
+    return "t" in names and any(re.fullmatch(pattern, name) for name in names)
 
 
 def traces_for(args: argparse.Namespace, scene: Scene) -> tuple[list[str | Trace], list[str]]:
@@ -121,7 +118,9 @@ def column_names(text: str | None) -> dict[str, str] | None:
     return {name.strip(): column.strip() for name, _, column in pairs}
 
 
-def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[FitResult, Table, str]:
+def fit_files(
+    args: argparse.Namespace, free: list[str] | None, shared: Table, say: Progress
+) -> tuple[FitResult, Table, str]:
     """Fit files without a scene: the result, and what was assumed and found as plain values and as text."""
     from dropper_jax.load.scene import Scene
     from fitting.calibration.fit import fit, free_laws
@@ -136,7 +135,6 @@ def fit_files(args: argparse.Namespace, shared: Table, say: Progress) -> tuple[F
         counts = ", ".join(f"{one.trace.name} {one.trace.links}" for one in measured)
         raise SceneError(f"the files show different numbers of links: {counts}. Fit each rig alone")
     plain = propose_scene(measured[0], given)
-    free = None if args.free is None else args.free.split(",")
 
     def fit_plain() -> FitResult:
         scene = Scene.from_dict(plain, measured[0].trace.name)

@@ -109,7 +109,7 @@ class Prior(NamedTuple):
     curvature: np.ndarray
 
 
-def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequence[Common] = ()) -> Prior:
+def prior_of(parameters: Sequence[Parameter], values: np.ndarray, common: Sequence[Common]) -> Prior:
     """Contribution of the parameters' priors, single and joint ones, at these values (k,)."""
     mean, sigma = np.array([p.prior or (0.0, np.inf) for p in parameters]).reshape(-1, 2).T
     rest = (values - mean) / sigma

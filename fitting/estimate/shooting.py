@@ -35,7 +35,7 @@ SAME_EVIDENCE = 0.2
 #: Difference from the maximum log evidence at which the maximum counts as passed; and from the evidence that the linear
 #: model predicts, at which the motion does not follow that model.
 EVIDENCE_DROP = 5.0
-#: Maximum evaluations when a joined solution continues with finer steps.
+#: Maximum evaluations at each gap weight, and when a joined solution continues with finer steps.
 CONTINUED = 12
 
 
@@ -73,11 +73,9 @@ def lyapunov(simulator: Simulator, windows: Windows, evaluation: Evaluation, val
     return 0.0
 
 
-def continue_at(
-    level: Objective, begin: Solution, iterations: int, count: int = 0, progress: Progress = silent
-) -> Solution:
+def continue_at(level: Objective, begin: Solution, count: int, progress: Progress) -> Solution:
     """Continue from a solution at one gap weight, after `count` evaluations."""
-    found = descend(level, begin, iterations, progress=progress)
+    found = descend(level, begin, CONTINUED, progress=progress)
     return replace(found, iterations=count + found.iterations)
 
 
@@ -95,7 +93,6 @@ def fit_shooting(
     *,
     choose: bool = True,
     schedule: Sequence[float] = SCHEDULE,
-    iterations: int = 12,
     finer: Callable[[Solution], Solution | None] = lambda point: None,
     progress: Progress = silent,
 ) -> Solution:
@@ -105,7 +102,6 @@ def fit_shooting(
         begin: the separate windows' solution.
         choose: whether tightening stops at the maximum of the evidence; otherwise at the end of the schedule.
         schedule: gap weights.
-        iterations: maximum evaluations at each weight.
         finer: the solution on windows of half the step, or None if the step is fine enough. It is called when a smaller
             weight has less evidence: the error of a step leaves gaps like a wrong model, and would keep the weight
             large.
@@ -123,7 +119,7 @@ def fit_shooting(
     wide = WIDE_GAPS * float(np.sqrt(np.mean(separate**2)))
     schedule = [*(w for w in schedule[:-1] if w < wide), schedule[-1]]
     if choose and begin.problem.memory == 1:
-        found_at_once = follow_linear_model(begin, schedule, iterations, finer, progress)
+        found_at_once = follow_linear_model(begin, schedule, finer, progress)
         if found_at_once is not None:
             return found_at_once
     for i, weight in enumerate(schedule):
@@ -131,7 +127,7 @@ def fit_shooting(
         done = (i + 1) / (len(schedule) + 1)
         while again is not None:
             level = Objective(again.problem, weight, intermediate=True)
-            point = continue_at(level, again, iterations, total, part_of(progress, done, done))
+            point = continue_at(level, again, total, part_of(progress, done, done))
             total = point.iterations
             point.evidence = level.evidence(point)
             text = f"gap weight {weight:g}, {point.windows.substeps} substeps, evidence {point.evidence:.1f}"
@@ -163,9 +159,8 @@ def fit_shooting(
 def follow_linear_model(
     begin: Solution,
     schedule: Sequence[float],
-    iterations: int,
     finer: Callable[[Solution], Solution | None],
-    progress: Progress = silent,
+    progress: Progress,
 ) -> Solution | None:
     """The solution at the weight that the linear model of the motion chooses; None if the motion does not follow it.
 
@@ -181,7 +176,7 @@ def follow_linear_model(
         chosen = loosest_of(expected)
         if point.gap_weight != schedule[chosen]:
             level = Objective(point.problem, schedule[chosen], intermediate=True)
-            point = continue_at(level, point, iterations, total, part_of(progress, 0.5, 0.5))
+            point = continue_at(level, point, total, part_of(progress, 0.5, 0.5))
             total = point.iterations
             before = expected
             expected = log_evidence(point, schedule)
@@ -215,7 +210,7 @@ def solve_to_end(point: Solution, progress: Progress = silent) -> Solution:
     if not point.gap_weight:
         return point
     level = Objective(point.problem, point.gap_weight)
-    found = continue_at(level, point, CONTINUED, point.iterations, progress)
+    found = continue_at(level, point, point.iterations, progress)
     if found.status == "ok":
         found.evidence = level.evidence(found)
     return replace(found, step_bias=point.step_bias)

@@ -337,7 +337,10 @@ class Simulator:
                 reading = recording(self.compiled, p, number, len(theta0))
                 at = samples
                 if number:  # the first recording's clock is that of the motion
-                    at = delayed(*samples, reading.delay / dt, own_steps)
+                    position = samples[0] + samples[1] - reading.delay / dt
+                    # the fraction of a sample just outside the window lies outside 0 to 1
+                    whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(position)), 0, own_steps - 1)
+                    at = (whole.astype(jnp.int32), position - whole)
                 poses = at_samples(start, angles, rates, *at, h, on_grid and not number)
                 seen = camera_angles(model, self.compiled, p, poses)
                 if number:
@@ -446,16 +449,6 @@ def march(
     shelf = lambda a: jnp.broadcast_to(a, (capacity, *a.shape))  # noqa: E731
     (_, bad), (r, v) = scan_steps(full_interval, first, steps, (shelf(first[0].r), shelf(first[0].v)))
     return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad
-
-
-def delayed(
-    index: jax.Array, fraction: jax.Array, delay: jax.Array | float, steps: jax.Array
-) -> tuple[jax.Array, jax.Array]:
-    """Positions of samples in steps, integer and fraction, earlier by a delay [steps]; the fraction of one just outside
-    the window lies outside 0 to 1."""
-    position = index + fraction - delay
-    whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(position)), 0, steps - 1)
-    return whole.astype(jnp.int32), position - whole
 
 
 def at_samples(

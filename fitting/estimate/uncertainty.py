@@ -187,7 +187,7 @@ def quantile(chance: float, blocks: float = 0) -> float:
     return float(stdtrit(blocks - 1, chance) if 0 < blocks < FEW else ndtri(chance))
 
 
-def chance_below(distance: float, blocks: float = 0) -> float:
+def chance_below(distance: float, blocks: float) -> float:
     """The inverse of `quantile`."""
     return float(stdtr(blocks - 1, distance) if 0 < blocks < FEW else ndtr(distance))
 

@@ -23,13 +23,11 @@ class Angles:
     """Angles (k, n) [rad] without jumps, at times (k,) in the file's unit.
 
     Attributes:
-        step: difference of two readings [rad]; 0 if they are not rounded visibly.
         notes: how they were read.
     """
 
     t: np.ndarray
     theta: np.ndarray
-    step: float
     notes: tuple[str, ...]
 
 
@@ -45,8 +43,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     """
     notes = []
     turn = wrap_of(raw)
-    steps = [step_of(column) for column in raw.T]
-    step = max(steps)
+    step = max(step_of(column) for column in raw.T)
     known = raw[np.isfinite(raw)]
     is_integer = bool(np.all(known == np.round(known))) and step >= 1.0
     reach = float(np.max(np.nanmax(raw, axis=0) - np.nanmin(raw, axis=0)))
@@ -66,10 +63,7 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
     else:
         size = RADIANS.get(unit or "", 0.0)
         turn = 2 * np.pi / size if size else None
-    if turn:
-        theta = unwrap(raw, turn)
-    else:
-        theta = raw
+    theta = unwrap(raw, turn) if turn else raw
     if theta.shape[1] == 1 and is_log_of_steps(theta[:, 0], step):
         # a row is written where the reading changes: the angle is then between the two readings
         theta = 0.5 * (theta[1:] + theta[:-1])
@@ -80,11 +74,11 @@ def read_angles(file: str, t: np.ndarray, raw: np.ndarray, unit: str | None, cou
         unit, why = decide_unit(file, t, theta)
         notes.append(f"angle in {unit}: {why}")
         size = RADIANS[unit]
-    elif unit in RADIANS and len(notes) == 0:
+    elif unit in RADIANS and not notes:
         notes.append(f"angle in {unit}")
     if step:
         notes.append(f"readings in steps of {step * size:.3g} rad")
-    return Angles(t, size * theta, size * step, tuple(notes))
+    return Angles(t, size * theta, tuple(notes))
 
 
 def decide_unit(file: str, t: np.ndarray, theta: np.ndarray) -> tuple[str, str]:

@@ -134,14 +134,13 @@ def find_columns(cells: Cells, given: Mapping[str, str] | None = None) -> Column
     time = time_column(cells, names)
     used = set() if time is None else {time}
     used |= {i for i, name in enumerate(names) if set(name.words) & FRAME}
-    moving = [i for i in range(len(names)) if i not in used and moves(cells.values[:, i])]
-    points = point_pairs(names, [i for i in range(len(names)) if i not in used])
-    points = [pair for pair in points if np.isfinite(cells.values[:, pair]).mean() > 0.1]
+    free = [i for i in range(len(names)) if i not in used]
+    points = [pair for pair in point_pairs(names, free) if np.isfinite(cells.values[:, pair]).mean() > 0.1]
     angles = []
     if not points:
-        angles = angle_columns(cells, names, moving)
+        angles = angle_columns(cells, names, [i for i in free if moves(cells.values[:, i])])
     if not points and not angles:
-        still = [cells.names[i] for i in range(len(names)) if i not in used]
+        still = [cells.names[i] for i in free]
         raise SceneError(
             f"{cells.file}: nothing moves in {first_names(still, NAMED) or 'its columns'}. Give a file with motion"
         )
@@ -176,10 +175,9 @@ def describe(
     """The columns with their units, as the names and comments give them."""
     time_unit = None
     if time is not None:
-        frames = set(names[time].words) & FRAME
         if cells.clock[time]:
             time_unit = "s"
-        elif frames:
+        elif set(names[time].words) & FRAME:
             time_unit = "frames"
         else:
             time_unit = names[time].unit
@@ -248,9 +246,7 @@ def time_column(cells: Cells, names: Sequence[Name]) -> int | None:
             raise SceneError(f"{cells.file}: {cells.names[named[0]]} decreases from row to row. Reverse the rows")
         return named[0]
     content = [i for i in range(count) if increases(cells.values[:, i]) and moves(cells.values[:, i])]
-    if content:
-        return content[0]
-    return None
+    return next(iter(content), None)
 
 
 def point_pairs(names: Sequence[Name], free: Sequence[int]) -> list[tuple[int, int]]:
@@ -267,8 +263,7 @@ def point_pairs(names: Sequence[Name], free: Sequence[int]) -> list[tuple[int, i
         if axis not in axes.setdefault(rest, {}):
             axes[rest][axis] = i
     pairs = {rest: pair for rest, pair in axes.items() if len(pair) == 2}
-    found = [(pair["x"], pair["y"]) for _, pair in sorted(pairs.items(), key=lambda item: sorting_key(item[0], pairs))]
-    return found
+    return [(pairs[rest]["x"], pairs[rest]["y"]) for rest in sorted(pairs, key=lambda rest: sorting_key(rest, pairs))]
 
 
 def sorting_key(rest: tuple[str, ...], pairs: Mapping[tuple[str, ...], Mapping[str, int]]) -> tuple[float, int]:
@@ -310,8 +305,7 @@ def without_copies(cells: Cells, columns: Sequence[int]) -> list[int]:
     """The columns without those that are another one in another unit."""
     found: list[int] = []
     for i in columns:
-        same = [j for j in found if alike(cells.values[:, i], cells.values[:, j])]
-        if not same:
+        if not any(alike(cells.values[:, i], cells.values[:, j]) for j in found):
             found.append(i)
     return found
 

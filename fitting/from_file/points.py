@@ -39,14 +39,12 @@ class Links:
         theta: (k, n) [rad], in the sense of rotation from the file's x to its y axis.
         joint: (k,) start of the last link from the pivot in the file's unit of length; its real part points down.
         lengths: distances of joints (n,) in the file's unit of length; NaN for a last link of unknown length.
-        pivot: its position in the file.
         notes: how they were found.
     """
 
     theta: np.ndarray
     joint: np.ndarray
     lengths: np.ndarray
-    pivot: complex
     notes: tuple[str, ...]
 
 
@@ -80,13 +78,11 @@ def read_points(file: str, points: np.ndarray) -> Links:
         raise SceneError(f"{file}: the points do not move. Give a file with motion")
     notes = []
     fixed = spread < FIXED * spread.max()
+    pivot = None
     if fixed.sum() == 1:
         pivot = complex(np.nanmean(points[fixed][0]))
-    else:
-        pivot = None
-    moving = list(points[~fixed])
-    if pivot is not None:
         notes.append("the point that does not move is the pivot")
+    moving = list(points[~fixed])
     orders = [tuple(range(len(moving)))]
     if len(moving) <= MOST_POINTS:
         orders = list(permutations(range(len(moving))))
@@ -120,7 +116,7 @@ def read_points(file: str, points: np.ndarray) -> Links:
         found[:, j] -= down + 2 * np.pi * np.round(float(np.nanmedian(found[:, j]) - down) / (2 * np.pi))
     notes.append(f"pivot at ({pivot.real:.4g}, {pivot.imag:.4g})")
     joint = (joints[-1] - pivot) * np.exp(-1j * down)
-    return Links(found, joint, np.array(lengths), pivot, tuple(notes))
+    return Links(found, joint, np.array(lengths), tuple(notes))
 
 
 def chain_of(

@@ -109,23 +109,19 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     path = Path(path)
     cells = read_cells(path)
     columns = find_columns(cells, given.columns)
-    if columns.time is None:
-        t = np.arange(len(cells.values), dtype=float)
-    else:
+    name = None
+    t = np.arange(len(cells.values), dtype=float)
+    if columns.time is not None:
+        name = cells.names[columns.time]
         t = cells.values[:, columns.time]
     used = columns.angles or tuple(i for pair in columns.points for i in pair)
     rows = ordered_rows(cells.file, t, cells.values[:, used])
     motion = motion_of(cells, columns, rows.t, rows.values, given)
-    name = None
-    if columns.time is not None:
-        name = cells.names[columns.time]
     period = main_period(motion.t, motion.theta)
-    rate = given.rate or columns.rate
-    if given.rate and columns.time_unit is None:
+    named = columns.time_unit
+    if given.rate and named is None:
         named = "frames"
-    else:
-        named = columns.time_unit
-    second, how = unit_of_time(cells.file, motion.t, period, named, rate, name)
+    second, how = unit_of_time(cells.file, motion.t, period, named, given.rate or columns.rate, name)
     # dates in seconds since 1970 lose digits
     start = 0.0
     if abs(second * rows.start) < LATE:
@@ -149,7 +145,7 @@ def read_measured(path: str | Path, given: Given = NOTHING, links: int | None = 
     if count == 1:
         trace, swing, zero = free_part(cells.file, trace, period)
         notes += [*swing.notes, f"the reading at rest, {zero:.4g} rad, is subtracted"]
-    lengths, scaled, note = lengths_in_metres(cells.file, columns, motion, times, period, given, count, links)
+    lengths, scaled, note = lengths_in_metres(cells.file, columns.length_unit, motion, times, period, given, links)
     notes += note
     fastest = period
     if count > 1:
@@ -218,22 +214,24 @@ def free_part(file: str, trace: Trace, period: float) -> tuple[Trace, Swing, flo
 
 def lengths_in_metres(
     file: str,
-    columns: Columns,
+    unit: str | None,
     motion: Motion,
     times: np.ndarray,
     period: float,
     given: Given,
-    count: int,
     links: int | None,
 ) -> tuple[np.ndarray | None, bool, list[str]]:
     """Lengths of the links (n,) [m], whether they have an unknown factor, and notes.
 
     Args:
+        unit: of the points, if their names give it.
         times: of the motion (k,) [s].
 
     Raises:
         SceneError: several links without lengths.
     """
+    count = motion.theta.shape[1]
+    missing = ",".join(f"L{j + 1}" for j in range(count))
     if given.lengths is not None:
         if len(given.lengths) != count:
             raise SceneError(f"--lengths: {len(given.lengths)} values; {file} shows {count} links")
@@ -241,7 +239,6 @@ def lengths_in_metres(
     if count == 1 or links is not None:
         return None, False, []
     if motion.lengths is None or motion.joint is None:
-        missing = ",".join(f"L{j + 1}" for j in range(count))
         raise SceneError(
             f"{file}: the angles of {count} links do not show their lengths. Give them [m]: --lengths {missing}"
         )
@@ -249,9 +246,7 @@ def lengths_in_metres(
     lengths = motion.lengths.copy()
     if np.isnan(lengths[-1]):
         lengths[-1] = np.nanmean(lengths) if shown is None else shown[1]
-    unit = columns.length_unit
     if shown is None and unit not in METRES:
-        missing = ",".join(f"L{j + 1}" for j in range(count))
         raise SceneError(f"{file}: the points show no scale. Give the lengths of the links [m]: --lengths {missing}")
     if shown is None:
         scale = METRES[unit]

@@ -209,14 +209,14 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
         raise SceneError(f"{short}. Give a longer file")
     noise = gain * sigma
     starts = np.arange(0, len(motion) - PER_PERIOD, PER_PERIOD // 4)
-    fits = np.zeros((len(starts), 6))  # k, z, c, relative residual, its error, energy
+    fits = np.zeros((len(starts), 5))  # k, z, c, residual, size of the acceleration
     for i, low in enumerate(starts):
         part = motion[low : low + PER_PERIOD]
         (p, q, c), left = regression(part)
         size = float(np.sqrt(np.mean((part[:, 2]) ** 2)))
         residual = float(np.sqrt(left / len(part)))
-        fits[i] = np.hypot(p, q), np.arctan2(q, p), c, residual, size, 0.0
-    k, z, _, residual, size, _ = fits.T
+        fits[i] = np.hypot(p, q), np.arctan2(q, p), c, residual, size
+    k, z, c, residual, size = fits.T
     allowed = np.maximum(RESIDUAL * size, 3.0 * noise)
     smooth = residual < allowed
     loud = smooth & (size > 5.0 * noise)
@@ -261,7 +261,7 @@ def find_swing(file: str, t: np.ndarray, phi: np.ndarray, period: float, sigma: 
     rate = float(np.sqrt(np.mean(motion[starts[first] : starts[last] + PER_PERIOD, 1] ** 2)))
     inside = slice(first, last + 1)
     weight = size[inside] ** 2
-    damping = float(np.sum(fits[inside, 2] * weight) / np.sum(weight))
+    damping = float(np.sum(c[inside] * weight) / np.sum(weight))
     stiffness = float(np.sum(k[inside] * weight) / np.sum(weight))
     return Swing(begin, end, stiffness, zero, max(damping, 1e-5), rate, notes)
 

@@ -31,7 +31,7 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
     """
     estimates = result.estimates()
     value = {name: row["value"] for name, row in estimates.items()}
-    error = {name: row["std_error"] if result.has_errors else np.nan for name, row in estimates.items()}
+    error = {name: row["std_error"] for name, row in estimates.items()}
     found = []
     one = measured.trace.links == 1
     length = "line.0.length.0"

@@ -83,12 +83,10 @@ def scene_parameter(scene: Scene, model: Model, path: str, idle: bool = False) -
     )
     if ScenePath(path).section == "parameters":
         unit = _moved_unit(model, slopes)
+    elif ScenePath(path).key in ("length", "at"):  # lengths along a line are in lists that have no declaration
+        unit = "m"
     else:
-        # lengths along a line are in lists that have no declaration
-        if ScenePath(path).key in ("length", "at"):
-            unit = "m"
-        else:
-            unit = describe(path).get("unit", "-")
+        unit = describe(path).get("unit", "-")
     # a number keeps its sign
     low = 0.0 if value > 0 else -np.inf
     high = 0.0 if value < 0 else np.inf

@@ -53,10 +53,9 @@ EXAMPLE = Example()
 def calibrate_synthetic(
     folder: str | Path,
     example: Example = EXAMPLE,
-    method: str = "shooting",
     progress: Progress = silent,
 ) -> FitResult:
-    """Make the traces, fit them together, write traces and report to `folder`; `method` as in `fitting.fit`."""
+    """Make the traces, fit them together, write traces and report to `folder`."""
     # fractions of the progress at which the traces are made, and the fit has ended
     making = 0.4
     fitted = 0.91
@@ -75,7 +74,6 @@ def calibrate_synthetic(
         traces,
         example.scenes[0],
         list(example.truth),
-        method=method,
         start=example.start,
         progress=part_of(progress, making, fitted),
     )

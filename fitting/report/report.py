@@ -40,8 +40,7 @@ def write_report(result: FitResult, folder: str | Path) -> list[Path]:
     """Write `report.md`, its pictures and `fitted.toml`, the scene with the fitted values; returns the files."""
     folder = folder_without(folder, "report.md")
     fitted = fitted_scene(result.scene, result.model, result.parameters, result.values)
-    runs = {run: predict(result, run) for run, _ in fitted_runs(result)}
-    runs = {run: found for run, found in runs.items() if found is not None}
+    runs = {run: found for run, _ in fitted_runs(result) if (found := predict(result, run)) is not None}
     return [
         atomic_write(folder / "fitted.toml", as_toml(fitted.as_written())),
         *draw_fit(result, folder),
@@ -69,7 +68,7 @@ def fitted_runs(result: FitResult) -> list[tuple[int, Trace]]:
     return [(run, trace) for run, trace in enumerate(result.traces) if (result.windows.run == run).any()]
 
 
-def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None) -> str:
+def report(result: FitResult, full_runs: Mapping[int, Prediction]) -> str:
     """The Markdown text; `full_runs` are uninterrupted runs by the number of their trace."""
     names = result.solution.problem.names
     tests = []
@@ -104,7 +103,7 @@ def report(result: FitResult, full_runs: Mapping[int, Prediction] | None = None)
     for run, trace in fitted_runs(result):
         parts.append(f"## {literal(trace.name)}")
         parts += [f"![{name}]({name}_{run + 1}.png)" for name in PICTURES]
-        if full_runs and run in full_runs:
+        if run in full_runs:
             text = full_runs[run].text
             parts += [f"{text[0].upper()}{text[1:]}.", f"![one run](one_run_{run + 1}.png)"]
     return "\n\n".join(parts) + "\n"

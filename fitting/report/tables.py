@@ -32,16 +32,13 @@ def parameter_rows(result: SceneFit) -> list[tuple[str, ...]]:
 
 def interval_rows(result: SceneFit) -> list[tuple[str, ...]]:
     """90 % intervals by profile likelihood and bootstrap, if requested, with a heading."""
-    given = result.intervals()
     estimates = result.estimates()
-    tables = {by: given.get(by, {}) for by in ("profile", "bootstrap")}
     rows = [("parameter", "by", "90 % low", "high")]
-    for by, name, found in ((by, *row) for by, table in tables.items() for row in table.items()):
-        digits = significant(estimates[name]["value"], estimates[name]["std_error"])
-        note = ", not converged"
-        if found.get("converged", True):
-            note = ""
-        rows.append((name, by + note, *(f"{found[key]:.{digits}g}" for key in ("low", "high"))))
+    for by, table in result.intervals().items():
+        for name, found in table.items():
+            digits = significant(estimates[name]["value"], estimates[name]["std_error"])
+            note = "" if found.get("converged", True) else ", not converged"
+            rows.append((name, by + note, *(f"{found[key]:.{digits}g}" for key in ("low", "high"))))
     return rows
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dropper_jax import load_scene, make_stepper
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build
@@ -90,18 +90,11 @@ def observe(motion: Motion, camera: Camera, seed: int, name: str = "synthetic") 
     return Trace(name, motion.t[keep] - camera.delay, theta, convention=Convention("horizontal", 1, "rad"))
 
 
-def synthetic_traces(
-    scenes: Sequence[SceneLike],
-    duration: float = 48.0,
-    camera: Camera | None = None,
-    seed: int = 0,
-    progress: Progress = silent,
-) -> list[Trace]:
+def synthetic_traces(scenes: Sequence[SceneLike], duration: float, camera: Camera, progress: Progress) -> list[Trace]:
     """One trace per scene, such as scenarios A, B and C; labelled as synthetic by their names."""
-    camera = camera or Camera(angle_noise=0.005)
     found = []
     for i, scene in enumerate(map(load_scene, scenes)):
         progress(i / len(scenes), f"synthetic trace of {scene.name}")
         motion = simulate_truth(scene, duration, camera.rate)
-        found.append(observe(motion, camera, seed + i, f"synthetic-{scene.name}"))
+        found.append(observe(motion, camera, i, f"synthetic-{scene.name}"))
     return found

@@ -187,18 +187,12 @@ def read_trace(
     count = _check_columns(path.name, names, links)
     stated = _header_values(path.name, table.comments)
     part = lambda stem: np.stack([values[names.index(f"{stem}_{j + 1}")] for j in range(count)], axis=1)  # noqa: E731
-    omega = None
-    if "omega_1" in names:
-        omega = part("omega")
-    se = None
-    if "se_1" in names:
-        se = part("se")
     trace = Trace(
         name=path.stem,
         t=values[names.index("t")],
         theta=part("theta"),
-        omega=omega,
-        se=se,
+        omega=part("omega") if "omega_1" in names else None,
+        se=part("se") if "se_1" in names else None,
         convention=convention(stated.get("zero"), stated.get("sign"), stated.get("unit"), path.name),
         warnings=tuple(c.removeprefix(WARNING) for c in table.comments if c.startswith(WARNING)),
         model_error=float(stated.get("model_error", 0.0)),

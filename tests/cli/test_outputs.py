@@ -8,7 +8,7 @@ import pytest
 
 from dropper_jax import INTEGRATORS, SceneError
 from dropper_jax.cli import options
-from dropper_jax.cli.outputs import out_file, picture, plot_folder
+from dropper_jax.cli.outputs import add_out, picture, plot_folder
 from dropper_jax.run import quantities
 from fitting.cli import sweep
 from fitting.sweep import QUANTITIES
@@ -54,12 +54,14 @@ def test_commands_take_the_same_words(module, wanted):
 
 
 def test_a_folder_or_one_file_takes_pictures(tmp_path):
-    assert picture(plot_folder(str(tmp_path / "a")), "cost") == tmp_path / "a" / "cost.png"
-    assert picture(plot_folder(str(tmp_path / "b.png")), "cost") == tmp_path / "b.png"
+    assert picture(plot_folder(str(tmp_path / "a"), "--plot"), "cost") == tmp_path / "a" / "cost.png"
+    assert picture(plot_folder(str(tmp_path / "b.png"), "--plot"), "cost") == tmp_path / "b.png"
     with pytest.raises(SceneError, match=r"--plot: .*allowed: \.png, or a folder"):
-        plot_folder(str(tmp_path / "c.gif"))
+        plot_folder(str(tmp_path / "c.gif"), "--plot")
+    parser = argparse.ArgumentParser()
+    add_out(parser)
     with pytest.raises(SceneError, match=r"--out: .*allowed: \.json"):
-        out_file(str(tmp_path / "c.csv"))
+        parser.parse_args(["--out", str(tmp_path / "c.csv")])
 
 
 def test_a_run_leaves_its_report(tmp_path, json_of):

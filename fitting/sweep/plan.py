@@ -288,8 +288,10 @@ def make_plan(
     if chunk is None:
         chunk = default_chunk(not build_model(base).geometry.is_path, cases)
     found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
-    for model in found.models if any(axis.resizes for axis in axes) else ():
-        _check_quantities(names, model)
+    if any(axis.resizes for axis in axes):
+        for model, name in itertools.product(found.models, names):
+            if name not in QUANTITIES:  # a model of another size may lack it
+                quantity(name, model, "quantities")
     if any(quantity.signal == PERIOD for quantity in found.named_quantities):
         raise SceneError(
             "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
@@ -302,13 +304,6 @@ def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
     models = [bare_model(scene.with_values({path: value.item()})) for value in (values[0], values[-1])]
     first, last = ((model.line.links, model.free_nodes) for model in models)
     return first != last
-
-
-def _check_quantities(names: Sequence[str], model: Model) -> None:
-    """Reject quantities by name that a model of another size does not have."""
-    for name in names:
-        if name not in QUANTITIES:
-            quantity(name, model, "quantities")
 
 
 def on_processor() -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeVar
 
@@ -56,6 +56,7 @@ Tree = TypeVar("Tree")
 Shape = tuple[Any, ...]
 
 
+@dataclass
 class Variant:
     """Cases whose models have the same shape.
 
@@ -64,9 +65,8 @@ class Variant:
         compiled: its program, None before it is needed.
     """
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
-        self.compiled: jax.stages.Compiled | None = None
+    plan: Plan
+    compiled: jax.stages.Compiled | None = None
 
     @classmethod
     def of(cls, plan: Plan, values: dict[str, Any], base: tuple[Model, State]) -> Variant:
@@ -80,19 +80,17 @@ class Variant:
         return cls(own)
 
 
-class Started(NamedTuple):
-    """Cases of one variant in progress: which members they are (members,), arrays (members, ...)."""
-
-    own: np.ndarray
-    found: dict[str, jax.Array]
-
-
 class Pending(NamedTuple):
-    """Chunks in progress: their numbers, cases that the scene rejects (members,), the others by variant."""
+    """Chunks in progress.
+
+    Attributes:
+        chunks: their numbers; refused: cases that the scene rejects (members,).
+        started: of each variant, which members it has (members,) and their arrays (members, ...).
+    """
 
     chunks: list[int]
     refused: np.ndarray
-    started: list[Started]
+    started: list[tuple[np.ndarray, dict[str, jax.Array]]]
 
 
 class Members(NamedTuple):
@@ -141,8 +139,7 @@ class Program:
         members, refused = self._members(chunks)
         started = []
         for variant, own, arguments in members:
-            found = self._program(variant, arguments)(*arguments)
-            started.append(Started(own, found))
+            started.append((own, self._program(variant, arguments)(*arguments)))
         return Pending(chunks, refused, started)
 
     def at(self, values: np.ndarray) -> dict[str, np.ndarray]:
@@ -157,7 +154,8 @@ class Program:
         refused = pending.refused
         found = {}
         for own, arrays in pending.started:
-            for name, value in ((name, np.asarray(array)) for name, array in arrays.items()):
+            for name, array in arrays.items():
+                value = np.asarray(array)
                 whole = found.setdefault(name, self._empty(name, value))
                 whole[(own, *map(slice, value.shape[1:]))] = value[own]
         found["status"] = np.where(refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)

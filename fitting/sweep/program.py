@@ -156,7 +156,9 @@ class Program:
         for own, arrays in pending.started:
             for name, array in arrays.items():
                 value = np.asarray(array)
-                whole = found.setdefault(name, self._empty(name, value))
+                fill = np.nan if value.dtype.kind == "f" else 0
+                shape = (len(value), *self.plan.inner_shape(name))  # that of the largest case
+                whole = found.setdefault(name, np.full(shape, fill, value.dtype))
                 whole[(own, *map(slice, value.shape[1:]))] = value[own]
         found["status"] = np.where(refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)
         for name, value in found.items():
@@ -168,11 +170,6 @@ class Program:
             own = slice(first, first + len(self.plan.cases_of(chunk)))
             by_chunk[chunk] = {name: value[own] for name, value in found.items()}
         return by_chunk
-
-    def _empty(self, name: str, value: np.ndarray) -> np.ndarray:
-        """An array (members, ...) for the results of the largest case: NaN, or 0 for whole numbers."""
-        fill = np.nan if value.dtype.kind == "f" else 0
-        return np.full((len(value), *self.plan.inner_shape(name)), fill, value.dtype)
 
     def _members(self, chunks: list[int]) -> tuple[list[Members], np.ndarray]:
         """The members of these chunks by variant, and which cases (members,) the scene rejects."""
@@ -254,19 +251,13 @@ def stack(trees: list[Tree]) -> Tree:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
-def case_model(plan: Plan, model: Model, values: jax.Array) -> Model:
-    """The model with the values (axes,) of one case."""
-    for axis, value in zip(plan.axes, values, strict=True):
-        if axis.parameters:
-            model = apply(model, axis.parameters, jnp.broadcast_to(value, (len(axis.parameters),)))
-    return model
-
-
 def run_case(
     plan: Plan, stepper: Stepper, model: Model, start: State, values: jax.Array, dt: jax.Array
 ) -> dict[str, jax.Array]:
-    """One case from start to end; a pure function to batch."""
-    model = case_model(plan, model, values)
+    """One case, with these values (axes,), from start to end; a pure function to batch."""
+    for axis, value in zip(plan.axes, values, strict=True):
+        if axis.parameters:
+            model = apply(model, axis.parameters, jnp.broadcast_to(value, (len(axis.parameters),)))
     run = plan.scene.run
     every = run.save_every
     named = plan.named_quantities

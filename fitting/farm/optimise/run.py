@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.study.gradient_check import NOT_TRUSTED, TRUSTED, GradientCheck, check_gradient
-from fitting.farm.optimise.design import Design, Say
+from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.prices import prices
@@ -142,7 +142,7 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     return worst
 
 
-def optimise(site: Site, state: str | Path | None = None, say: Say = silent) -> Optimum:
+def optimise(site: Site, state: str | Path | None = None, say: Progress = silent) -> Optimum:
     """The best design of a site.
 
     Args:
@@ -233,7 +233,7 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
         ) from None
 
 
-def _optimum(design: Design, search: Search, before: Start, off: float, along: GradientCheck, say: Say) -> Optimum:
+def _optimum(design: Design, search: Search, before: Start, off: float, along: GradientCheck, say: Progress) -> Optimum:
     """The end of a search: constraints of whole runs, prices, assumptions."""
     feasible = search.best is not None
     if feasible:
@@ -321,13 +321,13 @@ def along_text(along: GradientCheck) -> str:
     return f"two runs along the gradient change the highest peak by {along.ratio:.3g} of what it predicts"
 
 
-def check_derivatives(design: Design, say: Say = silent) -> float:
+def check_derivatives(design: Design, say: Progress = silent) -> float:
     """The check of a design's derivatives at its start: see `check_slopes`."""
     say(0.0, "checking derivatives")
     return check_slopes(design, first_windows(design))
 
 
-def check_along(design: Design, say: Say = silent) -> GradientCheck:
+def check_along(design: Design, say: Progress = silent) -> GradientCheck:
     """Two runs of a window along the gradient of its highest peak, by 0.5 % of the variables' ranges, at the start of a
     design: the worst window."""
     say(0.0, "two runs along the gradient")

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from fitting.farm.optimise.design import Design, Say
+from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.full_storm import Storms
 from fitting.farm.optimise.values import Values, Window
 from fitting.farm.optimise.variables import bounds
@@ -111,7 +111,7 @@ LEAST_REACH = 0.25
 
 
 def run_round(
-    search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Say
+    search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Progress
 ) -> Values:
     """Steps of one round; the values at its end."""
     settings = design.settings
@@ -161,7 +161,7 @@ class _Round:
     design: Design
     windows: tuple[Window, ...]
     save: Callable[[], None]
-    say: Say
+    say: Progress
     here: Values
     taken: int = 0
     tried: int = 0
@@ -205,7 +205,7 @@ class _Round:
         return attempt
 
 
-def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Say) -> tuple[Values | None, str]:
+def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Progress) -> tuple[Values | None, str]:
     """Values of a design; None with the reason if it has no equilibrium or its windows cannot be run."""
     try:
         found = design.values(x, windows, say)
@@ -217,7 +217,7 @@ def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say:
 
 
 def measure(
-    search: Search, design: Design, say: Say, predicted: Values | None = None
+    search: Search, design: Design, say: Progress, predicted: Values | None = None
 ) -> tuple[tuple[Window, ...], Values, list[Storms]]:
     """Update the windows and compute the constraints by whole runs; the best design so far is stored.
 
@@ -257,7 +257,7 @@ def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndar
     return x
 
 
-def run_search(search: Search, design: Design, save: Callable[[], None], say: Say) -> Start:
+def run_search(search: Search, design: Design, save: Callable[[], None], say: Progress) -> Start:
     """The whole search, from its current state; returns the design at its start."""
     settings = design.settings
     windows, found, _ = measure(search, design, say)

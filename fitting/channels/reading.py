@@ -298,7 +298,11 @@ def read_data(source: str | Path | Values, scene: SceneData, folder: Path | None
     """
     if not isinstance(source, Mapping):
         folder = folder or Path(source).parent
-        source = parse_file(Path(source))
+        file = Path(source)
+        try:
+            source = parse_toml(file.read_bytes(), file.name)
+        except OSError as error:
+            raise unreadable(file.name, error) from None
     check_keys(source, ("run", "channel", "camera", "motion"), "")
     cameras = read_items(read_camera, source.get("camera", []), "camera")
     check_once([c.name for c in cameras], "camera")
@@ -310,10 +314,3 @@ def read_data(source: str | Path | Values, scene: SceneData, folder: Path | None
     runs = read_items(read_run, source.get("run", []), "run", *more, needed=True)
     check_once([run.name for run in runs], "run")
     return Data(sensors, cameras, runs)
-
-
-def parse_file(path: Path) -> Table:
-    try:
-        return parse_toml(path.read_bytes(), path.name)
-    except OSError as error:
-        raise unreadable(path.name, error) from None

@@ -171,8 +171,8 @@ def track(
     if frames < FEWEST:
         raise SceneError(f"{film.path.name}: {message or 'only'} {frames} frames; allowed: at least {FEWEST}")
     t = (offset + np.arange(frames)) / film.fps
-    if not message and end is None:
-        message = _breaks_off(film, span[0] + len(circles), t[-1])
+    if not message and end is None and span[0] + len(circles) < 0.95 * film.announced:
+        message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
     marks = find_marks(chain.flat, chain.detected)
     metres = _metres(chain, scale, distance)
     if level:
@@ -279,13 +279,6 @@ class _Setup:
         if parameters is None or self.plane is not None:
             return None
         return float(parameters[0]), float(parameters[1])
-
-
-def _breaks_off(film: Video, frames: int, last: float) -> str:
-    """Why a film of this many frames, the last one at `last` [s], was cut short; '' if it was not."""
-    if frames >= 0.95 * film.announced:
-        return ""
-    return f"the video breaks off after {last:.3g} s of {film.announced / film.fps:.3g} s"
 
 
 def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:

@@ -218,12 +218,12 @@ def local_text(found: Local) -> str:
         columns["window mean"] = [f"{x:.5g}" for x in found.window_mean]
         columns["std error"] = [f"{x:.2g}" for x in found.window_error]
     rows = [list(columns), *([column[i] for column in columns.values()] for i in order)]
-    if found.exponent is None:
-        rate = ""
-    else:
+    rate = ""
+    if found.exponent is not None:
         rate = f" (growth rate {found.exponent:.2g} per s)"
+    off = f" +- {found.value_error:.2g}" if np.isfinite(found.value_error) else ""
     pairs = [
-        ("quantity Q", f"{found.of} = {found.value:.6g}{_plus_minus(found)} {found.unit} over {found.duration:g} s"),
+        ("quantity Q", f"{found.of} = {found.value:.6g}{off} {found.unit} over {found.duration:g} s"),
         ("derivatives valid", f"{_validity(found)}{rate}"),
     ]
     if found.along is not None:
@@ -245,13 +245,6 @@ def _cells(found: Local, numbers: np.ndarray, form: str, otherwise: str) -> list
     """Numbers (p,) as text; `otherwise` where the slope is not resolved."""
     pairs = zip(numbers, found.resolved, strict=True)
     return [f"{x:{form}}" if resolved else otherwise for x, resolved in pairs]
-
-
-def _plus_minus(found: Local) -> str:
-    """The error of the quantity."""
-    if np.isfinite(found.value_error):
-        return f" +- {found.value_error:.2g}"
-    return ""
 
 
 _GROWS = {

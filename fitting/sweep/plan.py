@@ -288,8 +288,10 @@ def make_plan(
     if chunk is None:
         chunk = default_chunk(not build_model(base).geometry.is_path, cases)
     found = Plan(base, axes, names, traces, chunk, tuple(sorted(settings.items())), listed)
-    for model in found.models if any(axis.resizes for axis in axes) else ():
-        _check_quantities(names, model)
+    if any(axis.resizes for axis in axes):
+        for model, name in itertools.product(found.models, names):
+            if name not in QUANTITIES:  # a model of another size may lack it
+                quantity(name, model, "quantities")
     if any(quantity.signal == PERIOD for quantity in found.named_quantities):
         raise SceneError(
             "quantities: natural periods belong to a static pose. Use `dropper sensitivity --of period.1.start`"
@@ -304,28 +306,15 @@ def changes_size(scene: Scene, path: str, values: np.ndarray) -> bool:
     return first != last
 
 
-def _check_quantities(names: Sequence[str], model: Model) -> None:
-    """Reject quantities by name that a model of another size does not have."""
-    for name in names:
-        if name not in QUANTITIES:
-            quantity(name, model, "quantities")
-
-
-def on_processor() -> bool:
-    """Whether cases run on the CPU; on a GPU each operation costs the same for one case as for thousands."""
-    return jax.default_backend() == "cpu"
-
-
-#: An H200 runs 131 072 lab droppers only 1.14 times as fast per case.
+#: On a GPU each operation costs the same for one case as for thousands. An H200 runs 131 072 lab droppers only 1.14
+#: times as fast per case.
 LARGEST_BATCH = 16384
 
 
 def default_chunk(system: bool, cases: int) -> int:
     """Cases of a device at a time, where the user gives none."""
-    if on_processor():  # cases of a system run one after another, so that larger chunks gain nothing
-        if system:
-            return 1
-        return 64
+    if jax.default_backend() == "cpu":  # cases of a system run one after another: larger chunks gain nothing
+        return 1 if system else 64
     return min(cases, 256 if system else LARGEST_BATCH)
 
 

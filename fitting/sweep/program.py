@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeVar
 
@@ -56,6 +56,7 @@ Tree = TypeVar("Tree")
 Shape = tuple[Any, ...]
 
 
+@dataclass
 class Variant:
     """Cases whose models have the same shape.
 
@@ -64,9 +65,8 @@ class Variant:
         compiled: its program, None before it is needed.
     """
 
-    def __init__(self, plan: Plan) -> None:
-        self.plan = plan
-        self.compiled: jax.stages.Compiled | None = None
+    plan: Plan
+    compiled: jax.stages.Compiled | None = None
 
     @classmethod
     def of(cls, plan: Plan, values: dict[str, Any], base: tuple[Model, State]) -> Variant:
@@ -80,19 +80,17 @@ class Variant:
         return cls(own)
 
 
-class Started(NamedTuple):
-    """Cases of one variant in progress: which members they are (members,), arrays (members, ...)."""
-
-    own: np.ndarray
-    found: dict[str, jax.Array]
-
-
 class Pending(NamedTuple):
-    """Chunks in progress: their numbers, cases that the scene rejects (members,), the others by variant."""
+    """Chunks in progress.
+
+    Attributes:
+        chunks: their numbers; refused: cases that the scene rejects (members,).
+        started: of each variant, which members it has (members,) and their arrays (members, ...).
+    """
 
     chunks: list[int]
     refused: np.ndarray
-    started: list[Started]
+    started: list[tuple[np.ndarray, dict[str, jax.Array]]]
 
 
 class Members(NamedTuple):
@@ -141,8 +139,7 @@ class Program:
         members, refused = self._members(chunks)
         started = []
         for variant, own, arguments in members:
-            found = self._program(variant, arguments)(*arguments)
-            started.append(Started(own, found))
+            started.append((own, self._program(variant, arguments)(*arguments)))
         return Pending(chunks, refused, started)
 
     def at(self, values: np.ndarray) -> dict[str, np.ndarray]:
@@ -157,8 +154,11 @@ class Program:
         refused = pending.refused
         found = {}
         for own, arrays in pending.started:
-            for name, value in ((name, np.asarray(array)) for name, array in arrays.items()):
-                whole = found.setdefault(name, self._empty(name, value))
+            for name, array in arrays.items():
+                value = np.asarray(array)
+                fill = np.nan if value.dtype.kind == "f" else 0
+                shape = (len(value), *self.plan.inner_shape(name))  # that of the largest case
+                whole = found.setdefault(name, np.full(shape, fill, value.dtype))
                 whole[(own, *map(slice, value.shape[1:]))] = value[own]
         found["status"] = np.where(refused, STATUS.index("invalid_input"), found["status"]).astype(np.int8)
         for name, value in found.items():
@@ -170,11 +170,6 @@ class Program:
             own = slice(first, first + len(self.plan.cases_of(chunk)))
             by_chunk[chunk] = {name: value[own] for name, value in found.items()}
         return by_chunk
-
-    def _empty(self, name: str, value: np.ndarray) -> np.ndarray:
-        """An array (members, ...) for the results of the largest case: NaN, or 0 for whole numbers."""
-        fill = np.nan if value.dtype.kind == "f" else 0
-        return np.full((len(value), *self.plan.inner_shape(name)), fill, value.dtype)
 
     def _members(self, chunks: list[int]) -> tuple[list[Members], np.ndarray]:
         """The members of these chunks by variant, and which cases (members,) the scene rejects."""
@@ -256,19 +251,13 @@ def stack(trees: list[Tree]) -> Tree:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *trees)
 
 
-def case_model(plan: Plan, model: Model, values: jax.Array) -> Model:
-    """The model with the values (axes,) of one case."""
-    for axis, value in zip(plan.axes, values, strict=True):
-        if axis.parameters:
-            model = apply(model, axis.parameters, jnp.broadcast_to(value, (len(axis.parameters),)))
-    return model
-
-
 def run_case(
     plan: Plan, stepper: Stepper, model: Model, start: State, values: jax.Array, dt: jax.Array
 ) -> dict[str, jax.Array]:
-    """One case from start to end; a pure function to batch."""
-    model = case_model(plan, model, values)
+    """One case, with these values (axes,), from start to end; a pure function to batch."""
+    for axis, value in zip(plan.axes, values, strict=True):
+        if axis.parameters:
+            model = apply(model, axis.parameters, jnp.broadcast_to(value, (len(axis.parameters),)))
     run = plan.scene.run
     every = run.save_every
     named = plan.named_quantities

@@ -195,13 +195,9 @@ def run_chunk(identity: str, chunk: int) -> Found:
 
 def _remote(plan: Plan, todo: list[int], scheduler: Scheduler) -> Iterator[tuple[int, Found]]:
     """Results in the order in which the workers of a cluster finish, from the first one, which had to be compiled."""
-
-    def results_of_chunks() -> Iterator[tuple[int, Found]]:
-        identity = json.dumps(plan.identity())
-        for i, found in done_on(scheduler, run_chunk, [(identity, chunk) for chunk in todo]):
-            yield todo[i], found
-
-    results = results_of_chunks()
+    identity = json.dumps(plan.identity())
+    jobs = [(identity, chunk) for chunk in todo]
+    results = ((todo[i], found) for i, found in done_on(scheduler, run_chunk, jobs))
     return chain([next(results)], results)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
@@ -28,8 +28,6 @@ from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, peaks
 from fitting.farm.optimise.values import RunStart, Values, Window, rest
 from fitting.farm.optimise.variables import Variable, with_design
 from fitting.farm.site import Case, Part, Site
-
-Say = Callable[[float, str], None]
 
 
 class Design:
@@ -132,10 +130,10 @@ class Design:
         scene = with_design(self.calm.scene, self.variables, x)
         sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
         quantities = self.quantities(window.case, start.still)
-        own = start.still, start.rest, sea, quantities, self.dt, self.settings.window
-        return peaks(*own, slopes, window.height, start.after)
+        duration = self.settings.window
+        return peaks(start.still, start.rest, sea, quantities, self.dt, duration, slopes, window.height, start.after)
 
-    def renew_windows(self, x: np.ndarray, say: Say) -> tuple[tuple[Window, ...], list[Storms]]:
+    def renew_windows(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], list[Storms]]:
         """Windows around the peak loads of the whole runs of a design, and these runs' hard peaks.
 
         Raises:
@@ -182,7 +180,7 @@ class Design:
             return replace(window, begin=max(broke, 0.0))
         return replace(window, polished=True)
 
-    def _run_parallel(self, one: Callable[[int], Any], what: str, say: Say) -> list[Any]:
+    def _run_parallel(self, one: Callable[[int], Any], what: str, say: Progress) -> list[Any]:
         """`one` of every case; a program that is not yet compiled runs alone the first time."""
         count = len(self.cases)
         found = {}
@@ -195,19 +193,13 @@ class Design:
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
-    def values(self, x: np.ndarray, windows: Sequence[Window], say: Say, slopes: bool = True) -> Values:
-        """Objective and constraints of a design by its windows."""
+    def values(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> Values:
+        """Objective and constraints of a design by its windows, one of each case."""
         cache: dict[object, RunStart] = {}
         stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
-        if len(windows) == len(self.cases):
-            what = "derivatives" if slopes else "windows"
-            runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], slopes), what, say)
-        else:
-            runs = [self.window(x, window, start, slopes) for window, start in zip(windows, stands, strict=True)]
+        runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], True), "derivatives", say)
         hard = [run.soft * window.factor for run, window in zip(runs, windows, strict=True)]
-        slope = None
-        if slopes:
-            slope = [run.slope * window.factor[:, None] for run, window in zip(runs, windows, strict=True)]
+        slope = [run.slope * window.factor[:, None] for run, window in zip(runs, windows, strict=True)]
         return self._together(x, hard, slope, cache, all(run.solved for run in runs))
 
     def measure_full_runs(self, x: np.ndarray, full: Sequence[Storms]) -> Values:
@@ -215,24 +207,23 @@ class Design:
         cache: dict[object, RunStart] = {}
         for case in self.cases:
             self.run_start(x, case, cache)
-        return self._together(x, [storm.hard for storm in full], None, cache, True)
+        none = np.zeros(len(x) + len(ASSUMPTIONS))
+        slope = [np.tile(none, (len(storm.hard), 1)) for storm in full]
+        return self._together(x, [storm.hard for storm in full], slope, cache, True)
 
     def _together(
         self,
         x: np.ndarray,
         hard: Sequence[np.ndarray],
-        slope: Sequence[np.ndarray] | None,
+        slope: Sequence[np.ndarray],
         cache: dict[object, RunStart],
         solved: bool,
     ) -> Values:
-        """Objective and constraints from the quantities (q,) of every case and their slopes (q, p + a) (None: zero)."""
+        """Objective and constraints from the quantities (q,) of every case and their slopes (q, p + a)."""
         rows: list[tuple[str, float, np.ndarray]] = []
         by_seed: dict[str, np.ndarray] = {}
-        size = len(x) + len(ASSUMPTIONS)
         (material, *strength), of_scene = self.scene_constraints(x)
         of_scene = np.pad(of_scene, ((0, 0), (0, len(ASSUMPTIONS))))
-        if slope is None:
-            slope = [np.zeros((len(h), size)) for h in hard]
         # parts come first among the quantities
         n = len(strength)
         now = np.array(strength)[:, None]

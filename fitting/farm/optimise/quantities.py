@@ -72,7 +72,10 @@ class AnchorLoad(Quantity):
     uplift: float | None = None
 
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
-        force = jax.vmap(lambda r, t: self._line_force(model, r, t))(r, tension)
+        start = jnp.zeros((), r.dtype)
+        pulled = jnp.maximum(tension, 0.0)
+        load = lambda r, tension: load_on_fixed_point(model, self.links, self.signs, r, tension, start)  # noqa: E731
+        force = jax.vmap(load)(r, pulled)
         horizontal = horizontal_norm(force)
         up = jnp.maximum(force[:, 2], 0.0)
         if self.uplift is not None:
@@ -82,10 +85,6 @@ class AnchorLoad(Quantity):
         rising = self.up * up
         both = jnp.stack([across, jnp.zeros_like(across), rising], axis=-1)
         return (safe_norm(both) if self.any_direction else across + rising)[:, None]
-
-    def _line_force(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
-        start = jnp.zeros((), r.dtype)
-        return load_on_fixed_point(model, self.links, self.signs, r, jnp.maximum(tension, 0.0), start)
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import jsonable
 from dropper_jax.study.gradient_check import NOT_TRUSTED, TRUSTED, GradientCheck, check_gradient
-from fitting.farm.optimise.design import Design, Say
+from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.prices import prices
@@ -72,10 +72,10 @@ class Optimum:
     rounds: int
     runs: int
     history: list[Table]
-    warnings: tuple[str, ...] = ()
-    characteristic: str = "mean of the seeds' maxima"
-    dominated: tuple[Table, ...] = ()
-    along: GradientCheck | None = None
+    warnings: tuple[str, ...]
+    characteristic: str
+    dominated: tuple[Table, ...]
+    along: GradientCheck
 
     @property
     def gain(self) -> float:
@@ -84,8 +84,7 @@ class Optimum:
 
     def to_json(self) -> Table:
         """Plain values."""
-        along = None if self.along is None else self.along._asdict()
-        found = {**asdict(self), "gain": self.gain, "along": along}
+        found = {**asdict(self), "gain": self.gain, "along": self.along._asdict()}
         return {key: jsonable(value) for key, value in found.items()}
 
 
@@ -143,7 +142,7 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
     return worst
 
 
-def optimise(site: Site, state: str | Path | None = None, say: Say = silent) -> Optimum:
+def optimise(site: Site, state: str | Path | None = None, say: Progress = silent) -> Optimum:
     """The best design of a site.
 
     Args:
@@ -211,7 +210,7 @@ def _mark(design: Design) -> str:
 def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, float, GradientCheck]:
     fresh = Search(design.start, design.settings.reach)
     if file is None or not file.exists():
-        return fresh, float("nan"), GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
+        return fresh, np.nan, GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
     try:
         table: Table = json.loads(file.read_text(encoding="utf-8"))
         if table.pop("site") != mark:
@@ -227,14 +226,14 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
             table["best_objective"] = np.inf
         if table["before"] is not None:
             table["before"] = Start(**table["before"])
-        return Search(**table), float("nan") if off is None else off, GradientCheck(**along)
+        return Search(**table), np.nan if off is None else off, GradientCheck(**along)
     except (ValueError, KeyError, TypeError):
         raise SceneError(
             f"--state: {str(file)!r} is not a state of a search. Use one that it wrote, or a new file"
         ) from None
 
 
-def _optimum(design: Design, search: Search, before: Start, off: float, along: GradientCheck, say: Say) -> Optimum:
+def _optimum(design: Design, search: Search, before: Start, off: float, along: GradientCheck, say: Progress) -> Optimum:
     """The end of a search: constraints of whole runs, prices, assumptions."""
     feasible = search.best is not None
     if feasible:
@@ -245,17 +244,11 @@ def _optimum(design: Design, search: Search, before: Start, off: float, along: G
     p = len(design.variables)
     limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)
-    if search.fixed is None:
-        fixed = np.zeros(p, bool)
-    else:
-        fixed = np.asarray(search.fixed, bool)
+    fixed = np.zeros(p, bool) if search.fixed is None else np.asarray(search.fixed, bool)
     price = prices(here, search.x, low, high, fixed, limit)
     costs = here.slope[p:] + price.of @ here.slopes[:, p:]
     dominated = dominated_slopes(here, high - low, limit)
-    if search.best_residual is None:
-        residual = float("nan")
-    else:
-        residual = float(search.best_residual)
+    residual = np.nan if search.best_residual is None else search.best_residual
     return Optimum(
         variables=design.variables,
         before=np.array(before.x),
@@ -294,7 +287,7 @@ def design_warnings(
     along: GradientCheck | None = None,
 ) -> list[str]:
     """Reasons to doubt a design's numbers, one line each; `reach` is that of the last steps."""
-    reasons = (
+    reasons = [
         (
             residual > RESIDUAL,
             f"windows and whole runs differed by {residual:.1%} of a limit where the design was found (limit "
@@ -316,27 +309,25 @@ def design_warnings(
             f"one seed dominates {len(dominated)} derivative(s) of active constraints: their mean and median differ in "
             "what they predict. Use more run.seeds, and compare designs by their whole runs",
         ),
-        (
-            along is not None and along.status != TRUSTED,
-            f"{along_text(along)}: not_trusted. Compare designs by their whole runs",
-        ),
-    )
+    ]
+    if along is not None:
+        untrusted = f"{along_text(along)}: not_trusted. Compare designs by their whole runs"
+        reasons.append((along.status != TRUSTED, untrusted))
     return [reason for applies, reason in reasons if applies]
 
 
-def along_text(along: GradientCheck | None) -> str:
+def along_text(along: GradientCheck) -> str:
     """What two runs along the gradient show."""
-    ratio = np.nan if along is None else along.ratio
-    return f"two runs along the gradient change the highest peak by {ratio:.3g} of what it predicts"
+    return f"two runs along the gradient change the highest peak by {along.ratio:.3g} of what it predicts"
 
 
-def check_derivatives(design: Design, say: Say = silent) -> float:
+def check_derivatives(design: Design, say: Progress = silent) -> float:
     """The check of a design's derivatives at its start: see `check_slopes`."""
     say(0.0, "checking derivatives")
     return check_slopes(design, first_windows(design))
 
 
-def check_along(design: Design, say: Say = silent) -> GradientCheck:
+def check_along(design: Design, say: Progress = silent) -> GradientCheck:
     """Two runs of a window along the gradient of its highest peak, by 0.5 % of the variables' ranges, at the start of a
     design: the worst window."""
     say(0.0, "two runs along the gradient")

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dropper_jax.base.errors import SceneError
+from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from fitting.farm.optimise.design import Design, Say
+from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.full_storm import Storms
 from fitting.farm.optimise.values import Values, Window
 from fitting.farm.optimise.variables import bounds
@@ -111,15 +111,13 @@ LEAST_REACH = 0.25
 
 
 def run_round(
-    search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Say
+    search: Search, design: Design, windows: tuple[Window, ...], save: Callable[[], None], say: Progress
 ) -> Values:
     """Steps of one round; the values at its end."""
     settings = design.settings
     say(0.0, f"round {search.round + 1}: derivatives")
     one = _Round(search, design, windows, save, say, design.values(search.x, windows, say))
-    renew = 1
-    if (search.residual or 0.0) <= RESIDUAL:
-        renew = settings.renew
+    renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
     search.reach = max(search.reach, LEAST_REACH * settings.reach)
     while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
         first = one.attempt(one.here)
@@ -155,23 +153,23 @@ class _Attempt:
         return self.won >= 0.05 * self.gain
 
 
+@dataclass
 class _Round:
     """A round in progress: current values, steps tried and taken."""
 
-    def __init__(
-        self,
-        search: Search,
-        design: Design,
-        windows: tuple[Window, ...],
-        save: Callable[[], None],
-        say: Say,
-        here: Values,
-    ) -> None:
-        self.search, self.design, self.windows, self.save, self.say = search, design, windows, save, say
-        self.here, self.taken, self.tried = here, 0, 0
-        self.limit = 1.0 - design.settings.margin
-        self.low, self.high = bounds(design.variables)
-        self.span = np.array([v.span for v in design.variables])
+    search: Search
+    design: Design
+    windows: tuple[Window, ...]
+    save: Callable[[], None]
+    say: Progress
+    here: Values
+    taken: int = 0
+    tried: int = 0
+
+    @property
+    def limit(self) -> float:
+        """Upper limit of the constraints."""
+        return 1.0 - self.design.settings.margin
 
     def merit(self, values: Values) -> float:
         return values.objective / self.search.scale + PRICE * violation(values, self.limit)
@@ -180,23 +178,22 @@ class _Round:
         """The step of a model's linear programme within the reach, run; None if it predicts no gain."""
         search = self.search
         settings = self.design.settings
-        fixed = False
+        low, high = bounds(self.design.variables)
+        span = np.array([v.span for v in self.design.variables])
+        reach = search.reach * span
         if search.fixed is not None:
-            fixed = search.fixed
-        step_range = np.where(fixed, 0.0, search.reach * self.span)
-        bounds = np.maximum(self.low - search.x, -step_range), np.minimum(self.high - search.x, step_range)
-        step = programme(model, *bounds, search.scale, self.limit)
+            reach = np.where(search.fixed, 0.0, reach)
+        least = np.maximum(low - search.x, -reach)
+        most = np.minimum(high - search.x, reach)
+        step = programme(model, least, most, search.scale, self.limit)
         gain = self.merit(self.here) - (step.objective / search.scale + PRICE * step.violation)
         if gain < 1e-4 * settings.enough + 1e-9:
             return None
         self.tried += 1
-        x = np.clip(search.x + step.step, self.low, self.high)
+        x = np.clip(search.x + step.step, low, high)
         found, failure = _try_design(self.design, x, self.windows, self.say)
-        if found is None:
-            won = -np.inf
-        else:
-            won = self.merit(self.here) - self.merit(found)
-        attempt = _Attempt(x, step.step, float(np.max(np.abs(step.step) / self.span)), found, gain, won)
+        won = -np.inf if found is None else self.merit(self.here) - self.merit(found)
+        attempt = _Attempt(x, step.step, float(np.max(np.abs(step.step) / span)), found, gain, won)
         row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach, "values": x.tolist()}
         if found is None:
             search.history.append({**row, "failure": failure})
@@ -208,19 +205,19 @@ class _Round:
         return attempt
 
 
-def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Say) -> tuple[Values | None, str]:
+def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Progress) -> tuple[Values | None, str]:
     """Values of a design; None with the reason if it has no equilibrium or its windows cannot be run."""
     try:
         found = design.values(x, windows, say)
     except SceneError as error:
         return None, str(error)
     if found.solved:
-        return (found, "")
-    return (None, "steps of a window fail")
+        return found, ""
+    return None, "steps of a window fail"
 
 
 def measure(
-    search: Search, design: Design, say: Say, predicted: Values | None = None
+    search: Search, design: Design, say: Progress, predicted: Values | None = None
 ) -> tuple[tuple[Window, ...], Values, list[Storms]]:
     """Update the windows and compute the constraints by whole runs; the best design so far is stored.
 
@@ -260,7 +257,7 @@ def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndar
     return x
 
 
-def run_search(search: Search, design: Design, save: Callable[[], None], say: Say) -> Start:
+def run_search(search: Search, design: Design, save: Callable[[], None], say: Progress) -> Start:
     """The whole search, from its current state; returns the design at its start."""
     settings = design.settings
     windows, found, _ = measure(search, design, say)

@@ -7,7 +7,7 @@ from pathlib import Path
 from dropper_jax.base.markdown import bullets, cell, table
 from dropper_jax.base.read import Table
 from dropper_jax.plots import style
-from fitting.farm.report_files import write_report
+from fitting.farm.site.report_files import write_report
 
 COLUMNS = (
     "month",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -64,14 +64,14 @@ class Site:
     factors: Factors
     parts: tuple[Part, ...]
     anchors: tuple[Anchor, ...]
-    crop: dict[str, dict[str, float]] = field(default_factory=dict)
+    crop: dict[str, dict[str, float]]
+    quantities: tuple[str, ...]
+    raw: Table
+    table: Table
+    file: Path | None
     exclusion: Exclusion | None = None
     backbone: Backbone | None = None
     season: SeasonValues | None = None
-    quantities: tuple[str, ...] = ()
-    raw: Table = field(default_factory=dict)
-    table: Table = field(default_factory=dict)
-    file: Path | None = None
 
     @cached_property
     def lines(self) -> tuple[str, ...]:

@@ -4,22 +4,14 @@ import json
 
 import numpy as np
 import pytest
+from hard_scenes import rods
 
 from dropper_jax import as_toml, load_scene
 from dropper_jax.cli import main
 from fitting import Camera, observe, simulate_truth, write_trace
 from fitting.cli.fit_options import held_out_spans
 
-PENDULUM = {
-    "run": {"dt": 0.01, "duration": 10.0},
-    "point": [
-        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-        {"name": "bob", "kind": "free", "position": [1.0, 0.0, 0.0]},
-    ],
-    "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.1}, "quadratic_damping": {"b_q": 0.05}},
-    "start": {"kind": "angles", "zero": "down", "polar": [1.5707963267948966]},
-}
+PENDULUM = rods([np.pi / 2], effects={"linear_damping": {"b_l": 0.1}, "quadratic_damping": {"b_q": 0.05}})
 GUESS = {"weight": {}, "linear_damping": {"b_l": 1.0}, "quadratic_damping": {"b_q": 0.5}}
 KEYS = {
     "schema", "status", "parameters", "correlation", "rms_rad", "held_out_rms_rad", "chi2_per_dof", "noise_rad",

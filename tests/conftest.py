@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -71,6 +72,7 @@ import dropper_jax as dj  # noqa: E402
 from dropper_jax import Solution  # noqa: E402
 from dropper_jax.backend.programs import STORE, memory_maps, return_memory  # noqa: E402
 from dropper_jax.cli import main  # noqa: E402
+from dropper_jax.solvers import SOLVERS  # noqa: E402
 from dropper_jax.stepping.control import advance_over  # noqa: E402
 from dropper_jax.stepping.integrate import begin  # noqa: E402
 
@@ -232,6 +234,36 @@ def slopes_of(both_modes):
             expected = (4 * (ends[0] - ends[1]) / (2 * size) - (ends[2] - ends[3]) / (4 * size)) / 3
             assert reverse[i] == pytest.approx(expected, rel=rel, abs=rel * largest), i
         return reverse
+
+    return check
+
+
+@pytest.fixture(scope="session")
+def network_is_exact():
+    """`network_is_exact(model, s, spread)`: the network's solve and its transpose undo the whole Jacobian of a step.
+
+    A step from `s`, whose places (by `spread` [m]), speeds and tensions are shaken; so is what is asked of the step.
+    """
+
+    def check(model, s, spread=0.0, within=1e-8):
+        rng = np.random.default_rng(1)
+        normal = lambda x: jnp.asarray(rng.normal(size=x.shape))  # noqa: E731
+        if spread:
+            tension = jnp.asarray(rng.uniform(1.0, 5.0, s.tension.shape))
+            s = replace(s, r=s.r + spread * normal(s.r), v=0.5 * normal(s.r), tension=tension)
+        problem = dj.make_stepper(model).integrator.problem(model, s, jnp.asarray(0.01))
+        guess = problem.guess()
+        u = replace(guess, x=guess.x + 1e-3 * normal(guess.x), z=tuple(normal(z) for z in guess.z))
+        rows = jax.tree.map(normal, u)
+
+        @jax.jit
+        def undone(rows):
+            linear = SOLVERS["network"].linearise(problem, u)
+            ahead = jax.jvp(problem.residual, (u,), (linear.apply(rows),))[1]
+            return ahead, jax.vjp(problem.residual, u)[1](linear.transpose().apply(rows))[0]
+
+        for found in undone(rows):
+            jax.tree.map(partial(np.testing.assert_allclose, rtol=0.0, atol=within), found, rows)
 
     return check
 

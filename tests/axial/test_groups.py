@@ -1,7 +1,6 @@
 """Laws side by side in one system: rigid links, ropes and tables, against closed forms and against one law for all."""
 
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 
 import jax
@@ -13,8 +12,6 @@ from scipy.special import ellipk
 import dropper_jax as dj
 from dropper_jax import build_model
 from dropper_jax.axial import Elastic, Groups, LinkStart, Rigid, Rope
-from dropper_jax.residual import Unknowns
-from dropper_jax.solvers import SOLVERS
 
 SCENE = "rigid-dropper-longline"
 DROPPER = 8.0  # [m]
@@ -93,7 +90,7 @@ def test_a_rigid_dropper_moves_in_waves_as_one_of_stiff_links_does():
 
 
 @pytest.mark.check
-def test_many_rigid_lines_of_every_length_are_solved_as_by_the_whole_jacobian():
+def test_many_rigid_lines_of_every_length_are_solved_as_by_the_whole_jacobian(network_is_exact):
     """Lines of one link, of many, loops at one point, ends held and free, more points than one block holds."""
     rng = np.random.default_rng(3)
     points = [point("left", 0.0, 0.0, 0.0), point("right", 30.0, 0.0, 0.0)]
@@ -108,19 +105,7 @@ def test_many_rigid_lines_of_every_length_are_solved_as_by_the_whole_jacobian():
     model = build_model(dj.load_scene(bare(lines, points)))
     shape = (model.free_nodes, 3)
     s = dj.state(model, rng.normal(size=shape), 0.1 * rng.normal(size=shape), rng.normal(size=model.line.links) + 50.0)
-    scheme = dj.make_stepper(model).integrator
-
-    @partial(jax.jit, static_argnums=(0, 1))
-    def solved(name: str, transposed: bool) -> Unknowns:
-        problem = scheme.problem(model, s, jnp.asarray(0.01))
-        rows = jax.tree.map(lambda x: jnp.sin(37.0 * jnp.arange(1.0, x.size + 1)).reshape(x.shape), problem.guess())
-        factored = SOLVERS[name].linearise(problem, problem.guess())
-        return (factored.transpose() if transposed else factored).apply(rows)
-
-    for transposed in (False, True):
-        network, dense = solved("network", transposed), solved("dense", transposed)
-        np.testing.assert_allclose(network.x, dense.x, atol=1e-8 * np.max(np.abs(dense.x)))
-        np.testing.assert_allclose(network.y, dense.y, atol=1e-8 * np.max(np.abs(dense.y)))
+    network_is_exact(model, s)
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

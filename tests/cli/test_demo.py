@@ -3,23 +3,16 @@
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from hard_scenes import rods
 
 from dropper_jax import plots
 from dropper_jax.cli import demo, main
 from fitting.report import example
 from fitting.report import report as fit_report
 
-PENDULUM = {
-    "run": {"dt": 0.01, "duration": 10.0},
-    "point": [
-        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-        {"name": "bob", "kind": "free", "position": [1.0, 0.0, 0.0]},
-    ],
-    "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.0}, "quadratic_damping": {"b_q": 0.0}},
-    "start": {"kind": "angles", "zero": "down", "polar": [1.5707963267948966]},
-}
+PENDULUM = rods([np.pi / 2], effects={"linear_damping": {"b_l": 0.0}, "quadratic_damping": {"b_q": 0.0}})
 
 
 @pytest.fixture

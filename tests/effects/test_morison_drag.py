@@ -1,4 +1,4 @@
-"""Morison's drag: its definition, terminal speed, the angle in a current, turning points, frozen directions."""
+"""Morison's drag and inertia by definition; terminal speed, angle in a current, turning points, frozen tangents."""
 
 from dataclasses import replace
 
@@ -13,11 +13,10 @@ RHO, G = 1000.0, 9.81
 LOOSE = {"axial": {"law": "elastic", "EA": 1e-12}}
 
 
-def test_forced_cylinder_meets_morisons_drag_across_and_along(hanging, in_water):
+def test_forced_cylinder_meets_morisons_drag_and_inertia_across_and_along(hanging, in_water):
     waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}
-    model, state = dj.build(
-        hanging({"weight": {}, "morison_drag": {"cdn": 1.3, "cdt": 0.2}}, {"waves": waves}, links=3, length=2.0)
-    )
+    effects = {"morison_drag": {"cdn": 1.3, "cdt": 0.2}, "morison_inertia": {"can": 0.9, "cat": 0.3}}
+    model, state = dj.build(hanging({"weight": {}, **effects}, {"waves": waves}, links=3, length=2.0))
     rng = np.random.default_rng(0)
     r = np.asarray(state.r) + rng.normal(size=(3, 3))
     v, t, D, L = rng.normal(size=(3, 3)), 1.3, 0.05, 2.0
@@ -26,10 +25,13 @@ def test_forced_cylinder_meets_morisons_drag_across_and_along(hanging, in_water)
     links = np.diff(np.concatenate([[[0.0, 0.0, -5.0]], r]), axis=0)
     for i in range(3):
         q = links[i] / np.linalg.norm(links[i])
-        u = np.asarray(water.velocity[i]) - v[i]
+        u, a = np.asarray(water.velocity[i]) - v[i], np.asarray(water.acceleration[i])
         un, ut = u - (u @ q) * q, (u @ q) * q
-        expected = 0.5 * RHO * L * D * (1.3 * np.linalg.norm(un) * un + 0.2 * np.pi * np.linalg.norm(ut) * ut)
-        np.testing.assert_allclose(model.effect("morison_drag").force(k)[i], expected, rtol=1e-8)
+        an, at = a - (a @ q) * q, (a @ q) * q
+        drag = 0.5 * RHO * L * D * (1.3 * np.linalg.norm(un) * un + 0.2 * np.pi * np.linalg.norm(ut) * ut)
+        np.testing.assert_allclose(model.effect("morison_drag").force(k)[i], drag, rtol=1e-8)
+        inertia = RHO * np.pi / 4 * D**2 * L * (1.9 * an + 1.3 * at)
+        np.testing.assert_allclose(model.effect("morison_inertia").force(k)[i], inertia, rtol=1e-8)
 
 
 def test_a_falling_node_reaches_terminal_speed_as_tanh(hanging, runs):

@@ -1,4 +1,4 @@
-"""Morison's inertia: its definition, added mass, a wet pendulum, a particle that goes with the water."""
+"""Morison's inertia: added mass, a wet pendulum, a particle that goes with the water."""
 
 import jax
 import jax.numpy as jnp
@@ -9,25 +9,6 @@ import dropper_jax as dj
 
 RHO, G = 1000.0, 9.81
 LOOSE = {"axial": {"law": "elastic", "EA": 1e-12}}
-
-
-def test_forced_cylinder_meets_morisons_inertia_across_and_along(hanging, in_water):
-    waves = {"kind": "regular", "amplitude": 1.0, "period": 7.0, "direction": 0.5}
-    model, state = dj.build(
-        hanging({"weight": {}, "morison_inertia": {"can": 0.9, "cat": 0.3}}, {"waves": waves}, links=3, length=2.0)
-    )
-    rng = np.random.default_rng(0)
-    r = np.asarray(state.r) + rng.normal(size=(3, 3))
-    v, t, D, L = rng.normal(size=(3, 3)), 1.3, 0.05, 2.0
-    k = in_water(model, r, v, t)
-    water = model.sea.at(jnp.asarray(r), jnp.asarray(t))
-    links = np.diff(np.concatenate([[[0.0, 0.0, -5.0]], r]), axis=0)
-    for i in range(3):
-        q = links[i] / np.linalg.norm(links[i])
-        a = np.asarray(water.acceleration[i])
-        an, at = a - (a @ q) * q, (a @ q) * q
-        expected = RHO * np.pi / 4 * D**2 * L * (1.9 * an + 1.3 * at)
-        np.testing.assert_allclose(model.effect("morison_inertia").force(k)[i], expected, rtol=1e-8)
 
 
 def test_forced_oscillation_in_still_water_costs_morisons_force(hanging, in_water):

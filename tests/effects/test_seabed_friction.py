@@ -33,7 +33,7 @@ def on_the_bed(one_line, links, length, kind, **more):
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("integrator", ["energy_momentum", pytest.param("generalized_alpha", marks=pytest.mark.check)])
+@pytest.mark.parametrize("integrator", ["energy_momentum", "generalized_alpha"])
 def test_a_sliding_weight_stops_after_v2_over_2_mu_g(one_line, integrator):
     mu, speed = 0.4, 2.0
     kind = {"mass": 1e-3, "diameter": 0.02, "EA": 1e4}

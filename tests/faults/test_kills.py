@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hard_scenes import rods
 
 import dropper_jax as dj
 from dropper_jax import Solution, as_toml, recover
@@ -26,16 +27,7 @@ HOWS = [signal.SIGKILL, signal.SIGTERM]
 RUN = ["run", "conical-pendulum", "--duration", "4000", "--quiet"]
 SWEEP = ["sweep", "conical-pendulum", "--vary", "line.0.mass=1:2:600", "--duration", "1", "--chunk", "4"]
 SWEEP += ["--devices", "1", "--quiet"]
-PENDULUM = {
-    "run": {"dt": 0.01, "duration": 10.0},
-    "point": [
-        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-        {"name": "bob", "kind": "free", "position": [1.0, 0.0, 0.0]},
-    ],
-    "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.1}},
-    "start": {"kind": "angles", "zero": "down", "polar": [1.5707963267948966]},
-}
+PENDULUM = rods([np.pi / 2], effects={"linear_damping": {"b_l": 0.1}})
 #: What differs between two fits of the same numbers.
 CLOCKS = ("seconds", "compile_s", "run_s")
 

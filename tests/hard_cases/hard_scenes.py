@@ -33,27 +33,29 @@ def loop(
     )
 
 
+def rods(
+    polar: list[float], length: float = 1.0, mass: float = 1.0, effects: dict[str, Any] | None = None, **start: Any
+) -> dict[str, Any]:
+    """A chain from a pivot to a free bob, its links at polar angles [rad] from straight down, in air."""
+    tip = length * np.array([np.sum(np.sin(polar)), 0.0, -np.sum(np.cos(polar))])
+    return {
+        "run": {"dt": 0.01, "duration": 10.0},
+        "point": [
+            {"name": "pivot", "position": [0.0, 0.0, 0.0]},
+            {"name": "bob", "kind": "free", "position": tip.tolist()},
+        ],
+        "line": [{"name": "rod", "from": "pivot", "to": "bob", "links": len(polar), "length": length, "mass": mass}],
+        "effects": {"weight": {}, **(effects or {})},
+        "start": {"kind": "angles", "zero": "down", "polar": list(polar), **start},
+    }
+
+
 def chain(
     name: str, polar: list[float], length: float = 1.0, effects: dict[str, Any] | None = None, **start: Any
 ) -> Scene:
-    """A free-ended chain, its links at polar angles [rad] from straight down, with rates as in `[start]`."""
-    angles = np.asarray(polar)
-    tip = length * np.array([np.sum(np.sin(angles)), 0.0, -np.sum(np.cos(angles))])
-    return load_scene(
-        {
-            "name": name,
-            "run": {"dt": 0.01, "duration": 10.0},
-            "point": [
-                {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-                {"name": "tip", "kind": "free", "position": tip.tolist()},
-            ],
-            "line": [
-                {"name": "chain", "from": "pivot", "to": "tip", "links": len(polar), "length": length, "mass": 1.0}
-            ],
-            "effects": {"weight": {}} if effects is None else effects,
-            "start": {"kind": "angles", "zero": "down", "polar": list(polar), **start},
-        }
-    )
+    """Links of 1 kg, with rates as in `[start]`."""
+    table = {"name": name} | rods(polar, length, **start)
+    return load_scene(table if effects is None else table | {"effects": effects})
 
 
 def with_motion(scene: Scene, positions: np.ndarray, velocities: np.ndarray) -> Scene:

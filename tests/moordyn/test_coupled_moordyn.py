@@ -46,13 +46,6 @@ def test_forces_of_a_driven_chain_are_those_of_moordyn(tmp_path, monkeypatch):
     ours = np.array([coupled.step(*motion((i + 1) * COARSE), COARSE)[0] for i in range(len(other))])
     assert np.abs(at_rest - other[0]).max() < 0.01 * np.linalg.norm(at_rest)
     difference = np.linalg.norm(ours - other, axis=1) / np.linalg.norm(other, axis=1)
-    print(
-        "worst",
-        difference.max(),
-        np.sqrt(np.mean(difference**2)),
-        np.linalg.norm(other, axis=1).min(),
-        np.linalg.norm(other, axis=1).max(),
-    )
     assert np.ptp(np.linalg.norm(other, axis=1)) > 0.15 * np.linalg.norm(at_rest)  # it is driven
     assert difference.max() < 0.04
     assert np.sqrt(np.mean(difference**2)) < 0.01
@@ -89,7 +82,6 @@ def test_anchor_of_a_chain_on_the_bed_feels_the_friction_law_of_moordyn(tmp_path
         run = dj.simulate(scene)
         assert run.status == "ok"
         found[law] = run.tension[1:, [0, -1]][late]
-    print({law: (x.mean(0), x.std(0), x.max(0)) for law, x in {**found, "theirs": theirs}.items()})
     for end in (0, 1):
         assert found["moordyn"][:, end].std() == pytest.approx(theirs[:, end].std(), rel=0.03)
         assert found["moordyn"][:, end].max() == pytest.approx(theirs[:, end].max(), rel=0.03)
@@ -129,6 +121,5 @@ def test_deviation_of_a_driven_jumper_is_moordyns_where_it_is_called_at_every_st
     table["run"] = {"dt": 0.01, "duration": span, "save_every": 5}
     ours = dj.simulate(table).tension[1:, -1][late].std()
     each, coarse = theirs(1), theirs(10)
-    print(ours, each, coarse)
     assert ours == pytest.approx(each, rel=5e-3)
     assert coarse < 0.98 * each

@@ -17,13 +17,6 @@ from dropper_jax.scene import LineSlice
 DECK = (Path(__file__).parent / "chain.txt").read_text()
 
 
-@pytest.mark.parametrize("name", ["depth", "DEPTH", "WATERDEPTH", "WtrDpth"])
-def test_depth_by_any_of_its_names(tmp_path, name):
-    file = tmp_path / "deck.txt"
-    file.write_text(DECK.replace("WtrDpth", name))
-    assert read_moordyn(file)["sea"]["depth"] == 50.0
-
-
 def test_depth_of_the_caller_where_the_file_has_none(tmp_path):
     file = tmp_path / "deck.txt"
     file.write_text("\n".join(line for line in DECK.splitlines() if "WtrDpth" not in line))
@@ -35,25 +28,6 @@ def test_depth_of_the_caller_where_the_file_has_none(tmp_path):
     file.write_text(DECK)
     with pytest.raises(SceneError, match="the file gives its own"):
         read_moordyn(file, 40.0)
-
-
-def test_headers_with_more_words_and_options_that_change_nothing_here(tmp_path):
-    file = tmp_path / "deck.txt"
-    text = DECK.replace(" LINE TYPES --", " LINE TYPES Chain of grade R4 --").replace(" OUTPUTS --", " OUTPUT --")
-    file.write_text(text.replace("50            WtrDpth", "50            WtrDpth\n0 fileIC"))
-    found = read_moordyn(file)
-    assert [kind["name"] for kind in found["line_type"]] == ["Chain"]
-    assert any("fileIC" in note for note in found["notes"])
-
-
-def test_what_results_lack_is_named_by_itself(tmp_path):
-    file = tmp_path / "deck.txt"
-    more = '"water.dat" WaterKin\n0.3 MU_KT\n0.0 MU_KA'
-    file.write_text(DECK.replace("50            WtrDpth", f"50            WtrDpth\n{more}"))
-    notes = read_moordyn(file)["notes"]
-    assert any("WaterKin" in note and "no waves or current" in note for note in notes)
-    assert any("MU_KT 0.3" in note and "no friction" in note for note in notes)
-    assert not any("MU_KA" in note for note in notes)
 
 
 def test_a_step_for_stability_is_not_ours(tmp_path):

@@ -270,9 +270,9 @@ def test_lines_cut_by_attached_points_come_back_as_pieces_of_their_line(tmp_path
 
 def test_what_a_scene_has_no_place_for_stays_a_warning_of_its_runs(deck):
     text = CHAIN.replace("-0.8         0 ", "-0.8|50      m.txt ").replace("1e8 ", "1e8|2e8 ")
-    text = text.replace("1e-4          threshIC", "rk4 tScheme\n5 Currents\n1e-4          threshIC")
+    text = text.replace("1e-4          threshIC", "rk4 tScheme\n5 Currents\n0 fileIC\n1e-4          threshIC")
     scene = load_scene(deck(text))
-    for word in ("EI", "EA 1e8|2e8", "BA -0.8|50", "coupled", "tScheme", "Currents 5", "no duration"):
+    for word in ("EI", "EA 1e8|2e8", "BA -0.8|50", "coupled", "tScheme", "Currents 5", "fileIC", "no duration"):
         assert any(word in note for note in scene.notes), word
     assert all(note.startswith("mooring.txt: ") for note in scene.notes)
     assert load_scene(scene.to_dict()).notes == scene.notes
@@ -286,6 +286,8 @@ def test_what_a_scene_has_no_place_for_stays_a_warning_of_its_runs(deck):
         ("1     Chain       1  ", "1     Chian       1  ", 15, "line type 'Chian' is not in the file"),
         ("        2        100 ", "        7        100 ", 15, "'7' is not a point of the file"),
         ("  100       20 ", "  1OO       20 ", 15, "UnstrLen: '1OO' is not a number"),
+        ("  100       20 ", "  100       2.5 ", 15, "NumSegs"),
+        ("0.1     30.0", "0.1     thirty", 6, "Mass/m: 'thirty' is not a number"),
         ("  100       20 ", "  -100       20 ", 15, "UnstrLen: -100 is out of range"),
         ("0.1     30.0      1e8", "0.1     30.0      0", 6, "EA: 0 is out of range"),
         ("0.1     30.0      1e8", "0.1     30.0      missing.txt", 6, "neither a number nor a readable file"),

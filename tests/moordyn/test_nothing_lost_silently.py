@@ -82,8 +82,6 @@ PLAIN_LINES = [
 ]
 COEFFICIENTS = {"effects.morison_drag": {"cdn": 1.2, "cdt": 0.1}, "effects.morison_inertia": {"can": 1.0, "cat": 0.0}}
 LINKS: dict[str, Any] = {"line_type": None, "line": PLAIN_LINES, **COEFFICIENTS}
-BENT = {"effects.bending": {}}
-SCREW = {"point": "anchor", "kind": "screw", "plates": [0.3], "depths": [3.0]}
 
 RAMP = {"sea.ramp": 5.0}
 #: What follows from other values, which have cases of their own, or what systems of lines refuse as they are read.

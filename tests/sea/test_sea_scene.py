@@ -2,7 +2,6 @@
 
 import copy
 
-import jax
 import numpy as np
 import pytest
 
@@ -15,10 +14,6 @@ from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec, sea_names
 from dropper_jax.sea.wave_files import elevation_components, from_wavespectra
 
-SCENES = (
-    *("dropper-north-sea", "dropper-north-sea-thesis", "dropper-current", "dropper-regular-wave"),
-    *("wet-pendulum-wave", "string-in-current"),
-)
 LINE = {
     "run": {"dt": 0.02, "duration": 100.0},
     "point": [{"name": "a", "position": [0, 0, -1]}, {"name": "b", "kind": "free", "position": [0, 0, -5]}],
@@ -41,13 +36,6 @@ def changed(**values) -> dict:
         else:
             place[key] = value
     return table
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_packaged_scenes_load_build_and_keep_their_values(name):
-    scene = dj.load_scene(name)
-    assert dj.Scene.from_dict(scene.to_dict()) == scene
-    assert scene.sea is not None
 
 
 @pytest.mark.parametrize(("name", "hs"), [("north-sea-25-year", 2.57), ("north-sea-25-year-jonswap", 8.20)])
@@ -211,39 +199,6 @@ def test_a_wavespectra_dataset_becomes_a_sea_of_its_height_and_course():
     assert 0.5 * np.sum(waves["amplitude"] ** 2) == pytest.approx(energy, rel=1e-6)
     np.testing.assert_allclose(waves["direction"], 0.0, atol=1e-12)  # from the west, so towards +x
     assert dj.Scene.from_dict(changed(sea__waves=waves)).sea.waves.kind == "components"
-
-
-def operations(table) -> dict[str, int]:
-    """Primitives of one step that compute, and how often each stands in the program."""
-    model = build_model(dj.load_scene(table))
-    state = dj.state(model, np.zeros((model.free_nodes, 3)))  # its shapes count, not where it is
-    stepper = dj.make_stepper(model)
-    counts: dict[str, int] = {}
-
-    def walk(jaxpr):
-        for eqn in jaxpr.eqns:
-            counts[eqn.primitive.name] = counts.get(eqn.primitive.name, 0) + 1
-            for value in jax.tree.leaves(eqn.params, is_leaf=lambda x: hasattr(x, "eqns") or hasattr(x, "jaxpr")):
-                inner = getattr(value, "jaxpr", value)
-                if hasattr(inner, "eqns"):
-                    walk(inner)
-
-    walk(jax.make_jaxpr(lambda m, s: dj.step(stepper, m, s, 0.01))(model, state).jaxpr)
-    counts.pop("stop_gradient")  # one for each array of the model; it computes nothing
-    return counts
-
-
-def test_water_costs_nothing_where_no_effect_feels_it():
-    dry = changed(sea=None, effects={"weight": {}, "linear_damping": {"b_l": 0.1}})
-    wet = changed(effects={"weight": {}, "linear_damping": {"b_l": 0.1}})
-    assert operations(dry) == operations(wet)
-    assert not {"exp", "cos", "sin", "cosh"} & set(operations(dry))
-
-
-def test_a_scene_with_only_a_current_has_no_wave_functions():
-    counts = operations(changed(sea__waves=None, sea__current={"speed": 1.0}))
-    assert not {"exp", "cosh", "sinh"} & set(counts)
-    assert {"exp", "sin"} <= set(operations(LINE))
 
 
 def test_the_interpolated_sea_keeps_its_stated_error():

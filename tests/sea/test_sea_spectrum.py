@@ -22,12 +22,6 @@ def test_moments_of_jonswap_and_pierson_moskowitz():
         assert (np.sqrt(m0 / m2), m0 / m1) == pytest.approx(periods, rel=5e-3)  # Tz/Tp and T1/Tp
 
 
-def test_the_density_integrates_to_hs():
-    omega = np.linspace(0.05, 40.0, 400001)
-    m0 = np.trapezoid(density(omega, 8.2, 11.7), omega)
-    assert 4 * np.sqrt(m0) == pytest.approx(8.2, rel=1e-3)
-
-
 @pytest.mark.parametrize("spectrum", ["jonswap", "pierson_moskowitz", "tma"])
 @pytest.mark.parametrize("frequencies", ["equal_energy", "equal_frequency", "even"])
 def test_components_have_the_given_hs(spectrum, frequencies):

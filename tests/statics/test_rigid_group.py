@@ -93,11 +93,3 @@ def test_another_reference_and_back_is_the_same_matrix():
     lines = stiffness_of_group(build_model(held), equilibrium(held).state, names, [0, 0, 0]).matrix
     assert names == ["base"]
     assert abs(lines[2, 2]) < 1e-3 * whole[2, 2]
-
-
-def test_wrong_names_are_refused_with_what_is_allowed():
-    scene = scene_of(KNOWN[TAUT]["mooring"], links=2)
-    model = build_model(scene)
-    pose = equilibrium(scene).state
-    with pytest.raises(dj.SceneError, match="points: 'buoy' is not a point of the scene"):
-        stiffness_of_group(model, pose, ["buoy"], [0, 0, 0])

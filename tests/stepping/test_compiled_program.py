@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import Effect, build_model, component, parameter
+from dropper_jax import build_model
 from dropper_jax.effects import EFFECTS
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "operations.json"
@@ -135,11 +135,6 @@ def without(name, *gone):
     return table
 
 
-def test_a_scene_without_an_effect_has_the_program_of_a_scene_that_never_knew_it():
-    removed = without("dropper-release-a", "linear_damping", "quadratic_damping")
-    assert str(step_jaxpr(removed)) == str(step_jaxpr("dropper-release-a-undamped"))
-
-
 def test_each_effect_adds_operations_of_its_own():
     everything = operations("dropper-release-a").total()
     for gone in ("linear_damping", "quadratic_damping"):
@@ -147,23 +142,24 @@ def test_each_effect_adds_operations_of_its_own():
     assert "sqrt" not in operations(without("dropper-release-a", "quadratic_damping"))
 
 
-@component
-class Wobble(Effect):
-    """A force with a function that nothing else uses."""
-
-    name = "wobble"
-    size: jax.Array = parameter("size", unit="N")
-
-    def force(self, k):
-        return self.size * jnp.cosh(k.r)
+def in_water(**changed):
+    return {**dj.load_scene("wet-pendulum-wave").to_dict(), **changed}
 
 
-def test_a_new_effect_in_the_package_changes_no_program_that_does_not_name_it(monkeypatch):
-    before = str(step_jaxpr("dropper-release-a"))
-    monkeypatch.setitem(EFFECTS, "wobble", Wobble)
-    assert str(step_jaxpr("dropper-release-a")) == before
-    named = dj.load_scene("dropper-release-a").with_values({"effects.wobble.size": 1e-3})
-    assert "cosh" in operations(named)
+def test_water_costs_nothing_where_no_effect_feels_it():
+    effects = {"weight": {}, "linear_damping": {"b_l": 0.1}}
+    wet = in_water(effects=effects)
+    dry = {key: value for key, value in wet.items() if key != "sea"}
+    found = [operations(scene) for scene in (dry, wet)]
+    for counts in found:
+        del counts["stop_gradient"]  # one for each array of the model; it computes nothing
+    assert found[0] == found[1]
+    assert not {"exp", "cos", "sin", "cosh"} & set(found[0])
+
+
+def test_a_scene_with_only_a_current_has_no_wave_functions():
+    assert not {"exp", "cosh", "sinh"} & set(operations(in_water(sea={"depth": 20.0, "current": {"speed": 1.0}})))
+    assert {"exp", "sin"} <= set(operations(in_water()))
 
 
 def test_work_that_nobody_asks_for_is_not_computed():

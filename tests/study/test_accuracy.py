@@ -47,17 +47,6 @@ def test_rows_have_the_contract_and_measured_orders_are_the_design_ones(report) 
 
 
 @pytest.mark.check
-def test_explicit_schemes_on_an_elastic_line_have_their_orders() -> None:
-    """The reference is a 16 times finer rk4, checked by extrapolated rk2."""
-    changes = {"line.0.axial.law": "elastic", "line.0.axial.EA": 20.0, "line.0.axial.damping": 0.02}
-    scene = load_scene("double-pendulum-periodic").with_values(changes)
-    found = accuracy(scene, [Scheme("rk2"), Scheme("rk4")], (2.0**-4, 2.0**-5), 0.5, extras=False)
-    assert all(row["status"] == "ok" for row in found["rows"])
-    assert abs(found["orders"]["rk2"] - 2.0) < 0.15
-    assert abs(found["orders"]["rk4"] - 4.0) < 0.3
-
-
-@pytest.mark.check
 def test_a_system_of_lines_is_measured_and_its_tensions_are_compared_at_one_time(one_line) -> None:
     """Tensions of generalised-alpha belong to two thirds of a step: compared elsewhere they were of first order."""
     kind = {"mass": 2.0, "diameter": 0.03, "law": "elastic", "EA": 4e3, "damping_ratio": 0.1}

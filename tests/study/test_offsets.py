@@ -1,6 +1,5 @@
 """Restoring force over offset: closed form of the catenary, MoorPy's curves, the command, and rejected input."""
 
-import argparse
 import json
 
 import against_moorpy
@@ -71,34 +70,30 @@ def test_points_displaced_together_keep_the_force_between_them():
     np.testing.assert_allclose(rows[1]["force_n"], rows[0]["force_n"], atol=1e-5 * WEIGHT * LENGTH)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.check) for name in ("spread", "bridles", "edulis")],
-)
+@pytest.mark.check
+@pytest.mark.parametrize("name", ["spread", "bridles", "edulis"])
 def test_restoring_forces_are_moorpys_within_a_percent(name):
     assert against_moorpy.offsets(name, against_moorpy.known("offsets")[name])[0] < 0.01
 
 
-def called(*words):
-    """The exit code of the command with these words."""
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    return command.run(parser.parse_args(["chains.toml", "--quiet", *words]))
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("chains") / "chains.toml"
+    path.write_text(dj.as_toml(CHAINS))
+    return str(path)
 
 
 @pytest.mark.check
-def test_command_prints_writes_and_draws_the_curves(tmp_path, capsys, monkeypatch, curves):
-    monkeypatch.setattr(command, "read_scene", lambda args: dj.load_scene(CHAINS))
-    words = ["--points", "middle", "--direction", "0:360:90", "--distance", "0:4:2"]
-    assert called(*words, "--json", "--out", str(tmp_path / "o.json"), "--plot", str(tmp_path / "o.png")) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((tmp_path / "o.json").read_text())
+def test_command_prints_writes_and_draws_the_curves(file, tmp_path, printed, json_of, curves):
+    words = ["offset", file, "--quiet", "--points", "middle", "--distance", "0:4:2"]
+    kept = ["--out", str(tmp_path / "o.json"), "--plot", str(tmp_path / "o.png")]
+    found = json_of([*words, "--direction", "0:360:90", "--json", *kept])
+    assert found == json.loads((tmp_path / "o.json").read_text())
     assert (tmp_path / "o.png").stat().st_size > 1000
     # 360 deg is 0 deg
-    assert [row["direction_deg"] for row in printed["rows"][::3]] == [0.0, 90.0, 180.0, 270.0]
-    assert printed["rows"][2]["restoring_n"] == pytest.approx(curves[2]["restoring_n"])
-    assert called(*words[:2], *words[4:]) == 0
-    assert "restoring [N]" in capsys.readouterr().out
+    assert [row["direction_deg"] for row in found["rows"][::3]] == [0.0, 90.0, 180.0, 270.0]
+    assert found["rows"][2]["restoring_n"] == pytest.approx(curves[2]["restoring_n"])
+    assert "restoring [N]" in printed(words).out
 
 
 @pytest.mark.parametrize(
@@ -108,7 +103,7 @@ def test_command_prints_writes_and_draws_the_curves(tmp_path, capsys, monkeypatc
             ["--points", "midle", "--distance", "1"],
             "points: 'midle' is not a point of the scene; did you mean 'middle'",
         ),
-        (["--points", "end", "--distance", "1"], "points: 'end' is free .*allowed: fixed points: west, middle, east"),
+        (["--points", "end", "--distance", "1"], "points: 'end' is free"),
         (["--points", "east,east", "--distance", "1"], "points: 'east' is given twice"),
         (["--points", "east", "--distance", "5:0:1"], "--distance: '5:0:1' is an empty range"),
         (["--points", "east", "--distance", "0:5:0"], "--distance: '0:5:0' is an empty range"),
@@ -119,11 +114,8 @@ def test_command_prints_writes_and_draws_the_curves(tmp_path, capsys, monkeypatc
         (["--points", "east", "--distance", "1", "--direction", "x"], "--direction: 'x' is not LO:HI:STEP"),
     ],
 )
-def test_wrong_input_is_rejected_in_one_line(words, message, monkeypatch):
-    monkeypatch.setattr(command, "read_scene", lambda args: dj.load_scene(CHAINS))
-    with pytest.raises(dj.SceneError, match=message) as error:
-        called(*words)
-    assert "\n" not in str(error.value)
+def test_wrong_input_is_rejected_in_one_line(file, words, message, refused):
+    assert message in refused(["offset", file, "--quiet", *words])
 
 
 def test_range_includes_its_end_in_spite_of_rounding():

@@ -281,7 +281,7 @@ def test_bic_counts_the_same_samples_for_every_law(two, ready, motion):
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("method", ["windows", pytest.param("shooting", marks=pytest.mark.check)])
+@pytest.mark.parametrize("method", ["windows", "shooting"])
 def test_a_step_too_coarse_for_small_errors_is_told_and_halved_until_it_is_not(two, ready, motion, method):
     """A hundredth of the noise: the default step, of second order here, moves the estimate by many standard errors."""
     prepared = ready(two.seen(motion, 0, two.NOISE / 100))

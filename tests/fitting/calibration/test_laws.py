@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hard_scenes import rods
 from scipy.stats import chi2, multivariate_normal
 
 import dropper_jax as dj
@@ -194,6 +195,17 @@ def test_shares_follow_the_scores_and_sum_to_one():
     assert found[1] / found[0] == pytest.approx(np.exp(-3.0), rel=1e-6)
 
 
+def rod_trace(effects, duration, step, noise):
+    """Scene of a rod let go at 1.1 rad, and its trace at 60 Hz with this noise [rad]; `step` steps a second."""
+    scene = rods([1.1], 0.6, 0.3, effects)
+    scene["run"] = {"dt": 1 / step, "duration": duration, "save_every": step // 60}
+    run = dj.simulate(scene)
+    d = np.diff(run.positions, axis=1)
+    angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
+    angle += noise * np.random.default_rng(0).standard_normal(angle.shape)
+    return scene, Trace("rod", run.t, angle, convention=Convention("down", 1, "rad"))
+
+
 @pytest.mark.check
 @pytest.mark.parametrize(
     ("law", "effect", "field", "truth"),
@@ -201,23 +213,8 @@ def test_shares_follow_the_scores_and_sum_to_one():
 )
 def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(law, effect, field, truth, monkeypatch):
     """A law whose own fit is made to end with far too little of it; the larger one has its scheme, or another."""
-    scene = {
-        "run": {"dt": 1 / 240, "duration": 4.0, "save_every": 4},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "bob", "kind": "free", "position": [0.6, 0.0, 0.0]},
-        ],
-        "line": [{"name": "rod", "from": "top", "to": "bob", "links": 1, "length": 0.6, "mass": 0.3}],
-        "effects": {"weight": {}, effect: {field: truth}},
-        "start": {"kind": "angles", "zero": "down", "polar": [1.1]},
-    }
-    if law == "dry":
-        scene["effects"][effect]["axis"] = [0.0, 1.0, 0.0]
-    run = dj.simulate(scene)
-    d = np.diff(run.positions, axis=1)
-    angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
-    angle += 2e-3 * np.random.default_rng(0).standard_normal(angle.shape)
-    trace = Trace("rod", run.t, angle, convention=Convention("down", 1, "rad"))
+    more = {"axis": [0.0, 1.0, 0.0]} if law == "dry" else {}
+    scene, trace = rod_trace({effect: {field: truth, **more}}, 4.0, 240, 2e-3)
     honest = comparison.fit_law
 
     def stuck(prepared, family, name, inner, iterations):
@@ -239,21 +236,7 @@ def test_a_law_stuck_in_a_wrong_valley_is_fitted_again_from_a_larger_one(law, ef
 @pytest.mark.check
 def test_a_pendulum_whose_windows_leave_laws_open_is_decided_where_they_are_joined():
     """Linear drag of one link, simulated with a finer step by another scheme, 3 mrad of noise."""
-    scene = {
-        "run": {"dt": 1 / 480, "duration": 12.0, "save_every": 8},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "bob", "kind": "free", "position": [0.6, 0.0, 0.0]},
-        ],
-        "line": [{"name": "rod", "from": "top", "to": "bob", "links": 1, "length": 0.6, "mass": 0.3}],
-        "effects": {"weight": {}, "linear_damping": {"b_l": 0.0186}},
-        "start": {"kind": "angles", "zero": "down", "polar": [1.1]},
-    }
-    run = dj.simulate(scene)
-    d = np.diff(run.positions, axis=1)
-    angle = np.unwrap(np.arctan2(d[..., 0], -d[..., 2]), axis=0)
-    angle += 3e-3 * np.random.default_rng(0).standard_normal(angle.shape)
-    trace = Trace("rod", run.t, angle, convention=Convention("down", 1, "rad"))
+    scene, trace = rod_trace({"linear_damping": {"b_l": 0.0186}}, 12.0, 480, 3e-3)
     laws = comparison.compare_laws(prepare(trace, scene, ["b_l"]))
     joined = [law for law in laws if np.isfinite(law.joined)]
     assert len(joined) > 1

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from hard_scenes import rods
 
 from dropper_jax import SceneError
 from fitting import Camera, fit, observe, simulate_truth
@@ -13,17 +14,9 @@ NOISE, DURATION = 0.01, 8.0
 
 
 def released(angle):
-    return {
-        "name": f"from-{angle}",
-        "run": {"dt": 0.01, "duration": DURATION},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "bob", "kind": "free", "position": [0.8, 0.0, 0.0]},
-        ],
-        "line": [{"name": "rod", "from": "top", "to": "bob", "links": 1, "length": 0.8, "mass": 0.5}],
-        "effects": {"weight": {}, "linear_damping": {"b_l": 0.05}, "quadratic_damping": {"b_q": 0.03}},
-        "start": {"kind": "angles", "polar": [angle]},
-    }
+    effects = {"linear_damping": {"b_l": 0.05}, "quadratic_damping": {"b_q": 0.03}}
+    run = {"dt": 0.01, "duration": DURATION}
+    return rods([angle], 0.8, 0.5, effects, zero="horizontal") | {"name": f"from-{angle}", "run": run}
 
 
 FREE = ["b_l", "b_q"]

@@ -60,12 +60,13 @@ def clean(two, ready, motion):
     return np.median(found, axis=0)
 
 
+@pytest.mark.check
 @pytest.mark.parametrize(
     ("how", "kind", "wider"),
     [
-        pytest.param("unlike", "white", 3.0, marks=pytest.mark.check),
-        pytest.param("memory", "correlated", 3.0, marks=pytest.mark.check),
-        pytest.param("jitter", "jitter", 1.6, marks=pytest.mark.check),
+        ("unlike", "white", 3.0),
+        ("memory", "correlated", 3.0),
+        ("jitter", "jitter", 1.6),
     ],
 )
 def test_the_noise_of_a_trace_is_named_and_measured_by_its_own_residuals(two, ready, motion, clean, how, kind, wider):
@@ -130,8 +131,8 @@ def test_a_clock_that_runs_late_is_found_beside_the_damping(two, rods, motion):
 @pytest.mark.parametrize(
     ("spoil", "name"),
     [
-        pytest.param(lambda trace: trace, None, marks=pytest.mark.check),
-        pytest.param(lambda trace: replace(trace, t=trace.t / 1.005), "rate of the clock", marks=pytest.mark.check),
+        (lambda trace: trace, None),
+        (lambda trace: replace(trace, t=trace.t / 1.005), "rate of the clock"),
         (lambda trace: replace(trace, theta=trace.theta + [0.0, np.deg2rad(1.0)]), "marker of link 1"),
         (lambda trace: replace(trace, theta=trace.theta + np.deg2rad(2.0)), "roll of the camera"),
     ],

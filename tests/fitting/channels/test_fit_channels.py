@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import rods
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
@@ -38,15 +39,8 @@ def swing(t, damping=DAMPING):
 
 
 def scene(b_l=0.02, polar=0.75):
-    return {
-        "run": {"dt": 0.01, "duration": 4.0, "integrator": "rattle_4"},
-        "point": [
-            {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-            {"name": "bob", "kind": "free", "position": [0.0, 0.0, -LENGTH]},
-        ],
-        "line": [{"name": "rod", "from": "pivot", "to": "bob", "links": 1, "length": LENGTH, "mass": MASS}],
-        "effects": {"weight": {}, "linear_damping": {"b_l": b_l}},
-        "start": {"kind": "angles", "zero": "down", "polar": [polar]},
+    return rods([polar], LENGTH, MASS, {"linear_damping": {"b_l": b_l}}) | {
+        "run": {"dt": 0.01, "duration": 4.0, "integrator": "rattle_4"}
     }
 
 

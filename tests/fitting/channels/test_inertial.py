@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import rods
 from scipy.integrate import solve_ivp
 
 from dropper_jax import SceneError
@@ -73,16 +74,8 @@ def columns(seed=0, t=None):
 
 
 def scene(**effects):
-    return {
-        "run": {"dt": 0.01, "duration": 4.0, "integrator": "rattle_4"},
-        "point": [
-            {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-            {"name": "bob", "kind": "free", "position": [0.0, 0.0, -LENGTH]},
-        ],
-        "line": [{"name": "rod", "from": "pivot", "to": "bob", "links": 1, "length": LENGTH, "mass": MASS}],
-        "effects": {"weight": {}, "linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.1}, **effects},
-        "start": {"kind": "angles", "zero": "down", "polar": [0.78]},
-    }
+    effects = {"linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.1}, **effects}
+    return rods([0.78], LENGTH, MASS, effects) | {"run": {"dt": 0.01, "duration": 4.0, "integrator": "rattle_4"}}
 
 
 def turning(spacing):

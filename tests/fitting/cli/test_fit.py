@@ -4,22 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from hard_scenes import rods
 
 from dropper_jax import as_toml, load_scene
-from dropper_jax.cli import main
 from fitting import Camera, observe, simulate_truth, write_trace
 from fitting.cli.fit_options import held_out_spans
 
-PENDULUM = {
-    "run": {"dt": 0.01, "duration": 10.0},
-    "point": [
-        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-        {"name": "bob", "kind": "free", "position": [1.0, 0.0, 0.0]},
-    ],
-    "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.1}, "quadratic_damping": {"b_q": 0.05}},
-    "start": {"kind": "angles", "zero": "down", "polar": [1.5707963267948966]},
-}
+PENDULUM = rods([np.pi / 2], effects={"linear_damping": {"b_l": 0.1}, "quadratic_damping": {"b_q": 0.05}})
 GUESS = {"weight": {}, "linear_damping": {"b_l": 1.0}, "quadratic_damping": {"b_q": 0.5}}
 KEYS = {
     "schema", "status", "parameters", "correlation", "rms_rad", "held_out_rms_rad", "chi2_per_dof", "noise_rad",
@@ -36,15 +27,17 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.fixture
+def call(files):
+    """The command up to the options of a test."""
+    return ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml")]
+
+
 @pytest.mark.slow
-def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
-    code = main(
-        ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--until", "16", "--held-out", "16:20",
-         "--report", str(files / "report"), "--json"]
-    )  # fmt: skip
-    out, err = capsys.readouterr()
+def test_fit_prints_the_agreed_json_and_writes_the_report(files, call, printed):
+    more = ["--until", "16", "--held-out", "16:20", "--report", str(files / "report"), "--json"]
+    out, err = printed([*call, *more])
     found = json.loads(out)
-    assert code == 0
     assert set(found) >= KEYS
     assert found["status"] == "ok"
     b_l = found["parameters"]["effects.linear_damping.b_l"]
@@ -87,27 +80,19 @@ def test_fit_prints_the_agreed_json_and_writes_the_report(files, capsys):
         (["--bootstrap", "0"], "is not positive"),
         (["--bootstrap", "1"], "are too few; allowed: 0 or at least 2"),
         (["--method", "gradient", "--optimizer", "adm"], "optimizer: 'adm' is unknown; did you mean 'adam'"),
-        (["--method", "gradient", "--steps", "0"], "steps: 0 is not positive; allowed: at least 1"),
-        (["--method", "gradient", "--learning-rate", "0"], "learning_rate: 0 is not positive; allowed: > 0"),
         (["--optimizer", "adam"], "optimizer: 'adam' is not a setting of method 'shooting'. Use method gradient"),
         (["--set", "run.solver=network"], "run.solver: 'network' cannot serve this fit: it is for systems of lines"),
     ],
 )
-def test_what_a_user_can_mend_is_one_line_and_exit_code_2(files, refused, more, words):
-    assert words in refused(["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--quiet", *more])
+def test_what_a_user_can_mend_is_one_line_and_exit_code_2(call, refused, more, words):
+    assert words in refused([*call, "--quiet", *more])
 
 
 @pytest.mark.check
 @pytest.mark.slow
-def test_a_gradient_fit_lists_its_descent_and_draws_it(files, capsys):
+def test_a_gradient_fit_lists_its_descent_and_draws_it(files, call, json_of):
     options = ["--method", "gradient", "--optimizer", "adam", "--learning-rate", "0.4", "--steps", "80", "--until", "8"]
-    options += ["--fixed"]
-    code = main(
-        ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), *options,
-         "--report", str(files / "descent"), "--json"]
-    )  # fmt: skip
-    found = json.loads(capsys.readouterr().out)
-    assert code == 0
+    found = json_of([*call, *options, "--fixed", "--report", str(files / "descent"), "--json"])
     assert abs(found["parameters"]["effects.linear_damping.b_l"]["value"] - 0.1) < 0.02
     loss = [point["loss"] for point in found["descent"]]
     assert loss[0] > 10 * loss[-1]
@@ -121,14 +106,9 @@ def test_a_gradient_fit_lists_its_descent_and_draws_it(files, capsys):
 
 
 @pytest.mark.check
-def test_intervals_by_profile_and_bootstrap_stand_beside_the_errors_and_priors_hold(files, capsys):
-    code = main(
-        ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--method", "windows", "--json",
-         "--start", "b_l=0.5", "--bounds", "b_l=:0.8", "--prior", "b_q=0.05+-1e-6", "--profile", "b_l",
-         "--bootstrap", "100"]
-    )  # fmt: skip
-    found = json.loads(capsys.readouterr().out)
-    assert code == 0
+def test_intervals_by_profile_and_bootstrap_stand_beside_the_errors_and_priors_hold(call, json_of):
+    more = ["--method", "windows", "--start", "b_l=0.5", "--bounds", "b_l=:0.8", "--prior", "b_q=0.05+-1e-6"]
+    found = json_of([*call, *more, "--profile", "b_l", "--bootstrap", "100", "--json"])
     b_l = found["parameters"]["effects.linear_damping.b_l"]
     assert found["parameters"]["effects.quadratic_damping.b_q"]["value"] == pytest.approx(0.05, abs=4e-6)
     assert list(found["profile"]) == ["effects.linear_damping.b_l"]
@@ -141,13 +121,9 @@ def test_intervals_by_profile_and_bootstrap_stand_beside_the_errors_and_priors_h
 
 
 @pytest.mark.check
-def test_a_fit_that_does_not_converge_keeps_its_best_point_and_exits_with_3(files, capsys):
-    code = main(
-        ["fit", str(files / "run.csv"), "--scene", str(files / "scene.toml"), "--iterations", "1",
-         "--method", "windows", "--report", str(files / "short"), "--json"]
-    )  # fmt: skip
-    found = json.loads(capsys.readouterr().out)
-    assert code == 3
+def test_a_fit_that_does_not_converge_keeps_its_best_point_and_exits_with_3(files, call, json_of):
+    more = ["--iterations", "1", "--method", "windows", "--report", str(files / "short"), "--json"]
+    found = json_of([*call, *more], 3)
     assert found["status"] == "not_converged"
     best = found["parameters"]["effects.linear_damping.b_l"]
     assert np.isfinite(best["value"])

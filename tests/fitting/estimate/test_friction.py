@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hard_scenes import rods
 from scipy.integrate import solve_ivp
 
 from fitting import Convention, FitSettings, Trace, prepare
@@ -15,16 +16,8 @@ B_L, DRY = 0.02, 5e-3
 RATE, DURATION, NOISE = 60.0, 12.0, 0.003
 FREE = ["effects.linear_damping.b_l", "effects.joint_friction.dry"]
 TRUTH = np.array([B_L, DRY])
-SCENE = {
-    "run": {"dt": 0.01, "duration": DURATION},
-    "point": [
-        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-        {"name": "bob", "kind": "free", "position": [LENGTH, 0.0, 0.0]},
-    ],
-    "line": [{"name": "rod", "from": "pivot", "to": "bob", "links": 1, "length": LENGTH, "mass": MASS}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": B_L}, "joint_friction": {"dry": DRY, "axis": [0.0, 1.0, 0.0]}},
-    "start": {"kind": "angles", "zero": "down", "polar": [1.3]},
-}
+EFFECTS = {"linear_damping": {"b_l": B_L}, "joint_friction": {"dry": DRY, "axis": [0.0, 1.0, 0.0]}}
+SCENE = rods([1.3], LENGTH, MASS, EFFECTS) | {"run": {"dt": 0.01, "duration": DURATION}}
 
 
 @pytest.fixture(scope="module")

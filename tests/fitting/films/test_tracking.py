@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from hard_scenes import rods
 
 import dropper_jax as dj
 from dropper_jax.cli import main
@@ -145,16 +146,7 @@ def test_markers_that_pass_each_other_keep_their_names(tmp_path):
     assert np.isfinite(error).mean() > 0.8
 
 
-PAIR = {
-    "run": {"dt": 0.01, "duration": 10.0},
-    "point": [
-        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-        {"name": "bob", "kind": "free", "position": [0.4, 0.0, 0.0]},
-    ],
-    "line": [{"name": "pair", "from": "pivot", "to": "bob", "links": 2, "length": 0.2, "mass": 0.05}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.02}},
-    "start": {"kind": "angles", "zero": "down", "polar": [1.0, 1.0]},
-}
+PAIR = rods([1.0, 1.0], 0.2, 0.05, {"linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.02}})
 
 
 @pytest.mark.check

@@ -47,6 +47,8 @@ def test_a_path_of_the_model_stays_one_and_a_wrong_one_is_named():
     single = load_scene("dropper-release-a")
     names = ["effects.linear_damping.b_l", "line.0.mass.1"]
     assert find_parameters(single, build_model(single), names, "to") == resolve(build_model(single), names)
+    with pytest.raises(SceneError, match=r"did you mean 'effects.linear_damping.b_l'"):
+        resolve(build_model(single), ["effects.linear_damping.b_k"])
     scene = load_scene(SCENE)
     model = build_model(scene)
     for path, words in (

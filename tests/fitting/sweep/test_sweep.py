@@ -137,7 +137,7 @@ def test_extremes_are_those_of_all_steps_whatever_is_saved(tmp_path):
 
 
 @pytest.mark.check
-@pytest.mark.parametrize(("backend", "chunk"), [("cpu", 1), pytest.param("gpu", 6, marks=pytest.mark.check)])
+@pytest.mark.parametrize(("backend", "chunk"), [("cpu", 1), ("gpu", 6)])
 def test_cases_of_a_system_run_one_by_one_or_on_a_gpu_together_and_are_those_of_single_runs(
     tmp_path, monkeypatch, backend, chunk
 ):

@@ -28,25 +28,26 @@ from fitting.estimate.residuals import Problem, Solution
 from fitting.estimate.uncertainty import start_covariances
 from fitting.estimate.windows import Piece, Starts, Windows, fewest_frames, first_starts, pick, with_rows
 
-#: Ratio of a window's mean square residual to that of most windows above which it is lost, and the probability of such
-#: a ratio by noise alone.
+#: Ratio of a window's mean square residual to that of most windows above which it is lost.
 FAR = 4.0
+#: Probability of such a ratio by noise alone below which it is lost.
 CHANCE = 1e-7
-#: RMS error [rad] below which no window is lost, and the same if the model itself misses most windows: a wrong branch
-#: of a link deviates much more, rounding and the friction of a bearing less.
+#: RMS error [rad] below which no window is lost: rounding and the friction of a bearing deviate less.
 SMALLEST = 2e-3
+#: The same if the model itself misses most windows: a wrong branch of a link deviates much more.
 BRANCH = 0.05
-#: Ratio of a gap's mean square to its expectation, and of its size to the median gap, above which windows are not
-#: joined; maximum fraction of such gaps, and minimum number of gaps that define what is usual.
+#: Ratio of a gap's mean square to its expectation above which windows are not joined.
 FAR_GAP = 25.0
+#: Ratio of its size to the median gap above which they are not.
 LARGE_GAP = 5.0
+#: Maximum fraction of such gaps.
 MOST_BREAKS = 0.03
+#: Minimum number of gaps that define what is usual.
 FEWEST_GAPS = 6
-#: Rounds of restarts and fits, and evaluations for the starts alone.
+#: Rounds of restarts and fits.
 ROUNDS = 4
+#: Evaluations for the starts alone.
 ITERATIONS = 12
-
-
 #: Maximum contribution of a sample, as a multiple of the mean square of most windows: one outlier cannot make a window
 #: lost. 10 % of the samples must deviate by more than five standard deviations, as on a wrong branch.
 LARGEST_SQUARE = 30.0
@@ -58,19 +59,28 @@ def lost_windows(solution: Solution) -> np.ndarray:
     known = (windows.weight > 0).sum(axis=(1, 2))
     freedom = np.maximum(known - np.where(windows.released, 0, solution.problem.freedoms), 1)
     square = solution.evaluation.residual.reshape(windows.count, -1) ** 2
-    usual = lambda size: max(1.0, float(np.median(size[known > 0]))) if known.any() else 1.0  # noqa: E731
-    unit = usual(square.sum(axis=1) / freedom)
+    unit = _usual(square.sum(axis=1) / freedom, known)
     size = np.minimum(square, LARGEST_SQUARE * unit).sum(axis=1) / freedom
     size = np.where(np.isfinite(size), size, np.inf)
-    typical = usual(size)
+    typical = _usual(size, known)
     limit = typical * np.maximum(FAR, chdtri(freedom, CHANCE) / freedom)
     rms = np.sqrt(np.sum(solution.errors**2, axis=(1, 2)) / np.maximum(known, 1))
     noise = solution.problem.noise
     assumed = 1.0
     if noise is not None:
         assumed = float(np.mean(noise.factor**2))
-    explained = typical * assumed < FAR / 2
-    return (known > 0) & (size > limit) & ~(rms < (SMALLEST if explained else BRANCH))
+    least = BRANCH
+    if typical * assumed < FAR / 2:  # the model explains most windows
+        least = SMALLEST
+    small = rms < least  # not of NaN
+    return (known > 0) & (size > limit) & ~small
+
+
+def _usual(size: np.ndarray, known: np.ndarray) -> float:
+    """The median over the windows with samples, at least 1."""
+    if not known.any():
+        return 1.0
+    return max(1.0, float(np.median(size[known > 0])))
 
 
 def recover_windows(
@@ -90,13 +100,13 @@ def recover_windows(
         The preparation with the fitted windows and with `left_out` set, and their solution.
     """
     jump: tuple[int, float] | None = None
-    for last in (False,) * ROUNDS + (True,):
+    for number in range(ROUNDS + 1):
         if solution.status != "ok":
             solution = _with_starts(solution, np.ones(solution.windows.count, bool), solution.starts)
         lost = lost_windows(solution) & ~_windows_at(solution.windows, jump)
         if not lost.any():
             break
-        if last:
+        if number == ROUNDS:
             prepared, solution = _leave_out(prepared, solution, lost)
         else:
             solution = restart(prepared, solution, lost)
@@ -120,7 +130,9 @@ def _jump(prepared: Prepared, solution: Solution, lost: np.ndarray) -> tuple[int
 
 def _windows_at(windows: Windows, jump: tuple[int, float] | None) -> np.ndarray:
     """The windows (K,) bool that contain a given time of a run, and those that start or end there."""
-    run, time = jump or (-1, 0.0)
+    if jump is None:
+        return np.zeros(windows.count, bool)
+    run, time = jump
     return (windows.run == run) & (windows.begin - windows.dt <= time) & (time <= windows.ends + windows.dt)
 
 

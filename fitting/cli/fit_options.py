@@ -165,7 +165,8 @@ def chosen_method(args: argparse.Namespace) -> Method:
 
     given = {key: getattr(args, key) for key in OF_DESCENT if getattr(args, key) is not None}
     if args.method != "gradient":
-        for name, value in sorted(given.items()):
+        if given:
+            name, value = min(given.items())
             raise SceneError(f"{name}: {value!r} is not a setting of method {args.method!r}. Use method gradient")
         return Method(args.method, iterations=args.iterations)
     from fitting.estimate.descent import GradientDescent
@@ -177,18 +178,17 @@ def chosen_method(args: argparse.Namespace) -> Method:
 OF_DATA = ("start.", "channel.", "camera.")
 #: Options of `--method gradient`.
 OF_DESCENT = ("optimizer", "learning_rate", "steps")
+#: Options of traces that are None if not given.
+TRACE_VALUES = (
+    *("since", "until", "held_out", "window", "zero", "sign", "unit", "columns", "rest"),
+    *("rate", "counts", "lengths", "mass"),
+)
+#: Options of traces that are on or off.
+TRACE_SWITCHES = ("static_start", "fixed", "advice", "auto_free", "compare_models", "accept_misfit", "same_motion")
 #: Options without a meaning in a fit to channels, and their values if not given.
 OF_TRACES = {
-    **dict.fromkeys(
-        (
-            *("since", "until", "held_out", "window", "zero", "sign", "unit", "columns", "rest"),
-            *OF_DESCENT,
-        )
-    ),
-    **dict.fromkeys(("rate", "counts", "lengths", "mass")),
-    **dict.fromkeys(
-        (*("static_start", "fixed", "advice", "auto_free", "compare_models", "accept_misfit"), "same_motion"), False
-    ),
+    **dict.fromkeys((*TRACE_VALUES, *OF_DESCENT)),
+    **dict.fromkeys(TRACE_SWITCHES, False),
     "method": "shooting",
 }
 

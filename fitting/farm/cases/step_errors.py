@@ -10,8 +10,8 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress
 from dropper_jax.base.read import Table
+from fitting.farm.cases.case_store import CaseStore
 from fitting.farm.cases.run import run_cases
-from fitting.farm.cases.stored import Runs
 from fitting.farm.site import Case, Site
 
 
@@ -49,8 +49,8 @@ def step_errors(
 def _error(site: Site, folder: str | Path, row: Table, steps: list[float], seeds: Sequence[int]) -> Table:
     means = []
     for dt in steps:
-        runs = Runs(site, folder, dt)
-        good, bad = runs.of(site.storms[row["case"]], seeds)
+        runs = CaseStore(folder, site, dt)
+        good, bad = runs.runs_of(site.storms[row["case"]], seeds)
         if bad:
             return {"skipped": f"a run with a step of {dt:g} s ended with {bad[0]['status']}"}
         means.append(float(np.mean(runs.maxima(good, row["line"]))))

@@ -95,7 +95,7 @@ def _swapped_names(
     positions: np.ndarray, detected: np.ndarray, wrong: np.ndarray, usual: np.ndarray, deviation: np.ndarray
 ) -> np.ndarray:
     """Samples (k, n) whose position is assigned to another node when all are named again."""
-    parts = stretches(detected.all(axis=1) & ~wrong.any(axis=1))
+    parts = stretches(np.all(detected, axis=1) & ~np.any(wrong, axis=1))
     if not parts:
         return np.zeros(detected.shape, bool)
     long = min(12, max(part.stop - part.start for part in parts))

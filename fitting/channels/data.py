@@ -109,10 +109,15 @@ class Data:
     def series(self, sizes: np.ndarray, shown: ByChannel) -> Series:
         """The samples with white noise of these sizes (c,) [SI], relative ones as fractions of predicted values."""
         run, source, *_ = zip(*self.columns(), strict=True)
-        t = [[np.tile(t[:, None], y.shape[1]) for t, y in zip(one.t, one.values, strict=True)] for one in self.runs]
-        scaled = [list(map(_scale, self.sensors, one)) for one in shown]
-        weight = self.in_blocks([[1 / (size * y) for size, y in zip(sizes, one, strict=True)] for one in scaled])
-        return Series(np.array(run), np.array(source), self.in_blocks(t), weight[..., None], np.zeros(len(run), bool))
+        times = []
+        weights = []
+        for one, predicted in zip(self.runs, shown, strict=True):
+            times.append([np.tile(t[:, None], y.shape[1]) for t, y in zip(one.t, one.values, strict=True)])
+            scales = map(_scale, self.sensors, predicted)
+            weights.append([1 / (size * scale) for size, scale in zip(sizes, scales, strict=True)])
+        t = self.in_blocks(times)
+        weight = self.in_blocks(weights)
+        return Series(np.array(run), np.array(source), t, weight[..., None], np.zeros(len(run), bool))
 
     def first_noise(self) -> np.ndarray:
         """Noise of each channel (c,) from the data's file, otherwise from differences of high order."""

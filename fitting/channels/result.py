@@ -13,6 +13,7 @@ from dropper_jax.base.toml_text import jsonable
 from dropper_jax.load.scene import Scene
 from fitting.channels.problem import ChannelSolution, Evaluation, Problem
 from fitting.channels.setup import setup_with_directions
+from fitting.estimate.noise import Noise
 from fitting.estimate.scene_fit import SceneFit
 from fitting.estimate.uncertainty import Uncertainty, quantile, uncertainty
 from fitting.parameters.fitted_scene import fitted_scene
@@ -196,6 +197,7 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
         """Of every channel: kind, unit, samples, RMS of the residuals, estimated noise, remaining correlation."""
         problem = self.solution.problem
         found = []
+        noise = problem.noise or Noise.as_claimed(len(problem.data.sensors), 1)
         deviations = problem.data.deviations(self.solution.evaluation.shown)
         for c, sensor in enumerate(problem.data.sensors):
             off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
@@ -213,7 +215,7 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
                     "noise": float(problem.noise_size[c]),
                     "noise_unit": noise_unit,
                     "noise_claimed": sensor.noise,
-                    "kept": float(np.exp(-problem.noise.decay[c, 0] * interval)),
+                    "kept": float(np.exp(-noise.decay[c, 0] * interval)),
                     "correlation": float(self.errors.correlation_1[c]),
                 }
             )

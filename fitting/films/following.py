@@ -128,12 +128,9 @@ def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> 
     if order and len(still) > 2:
         found = _orders(tracks, still)
         line = on_a_line(tracks) if len(found) > 1 else None
+        best = found[0] if found else path
         if line is not None:
             best = line
-        elif found:
-            best = found[0]
-        else:
-            best = path
         if not np.array_equal(best, path) and not np.array_equal(best[::-1], path):
             path = best
             changed = True

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import maximum_filter, median_filter
+from scipy.ndimage import find_objects, label, maximum_filter, median_filter
 
 from fitting.films.detection import Circles
 from fitting.films.flattening import robust_lengths
@@ -48,21 +48,25 @@ class Marks:
     def spans(self, t: np.ndarray) -> list[dict[str, Any]]:
         """Stretches of marked frames: from_s, to_s [s], nodes, and why (swapped, jumped, length)."""
         found = []
-        frames = np.flatnonzero(self.frames)
-        for part in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(frames) else []:
+        for part in stretches(self.frames):
             nodes = (self.swapped | self.jumped)[part].any(axis=0)
             links = self.length[part].any(axis=0)
             if not nodes.any():
                 nodes = np.append(links, False) | np.insert(links, 0, False)
             found.append(
                 {
-                    "from_s": float(t[part[0]]),
-                    "to_s": float(t[part[-1]]),
+                    "from_s": float(t[part.start]),
+                    "to_s": float(t[part.stop - 1]),
                     "nodes": np.flatnonzero(nodes).tolist(),
                     "why": [name for name in ("swapped", "jumped", "length") if getattr(self, name)[part].any()],
                 }
             )
         return found
+
+
+def stretches(which: np.ndarray) -> list[slice]:
+    """Uninterrupted stretches of the frames in a mask (k,)."""
+    return [part for (part,) in find_objects(label(which)[0])]
 
 
 #: Deviation of a length beyond which it is wrong, in robust deviations.
@@ -91,15 +95,13 @@ def _swapped_names(
     positions: np.ndarray, detected: np.ndarray, wrong: np.ndarray, usual: np.ndarray, deviation: np.ndarray
 ) -> np.ndarray:
     """Samples (k, n) whose position is assigned to another node when all are named again."""
-    good = detected.all(axis=1) & ~wrong.any(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(int)))
-    starts = edges[::2]
-    ends = edges[1::2]
-    if not len(starts):
+    parts = stretches(np.all(detected, axis=1) & ~np.any(wrong, axis=1))
+    if not parts:
         return np.zeros(detected.shape, bool)
-    long = np.flatnonzero(ends - starts >= min(12, (ends - starts).max()))
-    first = int(starts[long[0]] + ends[long[0]]) // 2
-    last = int(starts[long[-1]] + ends[long[-1]]) // 2
+    long = min(12, max(part.stop - part.start for part in parts))
+    middles = [(part.start + part.stop) // 2 for part in parts if part.stop - part.start >= long]
+    first = middles[0]
+    last = middles[-1]
     runs = [(first, len(positions), 1), (first, -1, -1), (last, len(positions), 1), (last, -1, -1)]
     asked = np.zeros(len(positions), int)
     other = np.zeros(detected.shape, int)

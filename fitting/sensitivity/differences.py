@@ -303,8 +303,9 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
     noise, own = _noise(base.value, shown, pairs)
     reach = np.array([np.max(np.abs(both[0].change)) for both in pairs])
     errors = np.hypot(spread, np.maximum(noise, own) / reach)
-    still = [all(run.value == base.value for pair in both for run in pair.runs) for both in pairs]
-    still = np.array(still) | [p.is_idle for p in problem.parameters]
+    still = np.array([p.is_idle for p in problem.parameters])
+    for i, (large, small) in enumerate(pairs):
+        still[i] |= all(run.value == base.value for run in (*large.runs, *small.runs))
     slopes = np.where(still, 0.0, slopes)
     errors = np.where(still, 0.0, errors)
     motion = max(_motion_growth(base.extent, p, both[1]) for p, both in zip(problem.parameters, pairs, strict=True))

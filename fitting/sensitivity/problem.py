@@ -355,12 +355,10 @@ def check_step(problem: Study, box: Sequence[tuple[float, float]] | None = None,
     members = {"the run": problem.scene}
     if box is not None:
         with suppress(SceneError):  # numbers of the model that no value of the scene sets
-            ends = {"lowest values": 0, "highest values": 1}
+            lowest, highest = (dict(zip(problem.names, map(float, end), strict=True)) for end in zip(*box, strict=True))
             members = {
-                name: problem.scene.with_values(
-                    {p: float(pair[end]) for p, pair in zip(problem.names, box, strict=True)}
-                )
-                for name, end in ends.items()
+                "lowest values": problem.scene.with_values(lowest),
+                "highest values": problem.scene.with_values(highest),
             }
     return check_steps(members, say)
 

@@ -116,16 +116,19 @@ class TraceScores:
     def to_json(self) -> Table:
         """Plain values."""
         begins = (0.0, *self.against.ends)
+        cases = []
+        for values, status, angle, spectrum in zip(self.values, self.status, self.angle, self.spectrum, strict=True):
+            named = dict(zip(self.paths, values.tolist(), strict=True))
+            cases.append({"values": named, "status": STATUS[status], **by_part(angle, spectrum)})
+        best = {}
+        for i, part in enumerate(PARTS):
+            best[part] = {"angle": self.best_of(i), "spectrum": self.best_of(i, "spectrum")}
         return {
             "name": self.against.trace.name,
             "samples": len(self.against.t),
             "parts_s": {part: [begins[i], begins[i + 1]] for i, part in enumerate(PARTS)},
-            "cases": [
-                {"values": dict(zip(self.paths, map(float, values), strict=True)), "status": STATUS[status]}
-                | by_part(*scores)
-                for values, status, *scores in zip(self.values, self.status, self.angle, self.spectrum, strict=True)
-            ],
-            "best": {part: {by: self.best_of(i, by) for by in ("angle", "spectrum")} for i, part in enumerate(PARTS)},
+            "cases": cases,
+            "best": best,
         }
 
 

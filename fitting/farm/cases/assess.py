@@ -11,9 +11,9 @@ import numpy as np
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.fatigue import YEAR, damage
 from fitting.farm.cases.anchors import anchor_found, anchor_row
+from fitting.farm.cases.case_store import CaseStore
 from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, flags_of
 from fitting.farm.cases.one import Found
-from fitting.farm.cases.stored import Runs
 from fitting.farm.site import Part, Site, Storm
 
 
@@ -26,13 +26,13 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
     Args:
         step: errors by part, from `step_errors`.
     """
-    runs = Runs(site, folder)
+    runs = CaseStore(folder, site)
     rows: dict[str, list[Table]] = {part.name: [] for part in site.parts}
     held: dict[str, list[Table]] = {name: [] for name in runs.held}
     cases = []
     failed = []
     for storm in site.storms:
-        good, bad = runs.of(storm)
+        good, bad = runs.runs_of(storm)
         failed += bad
         cases.append({**_labels(site, storm), "runs": len(good), "failed": len(bad)})
         if not good:
@@ -88,7 +88,7 @@ def _labels(site: Site, storm: Storm) -> Table:
     }
 
 
-def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found]) -> Table:
+def _position_results(site: Site, storm: Storm, runs: CaseStore, good: Sequence[Found]) -> Table:
     """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: Table = {"broken": sum(len(run["broken"]) for run in good)}
     for name in site.quantities:  # a characteristic maximum, or the mean of another statistic
@@ -109,7 +109,7 @@ def _position_results(site: Site, storm: Storm, runs: Runs, good: Sequence[Found
     return found
 
 
-def _part_row(site: Site, part: Part, storm: Storm, runs: Runs, good: Sequence[Found]) -> Table:
+def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Sequence[Found]) -> Table:
     """A part in one case, represented by its worst line."""
     factor = part.factors.by_kind[storm.kind]
     run = site.run_of(storm)

@@ -9,12 +9,17 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from dropper_jax.base.errors import SceneError
+from dropper_jax.base.read import Table
 from dropper_jax.base.store import Store, StoreStopped, read_archive, write_archive
-from fitting.farm.cases.one import Found
-from fitting.farm.site import Case, Site
+from dropper_jax.scene import whole_lines
+from fitting.farm.cases.one import STATUS, Found
+from fitting.farm.site import Case, Site, Storm
 
 #: Increased when older files can no longer be used.
 RUN_FORMAT = 2
@@ -28,6 +33,9 @@ class CasesStopped(StoreStopped):
 class CaseStore(Store[Case, Found]):
     """The folder of a site's runs with one step: a file for each, whose name is the mark and the key of its inputs.
 
+    Attributes:
+        links: of each line; held: names of the fixed points, in the order of stored loads.
+
     Raises:
         SceneError: the folder cannot be made, or is a file.
     """
@@ -36,6 +44,8 @@ class CaseStore(Store[Case, Found]):
 
     def __init__(self, folder: str | Path, site: Site) -> None:
         self.path, self.site = Path(folder) / RUNS, site
+        self.links = {line.name: line.links for line in whole_lines(site.scene)}
+        self.held = [point.name for point in site.scene.points if not point.is_free]
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -76,3 +86,22 @@ class CaseStore(Store[Case, Found]):
 
     def write(self, key: Case, found: Found) -> None:
         write_archive(self.file(key), found)
+
+    def runs_of(self, storm: Storm, seeds: Sequence[int] | None = None) -> tuple[list[Found], list[Table]]:
+        """Successful runs of a load case, and a row for every other run."""
+        good = []
+        bad = []
+        for seed in self.site.seeds if seeds is None else seeds:
+            found = self.read(Case(storm, seed)) or {}
+            code = STATUS[int(found["status"])] if found else "missing"
+            if code == "ok":
+                good.append(found)
+                continue
+            at = float(found["failed_at"]) if "failed_at" in found else None
+            why = str(found.get("message", ""))
+            bad.append({"case": storm.number, "seed": seed, "status": code, "time_s": at, "why": why})
+        return good, bad
+
+    def maxima(self, runs: Sequence[Found], line: str) -> np.ndarray:
+        """Maximum tension (seeds,) [N] of a line."""
+        return np.array([run["largest"][self.links[line]].max() for run in runs])

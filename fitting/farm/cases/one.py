@@ -33,7 +33,7 @@ class Tally:
     """Loads of a run, chunk by chunk: extremes of links, series of fixed points, cycles of chosen links.
 
     Args:
-        scene: with its lines.
+        scene: with the mussels in masses and diameters.
         skip: time at the start that is not counted [s].
         positions: (nodes, 3) [m], the origin of excursions.
         curved: lines whose cycles are counted, those with a fatigue curve.
@@ -43,7 +43,7 @@ class Tally:
         self.skip, self.positions = skip, positions
         self.lines = whole_lines(scene)
         self.held = [point.name for point in scene.points if not point.is_free]
-        self.links = EndLinks(overgrown(scene))
+        self.links = EndLinks(scene)
         self.ends = [(point, end) for point, end in line_ends(scene) if point in self.held]
         links = sum(line.links for line in scene.lines)
         self.largest, self.when = np.full(links, -np.inf), np.full(links, np.nan)
@@ -156,9 +156,8 @@ class Runner:
         signals: dict[Quantity, list[np.ndarray]] = {
             quantity(name, model, "quantities"): [] for name in self.site.quantities
         }
-        if scene.run.accuracy is None:
-            watch = None
-        else:
+        watch = None
+        if scene.run.accuracy is not None:
             watch = quantity_signals(list(signals), start.r)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
         carry = run.carry
@@ -168,10 +167,9 @@ class Runner:
         while done < scene.run.rows:
             carry, (rows, _) = run.go_on(carry, scene.run.rows - done)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.interval
+            good = len(t)
             if np.any(rows.first_bad >= 0):
                 good = int(np.argmax(rows.first_bad >= 0))
-            else:
-                good = len(t)
             largest = rows.tension
             extremes = {}
             if watch is not None and rows.extremes is not None:
@@ -181,18 +179,12 @@ class Runner:
             tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
             for one, parts in signals.items():
                 now = rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted
-                if one in extremes:
-                    values = extremes[one]
-                else:
-                    values = one.in_time(model, start.r, *now)
+                values = extremes[one] if one in extremes else one.in_time(model, start.r, *now)
                 parts.append(np.asarray(values)[:good][t[:good] > skip])
             done = done + len(t)
             retried = retried + int(np.sum(rows.retried[:good]))
             if good < len(t):
-                if np.isfinite(rows.residual[good]):
-                    code = "not_converged"
-                else:
-                    code = "non_finite"
+                code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
                 info = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
                 break
         broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]

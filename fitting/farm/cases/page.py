@@ -80,10 +80,7 @@ def page(found: Table) -> str:
         "## Factors",
         table(
             ["part", "factor x load / capacity, worst case", *found["factors"]],
-            [
-                [part["part"], _utilisation(part), *("-" if x is None else str(x) for x in part["factors"].values())]
-                for part in found["parts"]
-            ],
+            [_factor_cells(part) for part in found["parts"]],
         ),
         "![Utilisation](utilisation.png)",
         "## Anchors",
@@ -113,19 +110,22 @@ def _standard(found: Table) -> str:
     rows = []
     for pair in own["pairs"]:
         cases = [case for case in found["cases"] if list(case["return_periods"]) == pair]
-        names = (", ".join(dict.fromkeys(str(case[key]) for case in cases)) for key in ("sea_state", "current"))
-        rows.append([*pair, *names, *(str(sum((c["state"] == "intact") == x for c in cases)) for x in (True, False))])
+        seas = dict.fromkeys(str(case["sea_state"]) for case in cases)
+        currents = dict.fromkeys(str(case["current"]) for case in cases)
+        intact = sum(case["state"] == "intact" for case in cases)
+        rows.append([*pair, ", ".join(seas), ", ".join(currents), str(intact), str(len(cases) - intact)])
     head = ["waves [years]", "current [years]", "sea states", "currents", "intact cases", "with a broken line"]
     last = f"{own['source']}. Edition: {own['edition']}. Clause: {own['clause']}. Compared with: {own['checked']}."
     return f"## Return periods\n\n{last}\n\n{table(head, rows)}"
 
 
-def _utilisation(part: Table) -> str:
-    """The calculation of a part's utilisation."""
+def _factor_cells(part: Table) -> list[str]:
+    """The calculation of a part's utilisation, and where its factors come from."""
     row = part["worst"]
-    if row is None:
-        return "-"
-    return f"{row['factor']:g} x {row['load_n']:.0f} / {row['capacity_n']:.0f} = {row['utilisation']:.3f}"
+    calculation = "-"
+    if row is not None:
+        calculation = f"{row['factor']:g} x {row['load_n']:.0f} / {row['capacity_n']:.0f} = {row['utilisation']:.3f}"
+    return [part["part"], calculation, *("-" if x is None else str(x) for x in part["factors"].values())]
 
 
 def _quantities(found: Table, labels: Labels) -> str:

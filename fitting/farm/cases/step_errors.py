@@ -10,8 +10,8 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress
 from dropper_jax.base.read import Table
+from fitting.farm.cases.case_store import CaseStore
 from fitting.farm.cases.run import run_cases
-from fitting.farm.cases.stored import Runs
 from fitting.farm.site import Case, Site
 
 
@@ -51,8 +51,8 @@ def _error(sites: list[Site], folder: str | Path, row: Table, seeds: Sequence[in
     means = []
     steps = []
     for site in sites:
-        runs = Runs(site, folder)
-        good, bad = runs.of(site.storms[row["case"]], seeds)
+        runs = CaseStore(folder, site)
+        good, bad = runs.runs_of(site.storms[row["case"]], seeds)
         ((key, value),) = site.steps.items()
         if bad:
             return {"skipped": f"a run with {key} = {value:g} ended with {bad[0]['status']}"}

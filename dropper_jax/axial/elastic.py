@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +33,7 @@ class Elastic(AxialLaw):
     The link also pushes: a line that can go slack is a `Rope`.
     """
 
-    elastic: ClassVar[bool] = True
+    elastic = True
     EA: jax.Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
     damping: jax.Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, default=None)
     intact: jax.Array | None = None  # (n,): 0 if the link has broken (see `failure`), else 1

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 
@@ -18,7 +16,7 @@ from dropper_jax.base.numerics import dot
 class Rigid(AxialLaw):
     """Inextensible link: `|d|^2 = L^2`; the tension is the constraint force."""
 
-    elastic: ClassVar[bool] = False
+    elastic = False
 
     def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
         # springs that push would keep a line straight between points that are close together

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -38,9 +38,9 @@ class Bending(Effect):
     Moments and curvatures of a run: `Solution.bending_moment`, `Solution.curvature`.
     """
 
-    name: ClassVar[str] = "bending"
-    reach: ClassVar[int] = 2
-    parts: ClassVar[bool] = True
+    name = "bending"
+    reach = 2
+    parts = True
     EI: jax.Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
     directions: jax.Array | None = parameter(
         "directions of lines at their clamped points", unit="-", shape="vectors", default=None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -31,8 +30,8 @@ class BodyBed(Effect):
     0.01, which is smooth if the body stands upright.
     """
 
-    name: ClassVar[str] = "body_bed"
-    bodily: ClassVar[bool] = True
+    name = "body_bed"
+    bodily = True
     bed: Seabed
     pieces: Pieces
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -127,8 +125,8 @@ class BodyBuoyancy(Effect):
     path of the corners (average vector field; Quispel and McLaren 2008), which conserves energy.
     """
 
-    name: ClassVar[str] = "body_buoyancy"
-    bodily: ClassVar[bool] = True
+    name = "body_buoyancy"
+    bodily = True
     pieces: Pieces
 
     def _level(self, k: Kinematics) -> jax.Array:
@@ -154,8 +152,8 @@ class BodyBuoyancyInWaves(Effect):
     The dynamic pressure of waves is included in the `rho V u'` of `body_water` and is not added again.
     """
 
-    name: ClassVar[str] = "body_buoyancy"
-    bodily: ClassVar[bool] = True
+    name = "body_buoyancy"
+    bodily = True
     pieces: Pieces
 
     def prepare(self, k: Kinematics) -> jax.Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -41,8 +41,8 @@ class BodyWater(Effect):
     be small compared with the wavelength.
     """
 
-    name: ClassVar[str] = "body_water"
-    bodily: ClassVar[bool] = True
+    name = "body_water"
+    bodily = True
     pieces: Pieces
     cdn: jax.Array = parameter("drag coefficients across slices, and of spheres", unit="-", shape="table", low=0.0)
     can: jax.Array = parameter("added mass coefficients of the same", unit="-", shape="table", low=0.0)

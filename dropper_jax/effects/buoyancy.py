@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,8 +24,8 @@ class Buoyancy(Effect):
     `(m g - wet_weight)/(rho g)`. If both are given they must agree. `effects.weight` is then the weight in air.
     """
 
-    name: ClassVar[str] = "buoyancy"
-    needs_water: ClassVar[bool] = True
+    name = "buoyancy"
+    needs_water = True
     wet_weight: jax.Array | None = parameter(
         "weight in water per link, from which the volume follows", unit="N", shape="link", default=None
     )

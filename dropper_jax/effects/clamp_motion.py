@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -37,9 +35,9 @@ class ClampMotion(Effect):
     Before and after the table the clamp rests. Second order in the link length.
     """
 
-    name: ClassVar[str] = "clamp_motion"
-    reach: ClassVar[int] = 1
-    needs: ClassVar[tuple[str, ...]] = ("bending",)
+    name = "clamp_motion"
+    reach = 1
+    needs = ("bending",)
     time: jax.Array = parameter("times of the table", unit="s", shape="table")
     direction: jax.Array | None = parameter(
         "direction (unit vector) in which the line leaves the point, at those times",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
 
 import jax
 import numpy as np
@@ -21,7 +20,7 @@ class CoupledMotion(Effect):
     values at both ends are met exactly. Rows are points, in the order of `points`; scenes cannot list this effect.
     """
 
-    name: ClassVar[str] = "coupled_motion"
+    name = "coupled_motion"
     begin: jax.Array = parameter("first instant", unit="s")
     width: jax.Array = parameter("time to the second one", unit="s")
     home: jax.Array = parameter("positions of the points in the scene (c, 3)", unit="m", shape="vectors")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 
@@ -31,7 +29,7 @@ class EndMotion(HeldMotion):
     table whose first two and last two rows are equal starts and ends without a jump.
     """
 
-    name: ClassVar[str] = "end_motion"
+    name = "end_motion"
     amplitude: jax.Array | None = parameter("amplitude per axis", unit="m", shape="vector", default=None)
     period: jax.Array | None = parameter("period", unit="s", low=0.0, open_low=True, default=None)
     phase: jax.Array | None = parameter("phase", unit="rad", default=None)

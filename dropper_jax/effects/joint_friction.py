@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 
@@ -34,9 +32,9 @@ class JointFriction(Law):
     then stopped.
     """
 
-    name: ClassVar[str] = "joint_friction"
-    single_line: ClassVar[bool] = True
-    reach: ClassVar[int] = 2
+    name = "joint_friction"
+    single_line = True
+    reach = 2
     viscous: jax.Array | None = parameter(
         "viscous coefficient c", unit="N m s/rad", shape="joint", low=0.0, default=None
     )

@@ -116,7 +116,7 @@ class LengthInTime(Effect):
     `length_in_time`. Masses, weights and water forces of the links do not change.
     """
 
-    name: ClassVar[str] = "length_in_time"
+    name = "length_in_time"
     entries: tuple[ChangingLinks, ...] = ()
 
     def unstretched_lengths(self, line: Line, t: jax.Array) -> jax.Array:

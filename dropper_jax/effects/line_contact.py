@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import field
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -37,8 +36,8 @@ class LineContact(Effect):
     contact passes a node, both its links push. Bodies and buoys are treated as cylinders with round ends.
     """
 
-    name: ClassVar[str] = "line_contact"
-    reach: ClassVar[int] = 2
+    name = "line_contact"
+    reach = 2
     stiffness: jax.Array = parameter("contact force per depth at first touch", unit="N/m", low=0.0, open_low=True)
     damping: jax.Array = parameter("contact force per speed of approach", unit="N s/m", low=0.0, default=0.0)
     friction: jax.Array = parameter("coefficient of dry friction", unit="-", low=0.0, default=0.0)

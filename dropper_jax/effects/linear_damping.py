@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 
 from dropper_jax.base.fields import component, parameter
@@ -15,7 +13,7 @@ from dropper_jax.model import Effect, Kinematics, per_node
 class LinearDamping(Effect):
     """Linear damping `F = -b_l v` on each node (thesis (4.13), first term)."""
 
-    name: ClassVar[str] = "linear_damping"
+    name = "linear_damping"
     b_l: jax.Array = parameter("linear damping coefficient", unit="kg/s", shape="node", low=0.0)
 
     def force(self, k: Kinematics) -> jax.Array:

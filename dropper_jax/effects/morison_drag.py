@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -35,8 +33,8 @@ class MorisonDrag(Effect):
     In both cases the force opposes the relative velocity: in water at rest it never adds energy.
     """
 
-    name: ClassVar[str] = "morison_drag"
-    needs_water: ClassVar[bool] = True
+    name = "morison_drag"
+    needs_water = True
     cdn: jax.Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
     cdt: jax.Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
     shelter: jax.Array | None = parameter(

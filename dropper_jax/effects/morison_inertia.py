@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -53,8 +51,8 @@ class _InertiaForce(Effect):
 class FroudeKrylov(_InertiaForce):
     """`rho V w u'`: `morison_inertia` without added mass, which avoids the cost of added mass."""
 
-    name: ClassVar[str] = "morison_inertia"
-    needs_water: ClassVar[bool] = True
+    name = "morison_inertia"
+    needs_water = True
     fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")
 
 
@@ -78,8 +76,8 @@ class MorisonInertia(_InertiaForce):
     does work that is exactly the change of `1/2 v' M_a v` (a discrete gradient).
     """
 
-    name: ClassVar[str] = "morison_inertia"
-    needs_water: ClassVar[bool] = True
+    name = "morison_inertia"
+    needs_water = True
     can: jax.Array = parameter("added mass coefficient across the link", unit="-", shape="link", low=0.0, default=None)
     cat: jax.Array = parameter("added mass coefficient along the link", unit="-", shape="link", low=0.0, default=None)
     fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")

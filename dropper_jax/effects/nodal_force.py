@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,9 +26,9 @@ class NodalForce(Effect):
     Steps that follow an accuracy end there.
     """
 
-    name: ClassVar[str] = "nodal_force"
-    single_line: ClassVar[bool] = True
-    constant: ClassVar[bool] = True
+    name = "nodal_force"
+    single_line = True
+    constant = True
     force_n: jax.Array = parameter("force on each named node", unit="N", shape="vectors")
     start: jax.Array | None = parameter("when the ramp starts", unit="s", low=0.0, default=None)
     rise: jax.Array | None = parameter(

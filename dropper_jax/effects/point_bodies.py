@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,7 +22,7 @@ class PointBodies(Effect):
     V, smoothed as for lines. Forces act at the point.
     """
 
-    name: ClassVar[str] = "point_bodies"
+    name = "point_bodies"
     mass: jax.Array = parameter("mass of each body", unit="kg", shape="table", low=0.0)
     volume: jax.Array = parameter("displaced volume", unit="m^3", shape="table", low=0.0)
     drag_area: jax.Array = parameter("drag coefficient times area", unit="m^2", shape="table", low=0.0)
@@ -66,7 +64,7 @@ class PointBodies(Effect):
 class WetPointBodies(PointBodies):
     """The same in water."""
 
-    needs_water: ClassVar[bool] = True
+    needs_water = True
 
     def _loads(self, k: Kinematics, nodes: np.ndarray) -> jax.Array:
         down = jnp.array([0.0, 0.0, -1.0], k.r.dtype)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 
@@ -21,7 +19,7 @@ class QuadraticDamping(Effect):
     `form = "componentwise"` is the corrected form `-b_q |v_i| v_i`, for reproduction; it depends on the axes.
     """
 
-    name: ClassVar[str] = "quadratic_damping"
+    name = "quadratic_damping"
     b_q: jax.Array = parameter("quadratic damping coefficient", unit="kg/m", shape="node", low=0.0)
     form: str = option(
         "isotropic |v| v, or |v_i| v_i per component",

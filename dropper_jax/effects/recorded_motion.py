@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +25,7 @@ class RecordedMotion(Effect):
     the first point, then those of the second, and so on: (points * k, 3) for k times.
     """
 
-    name: ClassVar[str] = "recorded_motion"
+    name = "recorded_motion"
     time: jax.Array = parameter("times of the rows", unit="s", shape="table")
     positions: jax.Array = parameter("point after point", unit="m", shape="vectors")
     home: jax.Array = field(kw_only=True)  # positions of the points in the scene (points, 3) [m]

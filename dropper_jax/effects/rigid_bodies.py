@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +39,7 @@ class RigidBodies(HolonomicConstraint):
     keeps its reference point fixed, `sum_i w_i r_i = pin`, and rotates about it.
     """
 
-    name: ClassVar[str] = "rigid_bodies"
+    name = "rigid_bodies"
     mass: jax.Array = parameter("mass", unit="kg", shape="table", low=0.0, open_low=True)
     centre_of_mass: jax.Array = parameter("centre of mass in the body's axes", unit="m", shape="vectors")
     moments: jax.Array = parameter(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import field
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -28,8 +27,8 @@ class SeaFollowingEnd(HeldMotion):
     water itself does.
     """
 
-    name: ClassVar[str] = "sea_following_end"
-    needs_sea: ClassVar[bool] = True
+    name = "sea_following_end"
+    needs_sea = True
     heave: jax.Array = parameter("vertical motion over the elevation", unit="-", shape="numbers", default=1.0)
     surge: jax.Array = parameter("horizontal motion over the water's", unit="-", shape="numbers", default=1.0)
     omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", default=None)

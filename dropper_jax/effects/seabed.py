@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 
@@ -27,7 +25,7 @@ class Seabed(Effect):
     creases: at the bottom of a sharp crease the force of one side alone would let no node rest.
     """
 
-    name: ClassVar[str] = "seabed"
+    name = "seabed"
     stiffness: jax.Array = parameter("contact stiffness", unit="Pa/m", low=0.0, open_low=True, default=3e6)
     damping: jax.Array = parameter("contact damping", unit="Pa s/m", low=0.0, default=3e5)
     depth: jax.Array = parameter("depth of a flat bed", unit="m", low=0.0, open_low=True, default=None)

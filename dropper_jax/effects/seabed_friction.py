@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 
@@ -41,9 +39,9 @@ class SeabedFriction(Law):
     speed N/c.
     """
 
-    name: ClassVar[str] = "seabed_friction"
-    node_local: ClassVar[bool] = True
-    needs: ClassVar[tuple[str, ...]] = ("seabed",)
+    name = "seabed_friction"
+    node_local = True
+    needs = ("seabed",)
     kinetic: jax.Array = parameter("kinetic coefficient of friction", unit="-", low=0.0)
     static: jax.Array | None = parameter("static coefficient of friction", unit="-", low=0.0, default=None)
     damping: jax.Array = parameter(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -49,7 +49,7 @@ class SparBuoys(Effect):
     paper (66 kg against 793 kg for its buoy). Its force on the right is `M_a u'_z` at the base.
     """
 
-    name: ClassVar[str] = "spar_buoys"
+    name = "spar_buoys"
     mass: jax.Array = parameter("mass", unit="kg", shape="table", low=0.0, open_low=True)
     diameter: jax.Array = parameter("diameter", unit="m", shape="table", low=0.0, open_low=True)
     height: jax.Array = parameter("height", unit="m", shape="table", low=0.0, open_low=True)

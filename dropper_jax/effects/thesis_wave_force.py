@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 
@@ -28,10 +26,10 @@ class ThesisWaveForce(Effect):
     `velocity = "relative"` uses (6.13) before that simplification: see `RelativeThesisWaveForce`.
     """
 
-    name: ClassVar[str] = "thesis_wave_force"
-    single_line: ClassVar[bool] = True
-    needs_water: ClassVar[bool] = True
-    constant: ClassVar[bool] = True
+    name = "thesis_wave_force"
+    single_line = True
+    needs_water = True
+    constant = True
     c_d: jax.Array = parameter("drag coefficient", unit="-", low=0.0, default=2.0)
     c_m: jax.Array = parameter("inertia coefficient", unit="-", low=0.0, default=1.0)
     c_a: jax.Array = parameter("added mass coefficient, with relative velocity", unit="-", low=0.0, default=None)
@@ -79,8 +77,7 @@ class RelativeThesisWaveForce(ThesisWaveForce):
     `C_M (u' - v')` in (6.12)-(6.13) are corrected (errata).
     """
 
-    name: ClassVar[str] = "thesis_wave_force"
-    constant: ClassVar[bool] = False
+    constant = False
 
     def force(self, k: Kinematics) -> jax.Array:
         water = k.prepared(self)
@@ -93,8 +90,6 @@ class RelativeThesisWaveForce(ThesisWaveForce):
 @component
 class RelativeThesisWaveForceWithAddedMass(RelativeThesisWaveForce):
     """The same with `-C_A v'` of (6.13), as added mass on the left."""
-
-    name: ClassVar[str] = "thesis_wave_force"
 
     def _added_mass(self, k: Kinematics) -> jax.Array:
         return (k.line.node_share(k.sea.density * k.line.volume) * self.c_a)[:, None]

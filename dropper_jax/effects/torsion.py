@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -39,8 +38,8 @@ class Torsion(Effect):
     hockles), and water does not resist twist.
     """
 
-    name: ClassVar[str] = "torsion"
-    reach: ClassVar[int] = 1
+    name = "torsion"
+    reach = 1
     GJ: jax.Array = parameter("torsional stiffness", unit="N m^2", shape="link", low=0.0, open_low=True)
     polar_inertia: jax.Array = parameter(
         "polar moment of inertia per length", unit="kg m", shape="link", low=0.0, open_low=True

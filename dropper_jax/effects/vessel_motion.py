@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 
@@ -39,8 +37,8 @@ class VesselInWaves(Effect):
     its motion does not depend on the lines.
     """
 
-    name: ClassVar[str] = "vessel_motion"
-    needs_sea: ClassVar[bool] = True
+    name = "vessel_motion"
+    needs_sea = True
     real: jax.Array = parameter("H of each component, in phase (c, 6)", unit="-", shape="vectors")
     imaginary: jax.Array = parameter("H of each component, a quarter period ahead (c, 6)", unit="-", shape="vectors")
     place: jax.Array = parameter("mean position of the reference point", unit="m", shape="vector")
@@ -72,7 +70,7 @@ class VesselByTable(Effect):
     """Motion of a point on a vessel by a table (k, 6) at times (k,), with quintics between the rows as in
     `end_motion`."""
 
-    name: ClassVar[str] = "vessel_motion"
+    name = "vessel_motion"
     time: jax.Array = parameter("times", unit="s", shape="table")
     motion: jax.Array = parameter("surge, sway, heave, roll, pitch, yaw (k, 6)", unit="-", shape="vectors")
     arm: jax.Array = parameter("the point in the vessel's axes", unit="m", shape="vector")

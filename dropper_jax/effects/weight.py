@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import jax
 import jax.numpy as jnp
 
@@ -22,8 +20,8 @@ class Weight(Effect):
     which lies on the link, so that distributing it to the two nodes is exact.
     """
 
-    name: ClassVar[str] = "weight"
-    constant: ClassVar[bool] = True
+    name = "weight"
+    constant = True
     gravity: jax.Array = parameter(
         "acceleration of gravity, by default that of the sea", unit="m/s^2", low=0.0, default=GRAVITY
     )

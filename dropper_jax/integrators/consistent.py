@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.model import AddedMass, Kinematics, Model, TurningMass
-from dropper_jax.residual import StepProblem, Unknowns, couples_inertia
+from dropper_jax.residual import NodeRows, PerLaw, StepProblem, Unknowns, couples_inertia
 from dropper_jax.solvers import SOLVERS
 
 #: Step [s] over which the inertia of added mass is evaluated at an instant, because it is a difference over a step. The
@@ -43,7 +43,7 @@ class ProjectionProblem(StepProblem):
             return self.model.nodal_inertia(x)
         return self.model.inertia(self.k, x) - self.model.inertia(self.k, jnp.zeros_like(x))
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         return self._inertia(x), ()
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
@@ -73,7 +73,7 @@ class InstantProblem(ProjectionProblem):
     def _inertia(self, x: jax.Array) -> jax.Array:
         return self.model.inertia(self.k, x, self.moved)
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         return self._inertia(x) - self.force, ()
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
@@ -177,7 +177,3 @@ def consistent_velocity(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) 
     if model.line.axial.elastic:
         return v
     return consistent(model.instant(r, v, t), added=True)[0]
-
-
-#: One array per law.
-Joints = tuple[jax.Array, ...]

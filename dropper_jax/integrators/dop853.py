@@ -7,7 +7,6 @@ Differential Equations I (1993), program DOP853.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 
@@ -16,10 +15,10 @@ from dropper_jax.integrators.projected import ProjectedRungeKutta
 class Dop853(ProjectedRungeKutta):
     """Twelve stages, eighth order."""
 
-    name: ClassVar[str] = "dop853"
-    order: ClassVar[int] = 8
-    stable: ClassVar[float] = 6.0
-    a: ClassVar[tuple[tuple[float, ...], ...]] = (
+    name = "dop853"
+    order = 8
+    stable = 6.0
+    a = (
         (0.05260015195876773,),
         (0.0197250569845379, 0.0591751709536137),
         (0.02958758547680685, 0.0, 0.08876275643042054),
@@ -82,7 +81,7 @@ class Dop853(ProjectedRungeKutta):
             0.6433927460157636,
         ),
     )
-    b: ClassVar[tuple[float, ...]] = (
+    b = (
         0.054293734116568765,
         0.0,
         0.0,
@@ -96,7 +95,7 @@ class Dop853(ProjectedRungeKutta):
         0.20136540080403034,
         0.04471061572777259,
     )
-    errors: ClassVar[tuple[tuple[float, ...], ...]] = (
+    errors = (
         (
             0.01312004499419488,
             0.0,

@@ -11,7 +11,6 @@ Simo and Tarnow 1992).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -27,20 +26,20 @@ from dropper_jax.integrators.consistent import (
 )
 from dropper_jax.integrators.stop_held import stop_held_joints, stop_held_nodes
 from dropper_jax.model import MOVING_ENDS, AddedMass, Ends, Kinematics, Model, State, Works, book_works, turning
-from dropper_jax.residual import Implicit, LocalError, StepProblem, Unknowns
+from dropper_jax.residual import Implicit, LocalError, NodeRows, PerLaw, StepProblem, Unknowns
 
 
 @dataclass(frozen=True)
 class EnergyMomentum(Implicit):
     """Energy-momentum midpoint scheme, second order."""
 
-    name: ClassVar[str] = "energy_momentum"
-    order: ClassVar[int] = 2
-    condensable: ClassVar[bool] = True
-    networkable: ClassVar[bool] = True
-    takes_laws: ClassVar[bool] = True
-    takes_constraints: ClassVar[bool] = True
-    tension_time: ClassVar[float] = 0.5
+    name = "energy_momentum"
+    order = 2
+    condensable = True
+    networkable = True
+    takes_laws = True
+    takes_constraints = True
+    tension_time = 0.5
 
     @property
     def weighting(self) -> float:
@@ -127,7 +126,7 @@ class MidpointProblem(StepProblem):
         over = {"prepared": self.prepared, "h": h, "before": s.v}
         return self.model.kinematics(r, v, self.t_mid, self.ends, **over)
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         middle = self.instant(x)
         a = x / (self.gamma * self.h**2)
         force = self.model.inertia(middle, a, self.end_acceleration) - self.model.force(middle)
@@ -145,7 +144,7 @@ class MidpointProblem(StepProblem):
         line = self.model.line
         return line.axial.direction(self.links0, links1, mean, line.length)
 
-    def _laws(self, mid: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def _laws(self, mid: Kinematics, z: PerLaw) -> NodeRows:
         """Forces (nodes, 3) [N] of the unknowns of laws and constraints, and the rows that determine them."""
         model = self.model
         force, rows = self.law_rows(mid, z)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from dropper_jax.integrators.energy_momentum import EnergyMomentum
 
@@ -16,9 +15,9 @@ class EnergyMomentum4(EnergyMomentum):
     """Five energy-momentum steps per step, the middle one backwards; fourth order, with the same conserved
     quantities. Axial vibrations that its steps do not resolve are not damped."""
 
-    name: ClassVar[str] = "energy_momentum_4"
-    order: ClassVar[int] = 4
+    name = "energy_momentum_4"
+    order = 4
     #: Backwards, friction solved as a law would drive the motion: a dry pendulum lost 2.3 times the correct energy.
-    takes_laws: ClassVar[bool] = False
-    stages: ClassVar[tuple[float, ...]] = (_P, _P, 1.0 - 4.0 * _P, _P, _P)
-    tension_time: ClassVar[float] = 1.0 - 0.5 * _P
+    takes_laws = False
+    stages = (_P, _P, 1.0 - 4.0 * _P, _P, _P)
+    tension_time = 1.0 - 0.5 * _P

@@ -14,7 +14,7 @@ steps. In turn, energy is conserved only as accurately as the motion is computed
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,7 +24,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.integrators.runge_kutta import accelerations, powers
 from dropper_jax.integrators.stop_held import stop_held_nodes
 from dropper_jax.model import Ends, Kinematics, LengthOverTime, Model, State
-from dropper_jax.residual import Implicit, LocalError, StepProblem, Unknowns, couples_inertia
+from dropper_jax.residual import Implicit, LocalError, NodeRows, PerLaw, StepProblem, Unknowns, couples_inertia
 
 
 class Coefficients(NamedTuple):
@@ -57,10 +57,10 @@ class GeneralizedAlpha(Implicit):
     With 1 nothing is damped, and unresolved ringing continues indefinitely. The default is 0.5; OrcaFlex uses 0.4.
     """
 
-    name: ClassVar[str] = "generalized_alpha"
-    order: ClassVar[int] = 2
-    networkable: ClassVar[bool] = True
-    takes_laws: ClassVar[bool] = True
+    name = "generalized_alpha"
+    order = 2
+    networkable = True
+    takes_laws = True
     rho_infinity: float = parameter(
         "amplitude ratio of the fastest vibrations over one step", unit="-", low=0.0, high=1.0, default=0.5
     )
@@ -155,7 +155,7 @@ class GeneralizedAlphaProblem(StepProblem):
         s = self.s
         return Unknowns(0.5 * self.h**2 * s.acceleration, s.tension, s.law)
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         """Inertia minus forces (nodes, 3) [N], without tensions, and the rows of laws."""
         k = self.instant(x)
         old = self.s.acceleration

@@ -10,14 +10,13 @@ velocity-dependent forces too, and symplectic without them. Its energy error is 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.numerics import components, dot
 from dropper_jax.model import Kinematics, Model, State, book_works
-from dropper_jax.residual import Implicit, SpeedProblem, Unknowns
+from dropper_jax.residual import Implicit, NodeRows, PerLaw, SpeedProblem, Unknowns
 from dropper_jax.solvers.condensed import ConstraintMatrix
 
 
@@ -25,11 +24,11 @@ from dropper_jax.solvers.condensed import ConstraintMatrix
 class Rattle(Implicit):
     """RATTLE, second order, symplectic."""
 
-    name: ClassVar[str] = "rattle"
-    order: ClassVar[int] = 2
-    condensable: ClassVar[bool] = True
-    point_masses: ClassVar[bool] = True
-    enough: ClassVar[float] = 1.0  # its energy is bounded by the scheme, not conserved to rounding
+    name = "rattle"
+    order = 2
+    condensable = True
+    point_masses = True
+    enough = 1.0  # its energy is bounded by the scheme, not conserved to rounding
 
     def equations(self, model: Model, s: State, h: jax.Array) -> RattleProblem:
         return RattleProblem(model, s, h)
@@ -54,7 +53,7 @@ class RattleProblem(SpeedProblem):
         h = self.h
         return self.model.instant(s.r + h * v, v, s.t + h, self.ends1)
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         return (2 / self.h) * self.mass[:, None] * (x - self.s.v) - self.model.force(self._start_kinematics(x)), ()
 
     def finish(self, u: Unknowns) -> State:

@@ -8,7 +8,6 @@ s 1.6e-5 rad, for five times the work of a rattle step.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from dropper_jax.integrators.energy_momentum_4 import EnergyMomentum4
 from dropper_jax.integrators.rattle import Rattle
@@ -18,6 +17,6 @@ from dropper_jax.integrators.rattle import Rattle
 class Rattle4(Rattle):
     """Suzuki's five-step composition (1990) of the symmetric second-order scheme; the middle step runs backwards."""
 
-    name: ClassVar[str] = "rattle_4"
-    order: ClassVar[int] = 4
-    stages: ClassVar[tuple[float, ...]] = EnergyMomentum4.stages
+    name = "rattle_4"
+    order = 4
+    stages = EnergyMomentum4.stages

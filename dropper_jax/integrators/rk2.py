@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from dropper_jax.integrators.runge_kutta import RungeKutta
 
@@ -12,7 +11,7 @@ from dropper_jax.integrators.runge_kutta import RungeKutta
 class RK2(RungeKutta):
     """`y1 = y0 + h f(y0 + h/2 f(y0))`."""
 
-    name: ClassVar[str] = "rk2"
-    order: ClassVar[int] = 2
+    name = "rk2"
+    order = 2
     a = ((0.5,),)
     b = (0.0, 1.0)

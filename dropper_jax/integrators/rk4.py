@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from dropper_jax.integrators.runge_kutta import RungeKutta
 
@@ -12,7 +11,7 @@ from dropper_jax.integrators.runge_kutta import RungeKutta
 class RK4(RungeKutta):
     """The classical four-stage scheme."""
 
-    name: ClassVar[str] = "rk4"
-    order: ClassVar[int] = 4
+    name = "rk4"
+    order = 4
     a = ((0.5,), (0.0, 0.5), (0.0, 0.0, 1.0))
     b = (1 / 6, 1 / 3, 1 / 3, 1 / 6)

@@ -12,7 +12,6 @@ On lines that stretch, tensions follow from lengths and no system has to be solv
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax
 
@@ -22,6 +21,8 @@ from dropper_jax.residual import (
     Explicit,
     Implicit,
     Integrator,
+    NodeRows,
+    PerLaw,
     SpeedProblem,
     Unknowns,
 )
@@ -31,10 +32,10 @@ from dropper_jax.residual import (
 class SemiImplicitEuler(Implicit):
     """First order; explicit forces, tensions that enforce the new lengths."""
 
-    name: ClassVar[str] = "semi_implicit_euler"
-    order: ClassVar[int] = 1
-    condensable: ClassVar[bool] = True
-    point_masses: ClassVar[bool] = True
+    name = "semi_implicit_euler"
+    order = 1
+    condensable = True
+    point_masses = True
 
     def form_for(self, model: Model) -> Integrator:
         if model.line.axial.elastic:
@@ -49,8 +50,8 @@ class SemiImplicitEuler(Implicit):
 class ElasticSemiImplicitEuler(Explicit):
     """The same for lines that stretch: explicit, first order, stable for `h omega < 2` without damping."""
 
-    name: ClassVar[str] = SemiImplicitEuler.name
-    order: ClassVar[int] = 1
+    name = SemiImplicitEuler.name
+    order = 1
 
     def advance(self, model: Model, s: State, h: jax.Array) -> State:
         (_, a, power), _ = rates(model, s.r, s.v, s.t, bool(s.work.size))
@@ -68,7 +69,7 @@ class SemiImplicitProblem(SpeedProblem):
     def guess(self) -> Unknowns:
         return Unknowns(self.s.v + self.h * self.s.acceleration, self.s.tension)
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         return self.mass[:, None] * (x - self.s.v) / self.h - self.force0, ()
 
     def finish(self, u: Unknowns) -> State:

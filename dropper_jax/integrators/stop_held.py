@@ -21,13 +21,12 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.linalg import lu_factor, lu_solve
 
 from dropper_jax.base.numerics import dot
-from dropper_jax.integrators.consistent import Joints
 from dropper_jax.model import Kinematics, Law, Model
-from dropper_jax.residual import Unknowns
+from dropper_jax.residual import PerLaw, Unknowns
 
 
 def stop_held_joints(
-    model: Model, z: tuple[jax.Array, ...], middle: Kinematics, after: Kinematics, h: jax.Array
+    model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """End velocities (nodes, 3) [m/s] with stuck joints at rest, and the work of that (<= 0) [J].
 
@@ -43,7 +42,7 @@ def stop_held_joints(
     return jax.lax.cond(some, stopped, lambda: (after.v, jnp.zeros((), after.v.dtype)))
 
 
-def _stop_nodes(model: Model, held: Joints, z: Joints, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _stop_nodes(model: Model, held: PerLaw, z: PerLaw, after: Kinematics, h: jax.Array) -> tuple[jax.Array, jax.Array]:
     # neither solution nor factors are differentiated: one more correction with differentiated rows has the exact
     # derivative of the solution, at the cost of a few operations
     u, factor, over, aim = _solve(*jax.lax.stop_gradient((model, held, after.v, after.r, after.t, z, h)))
@@ -53,7 +52,7 @@ def _stop_nodes(model: Model, held: Joints, z: Joints, after: Kinematics, h: jax
 
 
 def stop_held_nodes(
-    model: Model, z: tuple[jax.Array, ...], middle: Kinematics, after: Kinematics, h: jax.Array
+    model: Model, z: PerLaw, middle: Kinematics, after: Kinematics, h: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """The same for laws that hold nodes individually (`node_local`): each simply stops, as its `stop` defines."""
     v1 = after.v
@@ -64,8 +63,8 @@ def stop_held_nodes(
 
 @jax.jit  # traced once, not at each of the half dozen positions of a differentiated step
 def _solve(
-    model: Model, held: Joints, v: jax.Array, r: jax.Array, t: jax.Array, z: Joints, h: jax.Array
-) -> tuple[Unknowns, Joints, Joints, Joints]:
+    model: Model, held: PerLaw, v: jax.Array, r: jax.Array, t: jax.Array, z: PerLaw, h: jax.Array
+) -> tuple[Unknowns, PerLaw, PerLaw, PerLaw]:
     """Unknowns, factors of their matrix, the joints whose impulse is on its bound, and the direction of their
     impulses."""
     after = model.kinematics(r, v, t)
@@ -92,7 +91,7 @@ def _solve(
 
 
 def _beyond(law: Law, p: jax.Array, q: jax.Array, h: jax.Array) -> jax.Array:
-    """Joints (joints, 1) whose impulse exceeds its bound; within the bound both differ by rounding of p and h q.
+    """PerLaw (joints, 1) whose impulse exceeds its bound; within the bound both differ by rounding of p and h q.
 
     A joint wrongly classified as exceeding its bound would have a row of zeros.
     """
@@ -108,7 +107,7 @@ IMPULSE_COMPLIANCE = 1e-10
 
 
 def _rows(
-    model: Model, held: Joints, after: Kinematics, z: Joints, h: jax.Array, over: Joints, aim: Joints, u: Unknowns
+    model: Model, held: PerLaw, after: Kinematics, z: PerLaw, h: jax.Array, over: PerLaw, aim: PerLaw, u: Unknowns
 ) -> Unknowns:
     """Rows of the system above for velocity changes, impulses of tensions and of joints.
 

@@ -15,7 +15,7 @@ vertical link has no azimuth, and the Jacobian is singular there; the scheme is 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,10 +29,10 @@ from dropper_jax.residual import GRAVITY_SCALE, Implicit, StepProblem, Unknowns
 class ThesisAngles(Implicit):
     """First order (gamma = 0.5 formally second); dense Newton on 5 unknowns per link."""
 
-    name: ClassVar[str] = "thesis_angles"
-    order: ClassVar[int] = 1
-    local_rows: ClassVar[bool] = False
-    point_masses: ClassVar[bool] = True
+    name = "thesis_angles"
+    order = 1
+    local_rows = False
+    point_masses = True
     gamma: float = parameter(
         "weight of the new time, 1 for implicit Euler", unit="-", low=0.0, high=1.0, open_low=True, default=0.51
     )

@@ -10,24 +10,23 @@ at r1 (half-explicit Euler; Hairer and Wanner), and link lengths drift.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import jax
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics, Model, State, book_works
-from dropper_jax.residual import Implicit, SpeedProblem, Unknowns
+from dropper_jax.residual import Implicit, NodeRows, PerLaw, SpeedProblem, Unknowns
 
 
 @dataclass(frozen=True)
 class Theta(Implicit):
     """End-point weighted scheme, first order (gamma = 0.5 is formally second and unstable in the tensions)."""
 
-    name: ClassVar[str] = "theta"
-    order: ClassVar[int] = 1
-    condensable: ClassVar[bool] = True
-    point_masses: ClassVar[bool] = True
+    name = "theta"
+    order = 1
+    condensable = True
+    point_masses = True
     gamma: float = parameter(
         "weight of the new time, 0 for explicit, 1 for implicit Euler", unit="-", low=0.0, high=1.0, default=0.51
     )
@@ -65,7 +64,7 @@ class ThetaProblem(SpeedProblem):
         r1 = s.r + h * (s.v + self.gamma * x)
         return self.model.kinematics(r1, s.v + x, s.t + h, self.ends1, prepared=self.prepared)
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         rows = self.mass[:, None] * x / self.h - (1 - self.gamma) * self.force0
         if not self.explicit:
             rows = rows - self.gamma * self.model.force(self._end_kinematics(x))

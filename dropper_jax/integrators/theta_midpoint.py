@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from dropper_jax.base.fields import parameter
 from dropper_jax.integrators.energy_momentum import EnergyMomentum
@@ -17,8 +16,8 @@ class ThetaMidpoint(EnergyMomentum):
     Above it the scheme is first order, stable and dissipative.
     """
 
-    name: ClassVar[str] = "theta_midpoint"
-    order: ClassVar[int] = 1
+    name = "theta_midpoint"
+    order = 1
     gamma: float = parameter("weight of the new time", unit="-", low=0.5, high=1.0, default=0.51)
 
     @property

@@ -7,7 +7,6 @@ Computers and Mathematics with Applications 62 (2011). The last stage is the fir
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from dropper_jax.integrators.projected import ProjectedRungeKutta
 
@@ -16,17 +15,17 @@ from dropper_jax.integrators.projected import ProjectedRungeKutta
 class Tsit5(ProjectedRungeKutta):
     """Six stages, fifth order."""
 
-    name: ClassVar[str] = "tsit5"
-    order: ClassVar[int] = 5
-    stable: ClassVar[float] = 3.0
-    a: ClassVar[tuple[tuple[float, ...], ...]] = (
+    name = "tsit5"
+    order = 5
+    stable = 3.0
+    a = (
         (0.161,),
         (-0.008480655492356989, 0.335480655492357),
         (2.8971530571054935, -6.359448489975075, 4.3622954328695815),
         (5.325864828439257, -11.748883564062828, 7.4955393428898365, -0.09249506636175525),
         (5.86145544294642, -12.92096931784711, 8.159367898576159, -0.071584973281401, -0.028269050394068383),
     )
-    b: ClassVar[tuple[float, ...]] = (
+    b = (
         0.09646076681806523,
         0.01,
         0.4798896504144996,
@@ -34,7 +33,7 @@ class Tsit5(ProjectedRungeKutta):
         -3.290069515436081,
         2.324710524099774,
     )
-    errors: ClassVar[tuple[tuple[float, ...], ...]] = (
+    errors = (
         (
             0.0017800110522257773,
             0.0008164344596567463,

@@ -47,9 +47,6 @@ class ModelView(Protocol):
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot, in order."""
 
-    def node(self, line: str | int, j: int) -> int:
-        """Number among the free nodes of node j of a line."""
-
     def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
         """All nodes (n + lines, 3) [m], or their velocities."""
 
@@ -152,7 +149,7 @@ class Kinematics:
         Raises:
             ValueError: no such line or node, or the node is fixed.
         """
-        return self.model.node(line, j)
+        return self.model.geometry.node(line, j)
 
     @cached_property
     def nodes(self) -> jax.Array:

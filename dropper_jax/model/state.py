@@ -126,16 +126,20 @@ def state(
     model: Model, r: ArrayLike, v: ArrayLike | None = None, tension: ArrayLike | None = None, t: ArrayLike = 0.0
 ) -> State:
     """A state from free-node positions (nodes, 3) [m] and velocities; omitted values are zero."""
-    # zeros of NumPy: outside of a program `jnp.zeros` compiles one for each shape
-    r = jnp.asarray(r, model.dtype)
+
+    def array(value: ArrayLike | None, *shape: int) -> jax.Array:
+        # zeros of NumPy: outside of a program `jnp.zeros` compiles one for each shape
+        return jnp.asarray(np.zeros(shape) if value is None else value, model.dtype)
+
+    r = array(r)
     return State(
         r=r,
-        v=jnp.asarray(np.zeros(r.shape), model.dtype) if v is None else jnp.asarray(v, model.dtype),
-        tension=jnp.asarray(np.zeros(model.line.links) if tension is None else tension, model.dtype),
-        t=jnp.asarray(t, model.dtype),
-        acceleration=jnp.asarray(np.zeros(r.shape), model.dtype),
+        v=array(v, *r.shape),
+        tension=array(tension, model.line.links),
+        t=array(t),
+        acceleration=array(None, *r.shape),
         law=model.no_multipliers(),
-        work=jnp.asarray(np.zeros(len(work_names(model))), model.dtype),
+        work=array(None, len(work_names(model))),
         parted=nothing_parted(model),
         own=model.initial_internal_state(),
     )

@@ -1,6 +1,14 @@
 """A step is a residual: its unknowns and rows, Newton's method on them, the derivative of the solution (`step`)."""
 
-from dropper_jax.residual.problem import GRAVITY_SCALE, SpeedProblem, StepProblem, Unknowns, local_jacobian
+from dropper_jax.residual.problem import (
+    GRAVITY_SCALE,
+    NodeRows,
+    PerLaw,
+    SpeedProblem,
+    StepProblem,
+    Unknowns,
+    local_jacobian,
+)
 from dropper_jax.residual.scheme import (
     Embedded,
     Explicit,
@@ -38,6 +46,8 @@ __all__ = [
     "Linear",
     "LocalError",
     "Newton",
+    "NodeRows",
+    "PerLaw",
     "Solver",
     "SpeedProblem",
     "StepProblem",

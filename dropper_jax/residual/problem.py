@@ -16,6 +16,12 @@ from dropper_jax.model import Effect, ElementForce, Ends, Kinematics, Model, Sta
 GRAVITY_SCALE = GRAVITY  # [m/s^2]; only scales residuals, the gravity of the scene is a parameter of an effect
 
 
+#: One array per law of an effect: its unknowns (joints, c), or the rows that determine them.
+PerLaw = tuple[jax.Array, ...]
+#: Force rows of the nodes (nodes, 3) [N], and the rows of laws.
+NodeRows = tuple[jax.Array, PerLaw]
+
+
 class Unknowns(NamedTuple):
     """Unknowns of a step, or its rows, or scales of either.
 
@@ -27,7 +33,7 @@ class Unknowns(NamedTuple):
 
     x: jax.Array
     y: jax.Array
-    z: tuple[jax.Array, ...] = ()
+    z: PerLaw = ()
 
 
 class StepProblem:
@@ -70,12 +76,12 @@ class StepProblem:
         x."""
         raise NotImplementedError
 
-    def node_rows(self, x: jax.Array, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         """Force rows (nodes, 3) without the links' tensions, and the rows of laws; each node's depend on its own x
         only."""
         raise NotImplementedError
 
-    def law_rows(self, k: Kinematics, z: tuple[jax.Array, ...]) -> tuple[jax.Array, tuple[jax.Array, ...]]:
+    def law_rows(self, k: Kinematics, z: PerLaw) -> NodeRows:
         """Forces (nodes, 3) [N] of the unknowns of laws at an instant, and the rows that determine these."""
         pairs = tuple(zip(self.model.laws, z, strict=False))
         force = sum((law.law_force(k, unknown) for law, unknown in pairs), jnp.zeros_like(k.r))

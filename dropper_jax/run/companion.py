@@ -23,12 +23,13 @@ The compiled program of the run has accuracy, step and count as arguments, so no
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
+from dropper_jax.base.read import Values
 from dropper_jax.integrators import INTEGRATORS
 from dropper_jax.run.chunks import FACTOR, Companion, Program, RunOutcome
 from dropper_jax.run.row_store import Rows
@@ -76,6 +77,37 @@ class Tensions(NamedTuple):
         return np.sqrt(np.maximum(self.square - self.mean**2, 0.0))
 
 
+@dataclass(frozen=True)
+class LineErrors:
+    """Mean, standard deviation and maximum in time of the tension of a line's most loaded link, with errors [N]."""
+
+    line: str
+    link: int
+    mean_n: float
+    mean_error_n: float
+    deviation_n: float
+    deviation_error_n: float
+    maximum_n: float
+    maximum_error_n: float
+
+
+@dataclass(frozen=True)
+class StatedErrors:
+    """Errors of a run.
+
+    Attributes:
+        companion: what the companion followed, in words.
+        positions: RMS distance of the worst node as a fraction of the travel, until `chaotic_from_s`; None at rest.
+        angles_rad: see `_angle_error`.
+    """
+
+    companion: str
+    lines: list[LineErrors]
+    positions: float | None
+    chaotic_from_s: float | None
+    angles_rad: float
+
+
 def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer: bool = False) -> Kind:
     """The solution with the errors that a companion states, in `settings["stated_errors"]`, and their warnings.
 
@@ -94,23 +126,15 @@ def with_stated_errors(solution: Kind, run: Program, outcome: RunOutcome, finer:
         note = "errors: not stated, because a step of the second run fails"
         return replace(solution, warnings=(*solution.warnings, note))
     warnings = tuple(_warnings(found, solution))
-    unusable = solution.scene.run.accuracy is None and _worst(found, solution) > UNUSABLE
-    if solution.status == "ok" and unusable:
+    status = solution.status
+    if status == "ok" and solution.scene.run.accuracy is None and _worst(found) > UNUSABLE:
         status = TOO_LONG
-    else:
-        status = solution.status
-    settings = {**solution.settings, "stated_errors": found}
+    settings = {**solution.settings, "stated_errors": asdict(found)}
     return replace(solution, settings=settings, status=status, warnings=(*solution.warnings, *warnings))
 
 
-def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -> dict[str, Any] | None:
-    """Errors of a run; None if a step of the companion fails.
-
-    Returns:
-        `companion`: what the companion followed, in words; `lines`: of each line {line, link, mean_n, mean_error_n,
-        deviation_n, deviation_error_n, maximum_n, maximum_error_n}; `positions`: RMS distance of the worst node as a
-        fraction of the travel, until `chaotic_from_s`; None at rest; `angles_rad`: see `_angle_error`.
-    """
+def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -> StatedErrors | None:
+    """Errors of a run; None if a step of the companion fails."""
     rows = outcome.trajectory
     beside = outcome.beside
     every = 1 if companion.finer else 2
@@ -139,27 +163,24 @@ def state_errors(solution: Samples, companion: Companion, outcome: RunOutcome) -
     else:
         stated = SCATTER * estimate
     travel = _travel(solution, rows.r)
-    separation = None
+    chaos = None
+    positions = None
     if travel is not None:
         separation = np.concatenate(distance) / travel
-    chaos = None
-    if separation is not None:
         chaos = _chaos(separation, run)
+        positions = stated * float(np.sqrt(np.mean(separation[:chaos] ** 2)))
     both_tensions = _tensions(rows, beside), _weighted(parts)
     interval = solution.settings["dt"] * solution.settings["save_every"] * every
-    positions = None
-    if separation is not None:
-        positions = stated * float(np.sqrt(np.mean(separation[:chaos] ** 2)))
     chaotic_from_s = None
     if chaos is not None:
         chaotic_from_s = float(solution.t[every * (1 + chaos)])
-    return {
-        "companion": companion.words,
-        "lines": list(_lines(solution, both_tensions, stated if chaos is None else max(stated, 1.0))),
-        "positions": positions,
-        "chaotic_from_s": chaotic_from_s,
-        "angles_rad": estimate * _angle_error(solution, np.concatenate(turned)[:chaos], interval),
-    }
+    return StatedErrors(
+        companion=companion.words,
+        lines=list(_lines(solution, both_tensions, stated if chaos is None else max(stated, 1.0))),
+        positions=positions,
+        chaotic_from_s=chaotic_from_s,
+        angles_rad=estimate * _angle_error(solution, np.concatenate(turned)[:chaos], interval),
+    )
 
 
 def error_factor(solution: Samples, finer: bool) -> float:
@@ -174,9 +195,9 @@ def error_factor(solution: Samples, finer: bool) -> float:
     return 1.0 / (gain - 1.0)
 
 
-def _tensions(rows: Trajectory, beside: Any) -> Tensions:
+def _tensions(rows: Trajectory, beside: Within | None) -> Tensions:
     links = rows.tension.shape[1]
-    square = beside.square if isinstance(beside, Within) else rows.tension**2
+    square = rows.tension**2 if beside is None else beside.square
     if rows.extremes is None:
         top = rows.tension
     else:
@@ -192,7 +213,7 @@ def _weighted(parts: list[tuple[int, Tensions]]) -> Tensions:
     return Tensions(mean, square, np.max([part.top for _, part in parts], axis=0))
 
 
-def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) -> Iterator[dict[str, Any]]:
+def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) -> Iterator[LineErrors]:
     run, other = both
     lines = list(whole_lines(solution.scene))
     along = [line.links for line in lines]
@@ -203,16 +224,16 @@ def _lines(solution: Samples, both: tuple[Tensions, Tensions], factor: float) ->
     deviations = _differences(run.deviation - other.deviation, along, links, size)
     tops = np.hypot(np.abs(run.top - other.top)[links], OTHER_LINKS * _rms_of_lines(run.top - other.top, along))
     for i, (line, link) in enumerate(zip(lines, links, strict=True)):
-        yield {
-            "line": line.name,
-            "link": int(link) - line.links.start + 1,
-            "mean_n": float(run.mean[link]),
-            "mean_error_n": factor * float(means[i]),
-            "deviation_n": float(run.deviation[link]),
-            "deviation_error_n": factor * float(deviations[i]),
-            "maximum_n": float(run.top[link]),
-            "maximum_error_n": float(tops[i]),
-        }
+        yield LineErrors(
+            line=line.name,
+            link=int(link) - line.links.start + 1,
+            mean_n=float(run.mean[link]),
+            mean_error_n=factor * float(means[i]),
+            deviation_n=float(run.deviation[link]),
+            deviation_error_n=factor * float(deviations[i]),
+            maximum_n=float(run.top[link]),
+            maximum_error_n=float(tops[i]),
+        )
 
 
 def _differences(apart: np.ndarray, along: list[slice], links: np.ndarray, size: np.ndarray) -> np.ndarray:
@@ -313,34 +334,34 @@ def _angle_error(solution: Samples, turned: np.ndarray, interval: float) -> floa
     return float(np.sqrt(np.mean(turned)) * min(window / len(turned), 1.0))
 
 
-def _relative(found: dict[str, Any]) -> Iterator[tuple[str, str, float]]:
+def _relative(found: StatedErrors) -> Iterator[tuple[str, str, float]]:
     """Line, what is off, and the error as a fraction: of the line's largest mean, deviation together."""
-    largest = max((row["maximum_n"] for row in found["lines"]), default=0.0)
-    for row in found["lines"]:
-        scale = max(abs(row["mean_n"]) + row["deviation_n"], SMALL_TENSION * largest)
+    largest = max((row.maximum_n for row in found.lines), default=0.0)
+    for row in found.lines:
+        scale = max(abs(row.mean_n) + row.deviation_n, SMALL_TENSION * largest)
         if scale > 0.0:
-            yield row["line"], "mean tension", row["mean_error_n"] / scale
-            yield row["line"], "deviation of the tension", row["deviation_error_n"] / scale
-        if row["maximum_n"] > SMALL_TENSION * largest:
-            yield row["line"], "largest tension", row["maximum_error_n"] / row["maximum_n"]
-    if found["positions"] is not None:
-        yield "", "positions", found["positions"]
+            yield row.line, "mean tension", row.mean_error_n / scale
+            yield row.line, "deviation of the tension", row.deviation_error_n / scale
+        if row.maximum_n > SMALL_TENSION * largest:
+            yield row.line, "largest tension", row.maximum_error_n / row.maximum_n
+    if found.positions is not None:
+        yield "", "positions", found.positions
 
 
-def _worst(found: dict[str, Any], solution: Samples) -> float:
+def _worst(found: StatedErrors) -> float:
     """The largest relative error that makes equal steps unusable; chance does not."""
-    if found["chaotic_from_s"] is not None:
-        return found["positions"] or 0.0
+    if found.chaotic_from_s is not None:
+        return found.positions or 0.0
     return max((size for _, _, size in _relative(found)), default=0.0)
 
 
-def _warnings(found: dict[str, Any], solution: Samples) -> Iterator[str]:
+def _warnings(found: StatedErrors, solution: Samples) -> Iterator[str]:
     """One line for the result of each kind that is most off, if it is off by more than the run is to be."""
     accuracy = solution.scene.run.accuracy
     limit = WARNED if accuracy is None else MISSED * accuracy
     worst: dict[str, tuple[str, float]] = {}
     for line, what, size in _relative(found):
-        is_chance = found["chaotic_from_s"] is not None and what != "positions"
+        is_chance = found.chaotic_from_s is not None and what != "positions"
         if size > limit and not is_chance and size > worst.get(what, ("", 0.0))[1]:
             worst[what] = (line, size)
     for what, (line, size) in worst.items():
@@ -357,8 +378,8 @@ def _advice(solution: Samples) -> str:
     return "Use --accuracy 0.01 in place of --dt"
 
 
-def words(found: dict[str, Any]) -> str:
-    """The stated errors in one line."""
+def words(found: Values) -> str:
+    """The stated errors of a solution's settings, in one line."""
     texts = []
     if found["positions"] is not None:
         texts.append(f"positions {100.0 * found['positions']:.2g} % of the travel")

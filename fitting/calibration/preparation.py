@@ -154,15 +154,6 @@ class WindowPlan:
     short: int
 
 
-@dataclass(frozen=True)
-class FirstWindows:
-    """Windows with the starts that their samples give, and the growth rate of small errors in the motion [1/s]."""
-
-    windows: Windows
-    starts: Starts
-    lyapunov: float
-
-
 def at_frames(parameters: Sequence[Parameter], traces: Sequence[Trace]) -> tuple[Parameter, ...]:
     """The parameters with the times of the frames that they refer to.
 
@@ -391,20 +382,25 @@ def prepare(
     simulator.capacity = program_capacity(samples, plan)
     progress(0.02, f"windows of at most {plan.length:.3g} s: compiling")
     values = np.array([p.value for p in parameters])
-    first = windows_along_motion(samples, simulator, release, plan, values)
-    check_effects(simulator, first, values)
+    windows, starts, growth = windows_along_motion(samples, simulator, release, plan, values)
+    slopes = simulator(values, starts, windows).jacobian[..., simulator.freedoms :]
+    for p, effective in zip(simulator.parameters, np.any(slopes, axis=(0, 1, 2)), strict=True):
+        if not effective:
+            raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")
     if release is not None:
-        parameters = guess_release(simulator, release, first, values)
+        residuals = lambda *at: simulator(*at).residual  # noqa: E731
+        values = release.guess(residuals, simulator.parameters, windows, starts, values)
+        parameters = tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
     return Prepared(
         scene=scene,
         traces=samples.traces,
         sigma=samples.sigma,
         parameters=parameters,
         simulator=simulator,
-        windows=first.windows,
-        starts=first.starts,
+        windows=windows,
+        starts=starts,
         held_out=samples.held_out,
-        lyapunov=first.lyapunov,
+        lyapunov=growth,
         period=samples.period,
         warnings=(*notes, *samples.notes),
         started=started,
@@ -590,8 +586,12 @@ def program_capacity(samples: Samples, plan: WindowPlan) -> tuple[int, int]:
 
 def windows_along_motion(
     samples: Samples, simulator: Simulator, release: Release | None, plan: WindowPlan, values: np.ndarray
-) -> FirstWindows:
-    """Windows as long as the motion allows: short ones are run first and joined (`follow_motion`)."""
+) -> tuple[Windows, Starts, float]:
+    """Windows as long as the motion allows: short ones are run first and joined (`follow_motion`).
+
+    Returns:
+        The windows, the starts that their samples give, and the growth rate of small errors in the motion [1/s].
+    """
     model = simulator.model
     sigma = samples.sigma
     seen = samples.observed
@@ -611,21 +611,4 @@ def windows_along_motion(
     if release is not None:
         windows = release.mark(windows, samples.traces)
         simulator.parameters = release.bound_times(simulator.parameters, windows)
-    return FirstWindows(windows, first_starts(model, seen, windows, sigma), rate)
-
-
-def check_effects(simulator: Simulator, first: FirstWindows, values: np.ndarray) -> None:
-    """Reject parameters that change no angle."""
-    slopes = simulator(values, first.starts, first.windows).jacobian[..., simulator.freedoms :]
-    for p, effective in zip(simulator.parameters, np.any(slopes, axis=(0, 1, 2)), strict=True):
-        if not effective:
-            raise SceneError(f"free: {p.name!r} does not affect the traced angles. Use a parameter that does")
-
-
-def guess_release(
-    simulator: Simulator, release: Release, first: FirstWindows, values: np.ndarray
-) -> tuple[Parameter, ...]:
-    """The parameters with the release times that fit the first windows best."""
-    residuals = lambda *at: simulator(*at).residual  # noqa: E731
-    values = release.guess(residuals, simulator.parameters, first.windows, first.starts, values)
-    return tuple(replace(p, value=float(v)) for p, v in zip(simulator.parameters, values, strict=True))
+    return windows, first_starts(model, seen, windows, sigma), rate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -18,9 +18,6 @@ from fitting.parameters.parameter import Parameter
 from fitting.parameters.rig_priors import JointPrior
 from fitting.traces.planar import chart, wrap
 
-if TYPE_CHECKING:
-    from fitting.estimate.least_squares import Mover, Objective
-
 #: Minimum correlation of neighbouring residuals that counts in standard errors.
 CORRELATION_FLOOR = 0.05
 #: chi-square per degree of freedom outside which the noise does not explain the residuals.
@@ -30,8 +27,8 @@ CHI2_RANGE = (0.5, 1.5)
 class Descent(Protocol):
     """How parameters move to a minimum, if not by Gauss-Newton steps (`descent.GradientDescent`)."""
 
-    def mover(self, objective: Objective, count: int) -> Mover:
-        """The mover between points on an objective, after this number of evaluations."""
+    def mover(self, objective: Any, count: int) -> Any:
+        """The mover (`least_squares.Mover`) between points on an `Objective`, after this number of evaluations."""
 
 
 class Timing(NamedTuple):

@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cell, cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number
-from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
+from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, row_printer, table
 
@@ -18,12 +18,9 @@ help = "measure errors and times of all integrators over a range of steps, row b
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
-        parser,
-        "accuracy dropper-release-a --quick",
-        "accuracy paper-case-1 --dts 0.04 0.02 0.01 --plot accuracy",
+    add_scene(
+        parser, "accuracy dropper-release-a --quick", "accuracy paper-case-1 --dts 0.04 0.02 0.01 --plot accuracy"
     )
-    add_scene(parser)
     parser.add_argument(
         "--integrators",
         nargs="+",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import add_examples, add_run_values, add_scene, read_scene
+from dropper_jax.cli.options import add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver, weights_table
 from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 from dropper_jax.cli.run import OVERRIDES
@@ -27,8 +27,7 @@ WORDS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(parser, "check my-longline.toml", "check paper-case-1 --set sea.waves.amplitude=2 --json")
-    add_scene(parser)
+    add_scene(parser, "check my-longline.toml", "check paper-case-1 --set sea.waves.amplitude=2 --json")
     add_run_values(parser, OVERRIDES)
     add_out(parser)
 

@@ -6,7 +6,7 @@ import argparse
 
 from dropper_jax.base.markdown import cell
 from dropper_jax.base.read import Table
-from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
+from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import STOPPED, done_object, row_printer, table
 
@@ -14,12 +14,7 @@ help = "operations, bytes and microseconds per step, with and without each effec
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
-        parser,
-        "cost dropper-release-a",
-        "cost paper-case-1 --plot cost.png",
-    )
-    add_scene(parser)
+    add_scene(parser, "cost dropper-release-a", "cost paper-case-1 --plot cost.png")
     add_plot(parser, "a bar chart")
     add_out(parser)
     add_quiet(parser)

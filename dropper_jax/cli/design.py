@@ -6,7 +6,7 @@ import argparse
 
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number, read_named_range
-from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
+from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver
 from dropper_jax.cli.printing import done_object, failure_of, listing, progress
 
@@ -14,13 +14,12 @@ help = "solve for values of the scene that give static tensions, angles, depths 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
+    add_scene(
         parser,
         "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
         "design my-longline.toml --vary line.west-leg.length=37:39 --target anchor.west-anchor.horizontal --value 2450 "
         "--vary line.east-leg.length=37:39 --target x.west-float --value 0.2",
     )
-    add_scene(parser)
     parser.add_argument(
         "--vary",
         required=True,

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.markdown import cell, cells
-from dropper_jax.cli.options import add_examples, add_scene, read_scene
+from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver
 from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, table
 
@@ -18,8 +18,7 @@ help = "answers on a mooring at rest: lengths, tensions, stiffnesses, damping, w
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(parser, "explain paper-case-1", "explain platform-longline --json")
-    add_scene(parser)
+    add_scene(parser, "explain paper-case-1", "explain platform-longline --json")
     add_out(parser)
 
 

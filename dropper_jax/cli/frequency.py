@@ -13,7 +13,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number, positive_integer, read_numbers
-from dropper_jax.cli.options import add_examples, add_scene, read_scene
+from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import FAILED, OK, done_object, failure_object, print_line, print_warnings, table
 
@@ -25,12 +25,11 @@ help = "tensions and motions in irregular waves in the frequency domain, with li
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
+    add_scene(
         parser,
         "frequency edulis-longline --sea-states 0.5:4,1:6 --runs 1",
         "frequency edulis-longline --sea-states 0.5:5 --direction 90 --plot spectra.png",
     )
-    add_scene(parser)
     states = parser.add_mutually_exclusive_group()
     states.add_argument(
         "--sea-states", metavar="HS:TP,...", help="heights [m] and peak periods [s] (default: the waves of the scene)"

@@ -6,7 +6,7 @@ import argparse
 
 from dropper_jax.base.markdown import cells, first_names
 from dropper_jax.cli.given import number
-from dropper_jax.cli.options import add_examples, add_scene, read_scene
+from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, table
 
@@ -14,12 +14,7 @@ help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
-        parser,
-        "growth my-mussels.toml --months 6 12",
-        "growth my-mussels.toml --plot growth.png",
-    )
-    add_scene(parser)
+    add_scene(parser, "growth my-mussels.toml --months 6 12", "growth my-mussels.toml --plot growth.png")
     parser.add_argument(
         "--months", nargs="+", type=number, metavar="MONTH", help="months (default: those of the scene)"
     )

@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number, positive_integer
-from dropper_jax.cli.options import add_examples, add_scene, read_scene
+from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, failure_of, print_result, table
 
@@ -23,12 +23,7 @@ help = "natural periods, damping ratios and modes about the static equilibrium"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
-        parser,
-        "modes dropper-release-a --count 5",
-        "modes paper-case-4 --amplitude 0.1 --plot modes.png",
-    )
-    add_scene(parser)
+    add_scene(parser, "modes dropper-release-a --count 5", "modes paper-case-4 --amplitude 0.1 --plot modes.png")
     parser.add_argument("--count", type=positive_integer, default=10, help="number of modes, the slowest first (10)")
     parser.add_argument(
         "--amplitude",

@@ -9,7 +9,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import read_numbers
-from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
+from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, progress, table
 
@@ -17,12 +17,11 @@ help = "restoring force and tension over the horizontal offset of fixed points, 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
+    add_scene(
         parser,
         "offset platform-longline --points platform --distance 0:2:0.5",
         "offset edulis-longline --points east-danforth,east-gravity --direction 0:360:30 --distance 0:5:0.5",
     )
-    add_scene(parser)
     parser.add_argument("--points", required=True, metavar="A,B", help="fixed points that are displaced together")
     parser.add_argument(
         "--direction",

@@ -24,8 +24,10 @@ if TYPE_CHECKING:
 SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
 
 
-def add_scene(parser: argparse.ArgumentParser, optional: bool = False) -> None:
-    """SCENE, --set and --json."""
+def add_scene(parser: argparse.ArgumentParser, *examples: str, optional: bool = False) -> None:
+    """Examples at the end of the help, SCENE, --set and --json."""
+    if examples:
+        add_examples(parser, *examples)
     what = "name of a packaged scene, a TOML file, a MoorDyn input, or a mooring of MoorPy or RAFT (.yaml)"
     parser.add_argument("scene", metavar="SCENE", help=what, nargs="?" if optional else None)
     parser.add_argument("--depth", type=number, help="water depth [m] for a MoorDyn input that has none")

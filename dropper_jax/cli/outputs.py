@@ -9,7 +9,6 @@ import argparse
 import json
 import tempfile
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,12 +91,10 @@ def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
 def add_out(parser: argparse.ArgumentParser) -> None:
     """--out."""
     about = "write the result, what --json prints"
-    parser.add_argument(
-        "--out", action=Output, const=partial(output_file, suffixes=(".json",)), metavar="FILE.json", help=about
-    )
+    parser.add_argument("--out", action=Output, const=out_file, metavar="FILE.json", help=about)
 
 
-def plot_folder(text: str, option: str) -> Path | None:
+def plot_folder(text: str, option: str = "--plot") -> Path | None:
     """Output of the pictures: a folder, or one file FILE.png; checked before the work starts."""
     if Path(text).suffix.lower() in (".png", ".pdf", ".svg"):
         return output_file(text, option, (".png",))
@@ -112,6 +109,11 @@ def picture(target: Path, name: str) -> Path:
         return target
     target.mkdir(parents=True, exist_ok=True)
     return target / f"{name}.png"
+
+
+def out_file(text: str, option: str = "--out") -> Path | None:
+    """The file of the result."""
+    return output_file(text, option, (".json",))
 
 
 def deliver(args: argparse.Namespace, found: Table, text: str, failure: Failure | None = None) -> int:

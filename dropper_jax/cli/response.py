@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import read_spaced
-from dropper_jax.cli.options import add_examples, add_quiet, add_scene, read_scene
+from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, progress, table
 
@@ -18,12 +18,11 @@ help = "mean, amplitude and phase of the first link's angle in regular waves of 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
+    add_scene(
         parser,
         "response wet-pendulum-wave --periods 2.4:3.6:4",
         "response wet-pendulum-wave --periods 2:6:9 --plot response.png",
     )
-    add_scene(parser)
     parser.add_argument("--periods", required=True, metavar="LO:HI:N", help="periods [s], N from LO to HI")
     parser.add_argument(
         "--no-higher-waves",

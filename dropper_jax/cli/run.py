@@ -11,7 +11,6 @@ from dropper_jax.base.files import unfinished_folder
 from dropper_jax.base.read import Table, Values
 from dropper_jax.cli.given import AUTO, output_file, output_folder
 from dropper_jax.cli.options import (
-    add_examples,
     add_quiet,
     add_run_values,
     add_scene,
@@ -50,12 +49,12 @@ OVERRIDES = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
+    add_scene(
         parser,
         "run dropper-release-a --duration 10 --out run.npz --plot pictures",
         "run my-longline.toml --set sea.waves.hs=2.5 --accuracy 0.01 --report report",
+        optional=True,
     )
-    add_scene(parser, optional=True)
     add_run_values(parser, OVERRIDES)
     parser.add_argument(
         "--continue",

@@ -11,7 +11,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import output_file
-from dropper_jax.cli.options import add_examples, add_scene, read_scene
+from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import Output, add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 
@@ -19,12 +19,7 @@ help = "waves and current of a scene: theory, length, breaking, regime"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
-        parser,
-        "sea paper-case-1",
-        "sea dropper-regular-wave --plot sea",
-    )
-    add_scene(parser)
+    add_scene(parser, "sea paper-case-1", "sea dropper-regular-wave --plot sea")
     add_plot(parser, "the map of wave theories and the map of the current behind lines")
     add_out(parser)
     map_file = partial(output_file, suffixes=(".png", ".pdf", ".svg"))

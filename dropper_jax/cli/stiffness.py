@@ -14,7 +14,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.cli.given import output_file, read_numbers
-from dropper_jax.cli.options import add_examples, add_scene, read_scene
+from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import Output, deliver
 from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, table
 
@@ -27,12 +27,11 @@ help = "stiffness matrix of points and rigid bodies about the static equilibrium
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_examples(
+    add_scene(
         parser,
         "stiffness paper-case-4 --points buoy --out stiffness.csv",
         "stiffness ballasted-spar --of spar --lines-only --at 0,0,0",
     )
-    add_scene(parser)
     parser.add_argument("--points", metavar="A,B", help="points and bodies (default: all bodies, else all free points)")
     parser.add_argument(
         "--of",

@@ -85,6 +85,15 @@ def check_no_bodies(model: Model) -> None:
         raise SceneError("body: rigid bodies are not accurate in the frequency domain. Use a run in time")
 
 
+def still_model(model: Model, pose: State) -> Model:
+    """The model without waves whose tangent is used, with the friction that holds its equilibrium."""
+    still = rest(model)
+    friction = outward(model)
+    if friction is None:
+        return still
+    return with_static_seabed_friction(still, pose, friction.kinetic)[0]
+
+
 @cached_jit()
 def linearise(still: Model, pose: State) -> LinearMotion:
     """The matrices about an equilibrium without waves."""
@@ -264,10 +273,7 @@ def tension_deviation(model: Model, pose: State) -> tuple[jax.Array, jax.Array]:
     waves = None if model.sea is None else model.sea.waves
     if waves is None or waves.size < 2:
         raise SceneError("sea.waves: is not an irregular linear sea. Use kind 'spectrum'")
-    still = rest(model)
-    friction = outward(model)
-    if friction is not None:
-        still = with_static_seabed_friction(still, pose, friction.kinetic)[0]
+    still = still_model(model, pose)
     linear = linearise(still, pose)
     dragging = dragging_effects(still)
     of_waves = wave_loads(still, pose, waves)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import first_names
-from dropper_jax.frequency.linear_waves import check_no_bodies
+from dropper_jax.frequency.linear_waves import check_no_bodies, still_model
 from dropper_jax.frequency.states import TOLERANCE, solve_states
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model
@@ -23,9 +23,7 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_current, waves_of
 from dropper_jax.sea.spec import SeaSpec, WaveSpec
 from dropper_jax.sea.waves import Waves
-from dropper_jax.statics.rest_problem import rest
-from dropper_jax.statics.search import Equilibrium, outward
-from dropper_jax.statics.static_friction import with_static_seabed_friction
+from dropper_jax.statics.search import Equilibrium
 from dropper_jax.statics.static_pose import equilibrium, release_loads
 from dropper_jax.statics.system import with_axial
 
@@ -141,10 +139,12 @@ def frequency_response(
             "vessel: has factors at the frequencies of the scene's own waves only. Use it without sea states"
         )
     states, waves = _waves(scene.sea, sea_states, direction, frequencies)
-    loads = release_loads(model, scene.start)
-    model, still, pose = _tangent_model(model, static_pose(scene, model), loads)
+    pose = static_pose(scene, model)
+    if pose.status == "ok" and not model.line.axial.elastic:
+        model, pose = _with_springs(model, pose, release_loads(model, scene.start))
     if pose.status != "ok":
         raise SceneError(f"start: {pose.message}")
+    still = still_model(model, pose.state)
     lines = whole_lines(scene)
     links = _end_links(scene)
     ends = [(line.name, list(line.stops.values())[at]) for line in lines for at in (0, -1)]
@@ -233,17 +233,11 @@ def _end_links(scene: Scene) -> np.ndarray:
 SPRING_STRETCH = 1e-4
 
 
-def _tangent_model(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[Model, Model, Equilibrium]:
-    """The model with springs for rigid links, the one without waves whose tangent is used, and the equilibrium."""
-    if not model.line.axial.elastic and pose.status == "ok":
-        stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / SPRING_STRETCH)
-        model = with_axial(model, model.line.axial.springs(stiffness))
-        pose = equilibrium(model, loads, near=pose.state)
-    still = rest(model)
-    friction = outward(model)
-    if friction is not None and pose.status == "ok":
-        still = with_static_seabed_friction(still, pose.state, friction.kinetic)[0]
-    return model, still, pose
+def _with_springs(model: Model, pose: Equilibrium, loads: jax.Array) -> tuple[Model, Equilibrium]:
+    """The model with springs for rigid links, and its equilibrium."""
+    stiffness = jnp.full(pose.tension.shape, jnp.max(jnp.asarray(pose.tension)) / SPRING_STRETCH)
+    model = with_axial(model, model.line.axial.springs(stiffness))
+    return model, equilibrium(model, loads, near=pose.state)
 
 
 def _waves(

@@ -57,8 +57,10 @@ def write_moordyn(
     _check_scene(scene)
     check_bodies(scene)
     notes = differences(dataclasses.replace(scene, season=given.season))
-    text = [*_front(scene), *_tables(scene, path), *_options(scene, path, dt, options or {}), *_outputs(scene)]
-    files = {path.parent / name: words for name, words in _files(scene, path).items()}
+    parts = [pieces(scene, i) for i in range(len(scene.lines))]
+    options = options or {}
+    text = [*_front(scene, parts), *_tables(scene, parts, path), *_options(scene, path, dt, options), *_outputs(parts)]
+    files = {path.parent / name: words for name, words in _files(scene, parts, path).items()}
     for file, words in files.items():
         if file.name in (FREQUENCIES, CURRENT) and not force and file.exists() and file.read_text() != words:
             raise SceneError(
@@ -93,7 +95,7 @@ def _check_scene(scene: Scene) -> Iterator[Check]:
         )
 
 
-def _front(scene: Scene) -> Iterator[str]:
+def _front(scene: Scene, parts: list[list[Piece]]) -> Iterator[str]:
     """Free text: values without a counterpart in MoorDyn."""
     yield rule("MoorDyn input, written by dropper-jax")
     yield f"! name = {json.dumps(scene.name)}"
@@ -104,23 +106,21 @@ def _front(scene: Scene) -> Iterator[str]:
         yield f"! run.{key} = {json.dumps(value)}"
     if any(line.axial_law == "damped_rope" for line in scene.lines):
         yield '! law = "damped_rope"'  # the axial law of MoorDyn's lines; by default they become ropes when read
-    if whole := _lines_in_pieces(scene):
+    if whole := _lines_in_pieces(scene, parts):
         yield f"! pieces = {json.dumps(whole)}"
 
 
-def _lines_in_pieces(scene: Scene) -> list[list[str]]:
+def _lines_in_pieces(scene: Scene, parts: list[list[Piece]]) -> list[list[str]]:
     """Lines that the file has in pieces: the name of each, then those of its pieces."""
     found: dict[str, list[str]] = {}
-    for i, line in enumerate(scene.lines):
-        part = pieces(scene, i)
+    for line, part in zip(scene.lines, parts, strict=True):
         name = line.piece_of or (line.name if len(part) > 1 else None)
         if name is not None:
             found.setdefault(name, []).extend(_names(line, part))
     return [[name, *own] for name, own in found.items()]
 
 
-def _tables(scene: Scene, path: Path) -> Iterator[str]:
-    parts = [pieces(scene, i) for i in range(len(scene.lines))]
+def _tables(scene: Scene, parts: list[list[Piece]], path: Path) -> Iterator[str]:
     kinds = line_types(parts)
     types = []
     for ((diameter, mass, stiffness, *rest), table), name in kinds.items():
@@ -251,9 +251,9 @@ def _below(scene: Scene) -> float:
     return 10.0 * (sum(line.total for line in scene.lines) + max(np.max(np.abs(p.position)) for p in scene.points))
 
 
-def _outputs(scene: Scene) -> Iterator[str]:
+def _outputs(parts: list[list[Piece]]) -> Iterator[str]:
     yield rule("OUTPUTS")
-    for i in range(sum(len(pieces(scene, j)) for j in range(len(scene.lines)))):
+    for i in range(sum(map(len, parts))):
         yield from (f"FairTen{i + 1}", f"AnchTen{i + 1}")
     yield rule("need this line")
 
@@ -262,12 +262,12 @@ def _table_file(path: Path, name: str) -> str:
     return f"{path.stem}-{name}-axial.txt"
 
 
-def _files(scene: Scene, path: Path) -> dict[str, str]:
+def _files(scene: Scene, parts: list[list[Piece]], path: Path) -> dict[str, str]:
     """Text of the accompanying files, by name."""
     found = {}
     sea = scene.sea
     bed = scene.effects.get("seabed")
-    for (_, table), name in line_types([pieces(scene, i) for i in range(len(scene.lines))]).items():
+    for (_, table), name in line_types(parts).items():
         if table is not None:
             rows = [words_of(*row) for row in table]
             head = [f"--- axial law of {name} ---", "Strain Tension", "(-) (N)"]

@@ -253,7 +253,7 @@ def network_is_exact():
             s = replace(s, r=s.r + spread * normal(s.r), v=0.5 * normal(s.r), tension=tension)
         problem = dj.make_stepper(model).integrator.problem(model, s, jnp.asarray(0.01))
         guess = problem.guess()
-        u = replace(guess, x=guess.x + 1e-3 * normal(guess.x), z=tuple(normal(z) for z in guess.z))
+        u = guess._replace(x=guess.x + 1e-3 * normal(guess.x), z=tuple(normal(z) for z in guess.z))
         rows = jax.tree.map(normal, u)
 
         @jax.jit

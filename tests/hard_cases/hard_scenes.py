@@ -58,6 +58,26 @@ def chain(
     return load_scene(table if effects is None else table | {"effects": effects})
 
 
+def by_a_rope(body: dict[str, Any], **more: Any) -> dict[str, Any]:
+    """A body that no line holds; scenes have a line, which is far off."""
+    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "point": [{"name": "a", "position": [50.0, 0.0, -5.0]}, {"name": "b", "position": [53.0, 0.0, -5.0]}],
+        "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
+        "body": [body],
+        "effects": {"weight": {}},
+        "start": {"kind": "points"},
+        **more,
+    }
+
+
+def swing_period(t: np.ndarray, angle: np.ndarray) -> float:
+    """Mean time [s] between falls of an angle through zero, linear between samples."""
+    falls = np.flatnonzero((angle[:-1] > 0) & (angle[1:] <= 0))
+    return float(np.mean(np.diff(t[falls] + angle[falls] / (angle[falls] - angle[falls + 1]) * np.diff(t)[falls])))
+
+
 def with_motion(scene: Scene, positions: np.ndarray, velocities: np.ndarray) -> Scene:
     """The scene started from all nodes' positions and velocities, each (n + 1, 3) [m], [m/s]."""
     table = scene.to_dict()

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import pytest
+from hard_scenes import by_a_rope
 
 from dropper_jax import SceneError, build, load_scene, natural_modes
 from fitting.sensitivity import local, study
@@ -126,15 +127,7 @@ def test_a_slope_of_a_slack_weightless_rope_by_gravity_is_not_resolved_and_says_
 
 @pytest.mark.check
 def test_a_turning_body_differentiates_by_its_mass_spin_and_gravity():
-    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
-    scene = {
-        "run": {"dt": 0.01, "duration": 0.2},
-        "point": [{"name": "a", "position": [50.0, 0.0, -5.0]}, {"name": "b", "position": [53.0, 0.0, -5.0]}],
-        "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
-        "body": [ARM],
-        "effects": {"weight": {}},
-        "start": {"kind": "points"},
-    }
+    scene = by_a_rope(ARM, run={"dt": 0.01, "duration": 0.2})
     names = ["mass.0", "spin.1", "gravity"]
     problem = study(scene, "energy.final", [f"effects.rigid_bodies.{name}" for name in names])
     at = jnp.asarray(problem.values)

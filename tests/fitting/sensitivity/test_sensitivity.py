@@ -207,11 +207,6 @@ def test_a_parameter_without_effect_has_slope_zero_with_error_zero(loop):
     assert by_differences.forward[1] == pytest.approx(found.forward[1], abs=5.0 * by_differences.error[1])
 
 
-def test_a_number_of_links_is_refused_in_one_line():
-    with pytest.raises(SceneError, match=r"^line\.chain\.links: 12 is not a number that can vary"):
-        study(load_scene("paper-case-4"), "tension.chain.mean", ["line.chain.links"])
-
-
 def test_a_single_step_maximum_and_samples_that_are_not_gaussian_are_said(snapping):
     problem, _ = snapping
     of = {"tension.max": "is the value of a single step", "tension.1.mpm": "are not Gaussian (excess kurtosis"}
@@ -300,20 +295,6 @@ def test_global_study_refuses_what_it_cannot_do(loop):
     with pytest.raises(SceneError, match="allowed: low < high"):
         ranges(loop, {"b_l": (2.0, 1.0)})
     assert ranges(loop, {"b_l": (0.1, 0.2)})[0] == (0.1, 0.2)
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("tensoin.1.max", "'tensoin' is not a signal; did you mean 'tension'?"),
-        ("tension.1.maxi", "'maxi' is not a statistic; did you mean 'max'?"),
-        ("tension.9.max", "'9' is not a link; allowed: 1 to 3"),
-        ("angle.max", "has no link"),
-        ("energy.1.max", "is not a part"),
-    ],
-)
-def test_unknown_quantities_are_refused_with_what_is_near(loop, name, message, refusal):
-    assert message in refusal(quantity, name, loop.model)
 
 
 def test_statistics_of_a_sine_are_its_amplitude():

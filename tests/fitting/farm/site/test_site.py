@@ -101,13 +101,6 @@ def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
     assert site.raw == {"variable": [{"anything": 1}]}
 
 
-def test_a_screw_anchor_of_a_site_has_the_capacity_of_its_plates():
-    screw = {"points": "*-anchor", "kind": "screw", "plates": [0.4, 0.4], "depths": [2.0, 3.5], "strength": 3e4}
-    found = read_site(changed(anchor=[screw])).anchors[0].utilisation(np.array(3e4), np.array(4e4))
-    # nine times the strength of the clay over the area of both plates
-    assert found == pytest.approx(5e4 / (9 * 3e4 * 2 * np.pi * 0.2**2))
-
-
 @pytest.mark.parametrize(
     ("sections", "told"),
     [

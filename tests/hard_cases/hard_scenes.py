@@ -10,6 +10,11 @@ from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import equilibrium
 
 LINKS = 7
+#: One packaged scene of each kind of line and effects, and all releases of the lab dropper.
+SINGLE_LINES = (
+    *("conical-pendulum", "conical-pendulum-damped", "double-pendulum-periodic", "double-pendulum-chaotic", "string"),
+    *(f"dropper-release-{kind}" for kind in ("a", "a-undamped", "b", "c", "d", "e", "3d", "a-compound")),
+)
 
 
 def loop(
@@ -136,34 +141,37 @@ THREAD, THICK = 30.0, 0.02
 THIN = 1e-4
 
 
+def hung_weight(
+    mass: float, rope: dict[str, Any], length: float, links: int = 1, below: float | None = None, **more: Any
+) -> dict[str, Any]:
+    """A weight [kg] below a point, on a line of a type `rope`; `below` [m]: its place if not that of the slack line."""
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "line_type": [{"name": "rope", **rope}],
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "weight", "kind": "free", "position": [0.0, 0.0, -(below or length)], "mass": mass},
+        ],
+        "line": [{"name": "rope", "from": "top", "to": "weight", "type": "rope", "length": length, "links": links}],
+        "effects": {"weight": {"gravity": G}},
+        **more,
+    }
+
+
 def weight_on_rope(
     name: str,
     mass: float,
     stiffness: float,
     length: float,
     below: float,
-    links: int = 1,
     effects: dict[str, Any] | None = None,
     **more: Any,
 ) -> Scene:
     """A weight [kg] released `below` [m] its suspension point, on a light rope with a stiffness [N/m] and a length
     [m]."""
-    kind = {"name": "rope", "mass": 1e-6, "diameter": 0.01, "EA": stiffness * length}
-    return load_scene(
-        {
-            "name": name,
-            "run": {"dt": 0.01, "duration": 1.0},
-            "line_type": [kind],
-            "point": [
-                {"name": "top", "position": [0.0, 0.0, 0.0]},
-                {"name": "weight", "kind": "free", "position": [0.0, 0.0, -below], "mass": mass},
-            ],
-            "line": [{"name": "rope", "from": "top", "to": "weight", "type": "rope", "length": length, "links": links}],
-            "effects": {"weight": {"gravity": G}, **(effects or {})},
-            "start": {"kind": "points"},
-            **more,
-        }
-    )
+    kind = {"mass": 1e-6, "diameter": 0.01, "EA": stiffness * length}
+    given = {"effects": {"weight": {"gravity": G}, **(effects or {})}, "start": {"kind": "points"}, **more}
+    return load_scene({"name": name} | hung_weight(mass, kind, length, below=below, **given))
 
 
 def weight_on_thread(

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import pytest
-from hard_scenes import by_a_rope
+from rod_cases import pinned_arm
 
 from dropper_jax import SceneError, build, load_scene, natural_modes
 from fitting.sensitivity import local, study
@@ -95,19 +95,6 @@ def test_a_natural_period_is_a_quantity_of_the_start():
         study({**TABLE, "start": {"kind": "points"}}, "period.1.start", NUMBERS[:1])
 
 
-#: A rigid arm on a pin, released with a spin.
-ARM = {
-    "name": "arm",
-    "position": [0.0, 0.0, 0.0],
-    "attitude": [0.02, 3.1, 0.0],
-    "angular_velocity": [0.0, 0.3, 0.0],
-    "mass": 5.0,
-    "centre_of_mass": [0.0, 0.0, -2.0],
-    "inertia": [3.0, 2.0, 1.5],
-    "pinned": True,
-}
-
-
 def test_a_slope_of_a_slack_weightless_rope_by_gravity_is_not_resolved_and_says_so():
     rope = {"length": 4.0, "mass": 1.0, "diameter": 0.02, "links": 2, "axial": {"law": "rope", "EA": 1e4}}
     scene = {
@@ -127,7 +114,7 @@ def test_a_slope_of_a_slack_weightless_rope_by_gravity_is_not_resolved_and_says_
 
 @pytest.mark.check
 def test_a_turning_body_differentiates_by_its_mass_spin_and_gravity():
-    scene = by_a_rope(ARM, run={"dt": 0.01, "duration": 0.2})
+    scene = pinned_arm().with_values({"run.duration": 0.2})
     names = ["mass.0", "spin.1", "gravity"]
     problem = study(scene, "energy.final", [f"effects.rigid_bodies.{name}" for name in names])
     at = jnp.asarray(problem.values)

@@ -41,15 +41,15 @@ def loop(
 def rods(
     polar: list[float], length: float = 1.0, mass: float = 1.0, effects: dict[str, Any] | None = None, **start: Any
 ) -> dict[str, Any]:
-    """A chain from a pivot to a free bob, its links at polar angles [rad] from straight down, in air."""
+    """A chain from a pivot to a free tip, its links at polar angles [rad] from straight down, in air."""
     tip = length * np.array([np.sum(np.sin(polar)), 0.0, -np.sum(np.cos(polar))])
     return {
         "run": {"dt": 0.01, "duration": 10.0},
         "point": [
             {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-            {"name": "bob", "kind": "free", "position": tip.tolist()},
+            {"name": "tip", "kind": "free", "position": tip.tolist()},
         ],
-        "line": [{"name": "rod", "from": "pivot", "to": "bob", "links": len(polar), "length": length, "mass": mass}],
+        "line": [{"name": "chain", "from": "pivot", "to": "tip", "links": len(polar), "length": length, "mass": mass}],
         "effects": {"weight": {}, **(effects or {})},
         "start": {"kind": "angles", "zero": "down", "polar": list(polar), **start},
     }

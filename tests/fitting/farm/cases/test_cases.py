@@ -9,16 +9,13 @@ import subprocess
 import sys
 import time
 import zipfile
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError, cli
-from dropper_jax.cli import OK, main
-from dropper_jax.cli.printing import INVALID_INPUT
+from dropper_jax import SceneError
 from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.tension import anchors
 from dropper_jax.scene import line_slices
@@ -356,14 +353,6 @@ def test_a_broken_case_has_the_time_of_its_break_and_the_page_says_it(found):
     assert not any(" at " in row for row in rows if row not in broken)
 
 
-@pytest.fixture
-def installed(monkeypatch):
-    """The commands, where the package was installed before they were there."""
-    own = [EntryPoint(name, f"fitting.cli.{name}", cli.GROUP) for name in ("cases", "season")]
-    before = [entry for entry in cli.find_commands() if entry.name not in ("cases", "season")]
-    monkeypatch.setattr(cli, "find_commands", lambda: sorted([*before, *own], key=lambda entry: entry.name))
-
-
 def storm_site(hs):
     """A farm of one dropper in a storm of this height [m], as a file."""
     site = {
@@ -378,19 +367,16 @@ def storm_site(hs):
     return dj.as_toml(site)
 
 
-def test_the_command_lists_its_cases_and_refuses_what_breaks_before_anything_runs(installed, tmp_path, capsys):
+def test_the_command_lists_its_cases_and_refuses_what_breaks_before_anything_runs(tmp_path, json_of, printed):
     site, out = tmp_path / "SITE.toml", tmp_path / "out"
+    call = ["cases", str(site), "--out", str(out)]
     site.write_text(storm_site(4.2))
-    assert main(["cases", str(site), "--out", str(out), "--list", "--json"]) == OK
-    told = json.loads(capsys.readouterr().out)
+    told = json_of([*call, "--list", "--json"])
     assert (told["cases"], told["runs"]) == (["storm, 0 deg", "storm, 90 deg"], 4)
     site.write_text(storm_site(14.2))
-    assert main(["cases", str(site), "--out", str(out), "--json"]) == INVALID_INPUT
-    told = json.loads(capsys.readouterr().out)
-    assert "sea_state.0.hs: 'storm' of 14.2 m breaks; allowed: at most" in told["error"]
+    assert "sea_state.0.hs: 'storm' of 14.2 m breaks; allowed: at most" in json_of([*call, "--json"], 2)["error"]
     assert not out.exists()
-    assert main(["season", str(site)]) == INVALID_INPUT
+    assert printed(["season", str(site)], 2).err
     (out / "runs").mkdir(parents=True)
     (out / "runs" / "a.npz").touch()
-    assert main(["cases", str(site), "--out", str(out)]) == INVALID_INPUT
-    assert "already contains runs. Use --resume, or another folder" in capsys.readouterr().err
+    assert "already contains runs. Use --resume, or another folder" in printed(call, 2).err

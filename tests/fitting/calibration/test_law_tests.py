@@ -49,7 +49,7 @@ def test_right_laws_end_ok(ten):
     assert np.median([min(test.p for test in result.laws.tests) for result in ten]) > 0.1
 
 
-def test_dry_friction_that_the_scene_lacks_is_a_model_error_that_names_it(rubbed, two):
+def test_dry_friction_that_the_scene_lacks_is_a_model_error_that_names_it(rubbed):
     _, result = rubbed
     assert result.status == "model_error"
     assert result.laws.wrong.name == "dry friction in the joints"

@@ -90,7 +90,7 @@ def test_a_film_without_circles_is_named(tmp_path, refused):
     assert "circles" in line
 
 
-def test_a_disc_that_leaps_for_three_frames_is_marked_with_its_time(tmp_path, capsys):
+def test_a_disc_that_leaps_for_three_frames_is_marked_with_its_time(tmp_path):
     # a double pendulum whose last disc is somewhere else in frames 40 to 42
     t = np.arange(90) / 60
     one, two = 0.8 * np.sin(5 * t), 0.9 * np.sin(7 * t + 1)

@@ -196,7 +196,7 @@ def test_growth_of_small_and_of_large_changes_are_told_apart(found, method, grow
     assert replace(found, method=method, growth=growth, motion_growth=motion).grows == grows
 
 
-def test_a_parameter_without_effect_has_slope_zero_with_error_zero(loop):
+def test_a_parameter_without_effect_has_slope_zero_with_error_zero():
     scene = load_scene({**SCENE, "anchor": [{"point": "top", "kind": "tested", "capacity": 5.0, "safety_factor": 1.5}]})
     problem = study(scene, "tension.1.mean", ["anchor.0.capacity", "b_l"])
     found = local(problem)

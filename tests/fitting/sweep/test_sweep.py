@@ -191,7 +191,7 @@ def test_each_shape_of_the_model_gets_its_program_and_the_numbers_of_single_runs
 
 
 @pytest.mark.parametrize("scene", ["dropper-farm-2", "farm"])
-def test_parameters_of_a_template_survive_the_identity_of_a_sweep(tmp_path, capsys, scene):
+def test_parameters_of_a_template_survive_the_identity_of_a_sweep(tmp_path, scene):
     """Workers make the plan from its identity."""
     from fitting.sweep.plan import from_identity, make_plan
 
@@ -282,7 +282,7 @@ def test_failed_members_are_recorded_and_spoil_no_other(tmp_path):
     assert found.failed_at.values[1] > 0
 
 
-def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypatch, capsys):
+def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypatch):
     path = tmp_path / "full.zarr"
     write = Store.write
 

@@ -134,7 +134,7 @@ def test_quantities_by_name_are_in_the_report_and_wrong_ones_are_refused(found):
         small_site(quantities=["tension.east-lag.max"])
 
 
-def test_what_was_run_is_never_run_again_and_other_capacities_need_no_run(site, folder):
+def test_what_was_run_is_never_run_again_and_other_capacities_need_no_run(folder):
     stronger = small_site(part=[{**SITE["part"][0], "capacity": 1.6e4}], factors={"intact": 2.0, "broken": 2.0})
     assert run_cases(stronger, folder).resumed == 12
     more = small_site(run={**SITE["run"], "seeds": 4})
@@ -217,7 +217,7 @@ def test_utilisation_is_factor_times_the_mean_of_the_seeds_maxima_over_capacity(
     assert row["interval_n"][0] < row["load_n"] < row["interval_n"][1]
 
 
-def test_at_rest_the_legs_share_the_buoys_lift(site, found):
+def test_at_rest_the_legs_share_the_buoys_lift(found):
     """Two equal legs from 8 m aside: V = half the net lift less half a top link, T = V/sin, sin of 10 m stretched."""
     wet = 9.81 * (1.2 - 1025.0 * math.pi / 4 * 0.03**2) * 10.0
     upward, tension = 0.5 * 9.81 * (1025.0 * 0.2 - 20.0) - 0.25 * wet, 0.0
@@ -228,7 +228,7 @@ def test_at_rest_the_legs_share_the_buoys_lift(site, found):
     np.testing.assert_allclose(row["at_rest_n"], tension, rtol=0.01)  # the leg sags a little
 
 
-def test_fatigue_goes_by_the_parts_own_curve_and_years_by_the_hours_of_sea_states(site, found):
+def test_fatigue_goes_by_the_parts_own_curve_and_years_by_the_hours_of_sea_states(found):
     own = found["parts"][0]["fatigue"]
     rows = [row for row in found["parts"][0]["cases"] if row["case"] in (0, 2)]  # intact
     np.testing.assert_allclose(own["damage_per_year"], 100.0 * np.mean([row["damage_per_hour"] for row in rows]))

@@ -158,6 +158,20 @@ def hung_weight(
     }
 
 
+def hung_line(links: int, length: Any, mass: Any, **line: Any) -> dict[str, Any]:
+    """A line straight down from a point, its end free; `length` [m] and `mass` [kg] of a link, or of each."""
+    down = float(np.sum(np.broadcast_to(length, links)))
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "end", "kind": "free", "position": [0.0, 0.0, -down]},
+        ],
+        "line": [{"name": "rope", "from": "top", "to": "end", "links": links, "length": length, "mass": mass, **line}],
+        "effects": {"weight": {}},
+    }
+
+
 def weight_on_rope(
     name: str,
     mass: float,

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from hard_scenes import hung_line
 
 import dropper_jax as dj
 from dropper_jax import SceneError, as_toml, load_scene
@@ -49,16 +50,8 @@ def test_buoys_under_water_or_on_the_bed_are_remarked(z, said):
 
 
 def rope(breaking_load):
-    line = {"name": "rope", "from": "top", "to": "low", "links": 2, "length": 5.0, "mass": 10.0}
-    return {
-        "run": {"dt": 0.01, "duration": 0.02},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "low", "kind": "free", "position": [0.0, 0.0, -10.0]},
-        ],
-        "line": [line | {"breaking_load": breaking_load, "axial": {"law": "rope", "EA": 1e5}}],
-        "effects": {"weight": {}},
-    }
+    line = hung_line(2, 5.0, 10.0, breaking_load=breaking_load, axial={"law": "rope", "EA": 1e5})
+    return line | {"run": {"dt": 0.01, "duration": 0.02}}
 
 
 def test_a_line_beyond_its_breaking_load_at_rest_is_remarked(tmp_path, capsys):

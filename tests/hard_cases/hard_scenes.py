@@ -39,10 +39,11 @@ def loop(
 
 
 def rods(
-    polar: list[float], length: float = 1.0, mass: float = 1.0, effects: dict[str, Any] | None = None, **start: Any
+    polar: list[float], length: Any = 1.0, mass: Any = 1.0, effects: dict[str, Any] | None = None, **start: Any
 ) -> dict[str, Any]:
     """A chain from a pivot to a free tip, its links at polar angles [rad] from straight down, in air."""
-    tip = length * np.array([np.sum(np.sin(polar)), 0.0, -np.sum(np.cos(polar))])
+    along = np.stack([np.sin(polar), np.zeros(len(polar)), -np.cos(polar)], axis=1)
+    tip = np.broadcast_to(length, len(polar)) @ along
     return {
         "run": {"dt": 0.01, "duration": 10.0},
         "point": [

@@ -9,6 +9,7 @@ import signal
 import jax
 import numpy as np
 import pytest
+from hard_scenes import rods
 
 import dropper_jax as dj
 from dropper_jax import SceneError
@@ -21,17 +22,8 @@ from fitting.sweep import SweepStopped, open_sweep, sweep  # noqa: E402
 from fitting.sweep.plan import make_plan  # noqa: E402
 from fitting.sweep.store import SweepStore as Store  # noqa: E402
 
-SCENE = {
-    "name": "swept",
-    "run": {"dt": 0.01, "duration": 0.4, "integrator": "rattle"},
-    "point": [
-        {"name": "top", "position": [0.0, 0.0, 0.0]},
-        {"name": "bob", "kind": "free", "position": [1.0, 0.0, 0.0]},
-    ],
-    "line": [{"name": "l", "from": "top", "to": "bob", "links": 2, "length": 0.5, "mass": 1.0}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.1}},
-    "start": {"kind": "angles", "zero": "down", "polar": [1.0, 0.5]},
-}
+SCENE = rods([1.0, 0.5], 0.5, 1.0, {"linear_damping": {"b_l": 0.1}})
+SCENE |= {"name": "swept", "run": {"dt": 0.01, "duration": 0.4, "integrator": "rattle"}}
 #: The retries of a step take most of the compilation, and no case here needs them.
 QUICK = {"halvings": 0}
 VARY = {"b_l": [0.0, 0.1, 0.2, 0.4, 0.8], "start.polar.0": [0.5, 1.0]}
@@ -110,20 +102,20 @@ def test_sweep_gives_the_numbers_of_single_runs(whole):
 
 
 def test_quantities_by_name_are_those_of_single_runs(tmp_path):
-    names = ["tension.l.fairlead.max", "anchor.top.horizontal.max", "z.bob.final", "tension_max"]
+    names = ["tension.chain.fairlead.max", "anchor.pivot.horizontal.max", "z.tip.final", "tension_max"]
     found = sweep(SCENE, {"b_l": [0.1, 0.4]}, tmp_path / "named.zarr", quantities=names, **QUICK).path
     run = dj.simulate(dj.load_scene(SCENE).with_values({"effects.linear_damping.b_l": 0.4}), **QUICK)
     case = open_sweep(found).sel({"b_l": 0.4})
     across = np.linalg.norm(run.positions[1:, 1, :2], axis=-1) / 0.5 * run.tension[1:, 0]
     # maxima are vertices of parabolas through samples, which are 10 ms apart
-    np.testing.assert_allclose(case["tension.l.fairlead.max"], run.tension[1:, 1].max(), rtol=0.02)
-    np.testing.assert_allclose(case["anchor.top.horizontal.max"], across.max(), rtol=0.02)
-    np.testing.assert_allclose(case["z.bob.final"], run.positions[-1, 2, 2], rtol=1e-9)
-    assert case["tension.l.fairlead.max"].attrs["units"] == "N"
+    np.testing.assert_allclose(case["tension.chain.fairlead.max"], run.tension[1:, 1].max(), rtol=0.02)
+    np.testing.assert_allclose(case["anchor.pivot.horizontal.max"], across.max(), rtol=0.02)
+    np.testing.assert_allclose(case["z.tip.final"], run.positions[-1, 2, 2], rtol=1e-9)
+    assert case["tension.chain.fairlead.max"].attrs["units"] == "N"
 
 
 def test_extremes_are_those_of_all_steps_whatever_is_saved(tmp_path):
-    names = ["tension_max", "tension_min", "tension.l.fairlead.max", "tension.l.first.min", "z.bob.final"]
+    names = ["tension_max", "tension_min", "tension.chain.fairlead.max", "tension.chain.first.min", "z.tip.final"]
     thinned = {**SCENE, "run": {**SCENE["run"], "save_every": 8}}
     found = sweep(thinned, {"b_l": [0.1, 0.4]}, tmp_path / "thinned.zarr", quantities=names, **QUICK).path
     run = dj.simulate(dj.load_scene(SCENE).with_values({"effects.linear_damping.b_l": 0.4}), **QUICK)
@@ -165,7 +157,7 @@ def test_cases_of_a_system_run_one_by_one_or_on_a_gpu_together_and_are_those_of_
 CHAIN = {
     **{key: SCENE[key] for key in ("name", "run", "effects")},
     "parameters": {"count": 2, "size": 0.5},
-    "point": [SCENE["point"][0], {"name": "bob", "kind": "free", "position": [0.0, 0.0, -1.0]}],
+    "point": [SCENE["point"][0], {"name": "tip", "kind": "free", "position": [0.0, 0.0, -1.0]}],
     "line": [{**SCENE["line"][0], "links": "= count", "length": "= size"}],
     "start": {"release_nodes": [1], "release_force": [[5.0, 0.0, 0.0]]},
 }
@@ -308,7 +300,7 @@ def test_full_disk_is_reported_and_what_is_there_stays(whole, tmp_path, monkeypa
         ({"b_l": [-1.0]}, {}, "b_l"),
         ({"run.dt": [0.1]}, {}, "vary: 'run.dt' belongs to the compiled program"),
         ({"b_l": [0.1]}, {"quantities": ["tension_mx"]}, "quantities: 'tension_mx' is unknown; did you mean"),
-        ({"b_l": [0.1]}, {"quantities": ["tension.m.max"]}, "quantities: 'tension.m.max': 'm' is not a line; known: l"),
+        ({"b_l": [0.1]}, {"quantities": ["tension.m.max"]}, "'tension.m.max': 'm' is not a line; known: chain"),
         ({"b_l": [0.1]}, {"seeds": 2}, "seeds: nothing in this scene is random"),
         ({"b_l": [0.1, 0.2], "start.polar.0": [1.0]}, {"listed": True}, "lists of different lengths (b_l 2, start"),
         ({"b_l": [0.1]}, {"duratoin": 0.2}, "duratoin: unknown setting; did you mean 'duration'?"),

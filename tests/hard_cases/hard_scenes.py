@@ -38,6 +38,32 @@ def loop(
     )
 
 
+def single_line(
+    length: Any,
+    mass: Any,
+    start: dict[str, Any],
+    right: list[float] | None = None,
+    effects: dict[str, Any] | None = None,
+    dt: float = 0.01,
+    duration: float = 1.0,
+    **line: Any,
+) -> dict[str, Any]:
+    """A line of links of these lengths [m] from `left` to `right`, which is a free end unless its place is given."""
+    length = [float(x) for x in length]
+    far = [sum(length), 0.0, 0.0] if right is None else right
+    ends = {"name": "line", "from": "left", "to": "right"}
+    return {
+        "run": {"dt": dt, "duration": duration},
+        "point": [
+            {"name": "left", "position": [0.0, 0.0, 0.0]},
+            {"name": "right", "kind": "free" if right is None else "fixed", "position": far},
+        ],
+        "line": [{**ends, "links": len(length), "length": length, "mass": mass, **line}],
+        "effects": {"weight": {}} if effects is None else effects,
+        "start": start,
+    }
+
+
 def rods(
     polar: list[float], length: Any = 1.0, mass: Any = 1.0, effects: dict[str, Any] | None = None, **start: Any
 ) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from closed_chain import Chain
+from hard_scenes import single_line
 
 import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
@@ -25,19 +26,9 @@ def chain(b_l, b_q):
 def scene():
     still = chain(0.0, 0.0)
     polar = still.angles(still.pose(np.array([0.2, 1.4, 0.0, -1.0])))
-    return dj.load_scene(
-        {
-            "name": "short-chain",
-            "run": {"dt": 0.01, "duration": 1.0},
-            "point": [
-                {"name": "left", "position": [0.0, 0.0, 0.0]},
-                {"name": "right", "position": [SPAN, 0.0, 0.0]},
-            ],
-            "line": [{"name": "l", "from": "left", "to": "right", "links": 4, "length": LENGTH.tolist(), "mass": MASS}],
-            "effects": {"weight": {}, "linear_damping": {"b_l": 0.001}, "quadratic_damping": {"b_q": 0.001}},
-            "start": {"kind": "angles", "zero": "horizontal", "polar": polar.tolist()},
-        }
-    )
+    effects = {"weight": {}, "linear_damping": {"b_l": 0.001}, "quadratic_damping": {"b_q": 0.001}}
+    start = {"kind": "angles", "zero": "horizontal", "polar": polar.tolist()}
+    return dj.load_scene({"name": "short-chain"} | single_line(LENGTH, MASS, start, [SPAN, 0.0, 0.0], effects))
 
 
 @pytest.fixture(scope="module")

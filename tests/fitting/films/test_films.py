@@ -57,7 +57,7 @@ def test_all_films_are_tracked_with_boards_and_without(tmp_path, name):
         assert found["marked_share"] <= 0.01
 
 
-def test_an_order_that_nothing_tells_is_exit_3_with_a_picture_and_start_settles_it(tmp_path, capsys):
+def test_an_order_that_nothing_tells_is_exit_3_with_a_picture_and_start_settles_it(tmp_path, printed):
     # a stiff zigzag that turns: every distance stays
     shape = np.array([[-90.0, 20.0], [-30.0, -50.0], [30.0, 40.0], [100.0, -10.0]])
     turn = 0.5 * np.sin(np.arange(50) / 10)
@@ -66,8 +66,7 @@ def test_an_order_that_nothing_tells_is_exit_3_with_a_picture_and_start_settles_
     write_video(tmp_path / "stiff.avi", films.discs(places), 60.0)
     out = tmp_path / "a.csv"
     call = ["track", str(tmp_path / "stiff.avi"), "--nodes", "4", "--out", str(out), "--json", "--quiet"]
-    assert main(call) == 3
-    said, errors = capsys.readouterr()
+    said, errors = printed(call, 3)
     found = json.loads(said)
     assert found["status"] == "ambiguous_order"
     assert not out.exists()

@@ -11,7 +11,7 @@ def test_power_is_the_rate_of_work():
     """A mass of 2 kg with v = exp(-t), braked by F = -2 v: power -2 exp(-2 t), work exp(-2 t) - 1; a fan adds 3 W."""
     t = np.linspace(0.0, 2.0, 201)
     work = np.column_stack([np.exp(-2 * t) - 1.0, 3.0 * t])
-    power = effect_power(SimpleNamespace(work=work, work_names=("brake", "fan")), t)
+    power = effect_power(SimpleNamespace(kinetic=np.exp(-2 * t), work=work, work_names=("brake", "fan")), t)
     middle = 0.5 * (t[1:] + t[:-1])
     np.testing.assert_allclose(power["brake"], -2 * np.exp(-2 * middle), rtol=2e-5)  # (2 dt)^2/24 of the midpoint rule
     np.testing.assert_allclose(power["fan"], 3.0, rtol=1e-12)

@@ -66,6 +66,7 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
+from hard_scenes import single_line  # noqa: E402
 from jax.flatten_util import ravel_pytree  # noqa: E402
 
 import dropper_jax as dj  # noqa: E402
@@ -253,7 +254,7 @@ def network_is_exact():
             s = replace(s, r=s.r + spread * normal(s.r), v=0.5 * normal(s.r), tension=tension)
         problem = dj.make_stepper(model).integrator.problem(model, s, jnp.asarray(0.01))
         guess = problem.guess()
-        u = replace(guess, x=guess.x + 1e-3 * normal(guess.x), z=tuple(normal(z) for z in guess.z))
+        u = guess._replace(x=guess.x + 1e-3 * normal(guess.x), z=tuple(normal(z) for z in guess.z))
         rows = jax.tree.map(normal, u)
 
         @jax.jit
@@ -271,25 +272,7 @@ def network_is_exact():
 @pytest.fixture(scope="session")
 def chain():
     """`chain(lengths, masses, start, ...)`: the plain values of a scene with one line between `left` and `right`."""
-
-    def make(length, mass, start, right=None, effects=None, dt=0.01, duration=1.0, **line):
-        length = [float(x) for x in length]
-        far = [sum(length), 0.0, 0.0] if right is None else right
-        return {
-            "run": {"dt": dt, "duration": duration},
-            "point": [
-                {"name": "left", "position": [0.0, 0.0, 0.0]},
-                {"name": "right", "kind": "free" if right is None else "fixed", "position": far},
-            ],
-            "line": [
-                {"name": "line", "from": "left", "to": "right", "links": len(length), "length": length, "mass": mass}
-                | line
-            ],
-            "effects": {"weight": {}} if effects is None else effects,
-            "start": start,
-        }
-
-    return make
+    return single_line
 
 
 #: A backbone between two spar buoys, a leg to an anchor at either side, and a sock that hangs below the backbone.

@@ -1,11 +1,9 @@
-"""Amplitude spectra and energy bookkeeping against hand-made signals."""
-
-from types import SimpleNamespace
+"""Amplitude spectra against hand-made signals."""
 
 import numpy as np
 import pytest
 
-from dropper_jax.analysis import amplitude_spectrum, balance_drift, energy_table
+from dropper_jax.analysis import amplitude_spectrum
 
 T = np.arange(2000) * 0.01  # 20 s: bins of 0.05 Hz
 
@@ -67,38 +65,3 @@ def test_single_precision_times_count_as_uniform():
 def test_mistakes_name_the_argument(t, x, window, word):
     with pytest.raises(ValueError, match=f"^{word}"):
         amplitude_spectrum(t, x, window)
-
-
-def test_energy_table_of_a_fall_with_drag_closes():
-    # 2 kg fall from rest with 4 m/s^2 net of a drag that takes 5.81 of 9.81 m/s^2.
-    t = np.linspace(0, 1, 11)
-    fall, speed = 2 * t**2, 4 * t
-    work = np.stack([-2 * 5.81 * fall, 0 * t], axis=1)
-    run = SimpleNamespace(
-        kinetic=speed**2, potential=-2 * 9.81 * fall, work=work, work_names=("linear_damping", "moving_ends")
-    )
-    table = energy_table(run)
-    assert table["initial"] == {"kinetic": 0.0, "potential": 0.0, "total": 0.0}
-    np.testing.assert_allclose(table["final"]["total"], 16 - 39.24)
-    np.testing.assert_allclose(table["work"]["linear_damping"], -23.24)
-    assert table["work"]["moving_ends"] == 0.0
-    np.testing.assert_allclose(table["scale"], 39.24)
-    assert table["drift"]["largest"] < 1e-13
-    assert table["relative_drift"] < 1e-14
-
-
-def test_energy_table_of_a_run_that_blew_up_has_no_drift_to_tell():
-    run = SimpleNamespace(
-        kinetic=np.array([1.0, np.inf]), potential=np.array([0.0, -np.inf]), work=np.zeros((2, 0)), work_names=()
-    )
-    assert not np.isfinite(energy_table(run)["relative_drift"])
-
-
-def test_balance_drift_shows_energy_that_no_work_explains():
-    run = SimpleNamespace(
-        kinetic=np.array([1.0, 1.5, 1.2]), potential=np.zeros(3), work=np.zeros((3, 0)), work_names=()
-    )
-    np.testing.assert_allclose(balance_drift(run), [0.0, 0.5, 0.2])
-    table = energy_table(run)
-    np.testing.assert_allclose([table["drift"]["final"], table["drift"]["largest"]], [0.2, 0.5])
-    assert table["work"] == {}

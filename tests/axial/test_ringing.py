@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import hung_weight
 
 import dropper_jax as dj
 from dropper_jax.axial.elastic import UNRESOLVED
@@ -17,16 +18,8 @@ LENGTH, WEIGHT, G = 10.0, 100.0, 10.0
 
 def hanging(EA, rope, links):
     """A rope of `rope` [kg/m] with a weight of 100 kg below."""
-    return {
-        "run": {"dt": 0.01, "duration": 1.0},
-        "line_type": [{"name": "rope", "mass": rope, "diameter": 0.03, "EA": EA, "law": "rope"}],
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "weight", "kind": "free", "position": [0.0, 0.0, -LENGTH], "mass": WEIGHT},
-        ],
-        "line": [{"name": "line", "from": "top", "to": "weight", "type": "rope", "length": LENGTH, "links": links}],
-        "effects": {"weight": {"gravity": G}},
-    }
+    kind = {"mass": rope, "diameter": 0.03, "EA": EA, "law": "rope"}
+    return hung_weight(WEIGHT, kind, LENGTH, links, effects={"weight": {"gravity": G}})
 
 
 def taut(EA, rope, links, angle, speed):

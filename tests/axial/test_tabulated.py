@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import hung_weight
 
 from dropper_jax import build_model, equilibrium, integrate, load_scene, make_stepper, natural_modes, state
 from dropper_jax.axial import LinkStart, Rope, Tabulated
@@ -83,19 +84,10 @@ def test_two_rows_are_a_rope_of_that_stiffness_with_its_damper():
         np.testing.assert_allclose(works[0][name], works[1][name], rtol=1e-6, err_msg=name)
 
 
-def hanging(kind, load, **more):
+def hanging(kind, load):
     """A light line of 10 m with a weight of `load` [N] below."""
-    return {
-        "run": {"dt": 0.01, "duration": 1.0},
-        "line_type": [{"name": "rope", "mass": 1e-6, "diameter": 0.03, **kind}],
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "weight", "kind": "free", "position": [0.0, 0.0, -10.0], "mass": load / 10.0},
-        ],
-        "line": [{"name": "line", "from": "top", "to": "weight", "type": "rope", "length": 10.0, "links": 2}],
-        "effects": {"weight": {"gravity": 10.0}},
-        **more,
-    }
+    light = {"mass": 1e-6, "diameter": 0.03, **kind}
+    return hung_weight(load / 10.0, light, 10.0, 2, effects={"weight": {"gravity": 10.0}})
 
 
 def test_hanging_weight_stretches_the_line_to_its_row_and_bounces_with_the_slope_there():

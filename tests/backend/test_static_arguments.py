@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 import pytest
+from hard_scenes import rods
 
 import dropper_jax as dj
 from dropper_jax.backend.programs import STORE
@@ -24,16 +25,8 @@ MODULES = {
     for file in sorted((ROOT / package).rglob("*.py"))
 }
 
-TWO_RODS = {
-    "run": {"dt": 0.01, "duration": 0.1},
-    "point": [
-        {"name": "hook", "position": [0.0, 0.0, 0.0]},
-        {"name": "weight", "kind": "free", "position": [0.0, 0.0, -0.4]},
-    ],
-    "line": [{"name": "rods", "from": "hook", "to": "weight", "links": 2, "length": 0.2, "mass": 0.05}],
-    "effects": {"weight": {}, "joint_friction": {"dry": 2e-3, "axis": [0.0, 1.0, 0.0]}},
-    "start": {"kind": "angles", "zero": "down", "polar": [0.6, 0.3]},
-}
+TWO_RODS = rods([0.6, 0.3], 0.2, 0.05, {"joint_friction": {"dry": 2e-3, "axis": [0.0, 1.0, 0.0]}})
+TWO_RODS["run"] = {"dt": 0.01, "duration": 0.1}
 
 
 def nodes(kind: type) -> Iterator[tuple[str, Any]]:

@@ -219,7 +219,7 @@ def test_content_that_is_no_program_is_compiled_again(tmp_path, content):
     assert len(Folder(tmp_path).read(key)) > 1000
 
 
-def test_a_program_from_the_cache_of_jax_is_not_stored(tmp_path, monkeypatch):
+def test_a_program_from_the_cache_of_jax_is_not_stored(tmp_path):
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "jax"))
     (tmp_path / "own").mkdir()
     answer(tmp_path / "own", inverse_rows)

@@ -80,11 +80,10 @@ def test_a_scene_is_printed_as_toml_that_reads_as_the_same_scene(name, printed):
     assert Scene.from_dict(tomllib.loads(printed(["scenes", source]).out)) == load_scene(source)
 
 
-def test_a_scene_is_written_for_moordyn_with_changes_and_what_is_lost_is_listed(tmp_path, capsys, printed):
+def test_a_scene_is_written_for_moordyn_with_changes_and_what_is_lost_is_listed(tmp_path, printed):
     file = tmp_path / "mooring.txt"
     changed = ["scenes", "paper-case-4", "--set", "line.chain.length=51.5"]
-    assert main([*changed, "--moordyn", str(file), "--dt", "0.001", "--json"]) == 0
-    out, err = capsys.readouterr()
+    out, err = printed([*changed, "--moordyn", str(file), "--dt", "0.001", "--json"])
     found = json.loads(out)
     assert found["not_represented"] == ["sea.current: the power profile is written as a table over height"]
     assert f"warning: {found['not_represented'][0]}" in err
@@ -170,9 +169,8 @@ def test_rerun_from_provenance_gives_the_same_numbers_to_the_bit(tmp_path, more)
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
 
 
-def test_run_for_people_ends_with_a_result_line(capsys):
-    assert main(["run", SCENE, "--duration", "0.5", "--quiet"]) == 0
-    out, err = capsys.readouterr()
+def test_run_for_people_ends_with_a_result_line(printed):
+    out, err = printed(["run", SCENE, "--duration", "0.5", "--quiet"])
     assert out.splitlines()[-1].startswith("ok: 0.5 s simulated")
     assert err == ""
 
@@ -216,11 +214,10 @@ def failed_run(scene, **_) -> Solution:
     )
 
 
-def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, capsys, printed, monkeypatch):
+def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, printed, monkeypatch):
     monkeypatch.setattr(simulate, "simulate", failed_run)
     out = tmp_path / "run.npz"
-    assert main(["run", SCENE, "--json", "--quiet", "--out", str(out)]) == 3
-    stdout, stderr = capsys.readouterr()
+    stdout, stderr = printed(["run", SCENE, "--json", "--quiet", "--out", str(out)], 3)
     found = json.loads(stdout)
     assert found["status"] == "non_finite"
     assert "step 1 at t = 0.01 s" in found["error"]
@@ -230,13 +227,12 @@ def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, capsys, printed,
     assert "failed: non_finite: step 1" in printed(["run", SCENE, "--quiet"], 3).out
 
 
-def test_interrupted_run_exits_with_130_and_says_so(capsys, monkeypatch):
+def test_interrupted_run_exits_with_130_and_says_so(printed, monkeypatch):
     def interrupted(scene, **_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(simulate, "simulate", interrupted)
-    assert main(["run", SCENE, "--json"]) == 130
-    out, err = capsys.readouterr()
+    out, err = printed(["run", SCENE, "--json"], 130)
     assert json.loads(out) == {"schema": 1, "status": "interrupted", "error": "interrupted"}
     assert err == "error: interrupted\n"
 
@@ -317,10 +313,9 @@ def test_a_skip_that_leaves_nothing_or_belongs_to_nothing_is_refused(options, sa
 @pytest.mark.parametrize(
     "argv", [["run"], ["scenes"], [], ["run", "string", "--out"], ["run", "string", "--json", "--set"]]
 )
-def test_a_message_does_not_repeat_a_word_of_100_000_letters(argv, capsys):
+def test_a_message_does_not_repeat_a_word_of_100_000_letters(argv, printed):
     word = "x" * 100_000
-    assert main([*argv, f"{word}=1" if "--set" in argv else word]) == 2
-    out, err = capsys.readouterr()
+    out, err = printed([*argv, f"{word}=1" if "--set" in argv else word], 2)
     assert "xxx... (10000" in err
     assert len(err) < 1000
     assert len(out) < 1000

@@ -8,7 +8,7 @@ import pytest
 from hard_scenes import rods
 
 from dropper_jax import plots
-from dropper_jax.cli import demo, main
+from dropper_jax.cli import demo
 from fitting.report import example
 from fitting.report import report as fit_report
 
@@ -28,9 +28,8 @@ def short(monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_demo_ends_with_a_calibration_that_says_it_is_synthetic(short, tmp_path, capsys):
-    assert main(["demo", "--out", str(tmp_path), "--json"]) == 0
-    out, err = capsys.readouterr()
+def test_the_demo_ends_with_a_calibration_that_says_it_is_synthetic(short, tmp_path, printed):
+    out, err = printed(["demo", "--out", str(tmp_path), "--json"])
     found = json.loads(out)["calibration"]
     assert found["status"] == "ok"
     assert found["synthetic"] is True

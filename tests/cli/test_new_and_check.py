@@ -87,8 +87,7 @@ def test_explicit_schemes_get_a_step_below_their_stability_limit():
     assert suggest_step(load_scene("paper-case-1")) == 0.04
 
 
-def test_an_automatic_step_follows_an_accuracy(capsys):
-    assert main(["run", "dropper-release-a", "--dt", "auto", "--duration", "0.2", "--json", "--quiet"]) == 0
-    out, err = capsys.readouterr()
+def test_an_automatic_step_follows_an_accuracy(printed):
+    out, err = printed(["run", "dropper-release-a", "--dt", "auto", "--duration", "0.2", "--json", "--quiet"])
     assert err.splitlines()[0] == "--dt auto: the steps follow an accuracy of 0.01 (--accuracy)"
     assert json.loads(out)["accuracy"] == 0.01

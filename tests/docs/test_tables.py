@@ -1,7 +1,5 @@
 """Tables of the documentation are those of the committed results."""
 
-import importlib.util
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,12 +9,9 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 @pytest.fixture(scope="module")
 def tables():
-    sys.path.insert(0, str(BENCHMARKS))  # its modules import one another, as scripts do
-    spec = importlib.util.spec_from_file_location("tables", BENCHMARKS / "tables.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    sys.path.remove(str(BENCHMARKS))
-    return module
+    import tables
+
+    return tables
 
 
 def test_tables_in_the_documents_are_those_of_the_results(tables):

@@ -61,7 +61,7 @@ def test_moving_the_end_of_a_hanging_mass_up_does_the_work_of_lifting_it(chain):
     assert work["linear_damping"] < 0
 
 
-def test_a_table_with_a_ramp_leaves_its_first_row_without_a_jump(chain):
+def test_a_table_with_a_ramp_leaves_its_first_row_without_a_jump():
     rows, time = [[0.1, 0.0, 0.0], [0.5, 0.0, 0.2], [0.9, 0.0, 0.4], [1.3, 0.0, 0.6]], [0.0, 1.0, 2.0, 3.0]
     plain, ramped = (
         EndMotion(time=jnp.array(time), displacement=jnp.array(rows), point="end", **more)

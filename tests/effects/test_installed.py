@@ -9,6 +9,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import pytest
+from hard_scenes import rods
 
 import dropper_jax as dj
 from dropper_jax import Effect, SceneError, component, register
@@ -34,15 +35,8 @@ class Push(Effect):
     def force(self, k):
         return jnp.zeros_like(k.r).at[:, 0].set(self.x)
 """
-SCENE = {
-    "run": {"dt": 0.01, "duration": 0.1},
-    "point": [
-        {"name": "top", "position": [0.0, 0.0, 0.0]},
-        {"name": "end", "kind": "free", "position": [0.0, 0.0, -1.0]},
-    ],
-    "line": [{"name": "rod", "from": "top", "to": "end", "links": 1, "length": 1.0, "mass": 2.0}],
-    "effects": {"weight": {"gravity": 10.0}, "push": {"x": 20.0}},
-}
+SCENE = rods([0.0], 1.0, 2.0, {"weight": {"gravity": 10.0}, "push": {"x": 20.0}})
+SCENE["run"] = {"dt": 0.01, "duration": 0.1}
 
 
 def installed(folder: Path, value: str) -> None:

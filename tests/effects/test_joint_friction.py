@@ -126,7 +126,7 @@ def check_falling_energy(scene, dry, duration, **settings):
     return solution
 
 
-def test_pins_count_only_the_turn_about_their_axis(march, chain):
+def test_pins_count_only_the_turn_about_their_axis(chain):
     """A link that turns about the vertical at a constant rate and opening feels no horizontal pin across its path."""
     a, length = 0.5, 0.4
     rate = np.sqrt(G / (length * np.cos(a)))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import hung_line
 
 import dropper_jax as dj
 from dropper_jax import Effect, build_model, component, parameter, register
@@ -53,16 +54,8 @@ def rope(dt=0.002, links=1):
     """A mass on a rope that hangs at rest, as stretched as it is without creep."""
     each = LENGTH / links
     stretched = [0.0, *np.cumsum([each * (1 + MASS * (links - j) * GRAVITY / EA) for j in range(links)])]
-    return {
+    return hung_line(links, each, MASS, axial={"law": "elastic", "EA": EA, "damping": 500.0}) | {
         "run": {"dt": dt, "duration": END},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "end", "kind": "free", "position": [0.0, 0.0, -LENGTH]},
-        ],
-        "line": [
-            {"name": "rope", "from": "top", "to": "end", "links": links, "length": each, "mass": MASS}
-            | {"axial": {"law": "elastic", "EA": EA, "damping": 500.0}}
-        ],
         "effects": {"weight": {"gravity": GRAVITY}, "creep": {"spring": SPRING, "viscosity": VISCOSITY}},
         "start": {"kind": "positions", "positions": [[0.0, 0.0, -z] for z in stretched]},
     }

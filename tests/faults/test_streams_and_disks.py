@@ -100,13 +100,12 @@ def test_pictures_that_a_full_disk_refuses_are_no_fault_of_the_input(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_fault_of_our_own_is_one_line_and_one_object(monkeypatch, capsys):
+def test_a_fault_of_our_own_is_one_line_and_one_object(monkeypatch, printed):
     def fault(*_, **__):
         raise TypeError("nobody\nforesaw this")
 
     monkeypatch.setattr("dropper_jax.cli.scenes.find_scene", fault)
-    assert main(["scenes", "string", "--json"]) == 3
-    out, err = capsys.readouterr()
+    out, err = printed(["scenes", "string", "--json"], 3)
     assert json.loads(out)["status"] == "internal_error"
     assert err == f"error: {json.loads(out)['error']}\n"
     assert "TypeError: nobody foresaw this" in err

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 from energy_cases import ROUNDING
-from hard_scenes import G
+from hard_scenes import G, by_a_rope
 from rows import exact, path, row, steps
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -48,19 +48,8 @@ def _last_angle(drag: float) -> dict[str, list]:
 
 
 def beside_a_rope(name: str, body: dict[str, Any], **more: Any) -> Scene:
-    """A body that no line holds; scenes have a line, which is far off."""
-    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
-    return load_scene(
-        {
-            "name": name,
-            "run": {"dt": 0.01, "duration": 1.0},
-            "point": [{"name": "a", "position": [50.0, 0.0, -5.0]}, {"name": "b", "position": [53.0, 0.0, -5.0]}],
-            "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
-            "body": [body],
-            "start": {"kind": "points"},
-            **more,
-        }
-    )
+    """A body that no line holds."""
+    return load_scene({"name": name} | by_a_rope(body, **more))
 
 
 def tumbling() -> Scene:

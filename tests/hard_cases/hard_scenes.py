@@ -10,6 +10,11 @@ from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import equilibrium
 
 LINKS = 7
+#: One packaged scene of each kind of line and effects, and all releases of the lab dropper.
+SINGLE_LINES = (
+    *("conical-pendulum", "conical-pendulum-damped", "double-pendulum-periodic", "double-pendulum-chaotic", "string"),
+    *(f"dropper-release-{kind}" for kind in ("a", "a-undamped", "b", "c", "d", "e", "3d", "a-compound")),
+)
 
 
 def loop(
@@ -33,18 +38,45 @@ def loop(
     )
 
 
-def rods(
-    polar: list[float], length: float = 1.0, mass: float = 1.0, effects: dict[str, Any] | None = None, **start: Any
+def single_line(
+    length: Any,
+    mass: Any,
+    start: dict[str, Any],
+    right: list[float] | None = None,
+    effects: dict[str, Any] | None = None,
+    dt: float = 0.01,
+    duration: float = 1.0,
+    **line: Any,
 ) -> dict[str, Any]:
-    """A chain from a pivot to a free bob, its links at polar angles [rad] from straight down, in air."""
-    tip = length * np.array([np.sum(np.sin(polar)), 0.0, -np.sum(np.cos(polar))])
+    """A line of links of these lengths [m] from `left` to `right`, which is a free end unless its place is given."""
+    length = [float(x) for x in length]
+    far = [sum(length), 0.0, 0.0] if right is None else right
+    ends = {"name": "line", "from": "left", "to": "right"}
+    return {
+        "run": {"dt": dt, "duration": duration},
+        "point": [
+            {"name": "left", "position": [0.0, 0.0, 0.0]},
+            {"name": "right", "kind": "free" if right is None else "fixed", "position": far},
+        ],
+        "line": [{**ends, "links": len(length), "length": length, "mass": mass, **line}],
+        "effects": {"weight": {}} if effects is None else effects,
+        "start": start,
+    }
+
+
+def rods(
+    polar: list[float], length: Any = 1.0, mass: Any = 1.0, effects: dict[str, Any] | None = None, **start: Any
+) -> dict[str, Any]:
+    """A chain from a pivot to a free tip, its links at polar angles [rad] from straight down, in air."""
+    along = np.stack([np.sin(polar), np.zeros(len(polar)), -np.cos(polar)], axis=1)
+    tip = np.broadcast_to(length, len(polar)) @ along
     return {
         "run": {"dt": 0.01, "duration": 10.0},
         "point": [
             {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-            {"name": "bob", "kind": "free", "position": tip.tolist()},
+            {"name": "tip", "kind": "free", "position": tip.tolist()},
         ],
-        "line": [{"name": "rod", "from": "pivot", "to": "bob", "links": len(polar), "length": length, "mass": mass}],
+        "line": [{"name": "chain", "from": "pivot", "to": "tip", "links": len(polar), "length": length, "mass": mass}],
         "effects": {"weight": {}, **(effects or {})},
         "start": {"kind": "angles", "zero": "down", "polar": list(polar), **start},
     }
@@ -56,6 +88,26 @@ def chain(
     """Links of 1 kg, with rates as in `[start]`."""
     table = {"name": name} | rods(polar, length, **start)
     return load_scene(table if effects is None else table | {"effects": effects})
+
+
+def by_a_rope(body: dict[str, Any], **more: Any) -> dict[str, Any]:
+    """A body that no line holds; scenes have a line, which is far off."""
+    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "point": [{"name": "a", "position": [50.0, 0.0, -5.0]}, {"name": "b", "position": [53.0, 0.0, -5.0]}],
+        "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
+        "body": [body],
+        "effects": {"weight": {}},
+        "start": {"kind": "points"},
+        **more,
+    }
+
+
+def swing_period(t: np.ndarray, angle: np.ndarray) -> float:
+    """Mean time [s] between falls of an angle through zero, linear between samples."""
+    falls = np.flatnonzero((angle[:-1] > 0) & (angle[1:] <= 0))
+    return float(np.mean(np.diff(t[falls] + angle[falls] / (angle[falls] - angle[falls + 1]) * np.diff(t)[falls])))
 
 
 def with_motion(scene: Scene, positions: np.ndarray, velocities: np.ndarray) -> Scene:
@@ -116,34 +168,51 @@ THREAD, THICK = 30.0, 0.02
 THIN = 1e-4
 
 
+def hung_weight(
+    mass: float, rope: dict[str, Any], length: float, links: int = 1, below: float | None = None, **more: Any
+) -> dict[str, Any]:
+    """A weight [kg] below a point, on a line of a type `rope`; `below` [m]: its place if not that of the slack line."""
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "line_type": [{"name": "rope", **rope}],
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "weight", "kind": "free", "position": [0.0, 0.0, -(below or length)], "mass": mass},
+        ],
+        "line": [{"name": "rope", "from": "top", "to": "weight", "type": "rope", "length": length, "links": links}],
+        "effects": {"weight": {"gravity": G}},
+        **more,
+    }
+
+
+def hung_line(links: int, length: Any, mass: Any, **line: Any) -> dict[str, Any]:
+    """A line straight down from a point, its end free; `length` [m] and `mass` [kg] of a link, or of each."""
+    down = float(np.sum(np.broadcast_to(length, links)))
+    return {
+        "run": {"dt": 0.01, "duration": 1.0},
+        "point": [
+            {"name": "top", "position": [0.0, 0.0, 0.0]},
+            {"name": "end", "kind": "free", "position": [0.0, 0.0, -down]},
+        ],
+        "line": [{"name": "rope", "from": "top", "to": "end", "links": links, "length": length, "mass": mass, **line}],
+        "effects": {"weight": {}},
+    }
+
+
 def weight_on_rope(
     name: str,
     mass: float,
     stiffness: float,
     length: float,
     below: float,
-    links: int = 1,
     effects: dict[str, Any] | None = None,
     **more: Any,
 ) -> Scene:
     """A weight [kg] released `below` [m] its suspension point, on a light rope with a stiffness [N/m] and a length
     [m]."""
-    kind = {"name": "rope", "mass": 1e-6, "diameter": 0.01, "EA": stiffness * length}
-    return load_scene(
-        {
-            "name": name,
-            "run": {"dt": 0.01, "duration": 1.0},
-            "line_type": [kind],
-            "point": [
-                {"name": "top", "position": [0.0, 0.0, 0.0]},
-                {"name": "weight", "kind": "free", "position": [0.0, 0.0, -below], "mass": mass},
-            ],
-            "line": [{"name": "rope", "from": "top", "to": "weight", "type": "rope", "length": length, "links": links}],
-            "effects": {"weight": {"gravity": G}, **(effects or {})},
-            "start": {"kind": "points"},
-            **more,
-        }
-    )
+    kind = {"mass": 1e-6, "diameter": 0.01, "EA": stiffness * length}
+    given = {"effects": {"weight": {"gravity": G}, **(effects or {})}, "start": {"kind": "points"}, **more}
+    return load_scene({"name": name} | hung_weight(mass, kind, length, below=below, **given))
 
 
 def weight_on_thread(

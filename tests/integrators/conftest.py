@@ -1,7 +1,7 @@
 """Motions of independent equations, and how far a scheme is from them.
 
-The dropper's release: accelerations in NumPy, node by node. Chains in angles: Lagrange's equations (sympy). Elastic
-lines: Newton's second law. All by SciPy's DOP853.
+The dropper's release: node by node. Chains in angles: Lagrange's equations (sympy). Elastic lines: Newton's second law.
+All by SciPy's DOP853.
 """
 
 from functools import cache
@@ -10,6 +10,7 @@ import jax
 import numpy as np
 import pytest
 import sympy as sp
+from release_by_scipy import MASS, links, release
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
@@ -18,48 +19,8 @@ G = 9.81
 
 # --- the release of a dropper -------------------------------------------------------------------------------------
 
-LENGTH = np.array([0.1040, 0.1061, 0.1040, 0.1061, 0.1040, 0.1061, 0.1040])
-MASS = np.array([0.0324, 0.0334, 0.0324, 0.0334, 0.0324, 0.0334])
-ENDS = np.array([[0.0, 0.0, 0.0], [0.28, 0.0, 0.0]])
 RELEASE_DURATION, RELEASE_SAVES = 1.5, 6
 RELEASES = {"dropper-release-a-undamped": (0.0, 0.0), "dropper-release-a": (0.002, 0.001)}
-
-
-def links(r):
-    return np.diff(np.concatenate([ENDS[:1], r, ENDS[1:]]), axis=0)
-
-
-def acceleration(r, v, b_l, b_q):
-    """M a = F + G' T with T from |d|' ' = 0, G a = -|d'|^2: the equations as an ODE, in NumPy, node by node."""
-    force = -b_l * v - b_q * np.linalg.norm(v, axis=1, keepdims=True) * v
-    force[:, 2] -= 9.81 * MASS
-    d = links(r)
-    rate = np.diff(np.concatenate([np.zeros((1, 3)), v, np.zeros((1, 3))]), axis=0)
-    g = np.zeros((7, 6, 3))
-    for j in range(7):
-        if j < 6:
-            g[j, j] = d[j]
-        if j > 0:
-            g[j, j - 1] = -d[j]
-    g = g.reshape(7, 18)
-    inverse = np.repeat(1 / MASS, 3)
-    lagrange = np.linalg.solve(g * inverse @ g.T, -np.sum(rate**2, axis=1) - g * inverse @ force.ravel())
-    return (inverse * (force.ravel() + g.T @ lagrange)).reshape(6, 3)
-
-
-def release(scene, b_l, b_q):
-    model, s = dj.build(scene)
-
-    def slope(t, y):
-        r, v = y.reshape(2, 6, 3)
-        return np.concatenate([v, acceleration(r, v, b_l, b_q)]).ravel()
-
-    begin = np.concatenate([np.asarray(s.r), np.zeros((6, 3))]).ravel()
-    times = RELEASE_DURATION * np.arange(1, RELEASE_SAVES + 1) / RELEASE_SAVES
-    found = solve_ivp(slope, (0, RELEASE_DURATION), begin, method="DOP853", t_eval=times, rtol=1e-12, atol=1e-13)
-    r = found.y.T.reshape(RELEASE_SAVES, 2, 6, 3)[:, 0]
-    assert max(np.max(np.abs(np.linalg.norm(links(x), axis=1) - LENGTH)) for x in r) < 1e-9
-    return model, s, angles(r)
 
 
 def angles(r):
@@ -70,7 +31,14 @@ def angles(r):
 @pytest.fixture(scope="session")
 def releases():
     """`releases(scene)`: model, start and the link angles that DOP853 finds at some times, made once."""
-    return cache(lambda scene: release(scene, *RELEASES[scene]))
+    times = RELEASE_DURATION * np.arange(1, RELEASE_SAVES + 1) / RELEASE_SAVES
+
+    @cache
+    def find(scene):
+        model, s = dj.build(scene)
+        return model, s, angles(release(s.r, *RELEASES[scene], times))
+
+    return find
 
 
 @pytest.fixture(scope="session")

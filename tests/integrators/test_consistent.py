@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import hung_line
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
@@ -16,14 +17,8 @@ MASS, LENGTH, GRAVITY = 0.1, 1.0, 9.81
 
 def pendulum(dt: float, motion: dict, duration: float = 1.0, links: int = 1) -> dict:
     """A mass on rigid links, at rest under a point that moves."""
-    line = {"name": "line", "from": "top", "to": "end", "links": links, "length": LENGTH / links, "mass": MASS / links}
-    return {
+    return hung_line(links, LENGTH / links, MASS / links) | {
         "run": {"dt": dt, "duration": duration},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "end", "kind": "free", "position": [0.0, 0.0, -LENGTH]},
-        ],
-        "line": [line],
         "effects": {"weight": {"gravity": GRAVITY}, "end_motion": {"point": "top", **motion}},
     }
 

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from release_by_scipy import MASS
 
 import dropper_jax as dj
 from dropper_jax.model import work_names
-
-MASS = np.array([0.0324, 0.0334, 0.0324, 0.0334, 0.0324, 0.0334])
 
 
 def test_undamped_release_keeps_energy_and_lengths_over_50_seconds():

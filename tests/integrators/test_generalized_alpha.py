@@ -119,7 +119,7 @@ def test_weights_that_make_no_sense_are_named(one_line, values, words):
         dj.simulate(load_scene(hanging(one_line)).with_values(values), duration=0.1)
 
 
-def test_rigid_lines_and_friction_in_joints_are_refused_with_what_to_take(one_line):
+def test_rigid_lines_and_friction_in_joints_are_refused_with_what_to_take():
     with pytest.raises(SceneError, match=r"generalized_alpha.*axial\.law"):
         make_stepper(build_model(load_scene("conical-pendulum")), "generalized_alpha")
     line = {"name": "l", "from": "top", "to": "low", "links": 2, "length": 0.5, "mass": 1.0}

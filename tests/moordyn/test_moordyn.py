@@ -320,12 +320,11 @@ def end_force(path, pose, link, end, inner):
 
 
 @pytest.mark.slow
-def test_dropper_run_takes_a_moordyn_file_and_writes_its_channels(deck, tmp_path, capsys):
+def test_dropper_run_takes_a_moordyn_file_and_writes_its_channels(deck, tmp_path, printed):
     path = deck(FLOAT.replace("FairTen1", "FairTen1\nAnchTen2\nL1N3T\nCon2px\nBody1px"))
     argv = ["run", str(path), "--dt", "0.05", "--duration", "0.5", "--tables", str(tmp_path / "tables"), "--quiet"]
     argv += ["--out", str(tmp_path / "run.npz")]
-    assert main([*argv, "--json"]) == 0
-    out, err = capsys.readouterr()
+    out, err = printed([*argv, "--json"])
     assert "Body1px" in err
     assert any("duration" in w for w in json.loads(out)["warnings"])
     lines = (tmp_path / "tables" / "moordyn.out").read_text().splitlines()

@@ -148,7 +148,7 @@ def test_a_run_in_which_nothing_moves_has_no_pictures_of_motion(longline, tmp_pa
     assert "no motion" in capsys.readouterr().err
 
 
-def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline, tmp_path):
+def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline):
     solution = longline()
     solution.tension[23, 3] = 5000.0
     run = readable(solution)

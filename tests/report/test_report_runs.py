@@ -122,11 +122,10 @@ def test_command_writes_report_json_and_pictures(longline, tmp_path, capsys):
     assert "anchor-a" in text
 
 
-def test_report_of_a_failed_run_exits_with_3_and_says_why(longline, tmp_path, capsys):
+def test_report_of_a_failed_run_exits_with_3_and_says_why(longline, tmp_path, printed):
     solution = longline(status="not_converged")
     file = solution.save(tmp_path / "run.npz")
-    assert main(["report", str(file), "--json"]) == 3
-    out = capsys.readouterr()
+    out = printed(["report", str(file), "--json"], 3)
     found = json.loads(out.out)
     assert found["status"] == "not_converged"
     assert "not_converged" in found["error"]

@@ -60,7 +60,7 @@ def hose():
 
 
 @pytest.fixture(scope="module")
-def dry(hose):
+def dry():
     """Force [N] on either point of a line in air."""
     exact = shoot([0.0, 0.0, 9.0], [20.0, 0.0, 9.0], 22.0, 20.0, 0.3, (2500.0, -2100.0))
     assert np.linalg.norm(exact[0]) == pytest.approx(3338.8, abs=0.1)

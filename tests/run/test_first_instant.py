@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hard_scenes import hung_line
 
 import dropper_jax as dj
 
@@ -15,19 +16,9 @@ def test_a_run_from_angles_begins_with_the_tension_of_its_first_instant():
 
 
 def test_a_run_from_points_begins_with_the_tension_of_its_lines_length():
-    stretched = {
-        "run": {"dt": 0.001, "duration": 0.01},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "mass", "kind": "free", "position": [0.0, 0.0, -1.01], "mass": 2.0},
-        ],
-        "line": [
-            {"name": "rope", "from": "top", "to": "mass", "links": 1, "length": 1.0, "mass": 0.1, "nodes": "shared"}
-            | {"axial": {"law": "rope", "EA": 5000.0}}
-        ],
-        "effects": {"weight": {}},
-        "start": {"kind": "points"},
-    }
+    stretched = hung_line(1, 1.0, 0.1, nodes="shared", axial={"law": "rope", "EA": 5000.0})
+    stretched["point"][1] |= {"position": [0.0, 0.0, -1.01], "mass": 2.0}
+    stretched |= {"run": {"dt": 0.001, "duration": 0.01}, "start": {"kind": "points"}}
     assert dj.simulate(stretched).tension[0, 0] == pytest.approx(5000.0 * 0.01, rel=1e-12)
 
 

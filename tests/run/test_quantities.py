@@ -90,6 +90,7 @@ def test_names_of_lines_ends_and_points_are_those_of_the_pose(posed):
         ("offset.buo.max", "'buo' is not a point; did you mean 'buoy'?"),
         ("offset.max", "has no node; allowed: such as offset.buoy.max"),
         ("energy.1.max", "'1' is not a part"),
+        ("angle.max", "has no link"),
         ("line.west-leg.angle.max", "has no end and signal; allowed: such as line.leg.fairlead.angle.max"),
         ("line.west-leg.fairlaed.angle.max", "'fairlaed' is not an end of line 'west-leg'; did you mean 'fairlead'?"),
         ("line.max", "has no end; allowed: such as line.leg.first.angle.max"),

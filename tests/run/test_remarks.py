@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from hard_scenes import hung_line
 
 import dropper_jax as dj
 from dropper_jax import SceneError, as_toml, load_scene
-from dropper_jax.cli import main
 from dropper_jax.load.checks_system import motion_warnings
 from dropper_jax.run.line_weights import end_forces
 from dropper_jax.run.pose_remarks import pose_remarks
@@ -49,27 +49,18 @@ def test_buoys_under_water_or_on_the_bed_are_remarked(z, said):
 
 
 def rope(breaking_load):
-    line = {"name": "rope", "from": "top", "to": "low", "links": 2, "length": 5.0, "mass": 10.0}
-    return {
-        "run": {"dt": 0.01, "duration": 0.02},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "low", "kind": "free", "position": [0.0, 0.0, -10.0]},
-        ],
-        "line": [line | {"breaking_load": breaking_load, "axial": {"law": "rope", "EA": 1e5}}],
-        "effects": {"weight": {}},
-    }
+    line = hung_line(2, 5.0, 10.0, breaking_load=breaking_load, axial={"law": "rope", "EA": 1e5})
+    return line | {"run": {"dt": 0.01, "duration": 0.02}}
 
 
-def test_a_line_beyond_its_breaking_load_at_rest_is_remarked(tmp_path, capsys):
+def test_a_line_beyond_its_breaking_load_at_rest_is_remarked(tmp_path, printed):
     """It carries 196.2 N."""
     weak = load_scene(rope(190.0))
     assert any("196.2 N at rest, above its breaking load of 190 N" in w for w in dj.simulate(weak).warnings)
     assert not any("breaking load" in w for w in dj.simulate(rope(200.0)).warnings)
     toml = tmp_path / "scene.toml"
     toml.write_text(as_toml(weak.to_dict()), encoding="utf-8")
-    assert main(["equilibrium", str(toml), "--json"]) == 0
-    shown = capsys.readouterr()
+    shown = printed(["equilibrium", str(toml), "--json"])
     assert "above its breaking load" in json.loads(shown.out)["warnings"][0]
     assert "warning: rope" in shown.err
 

@@ -67,7 +67,7 @@ def test_extremes_of_each_row_are_those_of_its_steps(every_step, thinned):
         assert np.all(found.largest_at[1:] > times - 16 * 0.005)
 
 
-def test_what_is_saved_is_said(every_step, thinned, tmp_path):
+def test_what_is_saved_is_said(every_step, thinned):
     assert every_step.saved_rows == ""
     assert every_step.tension_max is None
     assert thinned.summary()["saved_rows"] == "every 16th step is saved"

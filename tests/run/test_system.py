@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import hung_line
 
 from dropper_jax import (
     Line,
@@ -167,16 +168,8 @@ def test_points_of_a_vessel_move_together():
 
 def hung(**line) -> dict:
     """A link of 2 kg below a fixed point."""
-    link = {"name": "link", "from": "top", "to": "end", "links": 1, "length": 1.0, "mass": 2.0}
-    return {
-        "run": {"dt": 0.01, "duration": 0.1},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "end", "kind": "free", "position": [0.0, 0.0, -1.0]},
-        ],
-        "line": [link | {"axial": {"law": "rope", "EA": 1e4}} | line],
-        "effects": {"weight": {}},
-    }
+    own = {"name": "link", "axial": {"law": "rope", "EA": 1e4}} | line
+    return hung_line(1, 1.0, 2.0, **own) | {"run": {"dt": 0.01, "duration": 0.1}}
 
 
 def with_line_far_away(scene: dict, **line) -> dict:

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import SINGLE_LINES
 from jax.flatten_util import ravel_pytree
 
 import dropper_jax as dj
@@ -21,27 +22,15 @@ ROD = {"centre_of_mass": 0.07, "inertia": 2e-4}
 STRETCHY = {"axial": {"law": "elastic", "EA": 300.0, "damping": 0.5}}
 
 
-#: One scene of each kind of line and effects, and all releases; undamped variants are the same lines with less.
-SCENES = (
-    "conical-pendulum",
-    "conical-pendulum-damped",
-    "double-pendulum-periodic",
-    "double-pendulum-chaotic",
-    "string",
-    *(f"dropper-release-{kind}" for kind in ("a", "b", "c", "d", "e", "3d", "a-compound", "a-undamped")),
-)
 #: What `make test` takes of them.
 OFTEN = (
-    "conical-pendulum",
-    "double-pendulum-chaotic",
-    "dropper-release-a",
-    "dropper-release-3d",
+    *("conical-pendulum", "double-pendulum-chaotic", "dropper-release-a", "dropper-release-3d"),
     "dropper-release-a-compound",
 )
 
 
 @pytest.mark.parametrize(
-    "scene", [pytest.param(name, marks=[] if name in OFTEN else pytest.mark.check) for name in SCENES]
+    "scene", [pytest.param(name, marks=[] if name in OFTEN else pytest.mark.check) for name in SINGLE_LINES]
 )
 def test_all_solvers_give_the_same_positions_over_two_seconds(march, scene):
     model, s = dj.build(scene)

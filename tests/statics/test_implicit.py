@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import hung_weight
 
 import dropper_jax as dj
 from dropper_jax import natural_modes, natural_periods
@@ -69,18 +70,9 @@ def test_a_pose_follows_lengths_stiffness_drag_and_anchors_in_both_modes(mooring
     np.testing.assert_allclose(there, measured(pose), rtol=1e-8)
 
 
-def test_gradients_of_a_model_go_through_the_search_on_the_host(mooring):
+def test_gradients_of_a_model_go_through_the_search_on_the_host():
     """A buoyant point on one elastic line: its place is `a + L (1 + T/EA)` above the anchor, T of the links' middle."""
-    table = {
-        "run": {"dt": 0.02, "duration": 0.04},
-        "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.02, "EA": 2e4}],
-        "point": [
-            {"name": "a", "position": [0.0, 0.0, 0.0]},
-            {"name": "weight", "kind": "free", "position": [0.0, 0.0, -9.0], "mass": 30.0},
-        ],
-        "line": [{"name": "rope", "from": "a", "to": "weight", "type": "rope", "length": 9.0, "links": 3}],
-        "effects": {"weight": {}},
-    }
+    table = hung_weight(30.0, {"mass": 1.0, "diameter": 0.02, "EA": 2e4}, 9.0, 3)
     model = dj.build(table)[0]
     EA, length, tension = 2e4, 3.0, G * (30.0 + 3.0 * (np.arange(3)[::-1] + 0.5))
     slope = jax.grad(lambda m: dj.equilibrium(m).positions[-1, 2])(model)

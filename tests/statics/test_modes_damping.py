@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hard_scenes import hung_line
 from scipy.linalg import eigh
 
 import dropper_jax as dj
@@ -14,20 +15,8 @@ G = 9.81
 
 def hanging(masses, lengths, effects, axial=None):
     """Point masses below each other, each on a link without mass."""
-    top = {"name": "top", "position": [0.0, 0.0, 0.0]}
-    low = {"name": "low", "kind": "free", "position": [0.0, 0.0, -sum(lengths)]}
-    line = {
-        "name": "line",
-        "from": "top",
-        "to": "low",
-        "links": len(masses),
-        "length": list(lengths),
-        "mass": list(masses),
-    }
-    scene = {"run": {"dt": 0.01, "duration": 1.0}, "point": [top, low], "line": [{**line, "nodes": "far"}]}
-    if axial is not None:
-        scene["line"][0]["axial"] = axial
-    return {**scene, "effects": {"weight": {}, **effects}}
+    own = {"nodes": "far"} | ({} if axial is None else {"axial": axial})
+    return hung_line(len(masses), list(lengths), list(masses), **own) | {"effects": {"weight": {}, **effects}}
 
 
 def modes_of(scene, count=None):

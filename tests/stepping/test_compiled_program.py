@@ -14,27 +14,13 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import pytest
+from hard_scenes import SINGLE_LINES
 
 import dropper_jax as dj
 from dropper_jax import build_model
 from dropper_jax.effects import EFFECTS
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "operations.json"
-SCENES = (
-    "conical-pendulum",
-    "conical-pendulum-damped",
-    "double-pendulum-periodic",
-    "double-pendulum-chaotic",
-    "string",
-    "dropper-release-a",
-    "dropper-release-a-undamped",
-    "dropper-release-b",
-    "dropper-release-c",
-    "dropper-release-d",
-    "dropper-release-e",
-    "dropper-release-3d",
-    "dropper-release-a-compound",
-)
 #: The scene that all others are measured by: weight alone, on inextensible links.
 REFERENCE = "string"
 #: Operations that move numbers or wrap others. They depend on JAX's version and on shapes, not on what is computed.
@@ -84,14 +70,14 @@ def golden():
 @pytest.fixture(scope="module")
 def counts():
     """Operations of the packaged scenes' steps by name."""
-    return {name: operations(name) for name in SCENES}
+    return {name: operations(name) for name in SINGLE_LINES}
 
 
 def computing(found):
     return set(found) - MOVING
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", SINGLE_LINES)
 def test_step_of_a_packaged_scene_has_the_operations_of_its_effects_and_no_others(name, golden, counts):
     effects = dj.load_scene(name).to_dict()["effects"]
     added = {effect: set(golden["effects"][effect]) for effect in effects}
@@ -100,7 +86,7 @@ def test_step_of_a_packaged_scene_has_the_operations_of_its_effects_and_no_other
     assert {effect: missing for effect in effects if (missing := added[effect] - found)} == {}
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", SINGLE_LINES)
 def test_step_of_a_packaged_scene_grows_by_no_tenth(name, golden, counts):
     """Another version of JAX traces the same code to up to 40 % more, but all scenes alike."""
     stored = golden["counts"]
@@ -179,6 +165,6 @@ if __name__ == "__main__":
         "jax": jax.__version__,
         "step": sorted(computing(BARE)),
         "effects": {"weight": [], **{effect: sorted(added_by(effect, name)) for effect, name in EXAMPLES.items()}},
-        "counts": {name: operations(name).total() for name in SCENES},
+        "counts": {name: operations(name).total() for name in SINGLE_LINES},
     }
     GOLDEN.write_text(json.dumps(found, indent=1) + "\n")

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from release_by_scipy import release
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
@@ -80,7 +81,7 @@ def test_steps_end_where_a_force_lets_go_and_where_a_point_moves_off_and_stops(s
 @pytest.fixture(scope="module")
 def released():
     """`released(scheme, tolerance)`: the damped release of a dropper for 1.5 s, its RMS distance from SciPy [m]."""
-    exact = independent()
+    exact = release(dj.build("dropper-release-a")[1].r, 0.002, 0.001, 0.25 * np.arange(1, 7))
 
     def find(scheme, tolerance):
         run = {"save_interval": 0.25, "duration": 1.5, **follow(tolerance)}
@@ -94,30 +95,6 @@ def released():
 def follow(tolerance):
     """The accuracy that allows an error of a step [m], [m/s]."""
     return {"accuracy": 1000.0 * tolerance}
-
-
-def independent():
-    """Places (6, 6, 3) [m] of the release by SciPy, the tensions from a dense system node by node."""
-    model, s = dj.build("dropper-release-a")
-    mass = np.array([0.0324, 0.0334, 0.0324, 0.0334, 0.0324, 0.0334])
-    ends = np.array([[0.0, 0.0, 0.0], [0.28, 0.0, 0.0]])
-
-    def slope(t, y):
-        r, v = y.reshape(2, 6, 3)
-        force = -0.002 * v - 0.001 * np.linalg.norm(v, axis=1, keepdims=True) * v - [0, 0, 9.81] * mass[:, None]
-        d = np.diff(np.concatenate([ends[:1], r, ends[1:]]), axis=0)
-        rate = np.diff(np.concatenate([np.zeros((1, 3)), v, np.zeros((1, 3))]), axis=0)
-        g = np.zeros((7, 6, 3))
-        for j in range(6):
-            g[j, j], g[j + 1, j] = d[j], -d[j + 1]
-        g, inverse = g.reshape(7, 18), np.repeat(1 / mass, 3)
-        pull = np.linalg.solve(g * inverse @ g.T, -np.sum(rate**2, axis=1) - g * inverse @ force.ravel())
-        return np.concatenate([v.ravel(), inverse * (force.ravel() + g.T @ pull)])
-
-    begin = np.concatenate([np.asarray(s.r).ravel(), np.zeros(18)])
-    times = 0.25 * np.arange(1, 7)
-    found = solve_ivp(slope, (0, 1.5), begin, method="DOP853", t_eval=times, rtol=1e-12, atol=1e-13)
-    return found.y.T.reshape(6, 2, 6, 3)[:, 0]
 
 
 @pytest.mark.parametrize(("scheme", "order", "tolerances"), [("tsit5", 5, (1e-5, 1e-9)), ("dop853", 8, (1e-5, 1e-9))])

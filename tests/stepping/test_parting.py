@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import hung_weight
 
 from dropper_jax import SceneError, build, build_model, integrate, load_scene, make_stepper, report_run, simulate, state
 from dropper_jax.cli.run_text import text
@@ -22,18 +23,8 @@ HEAVY = ("weight", "point_bodies")  # effects that know gravity
 
 def hanging(links=2, *entries, **more):
     """A weight on a light line that stretches; `entries` are its failures."""
-    return {
-        "run": {"dt": 0.01, "duration": 1.0},
-        "line_type": [{"name": "rope", "mass": 1e-3, "diameter": 0.03, "EA": EA}],
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "weight", "kind": "free", "position": [0.0, 0.0, -LENGTH], "mass": MASS},
-        ],
-        "line": [{"name": "line", "from": "top", "to": "weight", "type": "rope", "length": LENGTH, "links": links}],
-        "effects": {"weight": {"gravity": G}},
-        "failure": [dict(entry) for entry in entries],
-        **more,
-    }
+    kind = {"mass": 1e-3, "diameter": 0.03, "EA": EA}
+    return hung_weight(MASS, kind, LENGTH, links, failure=[dict(entry) for entry in entries], **more)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -52,7 +43,7 @@ def run(stepper, model, s, dt, gravity):
 @pytest.fixture(scope="module")
 def cut():
     """The weight at rest, cut off in the link above it at 0.5 s."""
-    return simulate(hanging(2, {"line": "line", "link": 2, "time": 0.5}))
+    return simulate(hanging(2, {"line": "rope", "link": 2, "time": 0.5}))
 
 
 def test_a_weight_that_is_cut_off_falls_freely_from_the_end_of_that_step(cut):
@@ -74,7 +65,7 @@ def test_energy_balance_closes_with_the_stretch_of_the_broken_link_as_lost(cut):
 
 def test_what_broke_is_in_the_summary_the_warnings_and_the_report(cut):
     (row,) = cut.summary()["broken"]
-    assert (row["line"], row["link"]) == ("line", 2)
+    assert (row["line"], row["link"]) == ("rope", 2)
     assert row["time_s"] == pytest.approx(0.5)
     assert row["tension_n"] == pytest.approx(MASS * G, rel=1e-4)
     assert any("broke at its link 2 at t = 0.5 s" in line for line in cut.warnings)
@@ -87,7 +78,7 @@ def test_what_broke_is_in_the_summary_the_warnings_and_the_report(cut):
 @pytest.fixture(scope="module")
 def swinging():
     """Weight let go unstretched, which swings about its rest; model whose one entry takes any load and time."""
-    model, s = build(hanging(2, {"line": "line", "link": 2, "load": 1.0}, start={"kind": "points"}))
+    model, s = build(hanging(2, {"line": "rope", "link": 2, "load": 1.0}, start={"kind": "points"}))
     return model, s, make_stepper(model).plain
 
 
@@ -124,7 +115,7 @@ def test_gradient_through_a_cut_at_a_given_time_is_that_of_swing_and_fall(swingi
 
 
 def test_the_link_nearest_to_its_load_breaks_and_only_that_one():
-    model = build_model(load_scene(hanging(4, {"line": "line", "load": 500.0})))
+    model = build_model(load_scene(hanging(4, {"line": "rope", "load": 500.0})))
     s = replace(state(model, np.zeros((4, 3))), work=jnp.zeros(0))
 
     parted = []
@@ -138,7 +129,7 @@ def test_the_link_nearest_to_its_load_breaks_and_only_that_one():
 
 def test_a_link_that_parts_bends_nothing_and_its_bending_is_lost():
     stiff = {"weight": {"gravity": G}, "bending": {"EI": 300.0}}
-    model = build_model(load_scene(hanging(4, {"line": "line", "link": 2, "time": 0.5}, effects=stiff)))
+    model = build_model(load_scene(hanging(4, {"line": "rope", "link": 2, "time": 0.5}, effects=stiff)))
     angles = np.array([0.1, 0.4, 0.9, 1.2])
     links = 2.6 * np.stack([np.sin(angles), np.zeros(4), -np.cos(angles)], axis=1)
     s = state(model, np.cumsum(links, axis=0))
@@ -157,13 +148,13 @@ def test_a_link_that_parts_bends_nothing_and_its_bending_is_lost():
 @pytest.mark.parametrize(
     ("entry", "words"),
     [
-        ({"line": "lime", "load": 1.0}, "failure.0.line: 'lime' is not a line; did you mean 'line'?"),
-        ({"line": "line"}, "failure.0.load: missing"),
-        ({"line": "line", "load": 0.0}, "failure.0.load: 0.0 is out of range"),
-        ({"line": "line", "time": 3.0}, "failure.0.link: missing"),
-        ({"line": "line", "time": -3.0, "link": 1}, "failure.0.time: -3.0 is out of range"),
-        ({"line": "line", "link": 3, "load": 5.0}, "failure.0.link: 3 is not a link of 'line'; allowed: 1 to 2"),
-        ({"line": "line", "force": 3.0}, "failure.0.force: unknown"),
+        ({"line": "rop", "load": 1.0}, "failure.0.line: 'rop' is not a line; did you mean 'rope'?"),
+        ({"line": "rope"}, "failure.0.load: missing"),
+        ({"line": "rope", "load": 0.0}, "failure.0.load: 0.0 is out of range"),
+        ({"line": "rope", "time": 3.0}, "failure.0.link: missing"),
+        ({"line": "rope", "time": -3.0, "link": 1}, "failure.0.time: -3.0 is out of range"),
+        ({"line": "rope", "link": 3, "load": 5.0}, "failure.0.link: 3 is not a link of 'rope'; allowed: 1 to 2"),
+        ({"line": "rope", "force": 3.0}, "failure.0.force: unknown"),
     ],
 )
 def test_a_failure_that_cannot_be_is_named(entry, words, refusal):
@@ -171,7 +162,7 @@ def test_a_failure_that_cannot_be_is_named(entry, words, refusal):
 
 
 def test_a_failure_survives_the_way_through_plain_values_and_takes_changes():
-    scene = load_scene(hanging(2, {"line": "line", "link": 2, "time": 0.5, "load": 3e3}))
+    scene = load_scene(hanging(2, {"line": "rope", "link": 2, "time": 0.5, "load": 3e3}))
     assert load_scene(scene.to_dict()) == scene
     changed = scene.with_values({"failure.0.time": 0.7})
     assert (changed.failures[0].time, changed.failures[0].load) == (0.7, 3e3)
@@ -182,7 +173,7 @@ def test_a_failure_survives_the_way_through_plain_values_and_takes_changes():
 
 
 def test_schemes_without_parting_links_refuse():
-    model = build_model(load_scene(hanging(2, {"line": "line", "load": 5e3})))
+    model = build_model(load_scene(hanging(2, {"line": "rope", "load": 5e3})))
     with pytest.raises(SceneError, match="rattle"):
         make_stepper(model, "rattle")
 
@@ -190,7 +181,7 @@ def test_schemes_without_parting_links_refuse():
 @pytest.mark.check
 def test_a_sweep_and_a_study_count_the_energy_of_broken_links_as_single_runs_do(tmp_path):
     pytest.importorskip("zarr")
-    scene = hanging(2, {"line": "line", "link": 2, "time": 0.5}, run={"dt": 0.01, "duration": 0.7})
+    scene = hanging(2, {"line": "rope", "link": 2, "time": 0.5}, run={"dt": 0.01, "duration": 0.7})
     times = [0.3, 0.5]
     found = open_sweep(sweep(scene, {"failure.0.time": times}, tmp_path / "cut.zarr", halvings=0).path)
     for time in times:
@@ -206,7 +197,7 @@ def test_a_sweep_and_a_study_count_the_energy_of_broken_links_as_single_runs_do(
 
 @pytest.mark.check
 def test_windows_of_a_study_go_on_with_what_has_parted():
-    scene = hanging(2, {"line": "line", "link": 2, "load": 500.0}, run={"dt": 0.01, "duration": 1.0})
+    scene = hanging(2, {"line": "rope", "link": 2, "load": 500.0}, run={"dt": 0.01, "duration": 1.0})
     problem = study(scene, "tension.2.max", ["effects.point_bodies.gravity"])
     mean, error, length = windows(problem, problem.values, 0.2)
     # its first step parts the link: of the five windows the first alone has a derivative d, so that the mean is d/5

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from hard_scenes import hung_line
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
@@ -47,16 +48,8 @@ def test_errors_of_a_bounce_hold_and_are_not_much_too_large(falling, bounce):
 
 def hanging(links, **more):
     """A rope of 10 m and 20 kg that hangs from one end."""
-    line = {"name": "rope", "from": "top", "to": "low", "links": links, "length": 10.0 / links, "mass": 20.0 / links}
-    return {
-        "run": {"dt": 0.01, "duration": 0.4},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "low", "kind": "free", "position": [0.0, 0.0, -10.0]},
-        ],
-        "line": [line | {"axial": {"law": "rope", "EA": 1e5, "damping": 100.0}, **more}],
-        "effects": {"weight": {}},
-    }
+    axial = {"law": "rope", "EA": 1e5, "damping": 100.0}
+    return hung_line(links, 10.0 / links, 20.0 / links, axial=axial, **more) | {"run": {"dt": 0.01, "duration": 0.4}}
 
 
 def test_halves_of_links_are_the_same_line():

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from hard_scenes import single_line
 
 from dropper_jax import load_scene, simulate
 from dropper_jax.run.summary import write_angles
@@ -20,20 +21,10 @@ TRUTH, NOISE, RATE = np.array([0.0015, 0.001]), 0.004, 100.0
 
 
 def rig(mass=0.02, **fit):
-    return load_scene(
-        {
-            "run": {"dt": 0.002, "duration": 3.0},
-            "point": [{"name": "left", "position": [0, 0, 0]}, {"name": "right", "position": [0.12, 0, 0]}],
-            "line": [{"name": "rig", "from": "left", "to": "right", "links": 4, "length": 0.06, "mass": mass}],
-            "effects": {
-                "weight": {},
-                "linear_damping": {"b_l": TRUTH[0]},
-                "quadratic_damping": {"b_q": TRUTH[1]},
-            },
-            "start": {"kind": "static", "release_nodes": [1], "release_force": [[0, 0, 0.7]]},
-            **({"fit": fit} if fit else {}),
-        }
-    )
+    effects = {"weight": {}, "linear_damping": {"b_l": TRUTH[0]}, "quadratic_damping": {"b_q": TRUTH[1]}}
+    start = {"kind": "static", "release_nodes": [1], "release_force": [[0, 0, 0.7]]}
+    table = single_line([0.06] * 4, mass, start, [0.12, 0.0, 0.0], effects, dt=0.002, duration=3.0)
+    return load_scene(table | ({"fit": fit} if fit else {}))
 
 
 @pytest.fixture(scope="module")

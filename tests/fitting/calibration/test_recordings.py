@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from hard_scenes import rods
 from scipy.integrate import solve_ivp
 
 import dropper_jax as dj
@@ -16,18 +17,8 @@ from fitting.traces.conventions import settle_convention
 
 LENGTH, MASS, G, B_L = (0.10, 0.08), (0.030, 0.020), 9.81, 0.002
 SETTINGS = FitSettings(same_motion=True)
-SCENE = {
-    "run": {"dt": 0.002, "duration": 5.0},
-    "point": [
-        {"name": "pivot", "position": [0.0, 0.0, 0.0]},
-        {"name": "tip", "kind": "free", "position": [0.0, 0.0, -sum(LENGTH)]},
-    ],
-    "line": [
-        {"name": "arms", "from": "pivot", "to": "tip", "links": 2, "length": list(LENGTH), "mass": list(MASS)},
-    ],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.001}},
-    "start": {"kind": "angles", "zero": "down", "polar": [0.9, -0.6]},
-}
+SCENE = rods([0.9, -0.6], list(LENGTH), list(MASS), {"linear_damping": {"b_l": 0.001}})
+SCENE["run"] = {"dt": 0.002, "duration": 5.0}
 
 
 def rates(t, state):

@@ -1,10 +1,8 @@
 """What spoils traces of another simulator (`conftest`), told by its name: noises, clocks, markers, outliers, frames."""
 
 import copy
-import importlib
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,8 +17,6 @@ from fitting.calibration.fit import estimate
 from fitting.calibration.freeing import promising
 from fitting.calibration.result import window_length
 from fitting.calibration.summarise import summarise
-
-BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
 
 @pytest.fixture(scope="module")
@@ -259,10 +255,10 @@ def test_a_model_that_is_wrong_as_a_whole_is_freed_in_groups_that_halve_the_held
 
 
 @pytest.mark.check
-def test_two_errors_are_both_named_where_a_third_candidate_hides_them(monkeypatch):
+def test_two_errors_are_both_named_where_a_third_candidate_hides_them():
     """Wrong lengths and a rolled camera: the second end explains the poses at rest at the expense of the motion."""
-    monkeypatch.syspath_prepend(str(BENCHMARKS))  # its modules import one another, as scripts do
-    study = importlib.import_module("spoilers")
+    import spoilers as study
+
     _, trace = study.draw("lengths and roll", 16)
     result = fit_and_free(trace, study.scene(), study.FREE, settings=study.SETTINGS)
     assert result.status == "ok"

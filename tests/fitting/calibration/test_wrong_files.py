@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from hard_scenes import single_line
 
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model, load_scene
@@ -18,15 +19,14 @@ from fitting.calibration.wrong_files import refuse_rising_energy, refuse_wrong_f
 from fitting.traces.conventions import settle_convention
 
 pytestmark = pytest.mark.usefixtures("optimised")
-HELD = {
-    "run": {"dt": 0.002, "duration": 4.0},
-    "point": [{"name": "left", "position": [0.0, 0.0, 0.0]}, {"name": "right", "position": [0.2, 0.0, 0.0]}],
-    "line": [
-        {"name": "rig", "from": "left", "to": "right", "links": 4, "length": [0.12, 0.1, 0.09, 0.11], "mass": 0.03}
-    ],
-    "effects": {"weight": {}, "linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.01}},
-    "start": {"kind": "static", "release_nodes": [2], "release_force": [[0.1, 0.0, 0.6]]},
-}
+HELD = single_line(
+    [0.12, 0.1, 0.09, 0.11],
+    0.03,
+    {"kind": "static", "release_nodes": [2], "release_force": [[0.1, 0.0, 0.6]]},
+    [0.2, 0.0, 0.0],
+    {"weight": {}, "linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.01}},
+)
+HELD["run"] = {"dt": 0.002, "duration": 4.0}
 
 
 def column(trace, j, change):

@@ -118,7 +118,7 @@ def test_damping_and_every_defect_of_four_sensors_are_found_within_their_errors(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"link": 2}, r"channel\.0\.link: 2 is outside line 'rod'; allowed: 1 to 1"),
+        ({"link": 2}, r"channel\.0\.link: 2 is outside line 'chain'; allowed: 1 to 1"),
         ({"position": 0.7}, r"channel\.0\.position: 0\.7 is out of range; allowed: a number 0 to 0\.5"),
         ({"axes": ["along", "up"]}, r"channel\.0\.axes\.1: 'up'"),
         ({"axes": ["along"]}, "2 columns for 1 axes"),

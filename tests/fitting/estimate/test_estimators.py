@@ -149,7 +149,7 @@ def test_window_jacobian_agrees_with_central_differences():
 
 
 @pytest.mark.check
-def test_a_damping_of_zero_is_reached_and_reported(motion, twins):
+def test_a_damping_of_zero_is_reached_and_reported(twins):
     """The truth has linear damping alone; noise pushes the quadratic coefficient against its bound."""
     truth = simulate_truth(dj.load_scene(SCENE).with_values({FREE[0]: 0.004, FREE[1]: 0.0}), 8.0)
     results = []

@@ -86,7 +86,7 @@ def test_delays_move_the_mean_of_an_angle_by_half_their_square_times_its_acceler
     assert shifts[0] - shifts[1] == pytest.approx(0.5 * delay**2, rel=0.02)
 
 
-def test_windows_in_a_row_tell_no_more_of_a_constant_than_the_run_they_were_cut_from(windows):
+def test_windows_in_a_row_tell_no_more_of_a_constant_than_the_run_they_were_cut_from():
     """The exact information of a mean in AR(1) noise is `1' V^-1 1`; ten windows lose less than a hundredth of it."""
     count, phi = 10, 0.9
     shape = (count, SLOTS, 1)

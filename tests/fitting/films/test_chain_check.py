@@ -2,6 +2,7 @@
 
 import json
 
+import films
 import numpy as np
 import pytest
 
@@ -60,25 +61,15 @@ def test_a_standard_error_above_0_2_rad_is_never_ok():
     assert why(pendulum(0.2 * np.arange(200)), 0.15) == ""
 
 
-def discs(places, size=(220, 160)):
-    y, x = np.mgrid[: size[1], : size[0]]
-    for each in places:
-        image = np.full(x.shape, 60.0)
-        for cx, cy in each:
-            image += 150.0 * np.clip(7.5 - np.hypot(x - cx, y - cy), 0.0, 1.0)
-        yield image.astype(np.uint8)
-
-
-def test_two_circles_that_move_on_their_own_are_lost_with_exit_3_and_no_trace(tmp_path, capsys):
+def test_two_circles_that_move_on_their_own_are_lost_with_exit_3_and_no_trace(tmp_path, printed):
     t = np.arange(90) / 60
     one = np.stack([110 + 3 * np.sin(7 * t), np.full(90, 30.0)], axis=-1)
     angle, apart = 0.6 * np.sin(5 * t), 90 * (1 + 0.12 * np.sin(4 * t))
     two = one + apart[:, None] * np.stack([np.sin(angle), np.cos(angle)], axis=-1)
-    write_video(tmp_path / "two.avi", discs(np.stack([one, two], axis=1)), 60.0)
+    write_video(tmp_path / "two.avi", films.discs(np.stack([one, two], axis=1), size=(220, 160), noise=0.0), 60.0)
     out = tmp_path / "two.csv"
     call = ["track", str(tmp_path / "two.avi"), "--nodes", "2", "--out", str(out)]
-    assert main([*call, "--overlay", str(tmp_path / "o.png"), "--json", "--quiet"]) == 3
-    said, errors = capsys.readouterr()
+    said, errors = printed([*call, "--overlay", str(tmp_path / "o.png"), "--json", "--quiet"], 3)
     found = json.loads(said)
     assert found["status"] == "lost"
     assert found["out"] is None

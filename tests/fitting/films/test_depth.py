@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hard_scenes import rods
 
 import dropper_jax as dj
 from fitting import Convention, Motion, View, film, read_trace, write_trace, write_video
@@ -18,14 +19,8 @@ def chain(kick: float) -> dict:
     nodes = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     velocities = np.zeros((4, 3))
     velocities[3, 1] = kick
-    return {
+    return rods(POLAR.tolist(), 0.1, 0.05, {"linear_damping": {"b_l": 0.005}}) | {
         "run": {"dt": 1 / 960, "duration": 2.5, "save_every": 4},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, 0.0]},
-            {"name": "tip", "kind": "free", "position": nodes[-1].tolist()},
-        ],
-        "line": [{"name": "chain", "from": "top", "to": "tip", "links": 3, "length": 0.1, "mass": 0.05}],
-        "effects": {"weight": {}, "linear_damping": {"b_l": 0.005}},
         "start": {"kind": "positions", "positions": nodes.tolist(), "velocities": velocities.tolist()},
     }
 

@@ -4,6 +4,7 @@ import json
 import warnings
 from dataclasses import replace
 
+import films
 import numpy as np
 import pytest
 
@@ -12,19 +13,8 @@ from fitting import read_trace, write_video
 from fitting.films import track
 from fitting.films.video import opencv
 
-NAMES = (
-    "loop, slanting camera",
-    "chain, slanting camera",
-    "loop, blurred",
-    "chain, blurred",
-    "loop, post in the first second",
-    "chain, cover moves over",
-    "loop, cover moves over",
-    "loop, first circles missing",
-)
 
-
-def test_point_masses_keep_their_lengths_and_swing_as_a_pendulum_does(films):
+def test_point_masses_keep_their_lengths_and_swing_as_a_pendulum_does():
     # one mass on one link: a pendulum of small swing, whose period is 2 pi sqrt(l/g)
     angle = 0.02
     start = np.array([[0.0, 0.0, 0.0], [0.25 * np.sin(angle), 0.0, -0.25 * np.cos(angle)]])
@@ -40,7 +30,7 @@ def test_point_masses_keep_their_lengths_and_swing_as_a_pendulum_does(films):
     "name",
     ["loop, post in the first second", "loop, first circles missing"],
 )
-def test_a_small_film_is_tracked_in_the_right_order_with_fair_errors(films, tmp_path, name):
+def test_a_small_film_is_tracked_in_the_right_order_with_fair_errors(tmp_path, name):
     film = films.FILMS[name]
     # half the picture, without a board: the bending of the lens is found from the lengths
     film = replace(film, duration=2.2, view=replace(film.view, size=(400, 300), focus=500.0))
@@ -55,8 +45,8 @@ def test_a_small_film_is_tracked_in_the_right_order_with_fair_errors(films, tmp_
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("name", NAMES)
-def test_all_films_are_tracked_with_boards_and_without(films, tmp_path, name):
+@pytest.mark.parametrize("name", films.FILMS)
+def test_all_films_are_tracked_with_boards_and_without(tmp_path, name):
     film = films.FILMS[name]
     path, boards, truth = films.make(film, tmp_path)
     for given, limit in ((boards, 2.0), ([], 5.0)):
@@ -67,32 +57,16 @@ def test_all_films_are_tracked_with_boards_and_without(films, tmp_path, name):
         assert found["marked_share"] <= 0.01
 
 
-def test_there_are_eight_films(films):
-    assert tuple(films.FILMS) == NAMES
-
-
-def discs(places, radius=7.0, size=(320, 240), seed=0):
-    """Frames with noise and bright discs at places (k, n, 2) [pixel]."""
-    y, x = np.mgrid[: size[1], : size[0]]
-    rng = np.random.default_rng(seed)
-    for each in places:
-        image = 60.0 + 4.0 * rng.standard_normal(x.shape)
-        for cx, cy in each:
-            image += 150.0 * np.clip(0.5 + radius - np.hypot(x - cx, y - cy), 0.0, 1.0)
-        yield np.clip(image, 0, 255).astype(np.uint8)
-
-
-def test_an_order_that_nothing_tells_is_exit_3_with_a_picture_and_start_settles_it(tmp_path, capsys):
+def test_an_order_that_nothing_tells_is_exit_3_with_a_picture_and_start_settles_it(tmp_path, printed):
     # a stiff zigzag that turns: every distance stays
     shape = np.array([[-90.0, 20.0], [-30.0, -50.0], [30.0, 40.0], [100.0, -10.0]])
     turn = 0.5 * np.sin(np.arange(50) / 10)
     matrix = np.moveaxis(np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]), -1, 0)
     places = np.array([160.0, 120.0]) + np.einsum("kij,nj->kni", matrix, shape)
-    write_video(tmp_path / "stiff.avi", discs(places), 60.0)
+    write_video(tmp_path / "stiff.avi", films.discs(places), 60.0)
     out = tmp_path / "a.csv"
     call = ["track", str(tmp_path / "stiff.avi"), "--nodes", "4", "--out", str(out), "--json", "--quiet"]
-    assert main(call) == 3
-    said, errors = capsys.readouterr()
+    said, errors = printed(call, 3)
     found = json.loads(said)
     assert found["status"] == "ambiguous_order"
     assert not out.exists()
@@ -109,13 +83,13 @@ def test_an_order_that_nothing_tells_is_exit_3_with_a_picture_and_start_settles_
 
 
 def test_a_film_without_circles_is_named(tmp_path, refused):
-    write_video(tmp_path / "empty.avi", discs(np.zeros((30, 0, 2))), 60.0)
+    write_video(tmp_path / "empty.avi", films.discs(np.zeros((30, 0, 2))), 60.0)
     line = refused(["track", str(tmp_path / "empty.avi"), "--nodes", "4", "--quiet"])
     assert "empty.avi" in line
     assert "circles" in line
 
 
-def test_a_disc_that_leaps_for_three_frames_is_marked_with_its_time(tmp_path, capsys):
+def test_a_disc_that_leaps_for_three_frames_is_marked_with_its_time(tmp_path):
     # a double pendulum whose last disc is somewhere else in frames 40 to 42
     t = np.arange(90) / 60
     one, two = 0.8 * np.sin(5 * t), 0.9 * np.sin(7 * t + 1)
@@ -123,7 +97,7 @@ def test_a_disc_that_leaps_for_three_frames_is_marked_with_its_time(tmp_path, ca
     places = np.cumsum(np.stack([np.full((90, 2), (160.0, 40.0)), *links], axis=1), axis=1)
     turned = places.copy()
     turned[40:43, 2] = places[40:43, 1] + 70 * np.array([np.cos(0.3), -np.sin(0.3)])
-    write_video(tmp_path / "leap.avi", discs(turned), 60.0)
+    write_video(tmp_path / "leap.avi", films.discs(turned), 60.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = track(tmp_path / "leap.avi", 3)

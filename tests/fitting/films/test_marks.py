@@ -1,5 +1,6 @@
 """What is wrong is found with its time, what is right left alone; slant and exposure are found from the lengths."""
 
+import films
 import numpy as np
 import pytest
 
@@ -11,14 +12,14 @@ from fitting.films.marks import find_marks
 
 
 @pytest.mark.parametrize("name", ["loop, slanting camera", "chain, slanting camera"])
-def test_swapped_and_shifted_nodes_are_found_and_others_are_not(films, name):
+def test_swapped_and_shifted_nodes_are_found_and_others_are_not(name):
     found = films.spoiled(films.FILMS[name], draws=12, seed=3)
     assert found["swapped_found"] >= 0.95 * found["swapped"] > 50
     assert found["jumped_found"] >= 0.95 * found["jumped"] > 10
     assert found["well_marked"] <= 0.01 * found["well"]
 
 
-def test_marks_name_times_and_nodes(films):
+def test_marks_name_times_and_nodes():
     film = films.FILMS["chain, blurred"]
     places = film.motion().nodes[:: films.FINE][:, :, [0, 2]] * 600.0
     places[60:72, [1, 3]] = places[60:72, [3, 1]]
@@ -39,7 +40,7 @@ def test_a_trace_carries_notes_and_is_read_as_before(tmp_path):
     assert "# marked 0.1 to 0.2 s: nodes 1 2 (swapped)" in (tmp_path / "a.csv").read_text()
 
 
-def test_slant_and_bending_are_found_from_the_lengths_alone(films):
+def test_slant_and_bending_are_found_from_the_lengths_alone():
     motion = films.FILMS["loop, slanting camera"].motion().nodes[:: films.FINE][..., [0, 2]]
     view = View(slant=(0.13, -0.07), bending=(-0.12, 0.05), centre=(0.14, -0.1), distance=0.7)
     rng = np.random.default_rng(0)
@@ -59,7 +60,7 @@ def test_slant_and_bending_are_found_from_the_lengths_alone(films):
     np.testing.assert_allclose(found.back(found(pixels[:3])), pixels[:3], atol=1e-6)
 
 
-def test_the_exposure_is_found_from_the_lengths_and_taken_back(films):
+def test_the_exposure_is_found_from_the_lengths_and_taken_back():
     film = films.FILMS["loop, blurred"]
     fine = film.motion().nodes[..., [0, 2]] * 900.0
     # the mean over the middle half of a frame, by the fine samples of it (trapezoid over 5)

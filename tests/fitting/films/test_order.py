@@ -1,5 +1,6 @@
 """The order of the nodes and their names through a film, from circles whose places are known exactly."""
 
+import films
 import numpy as np
 import pytest
 
@@ -15,7 +16,7 @@ NOISE = 0.05
 
 
 @pytest.fixture(scope="module")
-def places(films):
+def places():
     """Pixels (k, n, 2) of a loop and of a chain of point masses, 3 s each."""
     named = {"loop": "loop, first circles missing", "chain": "chain, blurred"}
     found = {}

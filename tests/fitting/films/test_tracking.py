@@ -2,6 +2,7 @@
 
 import json
 
+import films
 import numpy as np
 import pytest
 from hard_scenes import rods
@@ -56,18 +57,10 @@ def lab(tmp_path_factory):
 @pytest.fixture(scope="module")
 def tracked_lab(lab):
     folder, boards, _ = lab
-    files = [
-        "--out",
-        str(folder / "traces.csv"),
-        "--positions",
-        str(folder / "places.csv"),
-        "--overlay",
-        str(folder / "sheet.png"),
-    ]
-    code = main(
-        ["track", str(folder / "lab.avi"), "--nodes", "8", "--calibration", *boards, "--plane", boards[0]]
-        + ["--square", "0.03", "--quiet", "--json", *files]
-    )
+    call = ["track", str(folder / "lab.avi"), "--nodes", "8", "--calibration", *boards, "--plane", boards[0]]
+    for option, name in (("--out", "traces.csv"), ("--positions", "places.csv"), ("--overlay", "sheet.png")):
+        call += [option, str(folder / name)]
+    code = main([*call, "--square", "0.03", "--quiet", "--json"])
     return code, read_trace(folder / "traces.csv")
 
 
@@ -170,14 +163,11 @@ def ended(capsys, *arguments):
     return code, json.loads(out), lines
 
 
-def spots(count, frames=12, size=(160, 120)):
+def spots(count, frames=12):
     """Frames with white discs in a row that swing together."""
-    y, x = np.mgrid[: size[1], : size[0]]
-    for i in range(frames):
-        image = np.full(size[::-1], 60.0)
-        for k in range(count):
-            image[np.hypot(x - 25 - 30 * k, y - 60 - 10 * np.sin(0.3 * i)) < 6] = 220
-        yield image.astype(np.uint8)
+    y = 60 + 10 * np.sin(0.3 * np.arange(frames))
+    places = np.stack(np.broadcast_arrays(25.0 + 30.0 * np.arange(count), y[:, None]), axis=-1)
+    return films.discs(places, 6.0, (160, 120), noise=0.0)
 
 
 @pytest.fixture(scope="module")

@@ -1,15 +1,13 @@
 """`dropper fit FILE` without a scene: an answer with errors, and the files and the command that repeat it."""
 
-import json
 import shlex
 
 import numpy as np
 import pytest
 from written_files import double_pendulum, points, swing, write
 
-from dropper_jax.cli import main
-
 LENGTH, DAMPING = 0.4, 0.08
+QUIET = ("--json", "--quiet")
 
 
 @pytest.fixture
@@ -18,45 +16,36 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def fit(capsys, *words):
-    code = main(["fit", *words, "--json", "--quiet"])
-    out, _ = capsys.readouterr()
-    return code, json.loads(out)
-
-
 def within(found, name, truth, errors=3.0):
     one = found["found"][name]
     return abs(one["value"] - truth) < errors * one["std_error"]
 
 
-def test_an_angle_in_degrees_gives_length_zero_and_damping_and_the_command_that_repeats_them(here, capsys):
+def test_an_angle_in_degrees_gives_length_zero_and_damping_and_the_command_that_repeats_them(here, json_of):
     t, phi = swing(20.0)
     noise = 0.05 * np.random.default_rng(0).standard_normal(len(t))
     file = write(here / "arm.csv", ["Zeit [ms];Winkel [°]"], np.stack([1e3 * t, np.degrees(phi) + 3 + noise], 1), ";")
-    code, found = fit(capsys, file.name)
-    assert code == 0
+    found = json_of(["fit", file.name, *QUIET])
     assert found["status"] == "ok"
     assert within(found, "effective length", LENGTH)
     assert within(found, "angle at rest", np.radians(3.0))
     assert within(found, "b_l / m", DAMPING)
     before = {path: path.read_bytes() for path in here.rglob("*") if path.is_file()}
-    code, again = fit(capsys, *shlex.split(found["repeat"])[2:])
-    assert code == 0
+    again = json_of(["fit", *shlex.split(found["repeat"])[2:], *QUIET])
     for name, one in found["parameters"].items():
         assert again["parameters"][name]["value"] == pytest.approx(one["value"], abs=0.02 * one["std_error"])
     assert {path: path.read_bytes() for path in before} == before
 
 
 @pytest.mark.check
-def test_points_of_a_film_give_a_chains_lengths_masses_and_damping(here, capsys):
+def test_points_of_a_film_give_a_chains_lengths_masses_and_damping(here, json_of):
     t, phi = double_pendulum()
     first = 0.2 * -1j * np.exp(1j * phi[:, 0])
     second = first + 0.15 * -1j * np.exp(1j * phi[:, 1])
     ends = [end.conj() / 4.3e-4 for end in (first, second)]  # pixels downwards
     rows = np.stack([np.arange(len(t)), *points(*ends, noise=0.5)], axis=1)
     write(here / "film.csv", ["# 120 fps", "frame,x1,y1,x2,y2"], rows)
-    code, found = fit(capsys, "film.csv")
-    assert code == 0
+    found = json_of(["fit", "film.csv", *QUIET])
     for name, truth in (("length 1", 0.2), ("length 2", 0.15), ("mass 2 over mass 1", 2 / 3)):
         assert within(found, name, truth), name
 

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hard_scenes import single_line
 
 from dropper_jax import SceneError, build_model, load_scene
 from dropper_jax.run.quantities import quantity
@@ -77,13 +78,14 @@ def test_global_studies_refuse_what_a_straight_line_cannot_follow():
     assert (low, high) == pytest.approx((40.0, 60.0))
 
 
-HELD = {
-    "run": {"dt": 0.002, "duration": 3.0},
-    "point": [{"name": "a", "position": [0.0, 0.0, 0.0]}, {"name": "b", "position": [0.2, 0.0, 0.0]}],
-    "line": [{"name": "l", "from": "a", "to": "b", "links": 4, "length": [0.12, 0.1, 0.09, 0.11], "mass": 0.03}],
-    "effects": {"weight": {}, "linear_damping": {"b_l": [0.02, 0.02, 0.02, 0.0]}},
-    "start": {"kind": "static", "release_nodes": [2], "release_force": [[0.1, 0.0, 0.6]]},
-}
+HELD = single_line(
+    [0.12, 0.1, 0.09, 0.11],
+    0.03,
+    {"kind": "static", "release_nodes": [2], "release_force": [[0.1, 0.0, 0.6]]},
+    [0.2, 0.0, 0.0],
+    {"weight": {}, "linear_damping": {"b_l": [0.02, 0.02, 0.02, 0.0]}},
+)
+HELD["run"] = {"dt": 0.002, "duration": 3.0}
 #: The node at the head has one coefficient, both others another one.
 TIED = HELD | {
     "parameters": {"head": 0.01, "rest": 0.03},

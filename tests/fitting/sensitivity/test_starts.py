@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from rod_cases import pinned_arm
 
 from dropper_jax import SceneError, build, load_scene, natural_modes
 from fitting.sensitivity import local, study
@@ -99,19 +100,6 @@ def test_a_natural_period_is_a_quantity_of_the_start():
         study({**TABLE, "start": {"kind": "points"}}, "period.1.start", NUMBERS[:1])
 
 
-#: A rigid arm on a pin, released with a spin.
-ARM = {
-    "name": "arm",
-    "position": [0.0, 0.0, 0.0],
-    "attitude": [0.02, 3.1, 0.0],
-    "angular_velocity": [0.0, 0.3, 0.0],
-    "mass": 5.0,
-    "centre_of_mass": [0.0, 0.0, -2.0],
-    "inertia": [3.0, 2.0, 1.5],
-    "pinned": True,
-}
-
-
 def test_a_slope_of_a_slack_weightless_rope_by_gravity_is_not_resolved_and_says_so():
     rope = {"length": 4.0, "mass": 1.0, "diameter": 0.02, "links": 2, "axial": {"law": "rope", "EA": 1e4}}
     scene = {
@@ -131,15 +119,7 @@ def test_a_slope_of_a_slack_weightless_rope_by_gravity_is_not_resolved_and_says_
 
 @pytest.mark.check
 def test_a_turning_body_differentiates_by_its_mass_spin_and_gravity():
-    rope = {"length": 2.0, "mass": 1.0, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
-    scene = {
-        "run": {"dt": 0.01, "duration": 0.2},
-        "point": [{"name": "a", "position": [50.0, 0.0, -5.0]}, {"name": "b", "position": [53.0, 0.0, -5.0]}],
-        "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
-        "body": [ARM],
-        "effects": {"weight": {}},
-        "start": {"kind": "points"},
-    }
+    scene = pinned_arm().with_values({"run.duration": 0.2})
     names = ["mass.0", "spin.1", "gravity"]
     problem = study(scene, "energy.final", [f"effects.rigid_bodies.{name}" for name in names])
     at = jnp.asarray(problem.values)

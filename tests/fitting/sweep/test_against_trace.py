@@ -1,11 +1,9 @@
 """Sweeps scored against a trace: the truth is SciPy's (`benchmarks/closed_chain.py`), scores those of sines."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from closed_chain import Chain
+from hard_scenes import single_line
 
 import dropper_jax as dj
 from dropper_jax import SceneError, as_toml
@@ -15,43 +13,26 @@ from fitting.sweep.against_trace import Against, FittedScore, part_ends
 
 pytest.importorskip("zarr")
 
-CHAIN = Path(__file__).parents[3] / "benchmarks" / "closed_chain.py"
 LENGTH, MASS, SPAN = np.array([0.1, 0.12, 0.1, 0.12]), [0.03, 0.04, 0.03, 0.04], 0.28
 RATE, DURATION, NOISE = 60.0, 3.0, 0.005
 PAIRS = {"b_l": [0.001, 0.002, 0.01, 0.002, 0.05], "b_q": [0.5, 0.1, 0.001, 0.01, 0.03]}
 
 
-@pytest.fixture(scope="module")
-def chain():
-    """`chain(b_l, b_q)` of `closed_chain`."""
-    spec = importlib.util.spec_from_file_location("closed_chain", CHAIN)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["closed_chain"] = module  # its dataclass looks itself up
-    spec.loader.exec_module(module)
-    return lambda b_l, b_q: module.Chain(LENGTH, np.array(MASS[:-1]), np.array([SPAN, 0.0]), b_l, b_q)
+def chain(b_l, b_q):
+    return Chain(LENGTH, np.array(MASS[:-1]), np.array([SPAN, 0.0]), b_l, b_q)
 
 
 @pytest.fixture(scope="module")
-def scene(chain):
+def scene():
     still = chain(0.0, 0.0)
     polar = still.angles(still.pose(np.array([0.2, 1.4, 0.0, -1.0])))
-    return dj.load_scene(
-        {
-            "name": "short-chain",
-            "run": {"dt": 0.01, "duration": 1.0},
-            "point": [
-                {"name": "left", "position": [0.0, 0.0, 0.0]},
-                {"name": "right", "position": [SPAN, 0.0, 0.0]},
-            ],
-            "line": [{"name": "l", "from": "left", "to": "right", "links": 4, "length": LENGTH.tolist(), "mass": MASS}],
-            "effects": {"weight": {}, "linear_damping": {"b_l": 0.001}, "quadratic_damping": {"b_q": 0.001}},
-            "start": {"kind": "angles", "zero": "horizontal", "polar": polar.tolist()},
-        }
-    )
+    effects = {"weight": {}, "linear_damping": {"b_l": 0.001}, "quadratic_damping": {"b_q": 0.001}}
+    start = {"kind": "angles", "zero": "horizontal", "polar": polar.tolist()}
+    return dj.load_scene({"name": "short-chain"} | single_line(LENGTH, MASS, start, [SPAN, 0.0, 0.0], effects))
 
 
 @pytest.fixture(scope="module")
-def truth(chain, scene):
+def truth(scene):
     """`truth(case)`: a noisy trace whose truth is a pair of the list."""
 
     def make(case):

@@ -12,7 +12,6 @@ from fitting.parameters.parameter import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import settle_convention
 from fitting.traces.noise import noise
-from fitting.traces.trace import convention
 
 ANY = Convention()
 
@@ -58,8 +57,6 @@ def test_a_trace_survives_writing_and_reading(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (rows(names="time,theta_1"), "no column 't'"),
-        (rows(names="t,angle_1"), "has no column 'theta_1'"),
         (rows(names="t,theta_2"), "unknown column .theta_2."),
         ("t,theta_1\n", "no samples"),
         (rows(value=lambda i: "x"), "not a number"),
@@ -111,16 +108,6 @@ def test_values_that_a_coarse_encoder_repeats_are_no_mark_of_missing_samples(tmp
     swing = lambda i: np.sin(0.3 * i) * np.exp(-i / 60)  # noqa: E731
     text = rows(600, value=lambda i: f"{0.02 * np.round((swing(i) + 0.005 * rng.standard_normal()) / 0.02):.3f}")
     assert read_trace(write(tmp_path, text)).links == 1
-
-
-def test_columns_must_match_the_scenes_links(tmp_path):
-    with pytest.raises(SceneError, match="1 columns theta_1..n, but the scene has 7 links"):
-        read_trace(write(tmp_path, rows()), 7)
-
-
-def test_an_unknown_convention_names_what_is_allowed():
-    with pytest.raises(SceneError, match="allowed: horizontal, down"):
-        convention("vertical", None, None)
 
 
 def test_the_noise_of_a_smooth_motion_is_found_within_a_tenth():

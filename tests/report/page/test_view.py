@@ -134,16 +134,21 @@ def test_command_writes_the_page_and_refuses_other_files(run, tmp_path, printed,
     assert "not a saved run" in printed(["view", str(tmp_path / "bad.npz"), "--out", str(page)], 2).err
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium here: the page's structure is checked, its working is not")
-def test_page_plays_scrubs_and_turns_in_a_browser(wet, tmp_path):
-    page = tmp_path / "view.html"
-    page.write_text(view_page(wet).replace("</body>", EXERCISE), encoding="utf-8")
+def seen_with(script, page, folder):
+    """What a script at the page's end has written into its element `seen`."""
+    shown = folder / "page.html"
+    shown.write_text(page.replace("</body>", script), encoding="utf-8")
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=5000", "--window-size=900,600"]
-    command = [BROWSER, *options, f"--user-data-dir={tmp_path}/profile", "--dump-dom", page.as_uri()]
+    command = [BROWSER, *options, f"--user-data-dir={folder}/profile", "--dump-dom", shown.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     found = re.search(r'<pre id="seen">(.*?)</pre>', done.stdout, re.S)
     assert found, done.stderr[-500:]
-    seen = json.loads(found[1])
+    return json.loads(found[1])
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium here: the page's structure is checked, its working is not")
+def test_page_plays_scrubs_and_turns_in_a_browser(wet, tmp_path):
+    seen = seen_with(EXERCISE, view_page(wet), tmp_path)
     assert seen["coloured"] > 300  # links drawn in the colours of their tensions
     assert float(seen["scrubbed"]) == pytest.approx(1.0, abs=1e-3)
     assert float(seen["turned"]) == pytest.approx(-0.65 - 0.008 * 80, abs=2e-3)
@@ -223,14 +228,7 @@ def test_page_of_a_system_draws_its_lines_and_buoys_in_a_browser(longline, tmp_p
     const seen = { buoys: before - orange(), links: line(locate(time, 1.0)).pull.length, at: elevation(0, 0), ready };
     out.id = "seen"; out.textContent = JSON.stringify(seen); document.body.append(out);
     }</script></body>"""
-    page = tmp_path / "page.html"
-    page.write_text(view_page(longline()).replace("</body>", probe))
-    options = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=3000", "--window-size=900,600"]
-    command = [BROWSER, *options, f"--user-data-dir={tmp_path}/profile", "--dump-dom", page.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    found = re.search(r'<pre id="seen">(.*?)</pre>', done.stdout, re.S)
-    assert found, done.stderr[-500:]
-    seen = json.loads(found[1])
+    seen = seen_with(probe, view_page(longline()), tmp_path)
     assert seen["ready"] == "1"
     assert seen["links"] == 17
     assert seen["buoys"] > 15

@@ -9,16 +9,13 @@ import subprocess
 import sys
 import time
 import zipfile
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import dropper_jax as dj
-from dropper_jax import SceneError, cli
-from dropper_jax.cli import OK, main
-from dropper_jax.cli.printing import INVALID_INPUT
+from dropper_jax import SceneError
 from dropper_jax.evaluation.record import record
 from dropper_jax.evaluation.tension import anchors
 from dropper_jax.scene import line_slices
@@ -159,7 +156,7 @@ def test_quantities_by_name_are_in_the_report_and_wrong_ones_are_refused(found):
         small_site(quantities=["tension.east-lag.max"])
 
 
-def test_what_was_run_is_never_run_again_and_other_capacities_need_no_run(site, folder):
+def test_what_was_run_is_never_run_again_and_other_capacities_need_no_run(folder):
     stronger = small_site(part=[{**SITE["part"][0], "capacity": 1.6e4}], factors={"intact": 2.0, "broken": 2.0})
     assert run_cases(stronger, folder).resumed == 12
     more = small_site(run={**SITE["run"], "seeds": 4})
@@ -242,7 +239,7 @@ def test_utilisation_is_factor_times_the_mean_of_the_seeds_maxima_over_capacity(
     assert row["interval_n"][0] < row["load_n"] < row["interval_n"][1]
 
 
-def test_at_rest_the_legs_share_the_buoys_lift(site, found):
+def test_at_rest_the_legs_share_the_buoys_lift(found):
     """Two equal legs from 8 m aside: V = half the net lift less half a top link, T = V/sin, sin of 10 m stretched."""
     wet = 9.81 * (1.2 - 1025.0 * math.pi / 4 * 0.03**2) * 10.0
     upward, tension = 0.5 * 9.81 * (1025.0 * 0.2 - 20.0) - 0.25 * wet, 0.0
@@ -253,7 +250,7 @@ def test_at_rest_the_legs_share_the_buoys_lift(site, found):
     np.testing.assert_allclose(row["at_rest_n"], tension, rtol=0.01)  # the leg sags a little
 
 
-def test_fatigue_goes_by_the_parts_own_curve_and_years_by_the_hours_of_sea_states(site, found):
+def test_fatigue_goes_by_the_parts_own_curve_and_years_by_the_hours_of_sea_states(found):
     own = found["parts"][0]["fatigue"]
     rows = [row for row in found["parts"][0]["cases"] if row["case"] in (0, 2)]  # intact
     np.testing.assert_allclose(own["damage_per_year"], 100.0 * np.mean([row["damage_per_hour"] for row in rows]))
@@ -378,14 +375,6 @@ def test_a_broken_case_has_the_time_of_its_break_and_the_page_says_it(found):
     assert not any(" at " in row for row in rows if row not in broken)
 
 
-@pytest.fixture
-def installed(monkeypatch):
-    """The commands, where the package was installed before they were there."""
-    own = [EntryPoint(name, f"fitting.cli.{name}", cli.GROUP) for name in ("cases", "season")]
-    before = [entry for entry in cli.find_commands() if entry.name not in ("cases", "season")]
-    monkeypatch.setattr(cli, "find_commands", lambda: sorted([*before, *own], key=lambda entry: entry.name))
-
-
 def storm_site(hs):
     """A farm of one dropper in a storm of this height [m], as a file."""
     site = {
@@ -400,19 +389,16 @@ def storm_site(hs):
     return dj.as_toml(site)
 
 
-def test_the_command_lists_its_cases_and_refuses_what_breaks_before_anything_runs(installed, tmp_path, capsys):
+def test_the_command_lists_its_cases_and_refuses_what_breaks_before_anything_runs(tmp_path, json_of, printed):
     site, out = tmp_path / "SITE.toml", tmp_path / "out"
+    call = ["cases", str(site), "--out", str(out)]
     site.write_text(storm_site(4.2))
-    assert main(["cases", str(site), "--out", str(out), "--list", "--json"]) == OK
-    told = json.loads(capsys.readouterr().out)
+    told = json_of([*call, "--list", "--json"])
     assert (told["cases"], told["runs"]) == (["storm, 0 deg", "storm, 90 deg"], 4)
     site.write_text(storm_site(14.2))
-    assert main(["cases", str(site), "--out", str(out), "--json"]) == INVALID_INPUT
-    told = json.loads(capsys.readouterr().out)
-    assert "sea_state.0.hs: 'storm' of 14.2 m breaks; allowed: at most" in told["error"]
+    assert "sea_state.0.hs: 'storm' of 14.2 m breaks; allowed: at most" in json_of([*call, "--json"], 2)["error"]
     assert not out.exists()
-    assert main(["season", str(site)]) == INVALID_INPUT
+    assert printed(["season", str(site)], 2).err
     (out / "runs").mkdir(parents=True)
     (out / "runs" / "a.npz").touch()
-    assert main(["cases", str(site), "--out", str(out)]) == INVALID_INPUT
-    assert "already contains runs. Use --resume, or another folder" in capsys.readouterr().err
+    assert "already contains runs. Use --resume, or another folder" in printed(call, 2).err

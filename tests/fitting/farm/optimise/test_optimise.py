@@ -1,6 +1,5 @@
 """The whole search on the packaged site, by the command: limits met, less material, gone on with after a stop."""
 
-import argparse
 import json
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 from dropper_jax import simulate
 from dropper_jax.scene import whole_lines
-from fitting.cli import optimise as command
 from fitting.farm.optimise.run import optimise
 from fitting.farm.site import read_site
 
@@ -24,17 +22,13 @@ def stopping(fraction, text):
 
 
 @pytest.mark.check
-def test_the_packaged_site_is_designed_after_a_stop_and_its_whole_storm_keeps_the_limits(tmp_path, capsys):
+def test_the_packaged_site_is_designed_after_a_stop_and_its_whole_storm_keeps_the_limits(tmp_path, json_of):
     state, picture = tmp_path / "design.json", tmp_path / "design.png"
     with pytest.raises(StoppedError):
         optimise(read_site("small-longline"), state, stopping)
     before = json.loads(state.read_text())
     assert before["before"]["constraints"]
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    words = ["small-longline", "--state", str(state), "--plot", str(picture), "--json", "--quiet"]
-    assert command.run(parser.parse_args(words)) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json_of(["optimise", "small-longline", "--state", str(state), "--plot", str(picture), "--json", "--quiet"])
     assert found["status"] == "ok"
     assert found["gain"] >= 0.1
     assert max(after for _, after in found["constraints"].values()) <= 1.0

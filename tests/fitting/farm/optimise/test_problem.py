@@ -171,7 +171,7 @@ def test_models_and_poses_follow_the_variables_as_differences_say(site):
         np.testing.assert_allclose(own.dr[k], by, rtol=1e-4, atol=1e-5 * np.max(np.abs(by)))
 
 
-def test_capacities_that_are_the_scene_s_follow_the_design(site):
+def test_capacities_that_are_the_scene_s_follow_the_design():
     design = read_problem(changed(part=[{"name": "legs", "lines": "*-leg"}], unchecked=["loop-*", "backbone"]))
     value, slope = design.scene_constraints(design.start)
     # 1.1e8 d^2: twice the relative change of the diameter

@@ -93,19 +93,12 @@ def test_a_break_without_a_link_is_in_the_middle_of_the_line(site):
 def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
     loops, legs, backbone = site.parts
     assert loops.lines == ("dropper-1", "dropper-2")
-    assert loops.factors.by_kind == {"intact": 1.67, "broken": 1.25}
-    assert backbone.factors.by_kind == {"intact": 2.0, "broken": 2.0}
+    assert loops.factor == {"intact": 1.67, "broken": 1.25}
+    assert backbone.factor == {"intact": 2.0, "broken": 2.0}
     assert (loops.curve.m, legs.curve) == (3.0, None)
     assert site.anchors[0].points == ("west-anchor", "east-anchor")
-    assert site.anchors[0].table.utilisation(np.array(3e4), np.array(4e4)) == 5e4 / 8e4
+    assert site.anchors[0].utilisation(np.array(3e4), np.array(4e4)) == 5e4 / 8e4
     assert site.raw == {"variable": [{"anything": 1}]}
-
-
-def test_a_screw_anchor_of_a_site_has_the_capacity_of_its_plates():
-    screw = {"points": "*-anchor", "kind": "screw", "plates": [0.4, 0.4], "depths": [2.0, 3.5], "strength": 3e4}
-    found = read_site(changed(anchor=[screw])).anchors[0].table.utilisation(np.array(3e4), np.array(4e4))
-    # nine times the strength of the clay over the area of both plates
-    assert found == pytest.approx(5e4 / (9 * 3e4 * 2 * np.pi * 0.2**2))
 
 
 @pytest.mark.parametrize(
@@ -200,7 +193,7 @@ def test_a_standard_by_name_gives_factors_with_edition_and_clause():
     parts = copy.deepcopy(SITE["part"])
     parts[0]["factor"] = "ns-9415-rope"
     rope = read_site(changed(factors={**own, "broken": 2.0}, part=parts)).parts
-    assert rope[0].factors.by_kind == {"intact": 3.45, "broken": 1.5}
+    assert (rope[0].factor["intact"], rope[0].factor["broken"]) == (3.45, 1.5)
     assert "broken: given for this site" in rope[1].factors.source
 
 

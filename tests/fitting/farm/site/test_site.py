@@ -93,11 +93,11 @@ def test_a_break_without_a_link_is_in_the_middle_of_the_line(site):
 def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
     loops, legs, backbone = site.parts
     assert loops.lines == ("dropper-1", "dropper-2")
-    assert loops.factor == {"intact": 1.67, "broken": 1.25}
-    assert backbone.factor == {"intact": 2.0, "broken": 2.0}
+    assert loops.factors.by_kind == {"intact": 1.67, "broken": 1.25}
+    assert backbone.factors.by_kind == {"intact": 2.0, "broken": 2.0}
     assert (loops.curve.m, legs.curve) == (3.0, None)
     assert site.anchors[0].points == ("west-anchor", "east-anchor")
-    assert site.anchors[0].utilisation(np.array(3e4), np.array(4e4)) == 5e4 / 8e4
+    assert site.anchors[0].table.utilisation(np.array(3e4), np.array(4e4)) == 5e4 / 8e4
     assert site.raw == {"variable": [{"anything": 1}]}
 
 
@@ -193,7 +193,7 @@ def test_a_standard_by_name_gives_factors_with_edition_and_clause():
     parts = copy.deepcopy(SITE["part"])
     parts[0]["factor"] = "ns-9415-rope"
     rope = read_site(changed(factors={**own, "broken": 2.0}, part=parts)).parts
-    assert (rope[0].factor["intact"], rope[0].factor["broken"]) == (3.45, 1.5)
+    assert rope[0].factors.by_kind == {"intact": 3.45, "broken": 1.5}
     assert "broken: given for this site" in rope[1].factors.source
 
 

@@ -15,7 +15,7 @@ from dropper_jax.base.fields import component
 #: Relative change of length below which the mean tension is that in the middle of the change: exact to second order,
 #: where a difference of energies would be lost in rounding.
 SHORT_CHANGE = 1e-7
-#: Strain beyond the first row at which a slack link takes its stiffness: there is none before.
+#: Strain beyond the first row at which a slack link takes its stiffness, which is 0 before.
 JUST_TAUT = 1e-6
 
 

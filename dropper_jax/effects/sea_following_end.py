@@ -32,7 +32,7 @@ class SeaFollowingEnd(HeldMotion):
     heave: jax.Array = parameter("vertical motion over the elevation", unit="-", shape="numbers", default=1.0)
     surge: jax.Array = parameter("horizontal motion over the water's", unit="-", shape="numbers", default=1.0)
     omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", default=None)
-    place: jax.Array = field(kw_only=True)
+    home: jax.Array = field(kw_only=True)
     settled: jax.Array = field(kw_only=True)  # start and end of the sea's ramp (2,) [s]
     point: str = option("name of the point that moves", type=str, default="")
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
@@ -52,8 +52,8 @@ class SeaFollowingEnd(HeldMotion):
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
-        place = as_array(scene.point(values["point"]).position)
-        return cls(**values, place=place, settled=as_array([0.0, scene.needed_sea.ramp]))
+        home = as_array(scene.point(values["point"]).position)
+        return cls(**values, home=home, settled=as_array([0.0, scene.needed_sea.ramp]))
 
     @property
     def kinks(self) -> jax.Array | None:
@@ -67,8 +67,8 @@ class SeaFollowingEnd(HeldMotion):
     def displace(self, t: jax.Array, sea: Sea) -> jax.Array:
         """Displacement (3,) [m] at time t [s]."""
         if sea.waves is None:
-            return jnp.zeros_like(self.place)
+            return jnp.zeros_like(self.home)
         waves = sea.waves
         heave = self._factor(self.heave, waves.omega)
         surge = self._factor(self.surge, waves.omega)
-        return waves.excursion(self.place, t, sea.depth, heave, surge)
+        return waves.excursion(self.home, t, sea.depth, heave, surge)

@@ -71,11 +71,11 @@ class Channel(ABC):
         Raises:
             SceneError: a position that the scene does not have, or columns that do not fit.
         """
-        own = cls.read_own(given)
+        own = cls.read_values(given)
         return cls(**given.common, **own, **cls.locate(given))
 
     @classmethod
-    def read_own(cls, given: Given) -> Table:
+    def read_values(cls, given: Given) -> Table:
         """Fields that only this kind has, by name."""
         return {}
 

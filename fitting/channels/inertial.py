@@ -67,7 +67,7 @@ class Accelerometer(Inertial):
     turn: Any = 0.0
 
     @classmethod
-    def read_own(cls, given: Given) -> Table:
+    def read_values(cls, given: Given) -> Table:
         axes = axes_of(given.table, given.path, AXES, AXES[: len(given.columns)], given.columns)
         line = line_of(given.scene, given.where.line, given.path)
         link = link_of(given.scene, given.where, given.path) - line.links.start

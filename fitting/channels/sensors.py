@@ -75,7 +75,7 @@ class Pixel(AtNode):
     matrix: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
-    def read_own(cls, given: Given) -> Table:
+    def read_values(cls, given: Given) -> Table:
         value_of(given.table, given.path, "camera", "the name of a [[camera]]")
         if len(given.columns) != 2:
             raise SceneError(f"{given.path}.columns: {len(given.columns)} columns; allowed: 2, u and v")
@@ -104,7 +104,7 @@ class Angle(OnLink):
     zero: str = "horizontal"
 
     @classmethod
-    def read_own(cls, given: Given) -> Table:
+    def read_values(cls, given: Given) -> Table:
         return {"zero": read_text(given.table.get("zero", "horizontal"), f"{given.path}.zero", ANGLES)}
 
     def see(self, motion: SavedMotion) -> jax.Array:
@@ -132,7 +132,7 @@ class Position(AtNode):
     axes: tuple[int, ...] = (0, 1, 2)
 
     @classmethod
-    def read_own(cls, given: Given) -> Table:
+    def read_values(cls, given: Given) -> Table:
         return {"axes": axes_of(given.table, given.path, AXES, AXES, given.columns)}
 
     def see(self, motion: SavedMotion) -> jax.Array:

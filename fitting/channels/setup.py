@@ -234,7 +234,7 @@ def set_parameter(setup: Setup, p: Parameter, value: jax.Array) -> Setup:
     if isinstance(where, ModelPlace | Direction):
         return setup._replace(model=where.set_in(setup.model, value))
     if not isinstance(where, SetupPlace):
-        raise TypeError(f"{p.name}: is no number of a setup")
+        raise TypeError(f"{p.name}: does not belong to a setup")
     if where.section == "start":
         start = dict(setup.start)
         start[where.field] = start[where.field].at[where.entry].set(value)

@@ -116,7 +116,7 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
     """
     # maximum values of pan, pitch, k1 and log(focus / usual)
     parameter_limits = np.array([0.6, 0.6, 0.6, 0.9])
-    both = seen_links(detected)
+    both = detected_links(detected)
     keep = np.flatnonzero(both.any(axis=1))
     if len(keep):
         keep = keep[np.unique(np.linspace(0, len(keep) - 1, 300).astype(int))]
@@ -157,7 +157,7 @@ def link_lengths(positions: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.diff(positions, axis=1), axis=-1)
 
 
-def seen_links(detected: np.ndarray) -> np.ndarray:
+def detected_links(detected: np.ndarray) -> np.ndarray:
     """Which links (..., n - 1) have both of their nodes (..., n) detected."""
     return detected[..., 1:] & detected[..., :-1]
 
@@ -167,7 +167,7 @@ def robust_lengths(positions: np.ndarray, detected: np.ndarray) -> tuple[np.ndar
 
     Both are zero for a link that is never detected.
     """
-    lengths = np.where(seen_links(detected), link_lengths(positions), np.nan)
+    lengths = np.where(detected_links(detected), link_lengths(positions), np.nan)
     known = np.where(np.isfinite(lengths).any(axis=0), lengths, 0.0)
     usual = np.nanmedian(known, axis=0)
     return lengths, usual, 1.4826 * np.nanmedian(np.abs(known - usual), axis=0)
@@ -183,7 +183,7 @@ def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np
     rows = np.unique(np.linspace(0, len(pixels) - 1, 20).astype(int))
     if len(others) < 3 or not len(rows):
         return 0.0
-    both = seen_links(detected[rows])
+    both = detected_links(detected[rows])
     turns = []
     for each in others:
         here = np.diff(flat(pixels[rows]), axis=1)[both] @ [1.0, 1j]

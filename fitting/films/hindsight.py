@@ -14,7 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import distance_transform_edt
 
 from fitting.films.detection import Circles
-from fitting.films.flattening import Flat, link_lengths, seen_links
+from fitting.films.flattening import Flat, detected_links, link_lengths
 from fitting.films.identity import bridge, length_errors
 from fitting.films.ordering import Chain, distances, steps
 
@@ -157,7 +157,7 @@ def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
     length = np.maximum(link_lengths(positions), 1e-9)
     slope = np.sum(np.diff(change, axis=1) * link, axis=-1) / length
     usable = detected & change.any(axis=-1)
-    known = seen_links(usable)
+    known = detected_links(usable)
     parts = [np.zeros((2, 0))]
     for here, *pair in zip(known.T, slope.T, length.T, strict=True):
         if here.sum() >= 10:

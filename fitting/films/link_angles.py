@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.films.flattening import link_lengths, seen_links
+from fitting.films.flattening import detected_links, link_lengths
 from fitting.traces.trace import Convention, Trace
 
 
@@ -45,7 +45,7 @@ def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, 
         used: (k, n - 1) valid samples.
     """
     link = link_lengths(positions)
-    both = seen_links(detected)
+    both = detected_links(detected)
     expected = angle_errors(positions, np.where(detected, fit_error, 0.0))
     found = np.full(link.shape, np.nan)
     for j in range(link.shape[1]):

@@ -14,7 +14,7 @@ from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, Plane, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
 from fitting.films.detection import Circles, MarkerAppearance, detect_at
-from fitting.films.flattening import Flat, central_differences, level_error, link_lengths, seen_links
+from fitting.films.flattening import Flat, central_differences, detected_links, level_error, link_lengths
 from fitting.films.following import follow_film
 from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
 from fitting.films.link_angles import four_quadrant, scatter, to_trace
@@ -67,7 +67,7 @@ class Tracked:
     @property
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n - 1,) of the links' measured lengths."""
-        used = seen_links(self.detected) & ~self.marks.links
+        used = detected_links(self.detected) & ~self.marks.links
         mean = np.full(used.shape[1], np.nan)
         deviation = mean.copy()
         for j, (column, good) in enumerate(zip(link_lengths(self.metres).T, used.T, strict=True)):
@@ -177,7 +177,7 @@ def track(
     metres = _metres(chain, scale, distance)
     if level:
         metres = _level_chain(metres)
-    known = seen_links(chain.detected) & ~marks.links
+    known = detected_links(chain.detected) & ~marks.links
     error = np.where(known, _angle_errors(chain, ~marks.links, 0.0 if level else setup.level_error(chain)), np.nan)
     certain = known & (error <= LARGEST_ERROR)
     trace = to_trace(film.path.stem, t, metres, error, certain)
@@ -304,7 +304,7 @@ def _detect_again(film: Video, span: tuple[int, int | None], appearance: MarkerA
 def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:
     """The frames from the first to the last with a link, the first one's number, and the reason of an early end."""
     detected = chain.detected
-    some = np.flatnonzero(seen_links(detected).any(axis=1))
+    some = np.flatnonzero(detected_links(detected).any(axis=1))
     first, last = (int(some[0]), len(detected)) if len(some) else (0, 0)
     until = len(detected) - np.argmax(detected[::-1], axis=0)
     lost = np.flatnonzero((len(detected) - until > LONGEST_GAP * fps) | ~detected.any(axis=0))

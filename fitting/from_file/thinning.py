@@ -17,7 +17,7 @@ THINNED_FROM = 80
 #: Spread of the steps of time, over their median, below which rows are even.
 EVEN = 0.01
 #: Fraction of the rows of a stretch that its mean needs.
-KNOWN = 0.5
+MEASURED = 0.5
 #: Distance of means, in stretches, up to which their second differences take the curvature off.
 NEAR = 3
 #: Spread of the number of rows per stretch above which one row stands for each instead of the mean.
@@ -50,7 +50,7 @@ def thin(t: np.ndarray, theta: np.ndarray, period: float) -> tuple[np.ndarray, n
     parts = list(pairwise(edges))
     times = np.array([t[a:b].mean() for a, b in parts])
     spread = np.array([t[a:b].var() for a, b in parts])
-    enough = np.array([np.isfinite(theta[a:b]).mean(axis=0) > KNOWN for a, b in parts])
+    enough = np.array([np.isfinite(theta[a:b]).mean(axis=0) > MEASURED for a, b in parts])
     sums = np.array([np.nansum(theta[a:b], axis=0) for a, b in parts])
     number = np.array([np.isfinite(theta[a:b]).sum(axis=0) for a, b in parts])
     means = np.where(enough, sums / np.maximum(number, 1), np.nan)

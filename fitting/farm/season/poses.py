@@ -30,12 +30,12 @@ class Water(NamedTuple):
     speed: float | None
 
 
-def waters(site: Site, own: SeasonValues) -> tuple[Water, ...]:
+def waters(site: Site, season: SeasonValues) -> tuple[Water, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
     levels = site.lists.levels
-    if own.levels is not None:
-        levels = own.levels
-    speeds = own.currents
+    if season.levels is not None:
+        levels = season.levels
+    speeds = season.currents
     if speeds is None:
         speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
     return tuple(Water(float(level), speed) for level in levels for speed in speeds)
@@ -52,13 +52,13 @@ def scene_of(site: Site, month: str, water: Water, points: dict[str, Table]) -> 
     sea = {key: value for key, value in table["sea"].items() if key not in ("waves", "wave_current", "ramp")}
     sea["level"] = {"offset": water.level}
     if water.speed is not None:
-        own = {key: value for key, value in sea.get("current", {}).items() if key not in CHANGING}
+        profile = {key: value for key, value in sea.get("current", {}).items() if key not in CHANGING}
         heading = site.lists.current_direction
         if heading is None:
             more = {}
         else:
             more = {"direction": float(np.radians(heading))}
-        sea["current"] = {**own, "speed": water.speed, **more}
+        sea["current"] = {**profile, "speed": water.speed, **more}
     table["sea"] = sea
     return overgrown(Scene.from_dict(table, site.scene.name))
 
@@ -105,11 +105,11 @@ class Floating:
     deepest_m: float
 
 
-def floating(site: Site, own: SeasonValues, month: str, water: Water, floats: dict[str, int]) -> Floating:
+def floating(site: Site, season: SeasonValues, month: str, water: Water, floats: dict[str, int]) -> Floating:
     """The equilibrium on its floats; depths are below the level."""
     points = bare_points(site, list(floats))
     for name, count in floats.items():
-        points[name] |= _body(own, count)
+        points[name] |= _body(season, count)
     scene = scene_of(site, month, water, points)
     pose = equilibrium(build_model(scene))
     z = pose.positions[:, 2]
@@ -123,15 +123,15 @@ def floating(site: Site, own: SeasonValues, month: str, water: Water, floats: di
     return Floating(water.level, water.speed, pose.status, float(below.min()), float(below.max()))
 
 
-def _body(own: SeasonValues, count: int) -> Table:
+def _body(season: SeasonValues, count: int) -> Table:
     """Mass, volume, drag and added mass of the floats at a point."""
     if not count:
         return {}
-    frontal = 0.25 * np.pi * (6.0 * own.volume / np.pi) ** (2.0 / 3.0)
+    frontal = 0.25 * np.pi * (6.0 * season.volume / np.pi) ** (2.0 / 3.0)
     # coefficients of a sphere, as for floats of scenes
     return {
-        "mass": count * own.density * own.volume,
-        "volume": count * own.volume,
+        "mass": count * season.density * season.volume,
+        "volume": count * season.volume,
         "drag_area": count * 0.5 * float(frontal),
         "added_mass": 0.5,
     }

@@ -106,15 +106,15 @@ def season(site: Site, progress: Progress | None = None) -> Table:
     Raises:
         SceneError: no `[season]`, no months, a float without lift, or no equilibrium.
     """
-    own = site.season
-    if own is None:
+    season = site.season
+    if season is None:
         raise SceneError("season: missing; needed: [season] with `points` and `volume`")
     if not site.growth:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
-    names = list(match_names(own.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
-    lift = _lift(site, own)
+    names = list(match_names(season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
+    lift = _lift(site, season)
     say = progress or silent
-    all_waters = waters(site, own)
+    all_waters = waters(site, season)
     months = list(site.growth)
     rows = []
     # at the scene's water level, for which its points are placed: floats at the surface follow the tide, others stay
@@ -127,17 +127,17 @@ def season(site: Site, progress: Progress | None = None) -> Table:
             say(0.5 * (i + j / len(held)) / len(months), f"{month}: lift required of the floats")
             force, weights = needs(site, month, water, names)
             pulls.append(force)
-        rows.append(_month(site, own, month, weights, np.array(pulls), lift))
+        rows.append(_month(site, season, month, weights, np.array(pulls), lift))
     low = [row.least for row in rows]
     high = [row.most for row in rows]
     known: dict[tuple[str, int], list[Floating]] = {}
     for _ in range(TIGHTENED):
-        plan = schedule(low, high, own.start)
+        plan = schedule(low, high, season.start)
         lying = []
         again = False
         for i, (row, count) in enumerate(zip(rows, plan, strict=True)):
             say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {count}")
-            found = _lying(site, own, row, names, count, all_waters, known)
+            found = _lying(site, season, row, names, count, all_waters, known)
             lying.append(found)
             if found.sinking_m is not None and found.sinking_m < 0.0 and low[i] <= high[i]:
                 low[i] = max(low[i], count + 1)
@@ -147,26 +147,27 @@ def season(site: Site, progress: Progress | None = None) -> Table:
                 again = True
         if not again:
             break
-    return _season_table(site, own, names, lift, rows, lying)
+    return _season_table(site, season, names, lift, rows, lying)
 
 
-def _lift(site: Site, own: SeasonValues) -> float:
+def _lift(site: Site, season: SeasonValues) -> float:
     sea = site.sea
-    lift = sea.gravity * own.volume * (sea.density - own.density)
+    lift = sea.gravity * season.volume * (sea.density - season.density)
     if lift <= 0.0:
         raise SceneError(
-            f"season.density: {own.density:g} kg/m^3 does not lift; allowed: below the water's {sea.density:g} kg/m^3"
+            f"season.density: {season.density:g} kg/m^3 does not lift; allowed: below the water's "
+            f"{sea.density:g} kg/m^3"
         )
     return lift
 
 
 def _month(
-    site: Site, own: SeasonValues, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float
+    site: Site, season: SeasonValues, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float
 ) -> Month:
     """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
-    if own.least_share > 0.0:
-        most = math.floor(max(total.min(), 0.0) / (own.least_share * lift) + 1e-9)
+    if season.least_share > 0.0:
+        most = math.floor(max(total.min(), 0.0) / (season.least_share * lift) + 1e-9)
     else:
         most = 10**6
     return Month(
@@ -176,7 +177,7 @@ def _month(
         need_n=float(total.max()),
         least_need_n=float(total.min()),
         need_by_point_n=pulls.max(axis=0),
-        least=math.ceil(own.reserve * max(total.max(), 0.0) / lift - 1e-9),
+        least=math.ceil(season.reserve * max(total.max(), 0.0) / lift - 1e-9),
         most=most,
     )
 
@@ -198,13 +199,13 @@ def _lying(
     poses = cache[key]
     deepest = max(p.deepest_m for p in poses)
     shallowest = min(p.shallowest_m for p in poses)
-    own = site.backbone
+    backbone = site.backbone
     sinking = None
     lifting = None
-    if own is not None and own.deepest is not None:
-        sinking = own.deepest - deepest
-    if own is not None and own.shallowest is not None:
-        lifting = shallowest - own.shallowest
+    if backbone is not None and backbone.deepest is not None:
+        sinking = backbone.deepest - deepest
+    if backbone is not None and backbone.shallowest is not None:
+        lifting = shallowest - backbone.shallowest
     inside = all(margin is None or margin >= 0.0 for margin in (sinking, lifting))
     return Lying(
         floats=count,
@@ -219,9 +220,9 @@ def _lying(
 
 
 def _season_table(
-    site: Site, own: SeasonValues, names: list[str], lift: float, months: list[Month], lying: list[Lying]
+    site: Site, season: SeasonValues, names: list[str], lift: float, months: list[Month], lying: list[Lying]
 ) -> Table:
-    before = own.start
+    before = season.start
     rows: list[Table] = []
     for month, found in zip(months, lying, strict=True):
         change = 0 if before is None else found.floats - before
@@ -235,8 +236,8 @@ def _season_table(
         "scene": site.scene.name,
         "points": names,
         "lift_n": lift,
-        "wanted_reserve": own.reserve,
-        "least_share": own.least_share,
+        "wanted_reserve": season.reserve,
+        "least_share": season.least_share,
         "months": rows,
         "visits": sum(row["change"] != 0 for row in rows),
         "handled": sum(abs(row["change"]) for row in rows),

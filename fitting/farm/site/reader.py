@@ -277,12 +277,12 @@ def _capacity(part: PartTable, capacity: np.ndarray | None, line: str, path: str
     return float(np.min(capacity))
 
 
-def _complete_factors(own: Factors | None, table: Factors, kinds: set[str], path: str) -> Factors:
+def _complete_factors(given: Factors | None, table: Factors, kinds: set[str], path: str) -> Factors:
     """The factors of a part, with those of `[factors]` for kinds of states that it does not give."""
-    own = own or table
-    common = {kind: x for kind, x in table.by_kind.items() if kind not in own.by_kind}
-    sources = [own.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
-    found = replace(own, **common, source="; ".join(sources))
+    given = given or table
+    common = {kind: x for kind, x in table.by_kind.items() if kind not in given.by_kind}
+    sources = [given.source, *(f"{kind}: {table.source}, {table.edition}, {table.clause}" for kind in common)]
+    found = replace(given, **common, source="; ".join(sources))
     for kind in sorted(kinds):
         if kind not in found.by_kind:
             raise SceneError(f"{path}: missing; needed: a number, or `{kind}` in [factors], because cases are {kind}")

@@ -107,7 +107,7 @@ def check_system(
 
 
 def check_span(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> float:
-    """The distance [m] between two fixed ends, which rigid links must be able to span."""
+    """The distance [m] between two ends that stay where they are, which rigid links must be able to span."""
     distance = float(np.linalg.norm(end.position - start.position))
     if line.total <= distance:
         raise SceneError(

@@ -33,6 +33,7 @@ from dropper_jax.load.checks_system import (
     check_line,
     check_names,
     check_scene,
+    check_span,
     check_system,
 )
 from dropper_jax.load.packaged import find_scene, folder_of
@@ -136,11 +137,16 @@ def check_pose(scene: SceneData, line: LineSpec, path: str, nodes: np.ndarray, b
 
 
 def check_system_pose(scene: SceneData) -> None:
-    """Check the given positions of a system of lines: as of each line, and those of each point must be the same.
+    """Check the start of a system of lines: rigid links that hang between the points where these are, and positions.
 
     Raises:
-        SceneError: bodies, or positions that disagree with points, with links, or with each other.
+        SceneError: links too short for their points, bodies, or positions that disagree with points, with links, or
+            with each other.
     """
+    if scene.start.kind == "points":
+        for i, line in enumerate(scene.lines):
+            if line.rigid:
+                check_span(line, f"line.{i}", scene.point(line.start), scene.point(line.end))
     positions = scene.start.positions
     if positions is None:
         return

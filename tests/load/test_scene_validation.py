@@ -201,6 +201,16 @@ def test_lines_must_reach_their_ends_and_points_need_a_line(section, more, start
     assert refusal(Scene.from_dict, {**LOOP, section: [*LOOP[section], more]}).startswith(start)
 
 
+def test_rigid_links_must_reach_the_points_between_which_they_start(refusal):
+    """Where the weight is placed at the very length of its line nothing determines the tension."""
+    line = {"name": "line", "from": "top", "to": "weight", "links": 3, "length": 1.0, "mass": 5.0}
+    points = [{"name": "top", "position": [0, 0, 0]}]
+    points.append({"name": "weight", "position": [0, 0, -3], "kind": "free", "mass": 1.0})
+    sections = {"line": [line], "point": points, "start": {"kind": "points"}, "effects": {"weight": {}}}
+    message = refusal(Scene.from_dict, {"run": LOOP["run"], **sections})
+    assert message.startswith("line.0.length: the links are 3 m long in all, too short for the 3 m between")
+
+
 def test_a_pose_with_wrong_link_lengths_is_refused(refusal):
     rows = [[0, 0, 0], [0.1, 0, 0], [0.1, 0, -0.15], [0.2, 0, -0.1], [0.2, 0, 0]]
     message = refusal(Scene.from_dict, changed("start", {"kind": "positions", "positions": rows}))

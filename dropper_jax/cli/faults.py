@@ -103,6 +103,15 @@ def report_error(error: BaseException, as_json: bool) -> int:
     return code
 
 
+def _comes_of_an_interrupt(error: BaseException | None) -> bool:
+    """Whether an interrupt is the cause: JAX turns one that comes while it compares keys into a ValueError."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
 def classify_error(error: BaseException) -> tuple[str, str, int]:
     """Status, message and exit code of the error that ended a command."""
     # maximum length of the text of an error in its line
@@ -131,6 +140,8 @@ def classify_error(error: BaseException) -> tuple[str, str, int]:
         )
     if isinstance(error, RecursionError):
         return "invalid_input", "the input is nested too deeply", INVALID_INPUT
+    if _comes_of_an_interrupt(error):
+        return *STOPPED, INTERRUPTED
     what = f"{type(error).__name__}: {text}"[:shown]
     return "internal_error", f"internal: {what} (PYTHONDEVMODE=1 shows where; the input is not the cause)", FAILED
 

@@ -237,6 +237,19 @@ def test_interrupted_run_exits_with_130_and_says_so(printed, monkeypatch):
     assert err == "error: interrupted\n"
 
 
+def test_an_interrupt_while_jax_compares_keys_is_an_interrupt(printed, monkeypatch):
+    """JAX raises a ValueError from it."""
+
+    def interrupted(scene, **_):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as error:
+            raise ValueError("Exception raised while checking equality") from error
+
+    monkeypatch.setattr(simulate, "simulate", interrupted)
+    assert printed(["run", SCENE, "--quiet"], 130).err == "error: interrupted\n"
+
+
 def test_run_stopped_on_the_way_keeps_its_part_and_exits_with_130(tmp_path, json_of, monkeypatch):
     monkeypatch.setattr(
         simulate, "simulate", lambda scene, **_: replace(failed_run(scene), status="interrupted", first_bad=None)

@@ -73,5 +73,6 @@ def test_a_run_leaves_its_report(tmp_path, json_of):
 def test_a_sensitivity_leaves_picture_and_result(tmp_path, json_of):
     out, plots = tmp_path / "found.json", tmp_path / "plots"
     words = ["--of", "tension.max", "--to", "line.0.mass", "--json", "--out", str(out), "--plot", str(plots)]
-    assert json.loads(out.read_text()) == json_of(["sensitivity", *SHORT, *words])
+    found = json_of(["sensitivity", *SHORT, *words])
+    assert json.loads(out.read_text()) == found
     assert [path.name for path in plots.iterdir()] == ["tornado.png"]

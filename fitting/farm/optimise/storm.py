@@ -35,6 +35,9 @@ WINDOW_RAMP = 10.0
 #: Maximum number of corrections of a step: windows take no shorter steps, and a step in which ropes go slack may need
 #: three times as many as in a run.
 WINDOW_ITERATIONS = 72
+#: Times that a window with a step that does not converge is repeated with half the step: with once the packaged
+#: longline whose leg breaks has no design.
+WINDOW_HALVINGS = 3
 
 _record = cached_jit(static=("stepper", "steps"), kernel=True)(record)
 _backward_pass = cached_jit(static=("stepper", "moving"), kernel=True)(backward_pass)
@@ -89,7 +92,7 @@ def peaks(
     stills = [still] if after is None else [still, after, after]
     models = [in_waves(one.model, sea) for one in stills]
     stepper = storm_stepper(models[0])
-    for halving in (0, 1):  # an unsolved window is repeated once, with half the step
+    for halving in range(WINDOW_HALVINGS + 1):
         h = dt / 2**halving
         steps = int(round(duration / h / len(stills)))
         # windows do not record work: every phase has the same kind of state, and so one program

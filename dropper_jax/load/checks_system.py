@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
 from dropper_jax.base.read import Values, refuse, short_text
 from dropper_jax.effects import EFFECTS
-from dropper_jax.load.checks_water import bed_height, check_growth, check_water
+from dropper_jax.load.checks_water import BELOW_BED, bed_height, check_growth, check_water
 from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, point_named
 
 AT_LEAST_2 = "allowed: a whole number >= 2"
@@ -154,10 +154,6 @@ def _check_system_effects(scene: SceneData) -> Iterator[Check]:
             scene.sea is None,
             f"buoy.{i}: {buoy.name!r} needs water, but the scene has no [sea]; needed: [sea] with `depth`",
         )
-
-
-#: Depth below the seabed at which a point may be due to rounding [m].
-BELOW_BED = 1e-9
 
 
 @raises_first

@@ -27,6 +27,8 @@ ENERGY_SHARE = 0.95
 #: Maximum ratio of significant height to depth of irregular waves, as observed on flat seabeds (about 0.6 of single
 #: waves' 0.78).
 SHALLOW_HEIGHT = 0.6
+#: Depth below the seabed at which a point may be due to rounding [m].
+BELOW_BED = 1e-9
 
 
 @raises_first
@@ -46,7 +48,7 @@ def check_water(effect: str, scene: SceneData) -> Iterator[Check]:
     for i, point in enumerate(scene.points):
         z = point.position[2]
         yield (
-            not point.is_free and z < lowest,
+            not point.is_free and z < lowest - BELOW_BED,
             f"point.{i}.position: z = {z:g} m is below the seabed; allowed: >= {lowest:g} m",
         )
 

@@ -145,7 +145,7 @@ def check_system_pose(scene: SceneData) -> None:
     """
     if scene.start.kind == "points":
         for i, line in enumerate(scene.lines):
-            if line.rigid:
+            if line.rigid and line.links > 1:
                 check_span(line, f"line.{i}", scene.point(line.start), scene.point(line.end))
     positions = scene.start.positions
     if positions is None:

@@ -49,9 +49,9 @@ def test_coupled_surge_heave_and_pitch_of_a_moored_spar(spar):
     np.testing.assert_allclose(own, spring, rtol=2e-3, atol=1e-3 * np.min(np.diag(spring)))
     expected = 2 * np.pi / np.sqrt(np.linalg.eigvals(np.linalg.solve(inertia, spring)).real)
     modes = natural_modes(model, pose.state)
-    moving = [m for m in range(len(modes.period)) if abs(modes.bodies[m, 0, 1]) + abs(modes.bodies[m, 0, 3]) < 1e-6]
-    found = modes.period[moving][:3]
-    np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=2e-3)
+    # sway and roll have the periods of surge and pitch, and any mixture of a pair is a mode
+    for period in expected:
+        assert np.sum(np.abs(modes.period / period - 1.0) < 2e-3) >= 1, period
 
 
 @pytest.mark.check

@@ -246,7 +246,7 @@ def network_is_exact():
     A step from `s`, whose places (by `spread` [m]), speeds and tensions are shaken; so is what is asked of the step.
     """
 
-    def check(model, s, spread=0.0, within=1e-8):
+    def check(model, s, spread=0.0, within=1e-9):
         rng = np.random.default_rng(1)
         normal = lambda x: jnp.asarray(rng.normal(size=x.shape))  # noqa: E731
         if spread:

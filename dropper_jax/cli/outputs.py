@@ -78,7 +78,9 @@ class Output(argparse.Action):
         values: Any,
         option_string: str | None = None,
     ) -> None:
-        label = (*self.option_strings, self.metavar)[0]
+        label = self.metavar  # an argument that stands for itself has no option string
+        if self.option_strings:
+            label = self.option_strings[0]
         setattr(namespace, self.dest, self.const(values, label))
 
 

@@ -74,9 +74,8 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
 
     The descent of a system of lines starts at `near`, if that is given, in place of straight lines.
     """
-    if (
-        model.dtype != jnp.float64 and jnp.result_type(float) == jnp.float64
-    ):  # the balance of stiff links would be lost in rounding
+    double = jnp.result_type(float) == jnp.float64
+    if double and model.dtype != jnp.float64:  # the balance of stiff links would be lost in rounding
         exact = search(model.cast(jnp.float64), loads, t, near)
         return replace(exact, state=state(model, exact.state.r, tension=exact.state.tension, t=t))
     full = model

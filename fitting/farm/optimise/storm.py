@@ -35,8 +35,8 @@ WINDOW_RAMP = 10.0
 #: Maximum number of corrections of a step: windows take no shorter steps, and a step in which ropes go slack may need
 #: three times as many as in a run.
 WINDOW_ITERATIONS = 72
-#: Times that a window with a step that does not converge is repeated with half the step: with once the packaged
-#: longline whose leg breaks has no design.
+#: Times that a window with a step that does not converge is repeated with half the step. Of 96 windows in the design of
+#: the packaged longline 70 need at least one, 44 two and 7 three of a step of 0.05 s.
 WINDOW_HALVINGS = 3
 
 _record = cached_jit(static=("stepper", "steps"), kernel=True)(record)

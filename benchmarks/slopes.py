@@ -17,7 +17,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from random_scenes import draw_scene
 
@@ -29,7 +28,7 @@ from dropper_jax.run.chunks import run_chunks
 from dropper_jax.run.quantities import Quantity, quantity
 from fitting.sensitivity import Local, local, study
 from fitting.sensitivity.derivatives import changed_study
-from fitting.sensitivity.differences import DIFFERENCES, Run, StudyRuns, measure_rows
+from fitting.sensitivity.differences import DIFFERENCES, Run, StudyRuns, measure_run
 from fitting.sensitivity.problem import Study
 from fitting.sensitivity.result import KNOWN, NOT_RESOLVED, OTHER_BRANCH
 
@@ -232,13 +231,13 @@ def run_all_of(runs: StudyRuns, quantities: list[Quantity], values: np.ndarray) 
     s = runs.start_at(values)
     program = runs.program(model, s, runs.record)
     rows = run_chunks(program, runs.settings.rows, silent).trajectory
-    interval = jnp.asarray(runs.settings.interval, model.dtype)
+    t = s.t + runs.settings.interval * (1.0 + np.arange(len(rows.r)))
     found = []
     for one in quantities:
         if one == runs.problem.of:
             found.append(runs.measure(model, s, rows))
         else:
-            found.append(float(measure_rows(one, model, s, rows, interval, None)))
+            found.append(float(measure_run(one, model, s, rows, t, None)))
     return runs.compare(model, s, rows), np.array(found)
 
 

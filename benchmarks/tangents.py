@@ -30,8 +30,8 @@ from dropper_jax.run.build import stepper_of
 from dropper_jax.study.gradient_check import SIZE, GradientCheck
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import study
-from fitting.sensitivity.differences import StudyRuns, changed_values, measure_rows, slopes_of_runs
-from fitting.sensitivity.problem import Study, Varied, floats_of, vary_start
+from fitting.sensitivity.differences import StudyRuns, changed_values, slopes_of_runs
+from fitting.sensitivity.problem import Study, Varied, floats_of, measure_rows, vary_start
 
 Table = dict[str, Any]
 #: Duration [s], and time over which the sea rises.
@@ -222,7 +222,7 @@ def derivatives(problem: Study, base: StudyRuns, tangent: SlackTangent | None) -
     most = int(SPARE * np.count_nonzero(base.record.length))
     at = jnp.asarray(problem.values)
     start = vary_start(problem.plan, base.model, base.start, at)
-    interval = jnp.asarray(settings.interval)
+    times = settings.interval * (1.0 + np.arange(settings.rows))
 
     def run(values: jax.Array, floats: list[jax.Array]) -> tuple[jax.Array, jax.Array]:
         model = apply(problem.model, problem.parameters, values)
@@ -230,7 +230,7 @@ def derivatives(problem: Study, base: StudyRuns, tangent: SlackTangent | None) -
         rows = dj.integrate_adaptively(stepper, model, s, settings.interval, settings.rows, accuracy, most, warn=False)[
             1
         ]
-        return measure_rows(problem.of, model, s, rows, interval, None), rows.r
+        return measure_rows(problem.of, model, s, rows, s.t + times, None), rows.r
 
     def along(direction: jax.Array, floats: list[jax.Array]) -> tuple[tuple[jax.Array, jax.Array], ...]:
         return jax.jvp(run, (at, floats_of(start.tree)), (direction, floats))

@@ -5,11 +5,13 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.numerics import dot
+from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.model import Kinematics
 
 #: Below this z the excess is computed from its series, whose error there is below 1e-13.
 SMALL = 0.05
+#: Rounding of a node's displacement over a step, in units of that of the largest coordinate.
+ROUNDINGS = 64.0
 
 
 def excess(z: jax.Array) -> jax.Array:
@@ -29,8 +31,11 @@ def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
     if k.before is None:
         return k.v
     u = drag_velocity(k, decay)
-    along = dot(u, k.v)
     size = dot(k.v, k.v)
+    # of speeds that are differences of rounded positions the direction is chance, and the law would not be solvable
+    far = jax.lax.stop_gradient(jnp.max(jnp.abs(k.r)))
+    noise = ROUNDINGS * jnp.finfo(size.dtype).eps * far / k.h
+    along = dot(u, k.v) + noise * safe_norm(u)
     against = (along < 0.0) & (size > 1e3 * jnp.finfo(size.dtype).tiny)
     return u - (jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0))[:, None] * k.v
 

@@ -47,6 +47,10 @@ from dropper_jax.stepping.step_control import (
 GROSS = 3.0
 
 
+#: Most steps of which a run keeps the lengths.
+MOST_STEPS = 2**17
+
+
 class Record(NamedTuple):
     """Lengths of the steps that a run accepts, for other runs that repeat them.
 
@@ -66,7 +70,7 @@ class Record(NamedTuple):
     part: jax.Array
 
     @classmethod
-    def empty(cls, model: Model, most: int = 2**17) -> Record:
+    def empty(cls, model: Model, most: int = MOST_STEPS) -> Record:
         """The record of a run that starts and chooses its steps."""
         return cls(
             length=jnp.zeros(most, model.dtype),
@@ -297,14 +301,20 @@ def adaptive_step_lengths(
     A run along these steps, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes
     with the steps held constant. Steps after the first `most` are left out.
     """
-    lengths, number, _ = _find_lengths(stepper, model, s, dt, intervals, accuracy, most)
+    lengths, number, _ = find_lengths(stepper, model, s, dt, intervals, accuracy, most)
     return lengths, number
 
 
-def _find_lengths(
-    stepper: Stepper, model: Model, s: State, dt: jax.Array, intervals: int, accuracy: jax.Array, most: int
+def find_lengths(
+    stepper: Stepper,
+    model: Model,
+    s: State,
+    dt: jax.Array,
+    intervals: int | jax.Array,
+    accuracy: jax.Array,
+    most: int,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """The lengths, their number, and whether a step failed or steps are left out."""
+    """The lengths of `adaptive_step_lengths`, their number, and whether a step failed or steps are left out."""
     adaptive = adaptive_start(stepper, model, begin(stepper, model, s))
     last = adaptive.t + intervals * dt
 
@@ -355,7 +365,7 @@ def integrate_adaptively(
     dt = jnp.asarray(dt, model.dtype)
     accuracy = jnp.asarray(accuracy, model.dtype)
     given = jax.lax.stop_gradient((model, s, dt))
-    length, _, failed = _find_lengths(stepper, *given, intervals, accuracy, most)
+    length, _, failed = find_lengths(stepper, *given, intervals, accuracy, most)
     time = jnp.cumsum(length)
     ends = jnp.searchsorted(time, dt * (1.0 + jnp.arange(intervals)) * (1.0 - ROUNDING)) + 1
     ends = jnp.minimum(ends, most).astype(jnp.int32)

@@ -23,18 +23,30 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.cli.printing import table
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
+from dropper_jax.run.chunks import FACTOR
+from dropper_jax.run.quantities import OVER_STEPS
 from dropper_jax.run.storage import extra
-from dropper_jax.stepping.integrate import Trajectory
+from dropper_jax.stepping.integrate import Steps, Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
-from fitting.sensitivity.differences import central_differences
-from fitting.sensitivity.problem import Plan, Study, Varied, floats_of, linear_range, vary_start, vary_study
+from fitting.sensitivity.differences import central_differences, error_of_value
+from fitting.sensitivity.problem import (
+    Plan,
+    Study,
+    Varied,
+    floats_of,
+    linear_range,
+    part_of_steps,
+    saved_times,
+    vary_start,
+    vary_study,
+)
 from fitting.sensitivity.result import TANGENT, Local, empty_result, hide_unresolved, slope_status
 
 
 @cached_jit(static=("plan",))
-def _reverse(plan: Plan, model: Model, near: State, values: jax.Array) -> jax.Array:
-    return jax.grad(lambda p: plan.evaluate(model, near, p, checkpoint=True)[0])(values)
+def _reverse(plan: Plan, model: Model, near: State, values: jax.Array, steps: Steps | None) -> jax.Array:
+    return jax.grad(lambda p: plan.evaluate(model, near, p, steps, checkpoint=True))(values)
 
 
 def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
@@ -44,10 +56,11 @@ def local(problem: Study, say: Progress = silent, check: bool = False) -> Local:
     by 1 % of a parameter (0.6 % of a length) that take the steps of the study's own run, with an error from differences
     by 0.3 % (0.2 %) and from rounding (see `differences`).
 
-    For exact ones the same program runs once more with all parameters changed by 1 %, each in the direction that
-    increases the quantity. If the derivatives do not predict this change within a third, smaller changes find their
-    linear range. What they do not predict is their error. One run with the opposite change checks the derivatives along
-    this direction.
+    Exact ones are those along the steps of the study's own run; the error of its quantity by these steps is from a run
+    with four times the accuracy. The same program runs once more with all parameters changed by 1 %, each in the
+    direction that increases the quantity. If the derivatives do not predict this change within a third, smaller changes
+    find their linear range. What they do not predict is their error. One run with the opposite change checks the
+    derivatives along this direction.
 
     If they fail at 1 %, and 1 % of a parameter moves a node by more than 10 % of the motion's extent and by 10 times
     its displacement at the start, the derivatives are valid up to that time only. The same program then gives the
@@ -71,13 +84,13 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
     at = jnp.asarray(problem.values, problem.model.dtype)
     say(0.0, "forward derivatives")
     start = vary_start(problem.plan, problem.model, problem.start, at)
-    quantity, run = vary_study(problem, at, start, problem.scene.run.saves)
+    quantity, run = vary_study(problem, at, start, problem.steps)
     value = float(quantity.tree)
     forward = np.asarray(quantity.slopes[0])
     if not (np.isfinite(value) or problem.retries or problem.of.at_rest):
         return _by_tangents(replace(problem, retries=True), say, check)
     settings = problem.scene.run
-    duration = 0.0 if problem.of.at_rest else settings.steps * settings.step
+    duration = 0.0 if problem.of.at_rest else settings.rows * settings.interval
     found = replace(
         empty_result(problem, duration),
         value=value,
@@ -87,6 +100,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
     if np.isfinite(value):
         problem.check_derivatives(forward)
     if found.finite:
+        found = replace(found, value_error=_error_of_steps(problem, at, start, value))
         say(0.3, "linear range")
         changed = []
 
@@ -104,7 +118,7 @@ def _by_tangents(problem: Study, say: Progress, check: bool) -> Local:
             found,
             linear_range=linear.size,
             error=linear.error,
-            warnings=linear.warnings,
+            warnings=[*linear.warnings, *error_of_value(problem, found)],
             along=linear.along,
             motion_growth=motion,
         )
@@ -130,12 +144,27 @@ def _with_check(problem: Study, found: Local, say: Progress) -> Local:
     if found.method == TANGENT:
         say(0.4, "reverse derivatives")
         at = jnp.asarray(problem.values, problem.model.dtype)
-        reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at))
+        reverse = np.asarray(_reverse(problem.plan, problem.model, problem.start, at, problem.steps))
         if found.finite:
             problem.check_derivatives(reverse)
         found = replace(found, reverse=reverse)
     growth = lyapunov(problem.model, problem.start, problem.stepper, settings.step, max(settings.steps, 2))
     return replace(found, exponent=float(growth.exponent))
+
+
+def _error_of_steps(problem: Study, at: jax.Array, start: Varied, value: float) -> float:
+    """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
+    settings = problem.scene.run
+    if problem.steps is None or settings.accuracy is None:
+        return np.nan
+    # steps end at the saved times: with as many of them, those of both would be equal where intervals are short
+    duration = settings.rows * settings.interval
+    interval = duration / max(settings.rows // 2, 1)
+    accuracy = min(FACTOR * settings.accuracy, 1.0)
+    coarser = replace(settings, accuracy=accuracy, save_interval=interval, duration=duration)
+    quantity, _ = vary_study(problem, at, start, problem.steps_of(coarser))
+    gain = 1.0 if problem.of.statistic in OVER_STEPS else FACTOR - 1.0
+    return abs(float(quantity.tree) - value) / gain
 
 
 def _displacements(problem: Study, start: Varied, run: Varied) -> tuple[np.ndarray, np.ndarray, float]:
@@ -164,7 +193,7 @@ def _growth(problem: Study, start: Varied, run: Varied) -> tuple[float, float]:
     """
     first, moved, extent = _displacements(problem, start, run)
     size = (moved / (10.0 * np.maximum(extent, first))).max(axis=-1)
-    times = problem.scene.run.step * problem.scene.run.save_every * (1 + np.arange(len(size)))
+    times = np.asarray(saved_times(problem.steps))
     over = np.flatnonzero(~(size[:-1] <= 1.0))
     if not over.size:
         return float(times[-1]), np.nan
@@ -180,7 +209,7 @@ def changed_study(problem: Study, values: np.ndarray) -> tuple[float, Varied | N
     except SceneError:
         return np.nan, None
     start = _fixed(s, len(at))
-    quantity, run = vary_study(problem, at, start, problem.scene.run.saves)
+    quantity, run = vary_study(problem, at, start, problem.steps)
     return float(quantity.tree), run
 
 
@@ -211,26 +240,30 @@ def windows(
     Returns:
         mean and standard error (p,), and the windows' length [s].
     """
+    steps = problem.steps
     if run is None:
         start = vary_start(problem.plan, problem.model, problem.start, at)
-        run = vary_study(problem, at, start, problem.scene.run.saves)[1].tree
-    every = problem.scene.run.step * problem.scene.run.save_every
-    saves = min(max(2, int(length / every)), problem.scene.run.saves)
-    count = problem.scene.run.saves // saves
+        run = vary_study(problem, at, start, steps)[1].tree
+    times = np.append(0.0, saved_times(steps))
+    # of as many saved states each; those of steps that follow an accuracy need not be evenly spaced
+    saves = min(max(2, int(length / times[-1] * len(steps.ends))), len(steps.ends))
+    count = len(steps.ends) // saves
     model = apply(problem.model, problem.parameters, at)
     found = []
     s = state(model, problem.start.r, problem.start.v, problem.start.tension)
     for i in range(count):
+        first = i * saves
         if i:
-            last = jax.tree.map(lambda x, k=i * saves - 1: x[k], run)
-            s = state(model, last.r, last.v, last.tension, i * saves * every)
+            last = jax.tree.map(lambda x, k=first - 1: x[k], run)
+            s = state(model, last.r, last.v, last.tension, times[first])
             s = replace(s, parted=last.parted, own=last.own)
-        found.append(np.asarray(vary_study(problem, at, _fixed(s, len(at)), saves)[0].slopes[0]))
+        quantity, _ = vary_study(problem, at, _fixed(s, len(at)), part_of_steps(steps, first, saves))
+        found.append(np.asarray(quantity.slopes[0]))
     if count > 1:
         error = np.std(found, axis=0, ddof=1) / np.sqrt(count)
     else:
         error = np.full(len(at), np.nan)
-    return np.mean(found, axis=0), error, saves * every
+    return np.mean(found, axis=0), error, float(times[saves])
 
 
 # Global sensitivity: Sobol indices and Morris screening of a function over a box of parameters (SALib)

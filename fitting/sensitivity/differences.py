@@ -32,14 +32,14 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.build import initial_state, stepper_of
 from dropper_jax.run.chunks import FACTOR, Carry, Companion, Program, compile_run, run_chunks
-from dropper_jax.run.quantities import OVER_STEPS, Quantity, QuantitySignals, quantity_signals
+from dropper_jax.run.quantities import OVER_STEPS, Quantity
 from dropper_jax.run.statistics import IN_TIME, NOT_GAUSSIAN, excess_kurtosis
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.adaptive import Record, adaptive_start
 from dropper_jax.stepping.integrate import Progress as RunProgress
 from dropper_jax.stepping.integrate import Trajectory, begin
 from fitting.parameters.parameter import Parameter, apply
-from fitting.sensitivity.problem import Study
+from fitting.sensitivity.problem import Study, measure_rows
 from fitting.sensitivity.result import (
     MOTION_GROWTH,
     NOT_RESOLVED,
@@ -98,7 +98,7 @@ class StudyRuns:
 
     def __init__(self, problem: Study, say: Progress = silent) -> None:
         self.problem = problem
-        self.settings: RunSpec = problem.run_scene.run
+        self.settings: RunSpec = problem.scene.run
         self.say = say
         start = self.start_at(problem.values)
         if start is None:
@@ -132,7 +132,7 @@ class StudyRuns:
         watch = None
         if settings.accuracy is not None:
             carry = adaptive_start(stepper, model, carry, Record.empty(model) if record is None else record)
-            watch = self._watch(s)
+            watch = self.problem.plan.watch(s)
         return compile_run(stepper, model, carry, settings, watch)
 
     def model_at(self, values: np.ndarray) -> Model:
@@ -162,18 +162,13 @@ class StudyRuns:
     def _moved_at_start(self, s: State) -> float:
         return float(np.linalg.norm(np.asarray(s.r) - np.asarray(self.start.r), axis=-1).max())
 
-    def _watch(self, s: State) -> QuantitySignals | None:
-        if self.problem.of.statistic in OVER_STEPS:
-            return quantity_signals([self.problem.of], s.r)
-        return None
-
     def measure(self, model: Model, s: State, rows: Trajectory, intervals: float = 1.0) -> float:
         """The quantity of the rows of a run, NaN if a step failed."""
         if rows.first_bad[-1] >= 0:
             return np.nan
-        watch = None if rows.extremes is None else self._watch(s)
-        interval = jnp.asarray(intervals * self.settings.interval, model.dtype)
-        return float(measure_rows(self.problem.of, model, s, rows, interval, watch))
+        watch = None if rows.extremes is None else self.problem.plan.watch(s)
+        t = s.t + intervals * self.settings.interval * (1.0 + np.arange(len(rows.r)))
+        return float(measure_run(self.problem.of, model, s, rows, t, watch))
 
     def run(self, values: np.ndarray) -> Run:
         """The run with these values (p,)."""
@@ -215,14 +210,7 @@ def _recorded(carry: Carry, of: Quantity) -> Record | None:
     return record.to_repeat()
 
 
-@cached_jit(static=("of",))
-def measure_rows(
-    of: Quantity, model: Model, s: State, rows: Trajectory, interval: jax.Array, watch: QuantitySignals | None
-) -> jax.Array:
-    """A quantity of the rows of a run; `watch`: what was recorded over its steps."""
-    if watch is not None and rows.extremes is not None:
-        return OVER_STEPS[of.statistic](watch.over_steps(rows.extremes)[of])
-    return of(model, s.r, rows, s.t + interval * (1.0 + jnp.arange(len(rows.r))))
+measure_run = cached_jit(static=("of",))(measure_rows)
 
 
 class Pair(NamedTuple):
@@ -326,7 +314,7 @@ def slopes_of_runs(base: StudyRuns, runs: Sequence[Run]) -> Local:
             *_branch_notes(problem, branches),
             *statistic_notes(problem, base),
             *_unclear(problem, slopes, errors, status),
-            *_error_of_value(problem, base),
+            *error_of_value(problem, found),
         ],
     )
     if len(found.unclear) == len(pairs):
@@ -353,13 +341,13 @@ def _unclear(problem: Study, slopes: np.ndarray, errors: np.ndarray, status: Seq
     return notes
 
 
-def _error_of_value(problem: Study, base: StudyRuns) -> list[str]:
+def error_of_value(problem: Study, found: Local) -> list[str]:
     """A line if the steps of the own run are too long for its accuracy."""
-    accuracy = base.settings.accuracy
-    if accuracy is None or not base.value_error > MISSED * accuracy * abs(base.value):
+    accuracy = problem.scene.run.accuracy
+    if accuracy is None or not found.value_error > MISSED * accuracy * abs(found.value):
         return []
     return [
-        f"{problem.of.name} may be off by {100.0 * abs(base.value_error / base.value):.2g} %. Use --accuracy "
+        f"{problem.of.name} may be off by {100.0 * abs(found.value_error / found.value):.2g} %. Use --accuracy "
         f"{0.25 * accuracy:.2g}"
     ]
 

@@ -22,17 +22,22 @@ from dropper_jax.residual import Stepper
 from dropper_jax.run.build import SceneLike, build, initial_state, stepper_of
 from dropper_jax.run.fixed_points import with_points_fixed
 from dropper_jax.run.members import StepVerdict, check_steps
-from dropper_jax.run.quantities import OVER_STEPS, Quantity, quantity
+from dropper_jax.run.quantities import OVER_STEPS, Quantity, QuantitySignals, quantity, quantity_signals
 from dropper_jax.run.statistics import OF_SAMPLES, PERIOD
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.host_stiffness import follow_parameters, free_motion
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
 from dropper_jax.statics.static_pose import release_loads
+from dropper_jax.stepping.adaptive import MOST_STEPS, adaptive_start, advance_adaptively, find_lengths
+from dropper_jax.stepping.control import ROUNDING
+from dropper_jax.stepping.integrate import Progress as RunProgress
 from dropper_jax.stepping.integrate import (
+    Steps,
     Trajectory,
     advance,
     advance_and_save,
+    along_accepted_steps,
     begin,
     empty_trajectory,
     integrate,
@@ -66,51 +71,72 @@ class Plan:
     run: RunSpec
     stepper: Stepper
 
-    def march(self, model: Model, s: State, saves: int, checkpoint: bool = False) -> Trajectory:
-        """Saved states of a run from s."""
-        every = self.run.save_every
-        return integrate(self.stepper, model, s, self.run.step, saves * every, every, checkpoint, warn=False)[1]
+    @property
+    def follows(self) -> bool:
+        """Whether the steps follow an accuracy."""
+        return self.run.accuracy is not None
 
-    def measure(self, model: Model, s: State, run: Trajectory) -> jax.Array:
-        """The quantity, NaN if a step failed."""
+    def march(self, model: Model, s: State, steps: Steps, checkpoint: bool = False) -> Trajectory:
+        """Saved states of a run from s along these steps."""
+        if self.follows:
+            return along_accepted_steps(self.stepper.plain, model, s, steps, 1, checkpoint, None, follows=True)[1]
+        every = self.run.save_every
+        return integrate(self.stepper, model, s, self.run.step, len(steps.ends) * every, every, checkpoint, warn=False)[
+            1
+        ]
+
+    def measure(self, model: Model, s: State, run: Trajectory, t: jax.Array) -> jax.Array:
+        """The quantity of states saved at times t (k,) [s], NaN if a step failed."""
         if self.of.at_rest:
-            return self.of(model, s.r, run, s.t[None])
-        t = s.t + (1 + jnp.arange(run.r.shape[0])) * (self.run.step * self.run.save_every)
-        return jnp.where(run.first_bad[-1] < 0, self.of(model, s.r, run, t), jnp.nan)
+            return self.of(model, s.r, run, t)
+        return jnp.where(run.first_bad[-1] < 0, measure_rows(self.of, model, s, run, t, self.watch(s)), jnp.nan)
+
+    def watch(self, s: State) -> QuantitySignals | None:
+        """What a run from s records over its steps."""
+        if self.of.statistic in OVER_STEPS:
+            return quantity_signals([self.of], s.r)
+        return None
 
     def value(self, model: Model, near: State, values: jax.Array) -> jax.Array:
-        """The quantity of the model with these values (p,), by a run whose derivatives are not needed."""
+        """The quantity of the model with these values (p,), by a run with steps of its own whose derivatives are not
+        needed."""
         model = apply(model, self.parameters, values)
         s = initial_state(model, self.start, near=near)
         if self.of.at_rest:
-            return self.measure(model, s, standing(s))
-        march = one_kernel(partial(advance, self.stepper, saves=self.run.saves, save_every=self.run.save_every))
-        _, run = march(model, begin(self.stepper, model, s), jnp.asarray(self.run.step, model.dtype))
-        return self.measure(model, s, run)
+            return self.measure(model, s, standing(s), s.t[None])
+        rows = self.run.rows
+        interval = jnp.asarray(self.run.interval, model.dtype)
+        first = begin(self.stepper, model, s)
+        if self.follows:
+            march = one_kernel(partial(advance_adaptively, self.stepper, saves=rows))
+            accuracy = jnp.asarray(self.run.accuracy, model.dtype)
+            first = adaptive_start(self.stepper, model, first)
+            _, (run, _) = march(model, first, interval, accuracy, watch=self.watch(s))
+        else:
+            march = one_kernel(partial(advance, self.stepper, saves=rows, save_every=self.run.save_every))
+            _, run = march(model, first, jnp.asarray(self.run.step, model.dtype))
+        return self.measure(model, s, run, s.t + interval * (1.0 + jnp.arange(rows)))
 
     def evaluate(
-        self, model: Model, near: State, values: jax.Array, checkpoint: bool = False
-    ) -> tuple[jax.Array, Trajectory]:
-        """The quantity of the model with these values (p,), and the corresponding run."""
+        self, model: Model, near: State, values: jax.Array, steps: Steps | None, checkpoint: bool = False
+    ) -> jax.Array:
+        """The quantity of the model with these values (p,), by a run along these steps."""
         model = apply(model, self.parameters, values)
         s = initial_state(model, self.start, near=near)
-        if self.of.at_rest:
-            run = standing(s)
-        else:
-            run = self.march(model, s, self.run.saves, checkpoint)
-        return self.measure(model, s, run), run
+        if steps is None:
+            return self.measure(model, s, standing(s), s.t[None])
+        return self.measure(model, s, self.march(model, s, steps, checkpoint), s.t + saved_times(steps))
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
     """A quantity of a scene as a function of parameters, `study(values)`, values (p,) -> scalar; differentiable.
 
-    Without `retries` a step that does not converge makes the value NaN. Derivatives of halved steps take most of the
-    compilation, and few runs need them. `local` turns them on if needed, `batch` always has them.
+    Runs with other values repeat the steps of its own run, at its own values: derivatives are those with the steps held
+    constant.
 
-    Attributes:
-        scene: with equal steps.
-        following: the scene with its accuracy, if it has one and links stretch: differences of runs follow it.
+    Without `retries` an equal step that does not converge makes the value NaN. Derivatives of halved steps take most of
+    the compilation, and few runs need them. `local` turns them on if needed, `batch` always has them.
     """
 
     scene: Scene
@@ -119,14 +145,6 @@ class Study:
     model: Model
     start: State
     retries: bool = False
-    following: Scene | None = None
-
-    @property
-    def run_scene(self) -> Scene:
-        """The scene of runs whose steps need not be equal."""
-        if self.following is None:
-            return self.scene
-        return self.following
 
     @property
     def stretches(self) -> bool:
@@ -143,7 +161,7 @@ class Study:
 
     @cached_property
     def stepper(self) -> Stepper:
-        more = {} if self.retries else {"halvings": 0}
+        more = {} if self.retries or self.scene.run.accuracy is not None else {"halvings": 0}
         return stepper_of(self.model, self.scene.run, track_work=False, **more)
 
     @cached_property
@@ -152,8 +170,38 @@ class Study:
         where = tuple(Parameter(p.name, p.where, 0.0) for p in self.parameters)
         return Plan(self.of, where, self.scene.start, self.scene.run, self.stepper)
 
+    @cached_property
+    def steps(self) -> Steps | None:
+        """The steps of its own run; None of a quantity at rest."""
+        if self.of.at_rest:
+            return None
+        return self.steps_of(self.scene.run)
+
+    def steps_of(self, run: RunSpec) -> Steps:
+        """The steps of a run at its own values with other settings.
+
+        Where an extreme over all steps of those that follow an accuracy is wanted, each is an interval of its own.
+
+        Raises:
+            SceneError: they are more than `MOST_STEPS`.
+        """
+        if run.accuracy is None:
+            length = np.full(run.steps, run.step)
+            return _steps(self.model, length, run.save_every * (1 + np.arange(run.saves)), failed=False)
+        numbers = (jnp.asarray(x, self.model.dtype) for x in (run.interval, run.rows, run.accuracy))
+        length, number, failed = map(np.asarray, _find_lengths(self.stepper, self.model, self.start, *numbers))
+        if number >= MOST_STEPS:
+            raise SceneError(f"{self.of.name}: the run takes more than {MOST_STEPS} steps. Use a shorter run.duration")
+        length = length[:number]
+        if self.of.statistic in OVER_STEPS:
+            ends = 1 + np.arange(number)
+        else:
+            saved = run.interval * (1.0 + np.arange(run.rows))
+            ends = np.minimum(np.searchsorted(np.cumsum(length), saved * (1.0 - ROUNDING)) + 1, number)
+        return _steps(self.model, length, ends, bool(failed))
+
     def __call__(self, values: jax.Array) -> jax.Array:
-        return self.plan.evaluate(self.model, self.start, values)[0]
+        return self.plan.evaluate(self.model, self.start, values, self.steps)
 
     def check_derivatives(self, found: np.ndarray) -> None:
         """Reject derivatives (p,) that do not exist, such as those of a static pose with an unconstrained direction.
@@ -182,6 +230,49 @@ class Study:
         plan = replace(self, retries=True).plan
         run = jax.jit(map_members(partial(plan.value, self.model, self.start), together=RUNS_TOGETHER))
         return np.asarray(run(jnp.asarray(values, self.model.dtype)))
+
+
+@cached_jit(static=("stepper",), kernel=True)
+def _find_lengths(
+    stepper: Stepper, model: Model, s: State, interval: jax.Array, rows: jax.Array, accuracy: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """`find_lengths` of any run."""
+    return find_lengths(stepper, model, s, interval, rows, accuracy, MOST_STEPS)
+
+
+def _steps(model: Model, length: np.ndarray, ends: np.ndarray, failed: bool) -> Steps:
+    """Steps of these lengths [s], with intervals that have these ends."""
+    none = np.zeros(len(ends), np.int32)
+    residual = np.zeros(len(ends), model.dtype)
+    return Steps(length.astype(model.dtype), ends.astype(np.int32), residual, none, np.full(len(ends), failed))
+
+
+def part_of_steps(steps: Steps, first: int, rows: int) -> Steps:
+    """The steps of `rows` intervals from number `first` on."""
+    ends = steps.ends[first : first + rows]
+    begin = steps.ends[first - 1] if first else 0
+    others = (x[first : first + rows] for x in steps[2:])
+    return Steps(steps.length[begin : ends[-1]], ends - begin, *others)
+
+
+def _padded(steps: Steps) -> Steps:
+    """The same with room for more steps and intervals, so that one program serves many durations."""
+    room = len(steps.length), *[len(steps.ends)] * 4
+    return Steps(*(np.pad(x, (0, spare_rows(n) - n)) for x, n in zip(steps, room, strict=True)))
+
+
+def saved_times(steps: Steps) -> jax.Array:
+    """Ends of the intervals (k,) [s] from the start of the run."""
+    return jnp.cumsum(jnp.asarray(steps.length))[steps.ends - 1]
+
+
+def measure_rows(
+    of: Quantity, model: Model, s: State, rows: Trajectory, t: jax.Array, watch: QuantitySignals | None
+) -> jax.Array:
+    """A quantity of the rows of a run from s, saved at times t (k,) [s]; `watch`: what was recorded over its steps."""
+    if watch is not None and rows.extremes is not None:
+        return OVER_STEPS[of.statistic](watch.over_steps(rows.extremes)[of])
+    return of(model, s.r, rows, t)
 
 
 def standing(s: State) -> Trajectory:
@@ -267,56 +358,116 @@ def _slopes_at_rest(
     return jax.vmap(along, out_axes=(0, Varied(None, 0)))(*directions)
 
 
-@cached_jit(static=("stepper", "parameters", "every", "capacity"), kernel=True)
+class _Passed(NamedTuple):
+    """A run between two saved times: its state, and the tensions over the time since the last one (n,) [N s]."""
+
+    progress: RunProgress
+    impulse: jax.Array
+
+
+def _take_step(
+    stepper: Stepper, follows: bool, h: jax.Array, before: jax.Array, since: jax.Array, model: Model, passed: _Passed
+) -> tuple[_Passed, Trajectory]:
+    """One step of h [s] after one of `before` [s], to the time `since` the last saved one [s]; and the row to save
+    after it, of steps that follow an accuracy with mean tensions."""
+    if not follows:
+        progress, row = advance_and_save(stepper, model, passed.progress, h, 1)
+        return passed._replace(progress=progress), row
+    progress, row = advance_and_save(stepper, model, passed.progress, h[None], 1, before=before[None])
+    impulse = passed.impulse + h * row.tension
+    return _Passed(progress, impulse), row._replace(tension=impulse / since)
+
+
+class _Between(NamedTuple):
+    """The loop over the steps between two saved times: the run, the row to save, and the time since the last one."""
+
+    now: Varied
+    row: Varied
+    since: jax.Array
+
+
+@cached_jit(static=("stepper", "parameters", "follows"), kernel=True)
 def _vary_run(
     stepper: Stepper,
     parameters: tuple[Parameter, ...],
+    follows: bool,
     model: Model,
     values: jax.Array,
     start: Varied,
-    dt: jax.Array,
+    steps: Steps,
     count: jax.Array | int,
-    every: int,
-    capacity: int,
 ) -> Varied:
-    """`count` saved states of a run, in the first of `capacity` rows, with derivatives: one program for any duration,
-    quantity and start. JAX differentiates one step and not the loops around it: a third of the time of tracing.
+    """`count` saved states of a run along known steps, in the first of as many rows as these have ends, with
+    derivatives: one program for any duration, quantity and start. JAX differentiates one step and not the loops around
+    it: a third of the time of tracing.
     """
 
-    def advance(now: Varied, _: jax.Array) -> tuple[Varied, Varied]:
-        found = _vary(partial(advance_and_save, stepper, dt=dt, save_every=every), parameters, model, values, now)
-        after, row = found.tree
-        state_floats = len(now.slopes)
-        return Varied(after, found.slopes[:state_floats]), Varied(row, found.slopes[state_floats:])
+    def save(now: Varied, i: jax.Array) -> tuple[Varied, Varied]:
+        first = jnp.where(i > 0, steps.ends[i - 1], 0)
+        nothing = now.tree._replace(impulse=jnp.zeros_like(now.tree.impulse))
+        now = Varied(nothing, [*now.slopes[:-1], jnp.zeros_like(now.slopes[-1])])
 
-    now = _vary(partial(begin, stepper), parameters, model, values, start)
-    rows = empty_trajectory(now.tree, capacity)
+        def take(k: jax.Array, so_far: _Between) -> _Between:
+            h = steps.length[k]
+            since = so_far.since + h
+            before = jnp.where(k > 0, steps.length[k - 1], 0.0)
+            one = partial(_take_step, stepper, follows, h, before, since)
+            found = _vary(one, parameters, model, values, so_far.now)
+            after, row = found.tree
+            earlier = so_far.row.tree
+            row = row._replace(
+                residual=jnp.maximum(earlier.residual, row.residual),
+                retried=earlier.retried + row.retried,
+                failed=earlier.failed + row.failed,
+            )
+            floats = len(so_far.now.slopes)
+            return _Between(Varied(after, found.slopes[:floats]), Varied(row, found.slopes[floats:]), since)
+
+        between = _Between(now, jax.tree.map(lambda x: x[0], rows), jnp.zeros((), model.dtype))
+        between = jax.lax.fori_loop(first, steps.ends[i], take, between)
+        return between.now, between.row
+
+    def begun(changed: Model, s: State) -> _Passed:
+        return _Passed(begin(stepper, changed, s), jnp.zeros_like(s.tension))
+
+    now = _vary(begun, parameters, model, values, start)
+    capacity = len(steps.ends)
+    rows = empty_trajectory(now.tree.progress, capacity)
     slopes = [jnp.zeros((capacity, len(values), *x.shape[1:]), x.dtype) for x in floats_of(rows)]
-    run = scan_steps(advance, now, count, Varied(rows, slopes))[1]
+    rows = Varied(rows, slopes)
+    run = scan_steps(save, now, count, rows)[1]
     return Varied(run.tree, [jnp.swapaxes(x, 0, 1) for x in run.slopes])
 
 
 @cached_jit(static=("plan",))
-def _vary_quantity(plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None) -> Varied:
-    """The quantity of a run from `start`, or of the start alone."""
+def _vary_quantity(
+    plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None, t: jax.Array
+) -> Varied:
+    """The quantity of a run from `start` with states saved at t (k,) [s], or of the start alone."""
     if run is None:
-        return _vary(lambda changed, s: plan.measure(changed, s, standing(s)), plan.parameters, model, values, start)
-    return _vary(plan.measure, plan.parameters, model, values, start, run)
+
+        def measure_start(changed: Model, s: State) -> jax.Array:
+            return plan.measure(changed, s, standing(s), s.t[None])
+
+        return _vary(measure_start, plan.parameters, model, values, start)
+    return _vary(partial(plan.measure, t=t), plan.parameters, model, values, start, run)
 
 
-def vary_study(problem: Study, at: jax.Array, start: Varied, saves: int) -> tuple[Varied, Varied | None]:
-    """The quantity over `saves` saved times from `start`, and the run, with derivatives."""
+def vary_study(problem: Study, at: jax.Array, start: Varied, steps: Steps | None) -> tuple[Varied, Varied | None]:
+    """The quantity of a run from `start` along these steps, and the run, with derivatives."""
     plan = problem.plan
     model = problem.model
-    run = None
-    if not plan.of.at_rest:
-        dt = jnp.asarray(plan.run.step, model.dtype)
-        rows = spare_rows(plan.run.saves)
-        run = _vary_run(plan.stepper, plan.parameters, model, at, start, dt, saves, plan.run.save_every, rows)
-        run = Varied(
-            jax.tree.map(lambda x: np.asarray(x)[:saves], run.tree), [np.asarray(x)[:, :saves] for x in run.slopes]
-        )
-    return _vary_quantity(plan, model, at, start, run), run
+    t = start.tree.t
+    if steps is None:
+        return _vary_quantity(plan, model, at, start, None, t[None]), None
+    saves = len(steps.ends)
+    spare = _padded(steps)
+    run = _vary_run(plan.stepper, plan.parameters, plan.follows, model, at, start, spare, saves)
+    rows = jax.tree.map(lambda x: np.asarray(x)[:saves], run.tree)
+    if np.any(steps.failed):
+        rows = rows._replace(first_bad=np.zeros_like(rows.first_bad))
+    run = Varied(rows, [np.asarray(x)[:, :saves] for x in run.slopes])
+    return _vary_quantity(plan, model, at, start, run, t + saved_times(steps)), run
 
 
 def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
@@ -325,23 +476,20 @@ def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
     Raises:
         SceneError: unknown names.
     """
-    given = load_scene(scene)
-    names = full_names(given, to, "to")
-    given = with_effects(given, names)
-    scene = given.with_equal_steps()
+    scene = load_scene(scene)
+    names = full_names(scene, to, "to")
+    scene = with_effects(scene, names)
     model, start = build(scene)
     parameters = find_parameters(scene, model, names, "to", idle=True)
     wanted = quantity(of, model)
-    if wanted.statistic in (*OVER_STEPS, *OF_SAMPLES):  # an extreme is that of all steps
+    run = scene.run
+    if run.accuracy is None and wanted.statistic in (*OVER_STEPS, *OF_SAMPLES):  # an extreme is that of all steps
         scene = scene.with_values({"run.save_every": 1})
+    if run.accuracy is not None and wanted.statistic in OF_SAMPLES and run.interval > LONGEST_INTERVAL:
+        scene = scene.with_values({"run.save_interval": LONGEST_INTERVAL})
     if wanted.signal == PERIOD and scene.start.kind != "static":
         raise SceneError(f"of: {of!r}: the scene starts at {scene.start.kind!r}; allowed: start.kind = 'static'")
-    found = Study(scene, wanted, parameters, model, start)
-    if given.run.accuracy is None or not found.stretches:
-        return found
-    if wanted.statistic in OF_SAMPLES and given.run.interval > LONGEST_INTERVAL:
-        given = given.with_values({"run.save_interval": LONGEST_INTERVAL})
-    return replace(found, following=given)
+    return Study(scene, wanted, parameters, model, start)
 
 
 #: Longest time [s] between the samples of statistics that need them close together.
@@ -350,7 +498,7 @@ LONGEST_INTERVAL = 0.1
 
 def check_step(problem: Study, box: Sequence[tuple[float, float]] | None = None, say: Progress = silent) -> StepVerdict:
     """The verdict of `dropper run` on the step of the study's run, or of those at both ends of a box of its values."""
-    if problem.of.at_rest or (box is None and problem.following is not None):  # the error is in the study's result
+    if problem.of.at_rest or (box is None and problem.plan.follows):  # the error is in the study's result
         return StepVerdict()
     members = {"the run": problem.scene}
     if box is not None:

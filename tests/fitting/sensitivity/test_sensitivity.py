@@ -9,7 +9,7 @@ import pytest
 from hard_scenes import single_line
 from rope_cases import slack_rope
 
-from dropper_jax import SceneError, load_scene
+from dropper_jax import SceneError, load_scene, simulate
 from dropper_jax.cli import main
 from dropper_jax.run.quantities import quantity
 from dropper_jax.run.statistics import STATISTICS, excess_kurtosis, statistic
@@ -25,6 +25,7 @@ from fitting.sensitivity.differences import (
     slopes_of_runs,
     statistic_notes,
 )
+from fitting.sensitivity.problem import saved_times
 from fitting.sensitivity.result import local_text
 from fitting.sensitivity.tornado import path_label
 
@@ -76,6 +77,25 @@ def test_without_a_check_there_is_no_reverse_pass_and_the_same_derivative(loop, 
     assert plain.trusted
 
 
+@pytest.mark.parametrize("of", ["tension.1.max", "tension.1.mean", "x.2.final"])
+def test_exact_derivatives_of_a_run_with_an_accuracy_are_those_along_its_own_steps(of):
+    scene = {**SCENE, "run": {"duration": 0.5, "accuracy": 0.01, "save_interval": 0.05}}
+    problem = study(scene, of, ["b_l", "line.0.mass.1"])
+    steps = problem.steps.length
+    assert np.sum(steps) == pytest.approx(0.5, rel=1e-12)
+    assert np.ptp(steps) > 1e-3
+    found = local(problem, check=True)
+    np.testing.assert_allclose(found.forward, differences(jax.jit(problem), problem.values), rtol=2e-6)
+    assert found.mismatch < 1e-9
+    assert found.trusted
+    solution = simulate(scene)
+    own = {"tension.1.max": np.max(solution.tension_max[:, 0]), "tension.1.mean": np.mean(solution.tension[1:, 0])}
+    own["x.2.final"] = solution.positions[-1, 2, 0]
+    assert found.value == pytest.approx(own[of], rel=0.01 if of.endswith("max") else 1e-9)
+    assert 0.0 < found.value_error < 0.05 * abs(found.value)
+    np.testing.assert_allclose(problem.batch(problem.values[None])[0], own[of], rtol=1e-9)
+
+
 def test_line_at_rest_is_not_chaotic_though_its_mass_moves_it_more_than_its_motion():
     found = local(study({**SCENE, "start": {"kind": "static"}}, "tension.1.max", ["b_l", "line.0.mass.1"]))
     assert found.trusted
@@ -96,7 +116,7 @@ def snapping():
 
 def test_runs_of_a_study_take_the_steps_of_its_own_run(snapping):
     problem, runs = snapping
-    assert problem.run_scene.run.accuracy == 0.01
+    assert problem.scene.run.accuracy == 0.01
     again = runs.run(problem.values)
     assert again.value == runs.value
     assert again.at_most == 0.0
@@ -243,7 +263,8 @@ def test_window_as_long_as_the_run_is_the_run_from_a_held_start(loop):
     @jax.jit
     def held(p):
         model = apply(loop.model, loop.parameters, p)
-        return loop.plan.measure(model, loop.start, loop.plan.march(model, loop.start, loop.scene.run.saves))
+        run = loop.plan.march(model, loop.start, loop.steps)
+        return loop.plan.measure(model, loop.start, run, saved_times(loop.steps))
 
     mean, _, length = windows(loop, jnp.asarray(loop.values), 0.5)
     assert length == pytest.approx(0.5)

@@ -36,7 +36,8 @@ from fitting.estimate.release import TIME, Release
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.parameters.missing_forces import tested_parameters
-from fitting.parameters.parameter import Parameter, resolve
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.paths import resolve
 from fitting.parameters.rig_priors import rig_priors
 from fitting.parameters.targets import (
     CAMERA,

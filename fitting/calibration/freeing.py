@@ -30,7 +30,7 @@ from fitting.estimate.noise import log_volume
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator
 from fitting.estimate.windows import pick
-from fitting.parameters.parameter import resolve
+from fitting.parameters.paths import resolve
 from fitting.parameters.targets import LOST
 
 #: Maximum number of candidates freed one after another, and how many of them are fitted before one is chosen.

@@ -18,7 +18,8 @@ from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.windows import first_starts
-from fitting.parameters.parameter import given_effect, names_in_scene, resolve, with_effects
+from fitting.parameters.parameter import given_effect, names_in_scene, with_effects
+from fitting.parameters.paths import resolve
 
 
 @dataclass(frozen=True)

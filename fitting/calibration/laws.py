@@ -50,7 +50,8 @@ from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import Uncertainty
 from fitting.parameters.missing_forces import tested_parameters
 from fitting.parameters.names import free_option
-from fitting.parameters.parameter import Parameter, given_effect, names_in_scene, resolve, with_effects
+from fitting.parameters.parameter import Parameter, given_effect, names_in_scene, with_effects
+from fitting.parameters.paths import resolve
 from fitting.parameters.targets import CAMERA, RECORDING
 
 #: Probability of a candidate's t, over the whole family, below which the law counts as wrong.

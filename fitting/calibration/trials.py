@@ -32,7 +32,8 @@ from fitting.estimate.residuals import Solution
 from fitting.estimate.simulator import Simulator, choose_stepper
 from fitting.estimate.uncertainty import degrees_of_freedom
 from fitting.estimate.windows import LONGEST, Span, Starts, pick, with_rows
-from fitting.parameters.parameter import Parameter, resolve
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.paths import resolve
 from fitting.parameters.targets import all_joints
 
 #: Chi-square per degree of freedom, and correlation of neighbouring residuals, above which the whole model is wrong:

@@ -21,7 +21,8 @@ from dropper_jax.effects.joint_friction import JointFriction
 from dropper_jax.model import Effect, Kinematics, Model
 from dropper_jax.model.geometry import Ends
 from dropper_jax.model.slots import Force
-from fitting.parameters.parameter import Parameter, resolve
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.paths import resolve
 from fitting.parameters.targets import CAMERA, MissingForce
 
 #: Relative rate of two links [rad/s] below which the dry friction between them fades: its sign would be noise.

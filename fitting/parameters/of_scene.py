@@ -20,7 +20,8 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.build import build_model
 from dropper_jax.run.model_slopes import model_slopes
-from fitting.parameters.parameter import Parameter, Released, check_once, resolve
+from fitting.parameters.parameter import Parameter, check_once
+from fitting.parameters.paths import Released, resolve
 from fitting.parameters.targets import Direction
 
 #: A model that this change moves linearly to within `LINEAR_TOLERANCE` counts as linear in the number.

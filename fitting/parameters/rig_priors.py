@@ -14,7 +14,8 @@ from dropper_jax.model import Model
 from dropper_jax.scene import PriorSpec
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters
-from fitting.parameters.parameter import Parameter, resolve
+from fitting.parameters.parameter import Parameter
+from fitting.parameters.paths import resolve
 
 
 @dataclass(frozen=True)

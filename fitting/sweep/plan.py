@@ -34,7 +34,8 @@ from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import RunSpec
 from dropper_jax.stepping.stepper import check_settings, stepper_settings
 from fitting.parameters.names import DAMPING_PATHS, full_names
-from fitting.parameters.parameter import Parameter, apply, resolve
+from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.paths import resolve
 
 #: Quantities that can be recorded for each case, with unit and meaning; `links` and `trace` add dimensions.
 QUANTITIES = {

@@ -26,7 +26,8 @@ from dropper_jax.run.quantities import quantity_signals
 from dropper_jax.run.statistics import statistic
 from dropper_jax.stepping.adaptive import Adaptive, adaptive_start, advance_adaptively
 from dropper_jax.stepping.integrate import Progress, Trajectory, advance, begin, observe
-from fitting.parameters.parameter import apply, resolve
+from fitting.parameters.parameter import apply
+from fitting.parameters.paths import resolve
 from fitting.sweep.plan import STATUS, Plan
 
 #: Number of steps of all cases from which a system of lines repays the compilation of one kernel; see

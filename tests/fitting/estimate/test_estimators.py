@@ -23,7 +23,8 @@ from fitting.estimate.least_squares import fit_windows
 from fitting.estimate.normal_equations import bounded_step
 from fitting.estimate.shooting import fit_shooting, loosest, solve_to_end
 from fitting.estimate.windows import Starts
-from fitting.parameters.parameter import apply, resolve
+from fitting.parameters.parameter import apply
+from fitting.parameters.paths import resolve
 from fitting.traces import planar
 
 SCENE = "dropper-release-a"

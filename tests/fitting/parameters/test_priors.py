@@ -9,7 +9,7 @@ from fitting.estimate.normal_equations import prior_of
 from fitting.parameters.names import default_free
 from fitting.parameters.observation import camera_offset
 from fitting.parameters.of_scene import find_parameters
-from fitting.parameters.parameter import resolve
+from fitting.parameters.paths import resolve
 from fitting.parameters.rig_priors import power_of_mass, rig_priors
 
 NAME = "measured-double-pendulum"

@@ -8,7 +8,8 @@ import pytest
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model
 from fitting.parameters.observation import camera_angles
-from fitting.parameters.parameter import apply, resolve
+from fitting.parameters.parameter import apply
+from fitting.parameters.paths import resolve
 
 LENGTH = np.array([0.3, 0.2, 0.25, 0.3])
 THETA = np.array([1.2, 0.4, -0.5, -1.1])

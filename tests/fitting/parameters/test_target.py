@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dropper_jax import build_model, load_scene
-from fitting.parameters.parameter import Parameter, apply, resolve
+from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.paths import resolve
 from fitting.parameters.targets import Direction
 
 

@@ -8,7 +8,7 @@ from dropper_jax import SceneError
 from fitting import Convention, Trace, read_trace, write_trace
 from fitting.estimate.windows import local_motion
 from fitting.parameters.names import full_names
-from fitting.parameters.parameter import resolve
+from fitting.parameters.paths import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import settle_convention
 from fitting.traces.noise import noise

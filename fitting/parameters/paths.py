@@ -1,0 +1,186 @@
+"""Parameters by path: numbers of a model's pytree, and of what saw its motion.
+
+Paths are those of scenes: `effects.linear_damping.b_l`, `line.0.mass`, `line.0.mass.2`, `point.right.position.0`; and
+
+    camera.offset           rotation of the camera, added to every measured angle
+    marker.offset[.J]       rotation of a link's marker or encoder relative to the link, added to its own angle
+    marker.node[.I[.0]]     offset of a node's marker from it, along (.0) and across (.1) the link that ends there
+    rig.scale               common factor of all lengths and positions
+    clock.rate              factor that stretches the traces' time
+    clock.lost.RUN.FRAME    time that is missing before a frame
+    release.time, .force    see `release`
+    recording.NAME.zero.J, .scale, .delay   of a further recording of the same motion (`recordings`)
+
+A field with one value per link frees one parameter per entry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import Field, fields
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import ScenePath
+from dropper_jax.model import Model
+from fitting.parameters.parameter import Parameter, adjust_parameters, check_once
+from fitting.parameters.targets import (
+    CAMERA,
+    CLOCK,
+    LOST,
+    MARKER,
+    NODE,
+    SCALE,
+    CameraPlace,
+    ClockPlace,
+    LostPlace,
+    ModelPlace,
+    NodeMarkerPlace,
+    scale_direction,
+)
+
+
+class Released(Protocol):
+    """Provider of the parameters of `release.*` names."""
+
+    def parameters(self, name: str, option: str) -> list[Parameter]: ...
+
+
+def resolve(
+    model: Model,
+    names: Sequence[str],
+    option: str = "free",
+    release: Released | None = None,
+) -> tuple[Parameter, ...]:
+    """The free parameters of these paths.
+
+    Args:
+        names: paths; the path of a field with several values frees each of them.
+        option: heading of error messages about `names`.
+        release: provides the `release.*` names.
+
+    Raises:
+        SceneError: a path that does not exist (with the nearest one), or is given twice.
+    """
+    found: list[Parameter] = []
+    for name in names:
+        released = release is not None and name.startswith("release.")
+        found += release.parameters(name, option) if released else _expand(model, name, option)
+    check_once([p.name for p in found], option)
+    return adjust_parameters(found)
+
+
+class _Number(NamedTuple):
+    """Where a model has a number: a section, the number of the item in it, the declared field."""
+
+    section: str
+    index: int
+    field: Field
+
+
+def paths(model: Model) -> list[str]:
+    """Every path of the model that can be free."""
+    return [CAMERA, MARKER, NODE, SCALE, CLOCK, f"{LOST}.RUN.FRAME", *_numbers(model)]
+
+
+def _numbers(model: Model) -> dict[str, _Number]:
+    """Every number of the model by path; points and lines by their name and by their number."""
+    found = {}
+    for word, section in (("point", "points"), ("line", "lines"), ("effects", "effects")):
+        for i, item in enumerate(getattr(model, section)):
+            labels = [item.name] if section == "effects" else [str(i), item.name]
+            for f in fields(item):
+                if f.metadata.get("kind") == "parameter" and getattr(item, f.name) is not None:
+                    found |= {f"{word}.{label}.{f.name}": _Number(section, i, f) for label in labels}
+    return found
+
+
+def _expand(model: Model, name: str, option: str) -> list[Parameter]:
+    """The parameters of one path."""
+    if name == SCALE:
+        return [Parameter(SCALE, scale_direction(model), 1.0, 0.5, 2.0, unit="m/m")]
+    kind = ".".join(name.split(".")[:2])
+    if kind == LOST:
+        return [_lost_frame(name, option)]
+    seen = [p for p in _observers(model) if p.name == name or ("." in name and p.name.startswith(name + "."))]
+    if seen:
+        return seen
+    if kind in (MARKER, NODE):
+        raise SceneError(f"{option}: {name!r}: {_markers_allowed(model, kind)}")
+    return _of_model(model, name, option)
+
+
+def _lost_frame(name: str, option: str) -> Parameter:
+    """The time that is missing before a frame."""
+    _, entries = ScenePath(name).entry_of((LOST,)) or (name, ())
+    if len(entries) != 2:
+        raise SceneError(f"{option}: {name!r} gives no frame; allowed: {LOST}.RUN.FRAME, both counted from 0")
+    return Parameter(name, LostPlace(*entries), 0.0, unit="s")
+
+
+def _observers(model: Model) -> list[Parameter]:
+    """Parameters of the camera, the clock and all markers."""
+    links = [Parameter(f"{MARKER}.{i}", CameraPlace(i), 0.0, unit="rad") for i in range(model.line.links)]
+    markers = [NodeMarkerPlace(i, axis) for i in range(_joints(model)) for axis in (0, 1)]
+    nodes = [Parameter(f"{NODE}.{at.node}.{at.axis}", at, 0.0, unit="m") for at in markers]
+    camera = Parameter(CAMERA, CameraPlace(), 0.0, unit="rad")
+    return [camera, Parameter(CLOCK, ClockPlace(), 1.0, 0.5, 2.0, unit="s/s"), *links, *nodes]
+
+
+def _markers_allowed(model: Model, kind: str) -> str:
+    """What an unknown marker is, and the allowed ones."""
+    if kind == MARKER:
+        return f"unknown link; allowed: {kind}.0 to {kind}.{model.line.links - 1}"
+    return f"unknown node; allowed: {kind}.0 to {kind}.{_joints(model) - 1}, each .0 or .1"
+
+
+def _of_model(model: Model, name: str, option: str) -> list[Parameter]:
+    """The parameters of a field of the model, one for each entry that acts, or of one entry."""
+    known = _numbers(model)
+    found = ScenePath(name).entry_of(known)
+    if found is None or len(found[1]) > 1:
+        raise SceneError(f"{option}: {name!r} does not exist in the scene; {nearest(name, paths(model))}")
+    stem, entries = found
+    section, index, field = known[stem]
+    value = np.asarray(getattr(getattr(model, section)[index], field.name))
+    if value.ndim == 0 and not entries:
+        return [_parameter(name, ModelPlace(section, index, field.name), float(value), field.metadata)]
+    flat = value.reshape(-1)
+    count = min(len(flat), _acting_entries(model, section, field, len(flat)))
+    if entries and entries[0] >= count:
+        raise SceneError(f"{option}: {name!r}: unknown entry; allowed: 0 to {count - 1}")
+    parameters = []
+    for i in entries or range(count):
+        where = ModelPlace(section, index, field.name, i)
+        parameters.append(_parameter(f"{stem}.{i}", where, float(flat[i]), field.metadata))
+    return parameters
+
+
+def _acting_entries(model: Model, section: str, field: Field, size: int) -> int:
+    """Number of entries of a field that act: a free end has no joint, a fixed end no moving node."""
+    shape = field.metadata["shape"]
+    if section == "effects" and shape == "joint":
+        return _joints(model)
+    if section == "effects" and shape == "node":
+        return model.free_nodes
+    if section == "lines" and field.name == "mass" and not model.line.compound and model.geometry.is_path:
+        return model.free_nodes
+    return size
+
+
+def _joints(model: Model) -> int:
+    """Number of joints, and of nodes with a marker."""
+    return model.line.links + (1 if model.end_held else 0)
+
+
+#: A bound that must not be reached (of a mass, a length).
+OFF_BOUND = 1e-3
+
+
+def _parameter(name: str, where: ModelPlace, value: float, meta: Mapping[str, Any]) -> Parameter:
+    low = -np.inf if meta["low"] is None else float(meta["low"])
+    if meta["open_low"]:
+        low += OFF_BOUND * abs(value)
+    return Parameter(name, where, value, low, np.inf if meta["high"] is None else float(meta["high"]), meta["unit"])

@@ -31,7 +31,8 @@ from dropper_jax.study.gradient_check import SIZE, GradientCheck
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import study
 from fitting.sensitivity.differences import StudyRuns, changed_values, slopes_of_runs
-from fitting.sensitivity.problem import Study, Varied, floats_of, measure_rows, vary_start
+from fitting.sensitivity.problem import Study, measure_rows
+from fitting.sensitivity.tangents import Varied, floats_of, vary_start
 
 Table = dict[str, Any]
 #: Duration [s], and time over which the sea rises.

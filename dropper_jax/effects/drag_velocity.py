@@ -28,7 +28,7 @@ def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
     If another force reverses a light node within a step, `v_mid + (2 theta - 1)(v_mid - v0)` may point against v_mid,
     and drag would do positive work `-u . v_mid`. Drag alone never does so.
     """
-    if k.before is None:
+    if k.h is None or k.before is None:
         return k.v
     u = drag_velocity(k, decay)
     size = dot(k.v, k.v)

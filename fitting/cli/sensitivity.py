@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         raise SceneError(f"--samples: {args.samples}; allowed: a whole number >= 2")
 
     from fitting import sensitivity
-    from fitting.sensitivity.derivatives import global_text
+    from fitting.sensitivity.global_indices import global_text
     from fitting.sensitivity.result import local_text
 
     problem = sensitivity.study(scene, args.of, args.to.split(","))

@@ -1,8 +1,9 @@
 """Sensitivity of a quantity: derivatives along the whole run, and indices over ranges of parameters."""
 
 from dropper_jax.run.quantities import quantity
-from fitting.sensitivity.derivatives import Global, global_indices, local, windows
-from fitting.sensitivity.problem import Study, check_step, ranges, study
+from fitting.sensitivity.derivatives import local, windows
+from fitting.sensitivity.global_indices import Global, global_indices, ranges
+from fitting.sensitivity.problem import Study, check_step, study
 from fitting.sensitivity.result import Local
 
 __all__ = [

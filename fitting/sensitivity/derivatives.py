@@ -10,9 +10,7 @@ differences of runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -20,32 +18,23 @@ import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
-from dropper_jax.cli.printing import table
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
 from dropper_jax.run.chunks import FACTOR
 from dropper_jax.run.quantities import OVER_STEPS
-from dropper_jax.run.storage import extra
 from dropper_jax.stepping.integrate import Steps, Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
 from fitting.sensitivity.differences import central_differences, error_of_value
-from fitting.sensitivity.problem import (
-    Plan,
-    Study,
-    Varied,
-    floats_of,
-    linear_range,
-    part_of_steps,
-    saved_times,
-    vary_start,
-    vary_study,
-)
+from fitting.sensitivity.linear_range import linear_range
+from fitting.sensitivity.own_steps import part_of_steps, saved_times
+from fitting.sensitivity.problem import Plan, Study
 from fitting.sensitivity.result import TANGENT, Local, empty_result, hide_unresolved, slope_status
+from fitting.sensitivity.tangents import Varied, floats_of, vary_start, vary_study
 
 
 @cached_jit(static=("plan",))
-def _reverse(plan: Plan, model: Model, near: State, values: jax.Array, steps: Steps | None) -> jax.Array:
+def _reverse(plan: Plan, model: Model, near: State, values: jax.Array, steps: Steps) -> jax.Array:
     return jax.grad(lambda p: plan.evaluate(model, near, p, steps, checkpoint=True))(values)
 
 
@@ -155,7 +144,7 @@ def _with_check(problem: Study, found: Local, say: Progress) -> Local:
 def _error_of_steps(problem: Study, at: jax.Array, start: Varied, value: float) -> float:
     """The error of the quantity by a run with four times the accuracy; NaN if a step fails, or steps are equal."""
     settings = problem.scene.run
-    if problem.steps is None or settings.accuracy is None:
+    if problem.of.at_rest or settings.accuracy is None:
         return np.nan
     # steps end at the saved times: with as many of them, those of both would be equal where intervals are short
     duration = settings.rows * settings.interval
@@ -264,109 +253,3 @@ def windows(
     else:
         error = np.full(len(at), np.nan)
     return np.mean(found, axis=0), error, float(times[saves])
-
-
-# Global sensitivity: Sobol indices and Morris screening of a function over a box of parameters (SALib)
-
-METHODS = ("sobol", "morris")
-
-
-@dataclass(frozen=True)
-class Global:
-    """Indices over a box of parameters.
-
-    Attributes:
-        method: `sobol` (first: fraction of the variance by the parameter alone; total: with its interactions) or
-            `morris` (first: mean |elementary effect| [unit of the quantity per range]; total: their standard
-            deviation).
-        names, ranges: of the parameters.
-        first, first_error, total, total_error: (p,), errors at 95 % (NaN if not available).
-        runs, mean, std: number of runs, mean and standard deviation of the quantity over them.
-    """
-
-    method: str
-    names: list[str]
-    ranges: list[tuple[float, float]]
-    first: np.ndarray
-    first_error: np.ndarray
-    total: np.ndarray
-    total_error: np.ndarray
-    runs: int
-    mean: float
-    std: float
-
-    #: Cases that fail are rejected before indices are computed.
-    finite: ClassVar[bool] = True
-    warnings: ClassVar[Sequence[str]] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """The fields."""
-        return asdict(self)
-
-
-def global_indices(
-    function: Callable[[np.ndarray], np.ndarray],
-    names: Sequence[str],
-    box: Sequence[tuple[float, float]],
-    method: str = "sobol",
-    samples: int = 256,
-    seed: int = 0,
-) -> Global:
-    """Sobol indices or Morris screening of a function of (cases, p) -> (cases,) over a box.
-
-    Sobol takes `samples (p + 2)` runs (samples a power of 2), Morris `samples (p + 1)`.
-
-    Raises:
-        SceneError: an unknown method, or cases that failed.
-
-    Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; Morris, Technometrics 33 (1991) 161-174.
-    """
-    if method not in METHODS:
-        raise SceneError(f"method: {method!r}; allowed: {', '.join(METHODS)}")
-    problem = {"num_vars": len(names), "names": list(names), "bounds": [list(pair) for pair in box]}
-    sobol = method == "sobol"
-    if sobol and samples & (samples - 1):
-        raise SceneError(f"samples: {samples}; allowed: a power of 2, such as {2 ** round(np.log2(samples))}")
-    sampler, analyser = (extra(f"SALib.{part}.{method}", "sensitivity") for part in ("sample", "analyze"))
-    more = {"calc_second_order": False} if sobol else {}
-    points = sampler.sample(problem, samples, seed=seed, **more)
-    values = np.asarray(function(points), float)
-    bad = int(np.sum(~np.isfinite(values)))
-    if bad:
-        raise SceneError(f"samples: {bad} of {len(values)} cases failed. Use ranges in which every case runs")
-    columns = [np.zeros(len(names))] * 4
-    if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):
-        values = np.full_like(values, values.mean())
-    elif sobol:
-        found = analyser.analyze(problem, values, seed=seed, **more)
-        columns = [np.asarray(found[key], float) for key in ("S1", "S1_conf", "ST", "ST_conf")]
-    else:
-        found = analyser.analyze(problem, points, values, seed=seed)
-        columns = [np.asarray(found[key], float) for key in ("mu_star", "mu_star_conf", "sigma")]
-        columns.append(np.full(len(names), np.nan))
-    return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))
-
-
-# Sensitivities as text for the terminal
-
-
-def global_text(found: Global, of: str) -> str:
-    """Indices as text, the largest first."""
-    sobol = found.method == "sobol"
-    rows = [
-        [
-            "parameter",
-            "from",
-            "to",
-            *(("first", "+-", "total", "+-") if sobol else ("mean |effect|", "+-", "spread", "")),
-        ]
-    ]
-    for i in np.argsort(-found.total if sobol else -found.first):
-        numbers = (found.first[i], found.first_error[i], found.total[i], found.total_error[i])
-        cells = ["" if np.isnan(x) else f"{x:.3g}" for x in numbers]
-        rows.append([found.names[i], *(f"{x:.4g}" for x in found.ranges[i]), *cells])
-    text = f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"
-    if sobol and np.max(found.total_error) > 0.2:  # of the variance: ranks are then chance
-        more = 4 * found.runs // (len(found.names) + 2)
-        text += f"\n\nintervals of +-{np.max(found.total_error):.2g} are wide; --samples {more} halves them"
-    return text

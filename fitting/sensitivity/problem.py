@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +13,6 @@ import numpy as np
 
 from dropper_jax.backend.batches import map_members
 from dropper_jax.backend.one_kernel import one_kernel
-from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.model import Model, State, state
@@ -25,30 +23,22 @@ from dropper_jax.run.members import StepVerdict, check_steps
 from dropper_jax.run.quantities import OVER_STEPS, Quantity, QuantitySignals, quantity, quantity_signals
 from dropper_jax.run.statistics import OF_SAMPLES, PERIOD
 from dropper_jax.scene import RunSpec, StartSpec
-from dropper_jax.statics.host_stiffness import follow_parameters, free_motion
-from dropper_jax.statics.rest_problem import rest, unbalanced_at
-from dropper_jax.statics.search import outward
+from dropper_jax.statics.host_stiffness import free_motion
 from dropper_jax.statics.static_pose import release_loads
-from dropper_jax.stepping.adaptive import MOST_STEPS, adaptive_start, advance_adaptively, find_lengths
+from dropper_jax.stepping.adaptive import MOST_STEPS, adaptive_start, advance_adaptively
 from dropper_jax.stepping.control import ROUNDING
-from dropper_jax.stepping.integrate import Progress as RunProgress
 from dropper_jax.stepping.integrate import (
     Steps,
     Trajectory,
     advance,
-    advance_and_save,
     along_accepted_steps,
     begin,
-    empty_trajectory,
     integrate,
-    scan_steps,
 )
-from dropper_jax.study.gradient_check import GradientCheck
-from dropper_jax.study.march import spare_rows
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, apply, with_effects
-from fitting.parameters.targets import Direction
+from fitting.sensitivity.own_steps import find_own_lengths, make_steps, saved_times
 
 #: Number of runs of a global study that a GPU advances together.
 RUNS_TOGETHER = 64
@@ -118,12 +108,12 @@ class Plan:
         return self.measure(model, s, run, s.t + interval * (1.0 + jnp.arange(rows)))
 
     def evaluate(
-        self, model: Model, near: State, values: jax.Array, steps: Steps | None, checkpoint: bool = False
+        self, model: Model, near: State, values: jax.Array, steps: Steps, checkpoint: bool = False
     ) -> jax.Array:
         """The quantity of the model with these values (p,), by a run along these steps."""
         model = apply(model, self.parameters, values)
         s = initial_state(model, self.start, near=near)
-        if steps is None:
+        if self.of.at_rest:
             return self.measure(model, s, standing(s), s.t[None])
         return self.measure(model, s, self.march(model, s, steps, checkpoint), s.t + saved_times(steps))
 
@@ -171,11 +161,12 @@ class Study:
         return Plan(self.of, where, self.scene.start, self.scene.run, self.stepper)
 
     @cached_property
-    def steps(self) -> Steps | None:
-        """The steps of its own run; None of a quantity at rest."""
-        if self.of.at_rest:
-            return None
-        return self.steps_of(self.scene.run)
+    def steps(self) -> Steps:
+        """The steps of its own run; none of a quantity at rest."""
+        with jax.ensure_compile_time_eval():
+            if self.of.at_rest:
+                return make_steps(self.model, np.zeros(0), np.zeros(0), failed=False)
+            return self.steps_of(self.scene.run)
 
     def steps_of(self, run: RunSpec) -> Steps:
         """The steps of a run at its own values with other settings.
@@ -187,9 +178,9 @@ class Study:
         """
         if run.accuracy is None:
             length = np.full(run.steps, run.step)
-            return _steps(self.model, length, run.save_every * (1 + np.arange(run.saves)), failed=False)
+            return make_steps(self.model, length, run.save_every * (1 + np.arange(run.saves)), failed=False)
         numbers = (jnp.asarray(x, self.model.dtype) for x in (run.interval, run.rows, run.accuracy))
-        length, number, failed = map(np.asarray, _find_lengths(self.stepper, self.model, self.start, *numbers))
+        length, number, failed = map(np.asarray, find_own_lengths(self.stepper, self.model, self.start, *numbers))
         if number >= MOST_STEPS:
             raise SceneError(f"{self.of.name}: the run takes more than {MOST_STEPS} steps. Use a shorter run.duration")
         length = length[:number]
@@ -198,7 +189,7 @@ class Study:
         else:
             saved = run.interval * (1.0 + np.arange(run.rows))
             ends = np.minimum(np.searchsorted(np.cumsum(length), saved * (1.0 - ROUNDING)) + 1, number)
-        return _steps(self.model, length, ends, bool(failed))
+        return make_steps(self.model, length, ends, bool(failed))
 
     def __call__(self, values: jax.Array) -> jax.Array:
         return self.plan.evaluate(self.model, self.start, values, self.steps)
@@ -232,40 +223,6 @@ class Study:
         return np.asarray(run(jnp.asarray(values, self.model.dtype)))
 
 
-@cached_jit(static=("stepper",), kernel=True)
-def _find_lengths(
-    stepper: Stepper, model: Model, s: State, interval: jax.Array, rows: jax.Array, accuracy: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """`find_lengths` of any run."""
-    return find_lengths(stepper, model, s, interval, rows, accuracy, MOST_STEPS)
-
-
-def _steps(model: Model, length: np.ndarray, ends: np.ndarray, failed: bool) -> Steps:
-    """Steps of these lengths [s], with intervals that have these ends."""
-    none = np.zeros(len(ends), np.int32)
-    residual = np.zeros(len(ends), model.dtype)
-    return Steps(length.astype(model.dtype), ends.astype(np.int32), residual, none, np.full(len(ends), failed))
-
-
-def part_of_steps(steps: Steps, first: int, rows: int) -> Steps:
-    """The steps of `rows` intervals from number `first` on."""
-    ends = steps.ends[first : first + rows]
-    begin = steps.ends[first - 1] if first else 0
-    others = (x[first : first + rows] for x in steps[2:])
-    return Steps(steps.length[begin : ends[-1]], ends - begin, *others)
-
-
-def _padded(steps: Steps) -> Steps:
-    """The same with room for more steps and intervals, so that one program serves many durations."""
-    room = len(steps.length), *[len(steps.ends)] * 4
-    return Steps(*(np.pad(x, (0, spare_rows(n) - n)) for x, n in zip(steps, room, strict=True)))
-
-
-def saved_times(steps: Steps) -> jax.Array:
-    """Ends of the intervals (k,) [s] from the start of the run."""
-    return jnp.cumsum(jnp.asarray(steps.length))[steps.ends - 1]
-
-
 def measure_rows(
     of: Quantity, model: Model, s: State, rows: Trajectory, t: jax.Array, watch: QuantitySignals | None
 ) -> jax.Array:
@@ -283,191 +240,6 @@ def standing(s: State) -> Trajectory:
     r, v, tension, work = one((s.r, s.v, s.tension, s.work))
     residual = jnp.zeros_like(s.t)[None]
     return Trajectory(r, v, tension, work, residual, none, none, never, one(s.parted), one(s.own))
-
-
-class Varied(NamedTuple):
-    """A tree of arrays as a function of the parameters: its values, and the derivatives (p, ...) of its floats."""
-
-    tree: Any
-    slopes: Sequence[jax.Array | np.ndarray]
-
-
-def floats_of(tree: Any) -> list[jax.Array]:
-    return [x for x in jax.tree.leaves(tree) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
-
-
-def _with_floats(tree: Any, values: list[jax.Array]) -> Any:
-    leaves, form = jax.tree.flatten(tree)
-    new = iter(values)
-    return form.unflatten([next(new) if jnp.issubdtype(jnp.result_type(x), jnp.inexact) else x for x in leaves])
-
-
-def _vary(
-    function: Callable[..., Any], parameters: Sequence[Parameter], model: Model, values: jax.Array, *given: Varied
-) -> Varied:
-    """`function(model, *trees)` with its derivatives by the parameters, of which the trees are functions too."""
-
-    def at(p: jax.Array, *floats: list[jax.Array]) -> tuple[list[jax.Array], Any]:
-        trees = (_with_floats(one.tree, new) for one, new in zip(given, floats, strict=True))
-        found = function(apply(model, parameters, p), *trees)
-        return floats_of(found), found
-
-    def along(*direction: Any) -> Varied:
-        _, slopes, found = jax.jvp(at, (values, *(floats_of(one.tree) for one in given)), direction, has_aux=True)
-        return Varied(found, slopes)
-
-    slopes = (one.slopes for one in given)
-    return jax.vmap(along, out_axes=Varied(None, 0))(jnp.eye(len(values)), *slopes)
-
-
-def vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
-    """The initial state s of the model with these values, and its derivatives; a small program for elastic lines."""
-    still = rest(model)
-    if not plan.start.is_static or still.constraints or outward(model) or not still.line.axial.elastic:
-        return _vary_start(plan, model, s, values)
-    count = len(values)
-    found, unsolved = follow_parameters(still, count, partial(_slopes_at_rest, plan, model, s, values))
-    return Varied(found.tree, [x[-count:].at[unsolved].set(jnp.nan) for x in found.slopes])
-
-
-@cached_jit(static=("plan",))
-def _vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
-    """The same for any initial state."""
-    return _vary(lambda changed: initial_state(changed, plan.start, s, there=True), plan.parameters, model, values)
-
-
-@cached_jit(static=("plan",))
-def _slopes_at_rest(
-    plan: Plan, model: Model, s: State, values: jax.Array, by_value: jax.Array, by_position: jax.Array
-) -> tuple[jax.Array, Varied]:
-    """Derivatives of the unbalanced forces (k, free, 3) [N] at rest, and of the state, along k directions of the
-    parameters (k, p) and of the positions (k, free, 3) [m]."""
-
-    def at(p: jax.Array, x: jax.Array) -> tuple[tuple[jax.Array, list[jax.Array]], State]:
-        full = apply(model, plan.parameters, p)
-        loads = release_loads(full, plan.start)
-        rows, tension = unbalanced_at(rest(full), state(full, s.r), loads, x)
-        found = state(full, s.r + x, tension=tension)
-        return (rows, floats_of(found)), found
-
-    def along(*direction: jax.Array) -> tuple[jax.Array, Varied]:
-        _, (rows, slopes), found = jax.jvp(at, (values, jnp.zeros_like(s.r)), direction, has_aux=True)
-        return rows, Varied(found, slopes)
-
-    directions = (part.astype(model.dtype) for part in (by_value, by_position))
-    return jax.vmap(along, out_axes=(0, Varied(None, 0)))(*directions)
-
-
-class _Passed(NamedTuple):
-    """A run between two saved times: its state, and the tensions over the time since the last one (n,) [N s]."""
-
-    progress: RunProgress
-    impulse: jax.Array
-
-
-def _take_step(
-    stepper: Stepper, follows: bool, h: jax.Array, before: jax.Array, since: jax.Array, model: Model, passed: _Passed
-) -> tuple[_Passed, Trajectory]:
-    """One step of h [s] after one of `before` [s], to the time `since` the last saved one [s]; and the row to save
-    after it, of steps that follow an accuracy with mean tensions."""
-    if not follows:
-        progress, row = advance_and_save(stepper, model, passed.progress, h, 1)
-        return passed._replace(progress=progress), row
-    progress, row = advance_and_save(stepper, model, passed.progress, h[None], 1, before=before[None])
-    impulse = passed.impulse + h * row.tension
-    return _Passed(progress, impulse), row._replace(tension=impulse / since)
-
-
-class _Between(NamedTuple):
-    """The loop over the steps between two saved times: the run, the row to save, and the time since the last one."""
-
-    now: Varied
-    row: Varied
-    since: jax.Array
-
-
-@cached_jit(static=("stepper", "parameters", "follows"), kernel=True)
-def _vary_run(
-    stepper: Stepper,
-    parameters: tuple[Parameter, ...],
-    follows: bool,
-    model: Model,
-    values: jax.Array,
-    start: Varied,
-    steps: Steps,
-    count: jax.Array | int,
-) -> Varied:
-    """`count` saved states of a run along known steps, in the first of as many rows as these have ends, with
-    derivatives: one program for any duration, quantity and start. JAX differentiates one step and not the loops around
-    it: a third of the time of tracing.
-    """
-
-    def save(now: Varied, i: jax.Array) -> tuple[Varied, Varied]:
-        first = jnp.where(i > 0, steps.ends[i - 1], 0)
-        nothing = now.tree._replace(impulse=jnp.zeros_like(now.tree.impulse))
-        now = Varied(nothing, [*now.slopes[:-1], jnp.zeros_like(now.slopes[-1])])
-
-        def take(k: jax.Array, so_far: _Between) -> _Between:
-            h = steps.length[k]
-            since = so_far.since + h
-            before = jnp.where(k > 0, steps.length[k - 1], 0.0)
-            one = partial(_take_step, stepper, follows, h, before, since)
-            found = _vary(one, parameters, model, values, so_far.now)
-            after, row = found.tree
-            earlier = so_far.row.tree
-            row = row._replace(
-                residual=jnp.maximum(earlier.residual, row.residual),
-                retried=earlier.retried + row.retried,
-                failed=earlier.failed + row.failed,
-            )
-            floats = len(so_far.now.slopes)
-            return _Between(Varied(after, found.slopes[:floats]), Varied(row, found.slopes[floats:]), since)
-
-        between = _Between(now, jax.tree.map(lambda x: x[0], rows), jnp.zeros((), model.dtype))
-        between = jax.lax.fori_loop(first, steps.ends[i], take, between)
-        return between.now, between.row
-
-    def begun(changed: Model, s: State) -> _Passed:
-        return _Passed(begin(stepper, changed, s), jnp.zeros_like(s.tension))
-
-    now = _vary(begun, parameters, model, values, start)
-    capacity = len(steps.ends)
-    rows = empty_trajectory(now.tree.progress, capacity)
-    slopes = [jnp.zeros((capacity, len(values), *x.shape[1:]), x.dtype) for x in floats_of(rows)]
-    rows = Varied(rows, slopes)
-    run = scan_steps(save, now, count, rows)[1]
-    return Varied(run.tree, [jnp.swapaxes(x, 0, 1) for x in run.slopes])
-
-
-@cached_jit(static=("plan",))
-def _vary_quantity(
-    plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None, t: jax.Array
-) -> Varied:
-    """The quantity of a run from `start` with states saved at t (k,) [s], or of the start alone."""
-    if run is None:
-
-        def measure_start(changed: Model, s: State) -> jax.Array:
-            return plan.measure(changed, s, standing(s), s.t[None])
-
-        return _vary(measure_start, plan.parameters, model, values, start)
-    return _vary(partial(plan.measure, t=t), plan.parameters, model, values, start, run)
-
-
-def vary_study(problem: Study, at: jax.Array, start: Varied, steps: Steps | None) -> tuple[Varied, Varied | None]:
-    """The quantity of a run from `start` along these steps, and the run, with derivatives."""
-    plan = problem.plan
-    model = problem.model
-    t = start.tree.t
-    if steps is None:
-        return _vary_quantity(plan, model, at, start, None, t[None]), None
-    saves = len(steps.ends)
-    spare = _padded(steps)
-    run = _vary_run(plan.stepper, plan.parameters, plan.follows, model, at, start, spare, saves)
-    rows = jax.tree.map(lambda x: np.asarray(x)[:saves], run.tree)
-    if np.any(steps.failed):
-        rows = rows._replace(first_bad=np.zeros_like(rows.first_bad))
-    run = Varied(rows, [np.asarray(x)[:, :saves] for x in run.slopes])
-    return _vary_quantity(plan, model, at, start, run, t + saved_times(steps)), run
 
 
 def study(scene: SceneLike, of: str, to: Sequence[str]) -> Study:
@@ -509,82 +281,3 @@ def check_step(problem: Study, box: Sequence[tuple[float, float]] | None = None,
                 "highest values": problem.scene.with_values(highest),
             }
     return check_steps(members, say)
-
-
-class LinearRange(NamedTuple):
-    """What a run with all parameters changed shows of exact derivatives.
-
-    Attributes:
-        size: relative change of all parameters that they predict: 0.01, 0.001, 0.0001, otherwise 0.
-        error: of the derivatives as predictions of that change (p,): what all together do not predict.
-        warnings: one unless the change is 0.01.
-        along: that run and the one with the opposite change; None where a bound is between.
-    """
-
-    size: float
-    error: np.ndarray
-    warnings: list[str]
-    along: GradientCheck | None
-
-
-def linear_range(
-    problem: Study, value: float, slopes: np.ndarray, evaluate: Callable[[np.ndarray], float]
-) -> LinearRange:
-    """Relative change of all parameters that the derivatives `slopes` (p,) predict.
-
-    A prediction holds within a third of the change, or within 0.01 in `p/Q dQ/dp`. All parameters change together, each
-    in the direction that increases the quantity, so that one run at 1 % is enough for a smooth motion. One with the
-    opposite change checks the derivatives along this direction.
-    """
-    scale = np.array([p.scale for p in problem.parameters])
-    step = np.where(slopes < 0.0, -1.0, 1.0) * scale
-    ahead = problem.values + 0.01 * step
-    inside = [p.low <= x <= p.high for p, x in zip(problem.parameters, ahead, strict=True)]
-    step = np.where(inside, step, -step)
-    behind = problem.values - 0.01 * step
-    along = None
-    changes = []
-    for size in (1e-2, 1e-3, 1e-4):
-        real = evaluate(problem.values + size * step) - value
-        changes.append((real, size * float(slopes @ step)))
-        if size == 1e-2 and all(p.low <= x <= p.high for p, x in zip(problem.parameters, behind, strict=True)):
-            opposite = evaluate(behind) - value
-            along = GradientCheck.of(2.0 * changes[0][1], real - opposite, 2e-4 * abs(value))
-        missed = abs(real - changes[-1][1])
-        # not less: `max` jumps by 0.3 % where another sample becomes the largest, 22 % of a change by 1 % (lab dropper)
-        if missed <= max(abs(changes[-1][1]) / 3.0, 0.01 * size * abs(value)):
-            break
-    else:
-        size = 0.0
-    error = np.where(slopes == 0.0, 0.0, missed / ((size or 1e-4) * scale))
-    if len(changes) == 1:
-        return LinearRange(size, error, [], along)
-    real, predicted = changes[0]
-    unit = problem.of.unit
-    if np.isfinite(real):
-        effect = f"changes by {real:.3g} {unit}"
-    else:
-        effect = "has a failed step"
-    warning = (
-        f"{problem.of.name}: {effect} if all parameters change by 1 %; the derivatives predict {predicted:.3g} "
-        f"{unit}. They are valid for changes below {100 * size or 0.01:.2g} % only. Use a sweep for larger ones"
-    )
-    return LinearRange(size, error, [warning], along)
-
-
-def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
-    """Range of each parameter in a global study: the given one, otherwise +-20 %, inside its bounds."""
-    given = given or {}
-    full = dict(zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True))
-    for name, (low, high) in full.items():
-        if name not in problem.names or not low < high:
-            raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
-    found = []
-    for p in problem.parameters:
-        if isinstance(p.where, Direction) and not p.where.linear:
-            raise SceneError(
-                f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
-            )
-        spread = 0.2 * p.scale
-        found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
-    return found

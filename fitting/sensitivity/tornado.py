@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.plots import style
-from fitting.sensitivity.derivatives import Global
+from fitting.sensitivity.global_indices import Global
 from fitting.sensitivity.result import Local
 
 

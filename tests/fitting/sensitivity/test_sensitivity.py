@@ -16,7 +16,6 @@ from dropper_jax.run.statistics import STATISTICS, excess_kurtosis, statistic
 from fitting import sensitivity
 from fitting.parameters.parameter import apply
 from fitting.sensitivity import global_indices, local, ranges, study, windows
-from fitting.sensitivity.derivatives import global_text
 from fitting.sensitivity.differences import (
     Run,
     StudyRuns,
@@ -25,7 +24,8 @@ from fitting.sensitivity.differences import (
     slopes_of_runs,
     statistic_notes,
 )
-from fitting.sensitivity.problem import saved_times
+from fitting.sensitivity.global_indices import global_text
+from fitting.sensitivity.own_steps import saved_times
 from fitting.sensitivity.result import local_text
 from fitting.sensitivity.tornado import path_label
 

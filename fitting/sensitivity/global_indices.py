@@ -1,0 +1,136 @@
+"""Global sensitivity: Sobol indices and Morris screening of a function over a box of parameters (SALib)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from dropper_jax.base.errors import SceneError
+from dropper_jax.cli.printing import table
+from dropper_jax.run.storage import extra
+from fitting.parameters.names import full_names
+from fitting.parameters.targets import Direction
+from fitting.sensitivity.problem import (
+    Study,
+)
+
+METHODS = ("sobol", "morris")
+
+
+@dataclass(frozen=True)
+class Global:
+    """Indices over a box of parameters.
+
+    Attributes:
+        method: `sobol` (first: fraction of the variance by the parameter alone; total: with its interactions) or
+            `morris` (first: mean |elementary effect| [unit of the quantity per range]; total: their standard
+            deviation).
+        names, ranges: of the parameters.
+        first, first_error, total, total_error: (p,), errors at 95 % (NaN if not available).
+        runs, mean, std: number of runs, mean and standard deviation of the quantity over them.
+    """
+
+    method: str
+    names: list[str]
+    ranges: list[tuple[float, float]]
+    first: np.ndarray
+    first_error: np.ndarray
+    total: np.ndarray
+    total_error: np.ndarray
+    runs: int
+    mean: float
+    std: float
+
+    #: Cases that fail are rejected before indices are computed.
+    finite: ClassVar[bool] = True
+    warnings: ClassVar[Sequence[str]] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """The fields."""
+        return asdict(self)
+
+
+def global_indices(
+    function: Callable[[np.ndarray], np.ndarray],
+    names: Sequence[str],
+    box: Sequence[tuple[float, float]],
+    method: str = "sobol",
+    samples: int = 256,
+    seed: int = 0,
+) -> Global:
+    """Sobol indices or Morris screening of a function of (cases, p) -> (cases,) over a box.
+
+    Sobol takes `samples (p + 2)` runs (samples a power of 2), Morris `samples (p + 1)`.
+
+    Raises:
+        SceneError: an unknown method, or cases that failed.
+
+    Source: Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; Morris, Technometrics 33 (1991) 161-174.
+    """
+    if method not in METHODS:
+        raise SceneError(f"method: {method!r}; allowed: {', '.join(METHODS)}")
+    problem = {"num_vars": len(names), "names": list(names), "bounds": [list(pair) for pair in box]}
+    sobol = method == "sobol"
+    if sobol and samples & (samples - 1):
+        raise SceneError(f"samples: {samples}; allowed: a power of 2, such as {2 ** round(np.log2(samples))}")
+    sampler, analyser = (extra(f"SALib.{part}.{method}", "sensitivity") for part in ("sample", "analyze"))
+    more = {"calc_second_order": False} if sobol else {}
+    points = sampler.sample(problem, samples, seed=seed, **more)
+    values = np.asarray(function(points), float)
+    bad = int(np.sum(~np.isfinite(values)))
+    if bad:
+        raise SceneError(f"samples: {bad} of {len(values)} cases failed. Use ranges in which every case runs")
+    columns = [np.zeros(len(names))] * 4
+    if np.ptp(values) <= 1e-12 * np.max(np.abs(values)):
+        values = np.full_like(values, values.mean())
+    elif sobol:
+        found = analyser.analyze(problem, values, seed=seed, **more)
+        columns = [np.asarray(found[key], float) for key in ("S1", "S1_conf", "ST", "ST_conf")]
+    else:
+        found = analyser.analyze(problem, points, values, seed=seed)
+        columns = [np.asarray(found[key], float) for key in ("mu_star", "mu_star_conf", "sigma")]
+        columns.append(np.full(len(names), np.nan))
+    return Global(method, list(names), list(box), *columns, len(values), float(values.mean()), float(values.std()))
+
+
+def global_text(found: Global, of: str) -> str:
+    """Indices as text, the largest first."""
+    sobol = found.method == "sobol"
+    rows = [
+        [
+            "parameter",
+            "from",
+            "to",
+            *(("first", "+-", "total", "+-") if sobol else ("mean |effect|", "+-", "spread", "")),
+        ]
+    ]
+    for i in np.argsort(-found.total if sobol else -found.first):
+        numbers = (found.first[i], found.first_error[i], found.total[i], found.total_error[i])
+        cells = ["" if np.isnan(x) else f"{x:.3g}" for x in numbers]
+        rows.append([found.names[i], *(f"{x:.4g}" for x in found.ranges[i]), *cells])
+    text = f"{of}: {found.runs} runs, mean {found.mean:.5g}, standard deviation {found.std:.3g}\n\n{table(rows)}"
+    if sobol and np.max(found.total_error) > 0.2:  # of the variance: ranks are then chance
+        more = 4 * found.runs // (len(found.names) + 2)
+        text += f"\n\nintervals of +-{np.max(found.total_error):.2g} are wide; --samples {more} halves them"
+    return text
+
+
+def ranges(problem: Study, given: Mapping[str, tuple[float, float]] | None = None) -> list[tuple[float, float]]:
+    """Range of each parameter in a global study: the given one, otherwise +-20 %, inside its bounds."""
+    given = given or {}
+    full = dict(zip(full_names(problem.scene, list(given), "range"), given.values(), strict=True))
+    for name, (low, high) in full.items():
+        if name not in problem.names or not low < high:
+            raise SceneError(f"range: {name} = {low:g}:{high:g}; allowed: low < high of a parameter of --to")
+    found = []
+    for p in problem.parameters:
+        if isinstance(p.where, Direction) and not p.where.linear:
+            raise SceneError(
+                f"to: the model is not linear in {p.name!r}. Use it in local studies, or in `dropper sweep`"
+            )
+        spread = 0.2 * p.scale
+        found.append(full.get(p.name, (max(p.low, p.value - spread), min(p.high, p.value + spread))))
+    return found

@@ -1,0 +1,51 @@
+"""The steps of the own run of a study, which its other runs repeat."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from dropper_jax.backend.programs import cached_jit
+from dropper_jax.model import Model, State
+from dropper_jax.residual import Stepper
+from dropper_jax.stepping.adaptive import MOST_STEPS, find_lengths
+from dropper_jax.stepping.integrate import Steps
+from dropper_jax.study.march import spare_rows
+
+
+@cached_jit(static=("stepper",), kernel=True)
+def find_own_lengths(
+    stepper: Stepper, model: Model, s: State, interval: jax.Array, rows: jax.Array, accuracy: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """`find_lengths` of any run."""
+    return find_lengths(stepper, model, s, interval, rows, accuracy, MOST_STEPS)
+
+
+def make_steps(model: Model, length: np.ndarray, ends: np.ndarray, failed: bool) -> Steps:
+    """Steps of these lengths [s], with intervals that have these ends."""
+    none = np.zeros(len(ends), np.int32)
+    residual = np.zeros(len(ends), model.dtype)
+    return _on_device(length.astype(model.dtype), ends.astype(np.int32), residual, none, np.full(len(ends), failed))
+
+
+def _on_device(*fields: np.ndarray) -> Steps:
+    return Steps(*map(jnp.asarray, fields))
+
+
+def part_of_steps(steps: Steps, first: int, rows: int) -> Steps:
+    """The steps of `rows` intervals from number `first` on."""
+    length, ends, *others = map(np.asarray, steps)
+    begin = ends[first - 1] if first else 0
+    ends = ends[first : first + rows]
+    return _on_device(length[begin : ends[-1]], ends - begin, *(x[first : first + rows] for x in others))
+
+
+def padded(steps: Steps) -> Steps:
+    """The same with room for more steps and intervals, so that one program serves many durations."""
+    return _on_device(*(np.pad(np.asarray(x), (0, spare_rows(len(x)) - len(x))) for x in steps))
+
+
+def saved_times(steps: Steps) -> jax.Array:
+    """Ends of the intervals (k,) [s] from the start of the run."""
+    return jnp.cumsum(jnp.asarray(steps.length))[steps.ends - 1]

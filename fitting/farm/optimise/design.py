@@ -50,7 +50,15 @@ class Design:
 
     @property
     def dt(self) -> float:
+        """The step of windows [s]."""
         return self.site.run.dt or self.site.scene.run.step
+
+    @property
+    def step_key(self) -> str:
+        """The key of that step, as errors name it."""
+        if "dt" in self.site.steps:
+            return "run.dt"
+        return "run.source_dt of the scene"
 
     def still(self, x: np.ndarray, case: Case) -> RunStart:
         """Calm model and equilibrium of a design in the current and level of a case, all lines intact."""
@@ -153,7 +161,8 @@ class Design:
         full = self._run_parallel(run_fully, "whole runs", say)
         for storm in full:
             if storm.message:
-                raise SceneError(f"design: {storm.message}. Use a smaller run.dt, or bounds nearer to the start")
+                (steps,) = self.site.steps
+                raise SceneError(f"design: {storm.message}. Use a smaller run.{steps}, or bounds nearer to the start")
         windows = [self._window_around_peak(case, storm) for case, storm in zip(self.cases, full, strict=True)]
         stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
 
@@ -161,7 +170,9 @@ class Design:
             soft = self.window(x, windows[i], stands[i], slopes=False)
             if not soft.solved:
                 name = windows[i].case.storm.name
-                raise SceneError(f"design: a window of {name} has steps that do not converge. Use a smaller run.dt")
+                raise SceneError(
+                    f"design: a window of {name} has steps that do not converge. Use a smaller {self.step_key}"
+                )
             return replace(windows[i], factor=full[i].hard / soft.soft, height=soft.hard)
 
         return tuple(self._run_parallel(scale_window, "windows", say)), full

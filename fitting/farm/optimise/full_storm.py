@@ -1,16 +1,21 @@
-"""Full storms of a design: hard peaks over the whole run with the scene's own law, and their times."""
+"""Full storms of a design: hard peaks over all steps of the whole run with the scene's own law, and their times.
+
+They take the steps of load cases, an accuracy or equal ones; windows always take equal ones.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import silent
+from dropper_jax.base.fields import component, option
 from dropper_jax.load.scene import Scene
-from dropper_jax.model import State, state
+from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from fitting.farm.optimise.models import in_waves, sea_of, still_scene
@@ -29,31 +34,48 @@ class Storms:
     message: str = ""
 
 
+@component
+class StepPeaks:
+    """The largest value of each quantity at a step (q,), whose extremes over all steps a run keeps."""
+
+    quantities: tuple[Quantity, ...] = option("of the storm")
+
+    def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
+        peaks = highest_signals(self.quantities, model, after.r[None], after.tension[None])
+        return jnp.concatenate(peaks), after.t
+
+
 def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None) -> Storms:
-    """The whole run of a case of a design; steps that do not converge are halved.
+    """The whole run of a case of a design.
 
     The time before `skip`, or before a line breaks, is not counted.
     """
-    none = np.full(len(quantities), np.nan)
     own = still_scene(site, scene, case.storm, calm=False)
     model = build_model(own)
     if near is not None:
         near = state(model, near.r, tension=near.tension)
     start = near_rest(model, near)
     model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
-    run = replace(own.run, save_every=1)
+    run = own.run
     stepper = stepper_of(model, run, track_work=False)
-    pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run)
-    outcome = run_chunks(pieces, run.saves, silent)
-    found = outcome.trajectory
-    if int(found.first_bad[-1]) >= 0:
-        return Storms(none, none, f"step {int(found.first_bad[-1]) + 1} of {case.storm.name}, seed {case.seed}, failed")
-    first = int(np.floor(site.run_of(case.storm).skip / run.step))
-    hard = []
-    when = []
-    for part in np.array_split(np.arange(first, len(found.r)), max(1, (len(found.r) - first) // 1000)):
-        peaks = highest_signals(tuple(quantities), model, jnp.asarray(found.r[part]), jnp.asarray(found.tension[part]))
-        hard.append([float(jnp.max(x)) for x in peaks])
-        when.append([(part[0] + int(jnp.argmax(x)) + 1) * run.step for x in peaks])
-    best = np.argmax(hard, axis=0)
-    return Storms(np.max(hard, axis=0), np.array(when)[best, np.arange(len(best))])
+    watch = StepPeaks(tuple(quantities))
+    pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run, watch)
+    found = run_chunks(pieces, run.rows, silent).trajectory
+    if found.first_bad[-1] >= 0:
+        none = np.full(len(quantities), np.nan)
+        return Storms(none, none, f"a step of {case.storm.name}, seed {case.seed}, failed")
+    first = int(np.floor(site.run_of(case.storm).skip / run.interval))
+    hard, when = _peaks_of_steps(found.extremes.largest[first:], found.extremes.largest_at[first:])
+    over_run = [i for i, one in enumerate(quantities) if not one.is_instant]
+    for i in over_run:
+        (rows,) = highest_signals((quantities[i],), model, found.r[first:], found.tension[first:])
+        hard[i] = np.max(rows)
+        when[i] = (first + np.argmax(rows) + 1) * run.interval
+    return Storms(hard, when)
+
+
+def _peaks_of_steps(largest: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The largest of rows (k, q), and their times (q,)."""
+    row = np.argmax(largest, axis=0)
+    column = np.arange(largest.shape[1])
+    return np.array(largest[row, column], float), np.array(at[row, column], float)

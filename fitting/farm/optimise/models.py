@@ -66,9 +66,11 @@ def calm_slack_ropes(scene: Scene) -> Scene:
 
 
 def still_scene(site: Site, scene: Scene, storm: Storm, calm: bool) -> Scene:
-    """The scene of a load case without its waves; with `calm` as used in windows."""
+    """The scene of a load case without its waves; with `calm` as used in windows, in equal steps."""
     still = {**site.still_changes(storm), **site.break_changes(storm)}
-    base = site.prepared(scene).with_equal_steps().with_values(still)
+    base = site.prepared(scene).with_values(still)
+    if calm:
+        base = base.with_equal_steps()
     table = base.as_written()
     table["sea"] = {k: v for k, v in table["sea"].items() if k not in ("waves", "ramp", "interpolation")}
     base = Scene.from_dict(table, base.name)

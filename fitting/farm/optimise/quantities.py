@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -31,6 +32,9 @@ class Quantity(ABC):
     """A signal over time with a peak; `name` in tables, static."""
 
     name: str
+
+    #: Whether its value at an instant needs no others.
+    is_instant: ClassVar[bool] = True
 
     @abstractmethod
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
@@ -105,6 +109,8 @@ class Motion(Quantity):
 
     nodes: tuple[int, ...]
     scale: float = 1.0
+
+    is_instant = False
 
     def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
         own = r[:, np.array(self.nodes)]

@@ -131,13 +131,13 @@ def check_slopes(design: Design, windows: Sequence[Window]) -> float:
             if np.isnan(off).all(axis=0).any():
                 raise SceneError(
                     f"optimise: a window of {own.case.storm.name} has steps that do not converge next to the start, so "
-                    "its derivatives cannot be checked. Use a smaller run.dt"
+                    f"its derivatives cannot be checked. Use a smaller {design.step_key}"
                 )
             worst = max(worst, float(np.max(np.nanmin(off, axis=0))))
     if not worst <= check:
         raise SceneError(
             f"optimise: derivatives of a window differ from differences by {worst:.2g} of the largest one; allowed: up "
-            f"to {check:g}. Use a smaller run.dt or a shorter optimise.window"
+            f"to {check:g}. Use a smaller {design.step_key} or a shorter optimise.window"
         )
     return worst
 

@@ -69,7 +69,9 @@ def test_derivatives_next_to_runs_that_fail_are_checked_by_others_or_refused(fai
 
     own = SimpleNamespace(case=SimpleNamespace(storm=SimpleNamespace(name="storm")), polished=False)
     variables = [SimpleNamespace(span=1.0)]
-    design = SimpleNamespace(start=np.ones(1), variables=variables, window=window, run_start=lambda *_: None)
+    design = SimpleNamespace(
+        start=np.ones(1), variables=variables, window=window, run_start=lambda *_: None, step_key="run.dt"
+    )
     if len(failing) == 1:
         assert check_slopes(design, [own]) < 1e-6
     else:

@@ -74,13 +74,16 @@ def plain(name: str, *where: str) -> Part:
 #: Folders whose marked tests are parts of their own; the part `check rest` takes whatever stands elsewhere.
 APART = ("fitting", "effects", "stepping", "integrators", "docs", "moordyn", "statics")
 CALIBRATION = "tests/fitting/calibration"
+#: Fits of measured traces, of which one takes half an hour.
+MEASURED = f"{CALIBRATION}/test_measured.py"
 #: Every command and piece of Python of the pages.
 PAGES = "tests/docs/test_everything_runs.py"
 #: The catalogue in short, which `hard cases` runs in full.
 SHORT_CASES = "tests/hard_cases/test_hard_cases.py::test_hard_case_keeps_its_claim"
 #: Longest first.
 PARTS = (
-    marked("calibration", CALIBRATION),
+    marked("calibration", CALIBRATION, f"--ignore={MEASURED}"),
+    marked("measured", MEASURED),
     marked("fitting", "tests/fitting", f"--ignore={CALIBRATION}"),
     marked("rest", "tests", *(f"--ignore=tests/{name}" for name in APART), f"--deselect={SHORT_CASES}"),
     marked("moorings", "tests/moordyn", "tests/statics"),
@@ -95,7 +98,11 @@ PARTS = (
     Part("browser", (*TESTS, "-k", "browser", "tests/docs/test_site.py", "tests/report/page")),
     Part("figures of the sources", ("benchmarks/source_figures.py", "all", "--plot", "build/check/figures")),
     Part("many scenes", ("tests/many_scenes.py",)),
-    Part("random calls", ("tests/faults/sequences.py",), {"XLA_FLAGS": "--xla_backend_optimization_level=0"}),
+    Part(
+        "random calls",
+        ("tests/faults/sequences.py", "--sequences", "6"),
+        {"XLA_FLAGS": "--xla_backend_optimization_level=0"},
+    ),
     Part("random scenes", (*TESTS, "tests/load/test_fuzz.py"), {"FUZZ_EXAMPLES": "2000"}),
     as_users("schemes", "tests/integrators", "tests/solvers", "tests/report/page"),
     marked("steps", "tests/stepping", "tests/integrators"),

@@ -27,14 +27,7 @@ from dropper_jax.statics.host_stiffness import free_motion
 from dropper_jax.statics.static_pose import release_loads
 from dropper_jax.stepping.adaptive import MOST_STEPS, adaptive_start, advance_adaptively
 from dropper_jax.stepping.control import ROUNDING
-from dropper_jax.stepping.integrate import (
-    Steps,
-    Trajectory,
-    advance,
-    along_accepted_steps,
-    begin,
-    integrate,
-)
+from dropper_jax.stepping.integrate import Steps, Trajectory, advance, along_accepted_steps, begin, integrate
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, apply, with_effects
@@ -69,11 +62,12 @@ class Plan:
     def march(self, model: Model, s: State, steps: Steps, checkpoint: bool = False) -> Trajectory:
         """Saved states of a run from s along these steps."""
         if self.follows:
-            return along_accepted_steps(self.stepper.plain, model, s, steps, 1, checkpoint, None, follows=True)[1]
-        every = self.run.save_every
-        return integrate(self.stepper, model, s, self.run.step, len(steps.ends) * every, every, checkpoint, warn=False)[
-            1
-        ]
+            _, run = along_accepted_steps(self.stepper.plain, model, s, steps, 1, checkpoint, None, follows=True)
+        else:
+            every = self.run.save_every
+            count = len(steps.ends) * every
+            _, run = integrate(self.stepper, model, s, self.run.step, count, every, checkpoint, warn=False)
+        return run
 
     def measure(self, model: Model, s: State, run: Trajectory, t: jax.Array) -> jax.Array:
         """The quantity of states saved at times t (k,) [s], NaN if a step failed."""

@@ -18,8 +18,8 @@ from dropper_jax.statics.host_stiffness import follow_parameters
 from dropper_jax.statics.rest_problem import rest, unbalanced_at
 from dropper_jax.statics.search import outward
 from dropper_jax.statics.static_pose import release_loads
-from dropper_jax.stepping.integrate import Progress as RunProgress
 from dropper_jax.stepping.integrate import (
+    Progress,
     Steps,
     Trajectory,
     advance_and_save,
@@ -108,7 +108,7 @@ def _slopes_at_rest(
 class _Passed(NamedTuple):
     """A run between two saved times: its state, and the tensions over the time since the last one (n,) [N s]."""
 
-    progress: RunProgress
+    progress: Progress
     impulse: jax.Array
 
 

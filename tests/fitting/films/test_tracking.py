@@ -150,7 +150,9 @@ def test_a_video_gives_the_damping_within_five_per_cent(tmp_path):
     effects = {"weight": {}, "linear_damping": {"b_l": 0.06}, "quadratic_damping": {"b_q": 0.005}}
     result = fit(tmp_path / "a.csv", PAIR | {"effects": effects}, method="windows")
     assert result.status == "ok"
-    np.testing.assert_allclose(result.values, [0.02, 0.02], rtol=0.05)
+    damping = ["effects.linear_damping.b_l", "effects.quadratic_damping.b_q"]  # a scale of lengths and the zero follow
+    assert [p.name for p in result.parameters[:2]] == damping
+    np.testing.assert_allclose(result.values[:2], [0.02, 0.02], rtol=0.05)
     # the tracked errors are the fit's weights: a fair chi-square says that they are neither too small nor too large
     assert 0.5 < result.chi2_per_dof < 2.0
 

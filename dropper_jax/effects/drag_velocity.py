@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.base.numerics import dot, safe_norm
+from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics
 
 #: Below this z the excess is computed from its series, whose error there is below 1e-13.
@@ -32,10 +32,10 @@ def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
         return k.v
     u = drag_velocity(k, decay)
     size = dot(k.v, k.v)
-    # of speeds that are differences of rounded positions the direction is chance, and the law would not be solvable
-    far = jax.lax.stop_gradient(jnp.max(jnp.abs(k.r)))
-    noise = ROUNDINGS * jnp.finfo(size.dtype).eps * far / k.h
-    along = dot(u, k.v) + noise * safe_norm(u)
+    # of speeds that are differences of rounded positions the direction is chance, and the law would not be solvable:
+    # u is then nearly the velocity before
+    rounding = ROUNDINGS * jnp.finfo(size.dtype).eps / k.h * jnp.max(jnp.abs(jax.lax.stop_gradient(k.r)))
+    along = dot(u, k.v) + rounding * jnp.max(jnp.abs(jax.lax.stop_gradient(k.before)), axis=-1)
     against = (along < 0.0) & (size > 1e3 * jnp.finfo(size.dtype).tiny)
     return u - (jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0))[:, None] * k.v
 

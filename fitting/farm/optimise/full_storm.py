@@ -61,6 +61,8 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
     watch = StepPeaks(tuple(quantities))
     pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run, watch)
     found = run_chunks(pieces, run.rows, silent).trajectory
+    if found.extremes is None:
+        raise ValueError("a run that is watched has extremes")
     if found.first_bad[-1] >= 0:
         none = np.full(len(quantities), np.nan)
         return Storms(none, none, f"a step of {case.storm.name}, seed {case.seed}, failed")

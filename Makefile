@@ -26,9 +26,9 @@ demo: .venv/.installed
 test: .venv/.installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations=40 --durations-min=5
 
-# What does not fit into `make test`, at most an hour on two cores: the tests marked `check`, programs as users compile
+# What does not fit into `make test`, some five hours on two cores: the tests marked `check`, programs as users compile
 # them, the whole catalogue of hard cases, many kinds of scene in one process, random calls,
-# 2000 random scenes, 2000 damaged files.
+# 2000 random scenes, 2000 damaged files. Each part runs alone too.
 # Two processes at a time, outputs in build/check, a table at the end; CHECK="--only NAME" runs one part.
 check: .venv/.installed-test
 	$(BIN)/python tests/check.py $(CHECK)

@@ -10,7 +10,9 @@ from dropper_jax.model import Kinematics
 
 #: Below this z the excess is computed from its series, whose error there is below 1e-13.
 SMALL = 0.05
-#: Rounding of a node's displacement over a step, in units of that of the largest coordinate.
+#: Rounding of a node's displacement over a step, in units of that of the largest coordinate. Of 300 random pendulums
+#: with drag that stops them at once 40 have a step without a solution with 0, 8 with 8, one with 64; of 300 others 32
+#: with 0, 4 with 64.
 ROUNDINGS = 64.0
 
 

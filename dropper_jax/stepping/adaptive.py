@@ -333,6 +333,12 @@ def find_lengths(
     return lengths, number, end.has_failed | (end.t < last - ROUNDING * dt)
 
 
+def interval_ends(length: jax.Array, dt: float | jax.Array, intervals: int) -> jax.Array:
+    """Number of steps of these lengths (most,) [s] up to the end of each of the intervals of dt [s]."""
+    ends = jnp.searchsorted(jnp.cumsum(length), dt * (1.0 + jnp.arange(intervals)) * (1.0 - ROUNDING)) + 1
+    return jnp.minimum(ends, len(length)).astype(jnp.int32)
+
+
 def integrate_adaptively(
     stepper: Stepper,
     model: Model,
@@ -366,9 +372,7 @@ def integrate_adaptively(
     accuracy = jnp.asarray(accuracy, model.dtype)
     given = jax.lax.stop_gradient((model, s, dt))
     length, _, failed = find_lengths(stepper, *given, intervals, accuracy, most)
-    time = jnp.cumsum(length)
-    ends = jnp.searchsorted(time, dt * (1.0 + jnp.arange(intervals)) * (1.0 - ROUNDING)) + 1
-    ends = jnp.minimum(ends, most).astype(jnp.int32)
+    ends = interval_ends(length, dt, intervals)
     none = jnp.zeros(intervals, jnp.int32)
     found = Steps(length, ends, jnp.zeros(intervals, model.dtype), none, jnp.broadcast_to(failed, (intervals,)))
     return along_accepted_steps(stepper.plain, model, s, found, 1, checkpoint, meter, follows=True)

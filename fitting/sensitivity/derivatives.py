@@ -21,11 +21,10 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
 from dropper_jax.run.chunks import FACTOR
-from dropper_jax.run.quantities import OVER_STEPS
 from dropper_jax.stepping.integrate import Steps, Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
-from fitting.sensitivity.differences import central_differences, error_of_value
+from fitting.sensitivity.differences import central_differences, error_by_coarser, error_of_value
 from fitting.sensitivity.linear_range import linear_range
 from fitting.sensitivity.own_steps import part_of_steps, saved_times
 from fitting.sensitivity.problem import Plan, Study
@@ -152,8 +151,7 @@ def _error_of_steps(problem: Study, at: jax.Array, start: Varied, value: float) 
     accuracy = min(FACTOR * settings.accuracy, 1.0)
     coarser = replace(settings, accuracy=accuracy, save_interval=interval, duration=duration)
     quantity, _ = vary_study(problem, at, start, problem.steps_of(coarser))
-    gain = 1.0 if problem.of.statistic in OVER_STEPS else FACTOR - 1.0
-    return abs(float(quantity.tree) - value) / gain
+    return error_by_coarser(problem.of, value, float(quantity.tree))
 
 
 def _displacements(problem: Study, start: Varied, run: Varied) -> tuple[np.ndarray, np.ndarray, float]:

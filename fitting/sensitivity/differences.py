@@ -89,6 +89,14 @@ class Run(NamedTuple):
 MISSED = 3.0
 
 
+def error_by_coarser(of: Quantity, value: float, coarser: float) -> float:
+    """The error of a quantity by its value in a run with `FACTOR` times the accuracy; of an extreme the whole
+    difference, which depends on few steps."""
+    if of.statistic in OVER_STEPS:
+        return abs(coarser - value)
+    return abs(coarser - value) / (FACTOR - 1.0)
+
+
 class StudyRuns:
     """Runs of a study along the steps of its own run.
 
@@ -121,8 +129,7 @@ class StudyRuns:
         if sum(len(rows.r) for rows in pieces) < len(self.rows.r) // 2 or not pieces:
             return np.nan
         rows = jax.tree.map(lambda *parts: np.concatenate(parts), *pieces)
-        gain = 1.0 if self.problem.of.statistic in OVER_STEPS else FACTOR - 1.0
-        return abs(self.measure(self.model, self.start, rows, 2.0) - self.value) / gain
+        return error_by_coarser(self.problem.of, self.value, self.measure(self.model, self.start, rows, 2.0))
 
     def program(self, model: Model, s: State, record: Record | None) -> Program:
         """The run of a model from a start, along the recorded steps if there are any."""

@@ -25,8 +25,7 @@ from dropper_jax.run.statistics import OF_SAMPLES, PERIOD
 from dropper_jax.scene import RunSpec, StartSpec
 from dropper_jax.statics.host_stiffness import free_motion
 from dropper_jax.statics.static_pose import release_loads
-from dropper_jax.stepping.adaptive import MOST_STEPS, adaptive_start, advance_adaptively
-from dropper_jax.stepping.control import ROUNDING
+from dropper_jax.stepping.adaptive import MOST_STEPS, adaptive_start, advance_adaptively, interval_ends
 from dropper_jax.stepping.integrate import Steps, Trajectory, advance, along_accepted_steps, begin, integrate
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters
@@ -181,8 +180,7 @@ class Study:
         if self.of.statistic in OVER_STEPS:
             ends = 1 + np.arange(number)
         else:
-            saved = run.interval * (1.0 + np.arange(run.rows))
-            ends = np.minimum(np.searchsorted(np.cumsum(length), saved * (1.0 - ROUNDING)) + 1, number)
+            ends = np.asarray(interval_ends(jnp.asarray(length), run.interval, run.rows))
         return make_steps(self.model, length, ends, bool(failed))
 
     def __call__(self, values: jax.Array) -> jax.Array:
@@ -211,7 +209,7 @@ class Study:
         raise SceneError(f"to: {self.of.name} has no finite derivative by {names}. Use another start or parameter")
 
     def batch(self, values: np.ndarray) -> np.ndarray:
-        """The quantity of many values (cases, p) -> (cases,) by one compiled program; each run halves its own steps."""
+        """The quantity of many values (cases, p) -> (cases,) by one compiled program, each run in steps of its own."""
         plan = replace(self, retries=True).plan
         run = jax.jit(map_members(partial(plan.value, self.model, self.start), together=RUNS_TOGETHER))
         return np.asarray(run(jnp.asarray(values, self.model.dtype)))

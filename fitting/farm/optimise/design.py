@@ -56,8 +56,10 @@ class Design:
     @property
     def step_key(self) -> str:
         """The key of that step, as errors name it."""
-        if "dt" in self.site.steps:
+        if self.site.run.dt is not None:
             return "run.dt"
+        if self.site.scene.run.dt is not None:
+            return "run.dt of the scene"
         return "run.source_dt of the scene"
 
     def still(self, x: np.ndarray, case: Case) -> RunStart:

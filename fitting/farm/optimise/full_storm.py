@@ -68,11 +68,11 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
         return Storms(none, none, f"a step of {case.storm.name}, seed {case.seed}, failed")
     first = int(np.floor(site.run_of(case.storm).skip / run.interval))
     hard, when = _peaks_of_steps(found.extremes.largest[first:], found.extremes.largest_at[first:])
-    over_run = [i for i, one in enumerate(quantities) if not one.is_instant]
-    for i in over_run:
-        (rows,) = highest_signals((quantities[i],), model, found.r[first:], found.tension[first:])
-        hard[i] = np.max(rows)
-        when[i] = (first + np.argmax(rows) + 1) * run.interval
+    for i, quantity in enumerate(quantities):
+        if not quantity.is_instant:
+            (rows,) = highest_signals((quantity,), model, found.r[first:], found.tension[first:])
+            hard[i] = np.max(rows)
+            when[i] = (first + np.argmax(rows) + 1) * run.interval
     return Storms(hard, when)
 
 

@@ -1,4 +1,4 @@
-"""`dropper optimise SITE.toml`: the design that meets a site's limits at minimum cost, found by exact derivatives."""
+"""`dropper optimise SITE.toml`: the design that meets a site's limits at minimum cost, by derivatives of its storms."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     state = output_file(args.state, "--state", (".json",))
 
-    from fitting.farm.optimise.run import along_text, check_along, check_derivatives, optimise, read_problem
+    from fitting.farm.optimise.run import along_error, along_text, check_along, optimise, read_problem
     from fitting.farm.site import read_site
 
     register_effects(args)
@@ -43,11 +43,10 @@ def run(args: argparse.Namespace) -> int:
     say = progress(args.quiet)
     if args.check:
         problem = read_problem(site)
-        worst = check_derivatives(problem, say)
         along = check_along(problem, say)
         say(1.0, "ok")
-        agreement = f"derivatives agree with differences to {worst:.1e}; {along_text(along)}: {along.status}"
-        return print_result(args, done_object(check=worst, along=along._asdict()), agreement)
+        result = done_object(check=along_error(along), along=along._asdict())
+        return print_result(args, result, f"{along_text(along)}: {along.status}")
     found = optimise(site, state, say)
     say(1.0, "ok" if found.feasible else "no design met all constraints")
     print_warnings(found.warnings)
@@ -93,7 +92,7 @@ def text(found: Optimum) -> str:
     if found.residual == found.residual:  # a number
         apart = f"windows and whole runs differed by up to {found.residual:.1%} of a limit before the last update"
     end = (
-        f"constraints of whole runs, {found.characteristic}; derivatives checked to {found.check:.1e}; "
+        f"constraints of whole runs, {found.characteristic}; "
         f"{along_text(found.along)}; {apart}; "
         f"constraints and bounds balance {max(found.held, 0.0):.0%} of the objective's slope; {found.rounds} rounds, "
         f"{found.runs} evaluations"

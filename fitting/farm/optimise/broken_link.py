@@ -2,7 +2,7 @@
 
     s_1 = run(intact, s_0),    s_2 = run(parted, s_1)
 
-The backward pass includes both runs, so the impact of the break is in the derivatives. The peak load of a whole run
+Derivatives are those of both runs, so the impact of the break is in them. The peak load of a whole run
 may occur long after the break, when the farm has drifted to another position. The window then starts from the
 equilibrium without that link (`settled`), which is solved again and follows the variables by its own stiffness.
 """

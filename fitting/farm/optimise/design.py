@@ -18,16 +18,21 @@ from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import State
 from dropper_jax.scene import whole_lines
+from dropper_jax.scene.run import DEFAULT_ACCURACY
 from fitting.farm.optimise.broken_link import link_of, masked_still
 from fitting.farm.optimise.full_storm import Storms, full_storm
 from fitting.farm.optimise.goals import Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, designs_beside, idle, in_assumed, sea_of, still
 from fitting.farm.optimise.quantities import Quantity
-from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, peaks
+from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, peaks
 from fitting.farm.optimise.values import RunStart, Values, Window, rest
 from fitting.farm.optimise.variables import Variable, with_design
 from fitting.farm.site import Case, Part, Site
+from fitting.farm.site.site import LONGEST_INTERVAL
+
+#: Change of a variable in derivatives of windows, relative to its range, and of the assumptions.
+CHANGE = 2e-3
 
 
 class Design:
@@ -38,6 +43,11 @@ class Design:
         self.site, self.calm = site, replace(site, states=(None,))  # windows break their lines themselves
         self.variables, self.goals, self.settings = tuple(variables), goals, settings
         self.cases = self.site.cases
+        steps = site.prepared().run
+        interval, accuracy = min(steps.interval, LONGEST_INTERVAL), steps.accuracy or DEFAULT_ACCURACY
+        #: Windows follow the accuracy of the site's runs, or the default one where these take equal steps.
+        self.window_run = WindowRun(settings.window, interval, accuracy)
+        self._sizes = CHANGE * np.array([*(v.span for v in self.variables), *np.ones(len(ASSUMPTIONS))])
         self._near: dict[object, State] = {}
         self._quantities: dict[str, tuple[Quantity, ...]] = {}
         self._strength = [strength_of(part, self.site.scene) for part in self.site.parts]
@@ -47,20 +57,6 @@ class Design:
     @property
     def start(self) -> np.ndarray:
         return np.array([v.value for v in self.variables])
-
-    @property
-    def dt(self) -> float:
-        """The step of windows [s]."""
-        return self.site.run.dt or self.site.scene.run.step
-
-    @property
-    def step_key(self) -> str:
-        """The key of that step, as errors name it."""
-        if self.site.run.dt is not None:
-            return "run.dt"
-        if self.site.scene.run.dt is not None:
-            return "run.dt of the scene"
-        return "run.source_dt of the scene"
 
     def still(self, x: np.ndarray, case: Case) -> RunStart:
         """Calm model and equilibrium of a design in the current and level of a case, all lines intact."""
@@ -140,8 +136,8 @@ class Design:
         scene = with_design(self.calm.scene, self.variables, x)
         sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
         quantities = self.quantities(window.case, start.still)
-        duration = self.settings.window
-        return peaks(start.still, start.rest, sea, quantities, self.dt, duration, slopes, window.height, start.after)
+        sizes = self._sizes if slopes else None
+        return peaks(start.still, start.rest, sea, quantities, self.window_run, sizes, window.height, start.after)
 
     def renew_windows(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], list[Storms]]:
         """Windows around the peak loads of the whole runs of a design, and these runs' hard peaks.
@@ -172,9 +168,7 @@ class Design:
             soft = self.window(x, windows[i], stands[i], slopes=False)
             if not soft.solved:
                 name = windows[i].case.storm.name
-                raise SceneError(
-                    f"design: a window of {name} has steps that do not converge. Use a smaller {self.step_key}"
-                )
+                raise SceneError(f"design: a window of {name} has steps that do not converge")
             return replace(windows[i], factor=full[i].hard / soft.soft, height=soft.hard)
 
         return tuple(self._run_parallel(scale_window, "windows", say)), full

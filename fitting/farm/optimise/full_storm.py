@@ -1,6 +1,6 @@
 """Full storms of a design: hard peaks over all steps of the whole run with the scene's own law, and their times.
 
-They take the steps of load cases, an accuracy or equal ones; windows always take equal ones.
+They take the steps of load cases, an accuracy or equal ones; windows always follow an accuracy.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class StepPeaks:
     quantities: tuple[Quantity, ...] = option("of the storm")
 
     def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
-        peaks = highest_signals(self.quantities, model, after.r[None], after.tension[None])
+        peaks = highest_signals(self.quantities, model, after.r[None], after.tension[None], jnp.ones(1))
         return jnp.concatenate(peaks), after.t
 
 
@@ -50,7 +50,7 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
 
     The time before `skip`, or before a line breaks, is not counted.
     """
-    own = still_scene(site, scene, case.storm, calm=False)
+    own = still_scene(site, scene, case.storm)
     model = build_model(own)
     if near is not None:
         near = state(model, near.r, tension=near.tension)
@@ -68,9 +68,10 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
         return Storms(none, none, f"a step of {case.storm.name}, seed {case.seed}, failed")
     first = int(np.floor(site.run_of(case.storm).skip / run.interval))
     hard, when = _peaks_of_steps(found.extremes.largest[first:], found.extremes.largest_at[first:])
+    r, tension = found.r[first:], found.tension[first:]
     for i, quantity in enumerate(quantities):
         if not quantity.is_instant:
-            (rows,) = highest_signals((quantity,), model, found.r[first:], found.tension[first:])
+            (rows,) = highest_signals((quantity,), model, r, tension, jnp.ones(len(r)))
             hard[i] = np.max(rows)
             when[i] = (first + np.argmax(rows) + 1) * run.interval
     return Storms(hard, when)

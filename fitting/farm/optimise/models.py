@@ -1,8 +1,8 @@
 """Models of a design in calm water with the derivatives of their numbers by the variables.
 
 The effect of a variable on the model is computed on the host, by central differences of the scene's own arithmetic:
-leaves of a model are smooth in lengths, diameters and volumes, so that steps of 1e-4 have errors of 1e-8. The compiled
-programs then only need the derivative of a run with respect to the leaves (the chain rule).
+leaves of a model are smooth in lengths, diameters and volumes, so that steps of 1e-4 have errors of 1e-8. Windows then
+move the leaves along them, without another scene.
 """
 
 from __future__ import annotations
@@ -46,42 +46,18 @@ class Still:
     assumed: bool = False
 
 
-def calm_slack_ropes(scene: Scene) -> Scene:
-    """The scene with ropes whose damper also acts in slack links (`damped_rope`), at least critically damped.
-
-    Slack ropes with the plain law chatter: a difference of 1e-9 m grows to 1e-2 m within ten seconds and remains. It
-    changes peaks by less than 1 %, but derivatives through it are noise. With this damper it does not grow at all. The
-    effect of the damper on the peaks is compensated by the factor between soft and hard ones (see `storm`).
-    """
-    if scene.written is None:
-        return scene
-    table = scene.as_written()
-    for kind in table.get("line_type", []):
-        if kind.get("law", "rope") == "rope":
-            kind["law"] = "damped_rope"
-            if kind.get("damping") is None:
-                # ratio of the ropes' damping to the critical one of a link in windows
-                kind["damping_ratio"] = max(float(kind.get("damping_ratio") or 0.0), 1.0)
-    return Scene.from_dict(table, scene.name)
-
-
-def still_scene(site: Site, scene: Scene, storm: Storm, calm: bool) -> Scene:
-    """The scene of a load case without its waves; with `calm` as used in windows, in equal steps."""
+def still_scene(site: Site, scene: Scene, storm: Storm) -> Scene:
+    """The scene of a load case without its waves."""
     still = {**site.still_changes(storm), **site.break_changes(storm)}
     base = site.prepared(scene).with_values(still)
-    if calm:
-        base = base.with_equal_steps()
     table = base.as_written()
     table["sea"] = {k: v for k, v in table["sea"].items() if k not in ("waves", "ramp", "interpolation")}
-    base = Scene.from_dict(table, base.name)
-    if calm:
-        return calm_slack_ropes(base)
-    return base
+    return Scene.from_dict(table, base.name)
 
 
 def still_model(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Model:
     """The model of a design in calm water."""
-    return build_model(still_scene(site, with_design(site.scene, variables, values), storm, calm=True))
+    return build_model(still_scene(site, with_design(site.scene, variables, values), storm))
 
 
 def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Still:

@@ -1,6 +1,6 @@
 """Quantities of a storm: peaks of signals, each relative to its limit, as hard and as soft maxima.
 
-    soft = s log sum exp(x/s),    s = SHARPNESS times a fixed height
+    soft = s log int exp(x/s) dt / 1 s,    s = PEAK_WIDTH times a fixed height
 
 A signal is positive and reaches 1 at its limit: load times factor over capacity, the minimum distance over a distance.
 """
@@ -37,13 +37,15 @@ class Quantity(ABC):
     is_instant: ClassVar[bool] = True
 
     @abstractmethod
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
-        """Values (k, m) at k times, from free nodes (k, nodes, 3) and tensions (k, n)."""
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
+        """Values (k, m) of k steps, from free nodes (k, nodes, 3), tensions (k, n) and the time that each counts
+        (k,) [s]."""
 
-    def soft(self, model: Model, r: jax.Array, tension: jax.Array, height: jax.Array) -> jax.Array:
+    def soft(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array, height: jax.Array) -> jax.Array:
         """The soft peak for hard ones of about `height`, which is fixed; differentiable."""
         width = PEAK_WIDTH * height
-        return width * jax.scipy.special.logsumexp(self.signal(model, r, tension) / width)
+        signal = self.signal(model, r, tension, time)
+        return width * jax.scipy.special.logsumexp(signal / width, b=time[:, None])
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Load(Quantity):
     links: tuple[int, ...]
     scale: tuple[float, ...]
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
         return jnp.maximum(tension[:, np.array(self.links)], 0.0) * np.array(self.scale)
 
 
@@ -75,7 +77,7 @@ class AnchorLoad(Quantity):
     any_direction: bool
     uplift: float | None = None
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
         start = jnp.zeros((), r.dtype)
         pulled = jnp.maximum(tension, 0.0)
         load = lambda r, tension: load_on_fixed_point(model, self.links, self.signs, r, tension, start)  # noqa: E731
@@ -98,7 +100,7 @@ class Clearance(Quantity):
     pairs: tuple[tuple[int, int], ...]
     least: float
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
         one, other = np.array(self.pairs).T
         return self.least / jnp.maximum(safe_norm(r[:, one] - r[:, other]), 1e-3 * self.least)
 
@@ -112,9 +114,10 @@ class Motion(Quantity):
 
     is_instant = False
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
         own = r[:, np.array(self.nodes)]
-        return self.scale * safe_norm(own - jnp.mean(own, axis=0))
+        mean = jnp.tensordot(time, own, axes=1) / jnp.sum(time)
+        return self.scale * safe_norm(own - mean)
 
 
 @dataclass(frozen=True)
@@ -124,7 +127,7 @@ class Named(Quantity):
     of: named.Quantity
     scale: float
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
         now = jnp.zeros((), r.dtype)
         return self.scale * jax.vmap(lambda r, tension: self.of.instant(model, r, r, r, tension, now))(r, tension)
 

@@ -20,7 +20,7 @@ from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.prices import prices
 from fitting.farm.optimise.search import RESIDUAL, Search, Start, constraints_by_name, measure, programme, run_search
-from fitting.farm.optimise.storm import Peaks, Settings
+from fitting.farm.optimise.storm import Settings
 from fitting.farm.optimise.values import Dominated, Values, Window, dominated_slopes
 from fitting.farm.optimise.variables import Variable, bounds, read_variables
 from fitting.farm.site import Site
@@ -51,7 +51,6 @@ class Optimum:
         residual: maximum difference, in limits, of constraints by windows (soft peaks times factors) from those of
             whole runs at `after`, before windows and factors were updated there; NaN if the start was the best.
         held: fraction of the objective's slope at `after` that active constraints and bounds balance: 1 at an optimum.
-        check: error of the derivatives before the search, relative to the largest one.
         along: two runs of a window along the gradient of its highest peak, before the search.
         warnings: reasons to doubt the result.
         dominated: derivatives of active constraints by variable that one seed dominates, with their mean and median.
@@ -68,7 +67,6 @@ class Optimum:
     feasible: bool
     residual: float
     held: float
-    check: float
     rounds: int
     runs: int
     history: list[Table]
@@ -84,7 +82,8 @@ class Optimum:
 
     def to_json(self) -> Table:
         """Plain values."""
-        found = {**asdict(self), "gain": self.gain, "along": self.along._asdict()}
+        along = self.along
+        found = {**asdict(self), "gain": self.gain, "check": along_error(along), "along": along._asdict()}
         return {key: jsonable(value) for key, value in found.items()}
 
 
@@ -102,46 +101,6 @@ def read_problem(site: Site) -> Design:
     return design
 
 
-def check_slopes(design: Design, windows: Sequence[Window]) -> float:
-    """Maximum difference of a window's derivatives from central differences, along random directions.
-
-    Raises:
-        SceneError: it exceeds 1 %.
-    """
-    # permitted maximum difference of derivatives in their check, relative to the largest derivative, at the better step
-    check = 1e-2
-    rng = np.random.default_rng(0)
-    x = design.start
-    span = np.array([v.span for v in design.variables])
-    worst = 0.0
-
-    def window(x: np.ndarray, window: Window, slopes: bool) -> Peaks:
-        return design.window(x, window, design.run_start(x, window.case, {}, window.polished), slopes)
-
-    for own in windows:
-        slope = window(x, own, True).slope[:, : len(x)]
-        size = np.maximum(np.max(np.abs(slope * span), axis=1), 1e-6)
-        for _ in range(2):
-            way = rng.choice([-1.0, 1.0], len(x)) * span
-            off = []
-            # relative to a variable's range: with larger steps links go slack and nodes touch the seabed
-            for step in (1e-6, 1e-7):
-                ends = [window(x + sign * step * way, own, False).soft for sign in (1.0, -1.0)]
-                off.append(np.abs((ends[0] - ends[1]) / (2 * step) - slope @ way) / size)
-            if np.isnan(off).all(axis=0).any():
-                raise SceneError(
-                    f"optimise: a window of {own.case.storm.name} has steps that do not converge next to the start, so "
-                    f"its derivatives cannot be checked. Use a smaller {design.step_key}"
-                )
-            worst = max(worst, float(np.max(np.nanmin(off, axis=0))))
-    if not worst <= check:
-        raise SceneError(
-            f"optimise: derivatives of a window differ from differences by {worst:.2g} of the largest one; allowed: up "
-            f"to {check:g}. Use a smaller {design.step_key} or a shorter optimise.window"
-        )
-    return worst
-
-
 def optimise(site: Site, state: str | Path | None = None, say: Progress = silent) -> Optimum:
     """The best design of a site.
 
@@ -155,22 +114,21 @@ def optimise(site: Site, state: str | Path | None = None, say: Progress = silent
     design = read_problem(site)
     file = None if state is None else Path(state)
     mark = _mark(design)
-    search, off, along = _resume_search(file, mark, design)
+    search, along = _resume_search(file, mark, design)
 
     def save() -> None:
         if file is not None:
-            table = {"site": mark, "check": off, "along": along._asdict(), **asdict(search)}
+            table = {"site": mark, "along": along._asdict(), **asdict(search)}
             atomic_write(file, json.dumps(jsonable(table)))
 
     if search.before is None:
         _possible(design)
-        off = check_derivatives(design, say)
         along = check_along(design, say)
         save()
     start = search.before
     if start is None or not search.done:
         start = run_search(search, design, save, say)
-    return _optimum(design, search, start, off, along, say)
+    return _optimum(design, search, start, along, say)
 
 
 def _possible(design: Design) -> None:
@@ -207,17 +165,15 @@ def _mark(design: Design) -> str:
     return hashlib.sha256(json.dumps(jsonable(table), sort_keys=True, default=str).encode()).hexdigest()
 
 
-def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, float, GradientCheck]:
-    fresh = Search(design.start, design.settings.reach)
+def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search, GradientCheck]:
     if file is None or not file.exists():
-        return fresh, np.nan, GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
+        return Search(design.start, design.settings.reach), GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
     try:
         table: Table = json.loads(file.read_text(encoding="utf-8"))
         if table.pop("site") != mark:
             raise SceneError(
                 f"--state: {str(file)!r} belongs to another site or version of it. Use its own, or a new file"
             )
-        off = table.pop("check")
         along: Table = {key: np.nan if x is None else x for key, x in table.pop("along").items()}
         for key in ("x", "best", "fixed"):
             if table[key] is not None:
@@ -226,14 +182,14 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
             table["best_objective"] = np.inf
         if table["before"] is not None:
             table["before"] = Start(**table["before"])
-        return Search(**table), np.nan if off is None else off, GradientCheck(**along)
+        return Search(**table), GradientCheck(**along)
     except (ValueError, KeyError, TypeError):
         raise SceneError(
             f"--state: {str(file)!r} is not a state of a search. Use one that it wrote, or a new file"
         ) from None
 
 
-def _optimum(design: Design, search: Search, before: Start, off: float, along: GradientCheck, say: Progress) -> Optimum:
+def _optimum(design: Design, search: Search, before: Start, along: GradientCheck, say: Progress) -> Optimum:
     """The end of a search: constraints of whole runs, prices, assumptions."""
     feasible = search.best is not None
     if feasible:
@@ -261,7 +217,6 @@ def _optimum(design: Design, search: Search, before: Start, off: float, along: G
         feasible=feasible,
         residual=residual,
         held=1.0 - price.left,
-        check=off,
         rounds=search.round,
         runs=len(search.history),
         history=search.history,
@@ -316,15 +271,14 @@ def design_warnings(
     return [reason for applies, reason in reasons if applies]
 
 
+def along_error(along: GradientCheck) -> float:
+    """Relative error of the derivative along the gradient."""
+    return abs(along.ratio - 1.0)
+
+
 def along_text(along: GradientCheck) -> str:
     """What two runs along the gradient show."""
     return f"two runs along the gradient change the highest peak by {along.ratio:.3g} of what it predicts"
-
-
-def check_derivatives(design: Design, say: Progress = silent) -> float:
-    """The check of a design's derivatives at its start: see `check_slopes`."""
-    say(0.0, "checking derivatives")
-    return check_slopes(design, first_windows(design))
 
 
 def check_along(design: Design, say: Progress = silent) -> GradientCheck:

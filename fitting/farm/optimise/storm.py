@@ -1,46 +1,62 @@
 """Windows of storms: peaks and their derivatives by the variables, statics included.
 
 A window is a separate run. It starts from equilibrium, and its waves rise over `WINDOW_RAMP` seconds with the phase of
-the storm from `begin` on. When it meets the storm's largest waves, its motion no longer depends on the start.
+the storm from `begin` on. When it meets the storm's largest waves, its motion no longer depends on the start. Its steps
+follow an accuracy.
 
-    dJ/dp = J_p + sum over leaves m of J_m dm/dp + J_r dr_0/dp + J_T dT_0/dp
+    dJ/dp_k = (J(m + h dm/dp_k, r_0 + h dr_0/dp_k, T_0 + h dT_0/dp_k) - J(m - ..., ...))/2h
+
+All runs of one derivative take the steps of the first, so that their difference is smooth. Exact derivatives are of no
+use here, because they grow by up to e^16 per second while ropes are slack. With the law `SlackTangent`, derivatives of
+peaks were wrong by up to ten times where ropes snap.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Check, raises_first
+from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import parameter
 from dropper_jax.base.read import DeclaredSection
 from dropper_jax.base.read import count as whole_number
-from dropper_jax.model import Model
+from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.sea import Sea
-from dropper_jax.stepping.adjoint import Record, backward_pass, check_recordable, record
+from dropper_jax.stepping.adaptive import MOST_STEPS, find_lengths
+from dropper_jax.stepping.integrate import (
+    Progress,
+    Trajectory,
+    advance_and_save,
+    begin,
+    empty_trajectory,
+    scan_steps,
+)
 from dropper_jax.stepping.stepper import make_stepper
+from dropper_jax.study.march import spare_rows
 from fitting.farm.optimise.models import Still, in_waves, leaf_numbers
 from fitting.farm.optimise.quantities import Quantity
 from fitting.farm.optimise.values import Rest
 
 #: Time [s] in which the waves of a window rise; it is not counted.
 WINDOW_RAMP = 10.0
-#: Maximum number of corrections of a step: windows take no shorter steps, and a step in which ropes go slack may need
-#: three times as many as in a run.
-WINDOW_ITERATIONS = 72
-#: Times that a window with a step that does not converge is repeated with half the step. Of 96 windows in the design of
-#: the packaged longline 70 need at least one, 44 two and 7 three of a step of 0.05 s.
-WINDOW_HALVINGS = 3
+#: Part of a window before a line breaks.
+INTACT_PART = 1.0 / 3.0
 
-_record = cached_jit(static=("stepper", "steps"), kernel=True)(record)
-_backward_pass = cached_jit(static=("stepper", "moving"), kernel=True)(backward_pass)
+
+class WindowRun(NamedTuple):
+    """How windows run: duration and longest step [s], accuracy of the steps."""
+
+    duration: float
+    interval: float
+    accuracy: float
 
 
 @dataclass(frozen=True)
@@ -59,145 +75,182 @@ class Peaks:
     solved: bool
 
 
-def storm_stepper(model: Model) -> Stepper:
-    """The stepper of windows: energy-momentum, without halved steps.
-
-    Raises:
-        SceneError: a scene without a backward pass.
-    """
-    stepper = make_stepper(model, halvings=0, iterations=WINDOW_ITERATIONS, track_work=False)
-    check_recordable(stepper, model)
-    return stepper
-
-
 def peaks(
     still: Still,
     rest: Rest,
     sea: Sea,
     quantities: Sequence[Quantity],
-    dt: float,
-    duration: float,
-    slopes: bool = True,
+    run: WindowRun,
+    sizes: np.ndarray | None = None,
     heights: np.ndarray | None = None,
     after: Still | None = None,
 ) -> Peaks:
-    """Peaks of a window of `duration` [s] in a sea whose waves rise at its start.
+    """Peaks of a window in a sea whose waves rise at its start.
 
     Args:
+        sizes: changes of the variables (p,) for derivatives; None for none.
         after: the model of the second and last third of the window, without one link, to which the peaks then apply
             (see `broken`); default: `still`.
         heights: approximate peaks (q,), which define the width of soft ones; default: the hard peaks. They are fixed:
             two calls that are compared must use the same.
     """
-    stills = [still] if after is None else [still, after, after]
+    quantities = tuple(quantities)
+    stills = [still] if after is None else [still, after]
     models = [in_waves(one.model, sea) for one in stills]
-    stepper = storm_stepper(models[0])
-    for halving in range(WINDOW_HALVINGS + 1):
-        h = dt / 2**halving
-        steps = int(round(duration / h / len(stills)))
-        # windows do not record work: every phase has the same kind of state, and so one program
-        runs = []
-        s = replace(rest.state, work=jnp.zeros(0, models[0].dtype))
-        for model in models:
-            runs.append(_record(stepper, model, s, jnp.asarray(h, model.dtype), steps=steps))
-            s = runs[-1].last
-        if all(float(run.residual) <= stepper.limit(model) for run, model in zip(runs, models, strict=True)):
-            numbers = None
-            if slopes:
-                numbers = leaf_numbers(models[-1], stills[-1])
-            return _peaks(stepper, models, runs, numbers, rest, tuple(quantities), h, heights)
+    check_windows(models[0])
+    # windows do not record work: every phase has the same kind of state, and so one program
+    start = replace(rest.state, work=jnp.zeros(0, models[0].dtype))
+    stepper = make_stepper(models[0], track_work=False)
+    own = _own_run(stepper, models, start, run)
     none = np.full(len(quantities), np.nan)
-    return Peaks(none, none, np.full((len(quantities), len(rest.dr) if slopes else 0), np.nan), False)
+    slope = np.full((len(quantities), 0 if sizes is None else len(sizes)), np.nan)
+    if own is None:
+        return Peaks(none, none, slope, False)
+    hard = np.asarray(_hard(quantities, models[-1], *own.signals))
+    scale = jnp.asarray(hard if heights is None else heights, models[0].dtype)
+    soft = np.asarray(_soft(quantities, models[-1], scale, *own.signals))
+    if sizes is None:
+        return Peaks(hard, soft, slope, True)
+    numbers = leaf_numbers(models[-1], stills[-1])
 
-
-def _peaks(
-    stepper: Stepper,
-    models: list[Model],
-    runs: list[Record],
-    numbers: dict[int, np.ndarray] | None,
-    rest: Rest,
-    quantities: tuple[Quantity, ...],
-    h: float,
-    heights: np.ndarray | None,
-) -> Peaks:
-    """Peaks of the runs of a window's phases, with slopes if those of the leaves (`numbers`) are given."""
-    model = models[-1]
-    steps = len(runs[0].tension)
-    # steps that are not counted: the first third of a window in which a line breaks, or those of the ramp
-    if len(runs) > 1:
-        first = steps
-    else:
-        first = max(0, min(round(WINDOW_RAMP / h), steps - 1))
-    r = jnp.concatenate([run.r for run in runs])[first:]
-    tension = jnp.concatenate([run.tension for run in runs])[first:]
-    hard = np.asarray(_hard(quantities, model, r, tension))
-    sizes = jnp.asarray(hard if heights is None else heights, model.dtype)
-    if numbers is None:
-        soft = np.asarray(_soft(quantities, model, sizes, r, tension))
-        return Peaks(hard, soft, np.zeros((len(hard), 0)), True)
-    table = tuple(numbers)
-    leaves = [jnp.asarray(numbers[i]) for i in table]
-    soft, by_shift, by_r, by_t = _by_signals(quantities, table, model, leaves, sizes, r, tension)
-    ahead = ((first, 0), (0, 0), (0, 0))
-    by_r = jnp.pad(by_r, (*ahead, (0, 0)))
-    by_t = jnp.pad(by_t, ahead)
-    slope = np.array(by_shift)
-    end = jax.tree.map(lambda a: jnp.zeros((len(hard), *a.shape), a.dtype), runs[-1].last)
-    chain = []
-    for model, run in zip(reversed(models), reversed(runs), strict=True):
-        begin = len(by_t) - len(run.tension)
-        by_leaf, end = _backward_pass(
-            stepper, model, table, run, jnp.asarray(h, model.dtype), by_r[begin:], by_t[begin:], end
+    def soft_at(shift: jax.Array) -> np.ndarray:
+        """Soft peaks with the variables shifted (p,), along the same steps."""
+        shifted = [shift_model(model, list(numbers), list(numbers.values()), shift) for model in models]
+        s = replace(
+            start,
+            r=start.r + jnp.tensordot(shift, rest.dr, axes=1),
+            tension=start.tension + jnp.tensordot(shift, rest.dtension, axes=1),
         )
-        by_r = by_r[:begin]
-        by_t = by_t[:begin]
-        chain += zip(by_leaf, numbers.values(), strict=True)
-    for ct, d in (*chain, (end.r, rest.dr), (end.tension, rest.dtension)):
-        slope += np.asarray(ct).reshape(len(hard), -1) @ d.reshape(len(d), -1).T
-    return Peaks(hard, np.asarray(soft), slope, True)
+        there = _run_along(stepper, shifted, s, own.lengths)
+        if there is None:
+            return none
+        return np.asarray(_soft(quantities, shifted[-1], scale, *there.signals))
+
+    for k, shift in enumerate(jnp.diag(jnp.asarray(sizes))):
+        slope[:, k] = (soft_at(shift) - soft_at(-shift)) / (2.0 * sizes[k])
+    return Peaks(hard, soft, slope, bool(np.isfinite(slope).all()))
+
+
+def check_windows(model: Model) -> None:
+    """Reject models whose windows are not those of nodes and ropes alone.
+
+    Raises:
+        SceneError: a single line, links that break, friction, bodies, effects with a state.
+    """
+    if model.geometry.is_path:
+        raise SceneError("scene: a single line cannot be designed; allowed: systems of lines that join at points")
+    if model.line.failures is not None:
+        raise SceneError("scene: links that break cannot be designed. Use cases.states, or a scene without them")
+    if model.initial_internal_state() or model.laws or model.constraints:
+        what = "friction, bodies or effects with a state"
+        raise SceneError(f"scene: {what} cannot be designed. Use a scene without them")
+
+
+class _Run(NamedTuple):
+    """A run of a window: steps of each phase [s]; positions, tensions, and the time that each step counts in peaks."""
+
+    lengths: list[jax.Array]
+    signals: tuple[jax.Array, jax.Array, jax.Array]
+
+
+def _own_run(stepper: Stepper, models: Sequence[Model], s: State, run: WindowRun) -> _Run | None:
+    """The run in steps that follow the accuracy; None if a step fails."""
+    parts = [1.0] if len(models) == 1 else [INTACT_PART, 1.0 - INTACT_PART]
+
+    def own_lengths(phase: int, s: State) -> jax.Array | None:
+        model = models[phase]
+        duration = parts[phase] * run.duration
+        intervals = max(1, round(duration / run.interval))
+        interval, accuracy = (jnp.asarray(x, model.dtype) for x in (duration / intervals, run.accuracy))
+        length, number, failed = _find_lengths(stepper, model, s, interval, jnp.asarray(intervals), accuracy)
+        return None if failed else length[: spare_rows(int(number))]
+
+    return _run_phases(stepper, models, s, own_lengths)
+
+
+def _run_along(stepper: Stepper, models: Sequence[Model], s: State, lengths: list[jax.Array]) -> _Run | None:
+    """The run in known steps; None if one fails."""
+    return _run_phases(stepper, models, s, lambda phase, _: lengths[phase])
+
+
+def _run_phases(
+    stepper: Stepper, models: Sequence[Model], s: State, lengths_of: Callable[[int, State], jax.Array | None]
+) -> _Run | None:
+    """The phases of a window in a row, each in the steps that `lengths_of` has for its number and start; None if it has
+    none, or a step fails."""
+    lengths = []
+    rows = []
+    for phase, model in enumerate(models):
+        length = lengths_of(phase, s)
+        if length is None:
+            return None
+        progress, found = _advance_along(stepper, model, s, length)
+        if progress.first_bad >= 0:
+            return None
+        lengths.append(length)
+        rows.append(found)
+        s = progress.state
+    return _Run(lengths, _signals(lengths, rows))
+
+
+@cached_jit(static=("stepper",), kernel=True)
+def _find_lengths(
+    stepper: Stepper, model: Model, s: State, interval: jax.Array, intervals: jax.Array, accuracy: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    return find_lengths(stepper, model, s, interval, intervals, accuracy, MOST_STEPS)
+
+
+@cached_jit(static=("stepper",), kernel=True)
+def _advance_along(stepper: Stepper, model: Model, s: State, length: jax.Array) -> tuple[Progress, Trajectory]:
+    """The run in steps of these lengths (most,) [s], 0 after the last one; a row for each."""
+
+    def take(progress: Progress, i: jax.Array) -> tuple[Progress, Trajectory]:
+        before = jnp.where(i > 0, length[i - 1], 0.0)
+        return advance_and_save(stepper, model, progress, length[i][None], 1, before=before[None])
+
+    first = begin(stepper, model, s)
+    return scan_steps(take, first, jnp.sum(length > 0.0), empty_trajectory(first, len(length)))
+
+
+def _signals(lengths: list[jax.Array], rows: list[Trajectory]) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Positions (k, nodes, 3), tensions (k, n) and counted time (k,) of the phases in a row: none in the phase before a
+    line breaks, or while waves rise."""
+    last = lengths[-1]
+    if len(lengths) > 1:
+        time = jnp.concatenate([jnp.zeros_like(lengths[0]), last])
+    else:
+        time = jnp.where(jnp.cumsum(last) > WINDOW_RAMP, last, 0.0)
+    r = jnp.concatenate([row.r for row in rows])
+    tension = jnp.concatenate([row.tension for row in rows])
+    return r, tension, time
 
 
 @cached_jit(static=("quantities",))
-def _hard(quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array) -> jax.Array:
+def _hard(
+    quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array, time: jax.Array
+) -> jax.Array:
     """Hard peaks (q,)."""
-    return jnp.stack([jnp.max(x) for x in highest_signals(quantities, model, r, tension)])
+    highest = highest_signals(quantities, model, r, tension, time)
+    return jnp.stack([jnp.max(jnp.where(time > 0.0, x, -jnp.inf)) for x in highest])
 
 
 @cached_jit(static=("quantities",))
 def _soft(
-    quantities: tuple[Quantity, ...], model: Model, heights: jax.Array, r: jax.Array, tension: jax.Array
-) -> jax.Array:
-    return jnp.stack([q.soft(model, r, tension, heights[i]) for i, q in enumerate(quantities)])
-
-
-@cached_jit(static=("quantities", "moving"))
-def _by_signals(
     quantities: tuple[Quantity, ...],
-    moving: tuple[int, ...],
     model: Model,
-    slopes: list[jax.Array],
     heights: jax.Array,
     r: jax.Array,
     tension: jax.Array,
-) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """Soft peaks (q,), and their derivatives by the variables at fixed motion (q, p), by positions (k, q, nodes, 3) and
-    by tensions (k, q, n)."""
-
-    def value(i: int, shift: jax.Array, r: jax.Array, tension: jax.Array) -> jax.Array:
-        return quantities[i].soft(shift_model(model, moving, slopes, shift), r, tension, heights[i])
-
-    zero = jnp.zeros(len(slopes[0]), r.dtype)
-    found = [jax.value_and_grad(value, argnums=(1, 2, 3))(i, zero, r, tension) for i in range(len(quantities))]
-    soft, gradients = zip(*found, strict=True)
-    by_shift, by_r, by_t = zip(*gradients, strict=True)
-    return jnp.stack(soft), jnp.stack(by_shift), jnp.stack(by_r, axis=1), jnp.stack(by_t, axis=1)
+    time: jax.Array,
+) -> jax.Array:
+    return jnp.stack([q.soft(model, r, tension, time, heights[i]) for i, q in enumerate(quantities)])
 
 
 def highest_signals(
-    quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array
+    quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array, time: jax.Array
 ) -> list[jax.Array]:
     """The largest value of each quantity at every time (q lists of k)."""
-    return [jnp.max(q.signal(model, r, tension), axis=1) for q in quantities]
+    return [jnp.max(q.signal(model, r, tension, time), axis=1) for q in quantities]
 
 
 @dataclass(frozen=True)

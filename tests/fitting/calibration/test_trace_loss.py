@@ -135,10 +135,10 @@ def test_the_short_program_of_the_docs_ends_where_separate_windows_do_from_ten_t
 
 @pytest.mark.check
 def test_the_random_walk_of_the_docs_has_the_errors_of_the_fit(program):
-    """200 of its 2000 draws, worth about 25 independent ones."""
+    """Its 200 draws are worth about 25 independent ones."""
     text = re.findall(r"^```python\n(.*?)^```", (DOCS / "fits.md").read_text(), re.M | re.S)
     (text,) = (block for block in text if "log_density" in block)
-    for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file"), ("range(2000)", "range(200)")):
+    for old, new in (('"dropper-release-a"', "scene"), ('"RUN.csv"', "file")):
         assert text.count(old) == 1
         text = text.replace(old, new)
     problem = loss_of_trace(program["file"], program["scene"], ["b_l", "b_q"], settings=FitSettings(window=0.5))

@@ -5,14 +5,14 @@ import copy
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError, packaged_scene
+from dropper_jax import SceneError, build_model, load_scene, packaged_scene
 from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.scene import line_slices
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model
 from fitting.farm.optimise.run import read_problem
 from fitting.farm.optimise.search import programme
-from fitting.farm.optimise.storm import Peaks
+from fitting.farm.optimise.storm import Peaks, check_windows
 from fitting.farm.optimise.values import Values, Window, near_rest, rest
 from fitting.farm.optimise.variables import read_variables
 from fitting.farm.site import read_site
@@ -123,10 +123,12 @@ def test_a_constraint_may_limit_a_quantity_by_name():
     tension, offset = read_goals(own).quantities(own, model)[-2:]
     r, loads = pose.r[None], pose.tension[None]
     leg = line_slices(own.scene)[0].links
-    assert float(tension.signal(model, r, loads).max()) == pytest.approx(float(pose.tension[leg.stop - 1]) / 2e4)
+    assert float(tension.signal(model, r, loads, np.ones(1)).max()) == pytest.approx(
+        float(pose.tension[leg.stop - 1]) / 2e4
+    )
     spec = {point.name: np.asarray(point.position) for point in own.scene.points}
     node = int(model.geometry.point_node[[p.name for p in model.points].index("p1")])
-    assert float(offset.signal(model, r, loads).max()) == pytest.approx(
+    assert float(offset.signal(model, r, loads, np.ones(1)).max()) == pytest.approx(
         float(np.linalg.norm(np.asarray(pose.r)[node, :2] - spec["p1"][:2])) / 5.0
     )
     # the utilisation of a tested anchor is |load| times factor over capacity; other kinds have their own
@@ -143,10 +145,22 @@ def test_a_constraint_may_limit_a_quantity_by_name():
         own = changed(anchor=[{"points": "*", **kind}])
         anchor = next(q for q in read_goals(own).quantities(own, model) if q.name == "west-anchor")
         factor = own.anchors[0].factor["intact"]
-        assert float(anchor.signal(model, r, loads).max()) == pytest.approx(utilisation * factor, rel=1e-6)
+        assert float(anchor.signal(model, r, loads, np.ones(1)).max()) == pytest.approx(utilisation * factor, rel=1e-6)
     for name, words in (("tension.west-lag.max", "did you mean 'west-leg'"), ("energy.max", "cannot be limited")):
         with pytest.raises(SceneError, match=words):
             read_goals(changed(constraint=[{"kind": "quantity", "of": name, "maximum": 1.0}]))
+
+
+@pytest.mark.parametrize(
+    ("scene", "told"),
+    [
+        ("dropper-release-a", "a single line cannot be designed; allowed: systems of lines that join at points"),
+        ("paper-case-2-pitching", "friction, bodies or effects with a state cannot be designed"),
+    ],
+)
+def test_windows_of_models_that_are_not_nodes_and_ropes_are_refused(scene, told):
+    with pytest.raises(SceneError, match=told):
+        check_windows(build_model(load_scene(scene)))
 
 
 def test_a_variable_that_moves_nothing_is_named():

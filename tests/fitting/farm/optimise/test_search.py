@@ -7,10 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dropper_jax import SceneError
 from dropper_jax.base.parallel_runs import run_parallel
 from fitting.farm.optimise import run
-from fitting.farm.optimise.run import check_slopes, design_warnings
+from fitting.farm.optimise.run import design_warnings
 from fitting.farm.optimise.search import RESIDUAL, Search, measure, run_round, run_search
 from fitting.farm.optimise.values import Values, dominated_slopes
 
@@ -56,27 +55,6 @@ def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_m
     assert "one seed dominates 1 derivative" in design_warnings(0.0, 1.0, 0.2, [found])[0]
     assert dominated_slopes(dataclasses.replace(own, by_seed={"legs": rows[:9]}), np.ones(2), 0.99) == []
     assert dominated_slopes(dataclasses.replace(own, by_seed={"legs": rows[8:]}), np.ones(2), 0.99) == []
-
-
-@pytest.mark.parametrize("failing", [[1], [1, 2, 3, 4]])
-def test_derivatives_next_to_runs_that_fail_are_checked_by_others_or_refused(failing):
-    calls = []
-
-    def window(x, own, start, slopes):
-        calls.append(slopes)
-        failed = len(calls) - 1 in failing  # the first call is that with slopes, then two ends of each of two steps
-        return SimpleNamespace(soft=np.array([np.nan if failed else 3.0 * x[0]]), slope=np.array([[3.0]]))
-
-    own = SimpleNamespace(case=SimpleNamespace(storm=SimpleNamespace(name="storm")), polished=False)
-    variables = [SimpleNamespace(span=1.0)]
-    design = SimpleNamespace(
-        start=np.ones(1), variables=variables, window=window, run_start=lambda *_: None, step_key="run.dt"
-    )
-    if len(failing) == 1:
-        assert check_slopes(design, [own]) < 1e-6
-    else:
-        with pytest.raises(SceneError, match="a window of storm has steps that do not converge"):
-            check_slopes(design, [own])
 
 
 @pytest.mark.parametrize(("slope", "status"), [(3.0, "trusted"), (3e5, "not_trusted"), (np.nan, "not_trusted")])

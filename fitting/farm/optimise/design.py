@@ -200,23 +200,31 @@ class Design:
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
-    def values(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> Values:
-        """Objective and constraints of a design by its windows, one of each case."""
+    def values(self, x: np.ndarray, windows: Sequence[Window], say: Progress, slopes: bool = True) -> Values:
+        """Objective and constraints of a design by its windows, one of each case; without `slopes` those of storms are
+        zero."""
         cache: dict[object, RunStart] = {}
         stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
-        runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], True), "derivatives", say)
+        what = "derivatives" if slopes else "windows"
+        runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], slopes), what, say)
         hard = [run.soft * window.factor for run, window in zip(runs, windows, strict=True)]
-        slope = [run.slope * window.factor[:, None] for run, window in zip(runs, windows, strict=True)]
+        if slopes:
+            slope = [run.slope * window.factor[:, None] for run, window in zip(runs, windows, strict=True)]
+        else:
+            slope = self._no_slopes(hard)
         return self._together(x, hard, slope, cache, all(run.solved for run in runs))
+
+    def _no_slopes(self, hard: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Zero derivatives of quantities (q,) of each case, (q, p + a)."""
+        return [np.zeros((len(peaks), len(self._sizes))) for peaks in hard]
 
     def measure_full_runs(self, x: np.ndarray, full: Sequence[Storms]) -> Values:
         """The same by the hard peaks of whole runs, without derivatives of storm quantities."""
         cache: dict[object, RunStart] = {}
         for case in self.cases:
             self.run_start(x, case, cache)
-        none = np.zeros(len(x) + len(ASSUMPTIONS))
-        slope = [np.tile(none, (len(storm.hard), 1)) for storm in full]
-        return self._together(x, [storm.hard for storm in full], slope, cache, True)
+        hard = [storm.hard for storm in full]
+        return self._together(x, hard, self._no_slopes(hard), cache, True)
 
     def _together(
         self,

@@ -4,8 +4,8 @@
 
 If the constraints are nonlinear within the reach, a step d that fails is corrected by a second one: the same programme
 with `g(x + d) - J d` for g (Fletcher 1982), so that steps along a limit stay long. A step that lowers the merit
-`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989); each step needs one run
-of a storm with derivatives. After some steps the windows are chosen again from whole runs. A design is accepted if its
+`objective/scale + P sum max(0, g - 1 + margin)` is taken (Fletcher and Sainz de la Maza 1989). Derivatives are those of
+steps that are taken. After some steps the windows are chosen again from whole runs. A design is accepted if its
 whole runs meet all constraints, and the search ends with the best of these.
 """
 
@@ -191,9 +191,13 @@ class _Round:
             return None
         self.tried += 1
         x = np.clip(search.x + step.step, low, high)
-        found, failure = _try_design(self.design, x, self.windows, self.say)
+        size = float(np.max(np.abs(step.step) / span))
+        found, failure = _try_design(self.design, x, self.windows, self.say, slopes=False)
         won = -np.inf if found is None else self.merit(self.here) - self.merit(found)
-        attempt = _Attempt(x, step.step, float(np.max(np.abs(step.step) / span)), found, gain, won)
+        attempt = _Attempt(x, step.step, size, found, gain, won)
+        if attempt.good:
+            found, failure = _try_design(self.design, x, self.windows, self.say, slopes=True)
+            attempt = replace(attempt, values=found, won=-np.inf if found is None else won)
         row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach, "values": x.tolist()}
         if found is None:
             search.history.append({**row, "failure": failure})
@@ -205,10 +209,12 @@ class _Round:
         return attempt
 
 
-def _try_design(design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Progress) -> tuple[Values | None, str]:
+def _try_design(
+    design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Progress, slopes: bool
+) -> tuple[Values | None, str]:
     """Values of a design; None with the reason if it has no equilibrium or its windows cannot be run."""
     try:
-        found = design.values(x, windows, say)
+        found = design.values(x, windows, say, slopes)
     except SceneError as error:
         return None, str(error)
     if found.solved:
@@ -289,7 +295,7 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
             search.fixed = np.array([bool(v.catalogue) for v in design.variables])
             search.x, search.reach, search.sized, still_better = x, settings.reach, search.round, True
             search.best, search.best_objective, last = None, np.inf, np.inf
-            there, _ = _try_design(design, search.x, windows, say)
+            there, _ = _try_design(design, search.x, windows, say, slopes=False)
             windows, found, _ = measure(search, design, say, there)
             last = search.best_objective
             save()

@@ -71,9 +71,9 @@ print(words)
 # ## A design by its gradients
 #
 # The problem has four variables, minimum material as the objective, and all limits as constraints: of the storm, of the
-# storm with the broken leg, and of the backbone's depth. Every storm is run once and differentiated in reverse,
-# including statics. The search first checks its derivatives against differences. A design is accepted if its whole
-# runs meet every limit.
+# storm with the broken leg, and of the backbone's depth. Derivatives are differences of runs around the largest
+# load of every storm, all in the same steps, and include the equilibrium. The search first checks them by a larger
+# change along the gradient. A design is accepted if its whole runs meet every limit.
 
 # %%
 plain["optimise"] = {"window": 45.0, "before": 30.0, "rounds": 3}

@@ -25,13 +25,14 @@ from fitting.farm.optimise.goals import Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, designs_beside, idle, in_assumed, sea_of, still
 from fitting.farm.optimise.quantities import Quantity
-from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, peaks
+from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, check_windows, peaks
 from fitting.farm.optimise.values import RunStart, Values, Window, rest
 from fitting.farm.optimise.variables import Variable, with_design
 from fitting.farm.site import Case, Part, Site
 from fitting.farm.site.site import LONGEST_INTERVAL
 
-#: Change of a variable in derivatives of windows, relative to its range, and of the assumptions.
+#: Change of a variable up and down in derivatives of windows, relative to its range, and of the assumptions.
+#: Differences to one side are not enough: near a leg that is almost taut they are off by more than half.
 CHANGE = 2e-3
 
 
@@ -47,7 +48,7 @@ class Design:
         interval, accuracy = min(steps.interval, LONGEST_INTERVAL), steps.accuracy or DEFAULT_ACCURACY
         #: Windows follow the accuracy of the site's runs, or the default one where these take equal steps.
         self.window_run = WindowRun(settings.window, interval, accuracy)
-        self._sizes = CHANGE * np.array([*(v.span for v in self.variables), *np.ones(len(ASSUMPTIONS))])
+        self._changes = CHANGE * np.array([v.span for v in self.variables])
         self._near: dict[object, State] = {}
         self._quantities: dict[str, tuple[Quantity, ...]] = {}
         self._strength = [strength_of(part, self.site.scene) for part in self.site.parts]
@@ -118,12 +119,13 @@ class Design:
         return np.array([self.goals.objective.material(scene), *strength])
 
     def check(self) -> None:
-        """Reject variables without effect, and contradicting depths.
+        """Reject scenes that cannot be designed, variables without effect, and contradicting depths.
 
         Raises:
             SceneError: with their names.
         """
         found = still(self.calm, self.variables, self.start, self.cases[0].storm)
+        check_windows(found.model)
         check_depths(self.goals.depths, found.model)
         costs = np.any(self.scene_constraints(self.start)[1] != 0, axis=0)
         free = [v.name for v, moves in zip(self.variables, costs, strict=True) if not moves]
@@ -131,12 +133,17 @@ class Design:
         if named:
             raise SceneError(f"variable: {', '.join(map(repr, named))} moves nothing. Use numbers that do")
 
-    def window(self, x: np.ndarray, window: Window, start: RunStart, slopes: bool = True) -> Peaks:
-        """Peaks of a window of a design."""
+    def window(
+        self, x: np.ndarray, window: Window, start: RunStart, slopes: bool = True, assumptions: bool = False
+    ) -> Peaks:
+        """Peaks of a window of a design; derivatives by the variables, and by the assumptions if wanted, else 0."""
         scene = with_design(self.calm.scene, self.variables, x)
         sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
         quantities = self.quantities(window.case, start.still)
-        sizes = self._sizes if slopes else None
+        sizes = None
+        if slopes:
+            assumed = CHANGE if assumptions else 0.0
+            sizes = np.append(self._changes, np.full(len(ASSUMPTIONS), assumed))
         return peaks(start.still, start.rest, sea, quantities, self.window_run, sizes, window.height, start.after)
 
     def renew_windows(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], list[Storms]]:
@@ -200,13 +207,24 @@ class Design:
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
-    def values(self, x: np.ndarray, windows: Sequence[Window], say: Progress, slopes: bool = True) -> Values:
-        """Objective and constraints of a design by its windows, one of each case; without `slopes` those of storms are
-        zero."""
+    def values(
+        self,
+        x: np.ndarray,
+        windows: Sequence[Window],
+        say: Progress,
+        slopes: bool = True,
+        assumptions: bool = False,
+    ) -> Values:
+        """Objective and constraints of a design by its windows, one of each case.
+
+        Args:
+            slopes, assumptions: whether derivatives of storms by the variables, and by the assumptions, are wanted;
+                else they are zero.
+        """
         cache: dict[object, RunStart] = {}
         stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
         what = "derivatives" if slopes else "windows"
-        runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], slopes), what, say)
+        runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], slopes, assumptions), what, say)
         hard = [run.soft * window.factor for run, window in zip(runs, windows, strict=True)]
         if slopes:
             slope = [run.slope * window.factor[:, None] for run, window in zip(runs, windows, strict=True)]
@@ -216,7 +234,7 @@ class Design:
 
     def _no_slopes(self, hard: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Zero derivatives of quantities (q,) of each case, (q, p + a)."""
-        return [np.zeros((len(peaks), len(self._sizes))) for peaks in hard]
+        return [np.zeros((len(peaks), len(self.variables) + len(ASSUMPTIONS))) for peaks in hard]
 
     def measure_full_runs(self, x: np.ndarray, full: Sequence[Storms]) -> Values:
         """The same by the hard peaks of whole runs, without derivatives of storm quantities."""

@@ -196,7 +196,7 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
         search.x = search.best
     say(0.95, "final whole runs and prices")
     windows, found, _ = measure(replace(search, history=[]), design, say)
-    here = design.values(search.x, windows, say)
+    here = design.values(search.x, windows, say, assumptions=True)
     p = len(design.variables)
     limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)

@@ -30,7 +30,6 @@ from dropper_jax.model import Model, State
 from dropper_jax.residual import Stepper
 from dropper_jax.run.model_slopes import shift_model
 from dropper_jax.sea import Sea
-from dropper_jax.stepping.adaptive import MOST_STEPS, find_lengths
 from dropper_jax.stepping.integrate import (
     Progress,
     Trajectory,
@@ -44,6 +43,7 @@ from dropper_jax.study.march import spare_rows
 from fitting.farm.optimise.models import Still, in_waves, leaf_numbers
 from fitting.farm.optimise.quantities import Quantity
 from fitting.farm.optimise.values import Rest
+from fitting.sensitivity.own_steps import find_own_lengths
 
 #: Time [s] in which the waves of a window rise; it is not counted.
 WINDOW_RAMP = 10.0
@@ -88,7 +88,7 @@ def peaks(
     """Peaks of a window in a sea whose waves rise at its start.
 
     Args:
-        sizes: changes of the variables (p,) for derivatives; None for none.
+        sizes: changes h of the variables (p,); derivatives by those with 0 are 0. None for no derivatives.
         after: the model of the second and last third of the window, without one link, to which the peaks then apply
             (see `broken`); default: `still`.
         heights: approximate peaks (q,), which define the width of soft ones; default: the hard peaks. They are fixed:
@@ -97,7 +97,6 @@ def peaks(
     quantities = tuple(quantities)
     stills = [still] if after is None else [still, after]
     models = [in_waves(one.model, sea) for one in stills]
-    check_windows(models[0])
     # windows do not record work: every phase has the same kind of state, and so one program
     start = replace(rest.state, work=jnp.zeros(0, models[0].dtype))
     stepper = make_stepper(models[0], track_work=False)
@@ -126,7 +125,9 @@ def peaks(
             return none
         return np.asarray(_soft(quantities, shifted[-1], scale, *there.signals))
 
-    for k, shift in enumerate(jnp.diag(jnp.asarray(sizes))):
+    slope[:] = 0.0
+    for k in np.flatnonzero(sizes):
+        shift = jnp.zeros(len(sizes)).at[k].set(sizes[k])
         slope[:, k] = (soft_at(shift) - soft_at(-shift)) / (2.0 * sizes[k])
     return Peaks(hard, soft, slope, bool(np.isfinite(slope).all()))
 
@@ -162,7 +163,7 @@ def _own_run(stepper: Stepper, models: Sequence[Model], s: State, run: WindowRun
         duration = parts[phase] * run.duration
         intervals = max(1, round(duration / run.interval))
         interval, accuracy = (jnp.asarray(x, model.dtype) for x in (duration / intervals, run.accuracy))
-        length, number, failed = _find_lengths(stepper, model, s, interval, jnp.asarray(intervals), accuracy)
+        length, number, failed = find_own_lengths(stepper, model, s, interval, jnp.asarray(intervals), accuracy)
         return None if failed else length[: spare_rows(int(number))]
 
     return _run_phases(stepper, models, s, own_lengths)
@@ -191,13 +192,6 @@ def _run_phases(
         rows.append(found)
         s = progress.state
     return _Run(lengths, _signals(lengths, rows))
-
-
-@cached_jit(static=("stepper",), kernel=True)
-def _find_lengths(
-    stepper: Stepper, model: Model, s: State, interval: jax.Array, intervals: jax.Array, accuracy: jax.Array
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    return find_lengths(stepper, model, s, interval, intervals, accuracy, MOST_STEPS)
 
 
 @cached_jit(static=("stepper",), kernel=True)

@@ -45,10 +45,11 @@ def test_a_link_that_is_gone_pulls_nothing_and_the_others_as_before():
 
 
 @pytest.mark.check
-@pytest.mark.parametrize(("broken", "allowed"), [(False, 0.02), (True, 0.1)])
-def test_slopes_of_windows_are_those_of_designs_built_and_brought_to_rest_anew(broken, allowed):
-    """Designs built anew take steps of their own, which matter where ropes snap after a break."""
-    design = read_problem(read_site({**SITE, "optimise": {"window": 18.0, "before": 15.0}}))
+@pytest.mark.parametrize("broken", [False, True])
+def test_slopes_of_windows_are_those_of_designs_built_and_brought_to_rest_again(broken):
+    """Those take steps of their own; at accuracy 0.01 they change slopes by 9 % where ropes snap after a break."""
+    run = {**SITE["run"], "accuracy": 1e-4}
+    design = read_problem(read_site({**SITE, "run": run, "optimise": {"window": 18.0, "before": 15.0}}))
     case = next(case for case in design.cases if (case.storm.broken is not None) == broken)
 
     def peaks(x, slopes=False, height=None):
@@ -63,4 +64,4 @@ def test_slopes_of_windows_are_those_of_designs_built_and_brought_to_rest_anew(b
         ends = [peaks(design.start + sign * change, height=found.hard).soft for sign in (1.0, -1.0)]
         by_range.append((ends[0] - ends[1]) / (2.0 * CHANGE))
     slopes = found.slope[:, : len(spans)] * spans
-    np.testing.assert_allclose(np.transpose(by_range), slopes, rtol=allowed, atol=0.01 * np.max(np.abs(slopes)))
+    np.testing.assert_allclose(np.transpose(by_range), slopes, rtol=0.02, atol=0.01 * np.max(np.abs(slopes)))

@@ -202,7 +202,7 @@ def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characte
     design = read_problem(changed(run={**SITE["run"], "seeds": 4, "characteristic": characteristic}))
     rng = np.random.default_rng(0)
 
-    def window(x, window, start, slopes):
+    def window(x, window, start, slopes, assumptions):
         hard = rng.uniform(1.0, 2.0, len(design.quantities(window.case, start.still)))
         slope = rng.standard_normal((len(hard), start.rest.dr.shape[0]))
         return Peaks(hard, hard, slope, True)

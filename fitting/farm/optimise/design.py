@@ -8,7 +8,7 @@ until windows are chosen again. Cases with a broken line have loads of parts and
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from fitting.farm.optimise.goals import Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
 from fitting.farm.optimise.models import ASSUMPTIONS, Still, designs_beside, idle, in_assumed, sea_of, still
 from fitting.farm.optimise.quantities import Quantity
-from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, check_windows, peaks
+from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, check_windows, peaks, slopes
 from fitting.farm.optimise.values import RunStart, Values, Window, rest
 from fitting.farm.optimise.variables import Variable, with_design
 from fitting.farm.site import Case, Part, Site
@@ -34,6 +34,31 @@ from fitting.farm.site.site import LONGEST_INTERVAL
 #: Change of a variable up and down in derivatives of windows, relative to its range, and of the assumptions.
 #: Differences to one side are not enough: near a leg that is almost taut they are off by more than half.
 CHANGE = 2e-3
+
+
+@dataclass(frozen=True)
+class WindowRuns:
+    """Runs of the windows of a design.
+
+    Attributes:
+        x: the design (p,).
+        factors: ratio of the whole run's hard peaks to the soft ones, for each window (q,).
+        windows: one of each case; starts: equilibria by what cases share.
+    """
+
+    x: np.ndarray
+    factors: Sequence[np.ndarray]
+    windows: Sequence[Peaks]
+    starts: dict[object, RunStart]
+
+    @property
+    def peaks(self) -> list[np.ndarray]:
+        """Peaks of whole runs as the windows predict them, for each case (q,)."""
+        return [window.soft * factor for window, factor in zip(self.windows, self.factors, strict=True)]
+
+    @property
+    def solved(self) -> bool:
+        return all(window.solved for window in self.windows)
 
 
 class Design:
@@ -133,18 +158,19 @@ class Design:
         if named:
             raise SceneError(f"variable: {', '.join(map(repr, named))} moves nothing. Use numbers that do")
 
-    def window(
-        self, x: np.ndarray, window: Window, start: RunStart, slopes: bool = True, assumptions: bool = False
-    ) -> Peaks:
-        """Peaks of a window of a design; derivatives by the variables, and by the assumptions if wanted, else 0."""
+    def window(self, x: np.ndarray, window: Window, start: RunStart) -> Peaks:
+        """Peaks of a window of a design."""
         scene = with_design(self.calm.scene, self.variables, x)
         sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
         quantities = self.quantities(window.case, start.still)
-        sizes = None
-        if slopes:
-            assumed = CHANGE if assumptions else 0.0
-            sizes = np.append(self._changes, np.full(len(ASSUMPTIONS), assumed))
-        return peaks(start.still, start.rest, sea, quantities, self.window_run, sizes, window.height, start.after)
+        return peaks(start.still, start.rest, sea, quantities, self.window_run, window.height, start.after)
+
+    def slopes(self, found: Sequence[Peaks], say: Progress, assumptions: bool = False) -> list[np.ndarray]:
+        """Derivatives of the soft peaks of windows (q, p + a) by the variables, and by the assumptions if wanted, else
+        0."""
+        assumed = CHANGE if assumptions else 0.0
+        sizes = np.append(self._changes, np.full(len(ASSUMPTIONS), assumed))
+        return slopes(found, sizes, lambda done, of: say(done / of, f"derivatives: {done} of {of}"))
 
     def renew_windows(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], list[Storms]]:
         """Windows around the peak loads of the whole runs of a design, and these runs' hard peaks.
@@ -172,7 +198,7 @@ class Design:
         stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
 
         def scale_window(i: int) -> Window:
-            soft = self.window(x, windows[i], stands[i], slopes=False)
+            soft = self.window(x, windows[i], stands[i])
             if not soft.solved:
                 name = windows[i].case.storm.name
                 raise SceneError(f"design: a window of {name} has steps that do not converge")
@@ -207,30 +233,23 @@ class Design:
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
-    def values(
-        self,
-        x: np.ndarray,
-        windows: Sequence[Window],
-        say: Progress,
-        slopes: bool = True,
-        assumptions: bool = False,
-    ) -> Values:
-        """Objective and constraints of a design by its windows, one of each case.
-
-        Args:
-            slopes, assumptions: whether derivatives of storms by the variables, and by the assumptions, are wanted;
-                else they are zero.
-        """
+    def run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> WindowRuns:
+        """Runs of the windows of a design, one of each case."""
         cache: dict[object, RunStart] = {}
         stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
-        what = "derivatives" if slopes else "windows"
-        runs = self._run_parallel(lambda i: self.window(x, windows[i], stands[i], slopes, assumptions), what, say)
-        hard = [run.soft * window.factor for run, window in zip(runs, windows, strict=True)]
-        if slopes:
-            slope = [run.slope * window.factor[:, None] for run, window in zip(runs, windows, strict=True)]
-        else:
-            slope = self._no_slopes(hard)
-        return self._together(x, hard, slope, cache, all(run.solved for run in runs))
+        found = self._run_parallel(lambda i: self.window(x, windows[i], stands[i]), "windows", say)
+        factors = [window.factor for window in windows]
+        return WindowRuns(x, factors, found, cache)
+
+    def values(self, runs: WindowRuns) -> Values:
+        """Objective and constraints of a design by its windows, without derivatives of storms."""
+        return self._together(runs.x, runs.peaks, self._no_slopes(runs.peaks), runs.starts, runs.solved)
+
+    def derivatives(self, runs: WindowRuns, say: Progress, assumptions: bool = False) -> Values:
+        """The same with derivatives by the variables, and by the assumptions if wanted."""
+        found = self.slopes(runs.windows, say, assumptions)
+        slope = [own * factor[:, None] for own, factor in zip(found, runs.factors, strict=True)]
+        return self._together(runs.x, runs.peaks, slope, runs.starts, runs.solved)
 
     def _no_slopes(self, hard: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Zero derivatives of quantities (q,) of each case, (q, p + a)."""

@@ -196,7 +196,7 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
         search.x = search.best
     say(0.95, "final whole runs and prices")
     windows, found, _ = measure(replace(search, history=[]), design, say)
-    here = design.values(search.x, windows, say, assumptions=True)
+    here = design.derivatives(design.run_windows(search.x, windows, say), say, assumptions=True)
     p = len(design.variables)
     limit = 1.0 - design.settings.margin
     low, high = bounds(design.variables)
@@ -290,13 +290,14 @@ def check_along(design: Design, say: Progress = silent) -> GradientCheck:
     for window in first_windows(design):
         start = design.run_start(design.start, window.case, {})
         peaks = design.window(design.start, window, start)
+        (slopes,) = design.slopes([peaks], silent)
         highest = int(np.argmax(peaks.hard))
 
         def peak(x: np.ndarray, window: Window = window, highest: int = highest) -> float:
             x = np.asarray(x)
-            return design.window(x, window, design.run_start(x, window.case, {}), slopes=False).soft[highest]
+            return design.window(x, window, design.run_start(x, window.case, {})).soft[highest]
 
-        slope = peaks.slope[highest, : len(span)]
+        slope = slopes[highest, : len(span)]
         found.append(check_gradient(peak, design.start, slope, span))
     return max(found, key=lambda one: np.nan_to_num(abs(one.ratio - 1.0), nan=np.inf))
 
@@ -310,6 +311,6 @@ def first_windows(design: Design) -> list[Window]:
         start = design.run_start(design.start, case, known)
         count = len(design.quantities(case, start.still))
         begin = Window(case, 0.0, np.ones(count))
-        heights = design.window(design.start, begin, start, slopes=False).hard
+        heights = design.window(design.start, begin, start).hard
         windows.append(replace(begin, height=heights))
     return windows

@@ -18,7 +18,7 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
-from fitting.farm.optimise.design import Design
+from fitting.farm.optimise.design import Design, WindowRuns
 from fitting.farm.optimise.full_storm import Storms
 from fitting.farm.optimise.values import Values, Window
 from fitting.farm.optimise.variables import bounds
@@ -116,7 +116,8 @@ def run_round(
     """Steps of one round; the values at its end."""
     settings = design.settings
     say(0.0, f"round {search.round + 1}: derivatives")
-    one = _Round(search, design, windows, save, say, design.values(search.x, windows, say))
+    here = design.derivatives(design.run_windows(search.x, windows, say), say)
+    one = _Round(search, design, windows, save, say, here)
     renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
     search.reach = max(search.reach, LEAST_REACH * settings.reach)
     while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
@@ -192,12 +193,13 @@ class _Round:
         self.tried += 1
         x = np.clip(search.x + step.step, low, high)
         size = float(np.max(np.abs(step.step) / span))
-        found, failure = _try_design(self.design, x, self.windows, self.say, slopes=False)
+        runs, failure = _try_design(self.design, x, self.windows, self.say)
+        found = None if runs is None else self.design.values(runs)
         won = -np.inf if found is None else self.merit(self.here) - self.merit(found)
         attempt = _Attempt(x, step.step, size, found, gain, won)
-        if attempt.good:
-            found, failure = _try_design(self.design, x, self.windows, self.say, slopes=True)
-            attempt = replace(attempt, values=found, won=-np.inf if found is None else won)
+        if attempt.good and runs is not None:
+            found = self.design.derivatives(runs, self.say)
+            attempt = replace(attempt, values=found)
         row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach, "values": x.tolist()}
         if found is None:
             search.history.append({**row, "failure": failure})
@@ -210,11 +212,11 @@ class _Round:
 
 
 def _try_design(
-    design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Progress, slopes: bool
-) -> tuple[Values | None, str]:
-    """Values of a design; None with the reason if it has no equilibrium or its windows cannot be run."""
+    design: Design, x: np.ndarray, windows: tuple[Window, ...], say: Progress
+) -> tuple[WindowRuns | None, str]:
+    """Windows of a design; None with the reason if it has no equilibrium or they cannot be run."""
     try:
-        found = design.values(x, windows, say, slopes)
+        found = design.run_windows(x, windows, say)
     except SceneError as error:
         return None, str(error)
     if found.solved:
@@ -295,8 +297,9 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
             search.fixed = np.array([bool(v.catalogue) for v in design.variables])
             search.x, search.reach, search.sized, still_better = x, settings.reach, search.round, True
             search.best, search.best_objective, last = None, np.inf, np.inf
-            there, _ = _try_design(design, search.x, windows, say, slopes=False)
-            windows, found, _ = measure(search, design, say, there)
+            there, _ = _try_design(design, search.x, windows, say)
+            predicted = None if there is None else design.values(there)
+            windows, found, _ = measure(search, design, say, predicted)
             last = search.best_objective
             save()
     search.done = True

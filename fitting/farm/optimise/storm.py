@@ -24,6 +24,7 @@ import numpy as np
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.base.fields import parameter
+from dropper_jax.base.parallel_runs import run_parallel
 from dropper_jax.base.read import DeclaredSection
 from dropper_jax.base.read import count as whole_number
 from dropper_jax.model import Model, State
@@ -65,14 +66,17 @@ class Peaks:
 
     Attributes:
         hard, soft: (q,); NaN if the run failed.
-        slope: derivative of the soft ones by the variables (q, p); (q, 0) if it was not asked for.
-        solved: whether every step was.
+        shifted: soft peaks (q,) with the variables shifted (p,), along the same steps; None if the run failed.
     """
 
     hard: np.ndarray
     soft: np.ndarray
-    slope: np.ndarray
-    solved: bool
+    shifted: Callable[[np.ndarray], np.ndarray] | None
+
+    @property
+    def solved(self) -> bool:
+        """Whether every step was."""
+        return self.shifted is not None
 
 
 def peaks(
@@ -81,14 +85,12 @@ def peaks(
     sea: Sea,
     quantities: Sequence[Quantity],
     run: WindowRun,
-    sizes: np.ndarray | None = None,
     heights: np.ndarray | None = None,
     after: Still | None = None,
 ) -> Peaks:
     """Peaks of a window in a sea whose waves rise at its start.
 
     Args:
-        sizes: changes h of the variables (p,); derivatives by those with 0 are 0. None for no derivatives.
         after: the model of the second and last third of the window, without one link, to which the peaks then apply
             (see `broken`); default: `still`.
         heights: approximate peaks (q,), which define the width of soft ones; default: the hard peaks. They are fixed:
@@ -102,34 +104,55 @@ def peaks(
     stepper = make_stepper(models[0], track_work=False)
     own = _own_run(stepper, models, start, run)
     none = np.full(len(quantities), np.nan)
-    slope = np.full((len(quantities), 0 if sizes is None else len(sizes)), np.nan)
     if own is None:
-        return Peaks(none, none, slope, False)
+        return Peaks(none, none, None)
     hard = np.asarray(_hard(quantities, models[-1], *own.signals))
     scale = jnp.asarray(hard if heights is None else heights, models[0].dtype)
     soft = np.asarray(_soft(quantities, models[-1], scale, *own.signals))
-    if sizes is None:
-        return Peaks(hard, soft, slope, True)
     numbers = leaf_numbers(models[-1], stills[-1])
+    lengths = own.lengths
 
-    def soft_at(shift: jax.Array) -> np.ndarray:
-        """Soft peaks with the variables shifted (p,), along the same steps."""
-        shifted = [shift_model(model, list(numbers), list(numbers.values()), shift) for model in models]
+    def shifted_peaks(shift: np.ndarray) -> np.ndarray:
+        shifted = [shift_model(model, list(numbers), list(numbers.values()), jnp.asarray(shift)) for model in models]
         s = replace(
             start,
             r=start.r + jnp.tensordot(shift, rest.dr, axes=1),
             tension=start.tension + jnp.tensordot(shift, rest.dtension, axes=1),
         )
-        there = _run_along(stepper, shifted, s, own.lengths)
+        there = _run_along(stepper, shifted, s, lengths)
         if there is None:
             return none
         return np.asarray(_soft(quantities, shifted[-1], scale, *there.signals))
 
-    slope[:] = 0.0
-    for k in np.flatnonzero(sizes):
-        shift = jnp.zeros(len(sizes)).at[k].set(sizes[k])
-        slope[:, k] = (soft_at(shift) - soft_at(-shift)) / (2.0 * sizes[k])
-    return Peaks(hard, soft, slope, bool(np.isfinite(slope).all()))
+    return Peaks(hard, soft, shifted_peaks)
+
+
+def slopes(windows: Sequence[Peaks], sizes: np.ndarray, say: Callable[[int, int], None]) -> list[np.ndarray]:
+    """Derivatives of the soft peaks of windows by the variables (q, p), all runs in parallel.
+
+    Args:
+        sizes: changes h of the variables (p,); derivatives by those with 0 are 0.
+        say: called with the numbers of finished and of all runs.
+    """
+    shifts = []
+    for window in windows:
+        for k in np.flatnonzero(sizes):
+            shift = np.zeros(len(sizes))
+            shift[k] = sizes[k]
+            shifts += [(window, shift), (window, -shift)]
+
+    def run_shifted(item: tuple[Peaks, np.ndarray]) -> np.ndarray:
+        window, shift = item
+        return np.full(len(window.soft), np.nan) if window.shifted is None else window.shifted(shift)
+
+    ends = iter(run_parallel(run_shifted, shifts, lambda done: say(done, len(shifts))))
+    found = []
+    for window in windows:
+        slope = np.zeros((len(window.soft), len(sizes)))
+        for k in np.flatnonzero(sizes):
+            slope[:, k] = (next(ends) - next(ends)) / (2.0 * sizes[k])
+        found.append(slope)
+    return found
 
 
 def check_windows(model: Model) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dropper_jax import build, load_scene
+from dropper_jax.base.errors import silent
 from dropper_jax.statics.rest_problem import unbalanced
 from fitting.farm.optimise.broken_link import link_of, with_link_mask
 from fitting.farm.optimise.design import CHANGE
@@ -52,16 +53,17 @@ def test_slopes_of_windows_are_those_of_designs_built_and_brought_to_rest_again(
     design = read_problem(read_site({**SITE, "run": run, "optimise": {"window": 18.0, "before": 15.0}}))
     case = next(case for case in design.cases if (case.storm.broken is not None) == broken)
 
-    def peaks(x, slopes=False, height=None):
+    def peaks(x, height=None):
         start = design.run_start(x, case, {})
         count = len(design.quantities(case, start.still))
-        return design.window(x, Window(case, 0.0, np.ones(count), height), start, slopes)
+        return design.window(x, Window(case, 0.0, np.ones(count), height), start)
 
-    found = peaks(design.start, slopes=True)
+    found = peaks(design.start)
+    (slopes,) = design.slopes([found], silent)
     spans = np.array([variable.span for variable in design.variables])
     by_range = []
     for change in np.diag(CHANGE * spans):
         ends = [peaks(design.start + sign * change, height=found.hard).soft for sign in (1.0, -1.0)]
         by_range.append((ends[0] - ends[1]) / (2.0 * CHANGE))
-    slopes = found.slope[:, : len(spans)] * spans
+    slopes = slopes[:, : len(spans)] * spans
     np.testing.assert_allclose(np.transpose(by_range), slopes, rtol=0.02, atol=0.01 * np.max(np.abs(slopes)))

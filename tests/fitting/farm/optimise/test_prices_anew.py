@@ -42,7 +42,8 @@ def best(site, windows, x, margin=0.01):
     own = [replace(w, case=case) for w, case in zip(windows, design.cases, strict=True)]
     search = Search(np.array(x), 0.05, scale=1.0)
     run_round(search, design, own, lambda: None, silent)
-    return design, search.x, design.values(search.x, own, silent, assumptions=True)
+    runs = design.run_windows(search.x, own, silent)
+    return design, search.x, design.derivatives(runs, silent, assumptions=True)
 
 
 @pytest.mark.check

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError, build_model, load_scene, packaged_scene
+from dropper_jax.base.errors import silent
 from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.scene import line_slices
+from fitting.farm.optimise.design import WindowRuns
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model
 from fitting.farm.optimise.run import read_problem
 from fitting.farm.optimise.search import programme
 from fitting.farm.optimise.storm import Peaks, check_windows
-from fitting.farm.optimise.values import Values, Window, near_rest, rest
+from fitting.farm.optimise.values import Values, near_rest, rest
 from fitting.farm.optimise.variables import read_variables
 from fitting.farm.site import read_site
 
@@ -201,15 +203,18 @@ def test_capacities_that_are_the_scene_s_follow_the_design():
 def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characteristic, monkeypatch):
     design = read_problem(changed(run={**SITE["run"], "seeds": 4, "characteristic": characteristic}))
     rng = np.random.default_rng(0)
-
-    def window(x, window, start, slopes, assumptions):
-        hard = rng.uniform(1.0, 2.0, len(design.quantities(window.case, start.still)))
-        slope = rng.standard_normal((len(hard), start.rest.dr.shape[0]))
-        return Peaks(hard, hard, slope, True)
-
-    monkeypatch.setattr(design, "window", window)
-    ones = np.ones(len(design.quantities(design.cases[0], design.still(design.start, design.cases[0]).still)))
-    found = design.values(design.start, [Window(case, 0.0, ones) for case in design.cases], lambda *_: None)
+    start = design.still(design.start, design.cases[0])
+    count = len(design.quantities(design.cases[0], start.still))
+    hard = [rng.uniform(1.0, 2.0, count) for _ in design.cases]
+    runs = WindowRuns(
+        design.start,
+        [np.ones(count) for _ in hard],
+        [Peaks(peaks, peaks, None) for peaks in hard],
+        {design.cases[0].storm.still: start},
+    )
+    slopes = [rng.standard_normal((count, start.rest.dr.shape[0])) for _ in hard]
+    monkeypatch.setattr(design, "slopes", lambda *_: slopes)
+    found = design.derivatives(runs, silent)
     seeds = [found.by_seed[name] for name in found.names if name in found.by_seed]
     assert [rows.shape for rows in seeds] == [(4, found.slopes.shape[1])]
     np.testing.assert_allclose(seeds[0].mean(axis=0), found.slopes[0], rtol=1e-12)

@@ -59,12 +59,17 @@ def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_m
 
 @pytest.mark.parametrize(("slope", "status"), [(3.0, "trusted"), (3e5, "not_trusted"), (np.nan, "not_trusted")])
 def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(monkeypatch, slope, status):
-    def window(x, own, start, slopes=True):
+    def window(x, own, start):
         peaks = np.array([1.0, 3.0 * x[0]])
-        return SimpleNamespace(hard=peaks, soft=peaks, slope=np.array([[0.0], [slope]]))
+        return SimpleNamespace(hard=peaks, soft=peaks)
 
-    variables = [SimpleNamespace(span=2.0)]
-    design = SimpleNamespace(start=np.ones(1), variables=variables, window=window, run_start=lambda *_: None)
+    design = SimpleNamespace(
+        start=np.ones(1),
+        variables=[SimpleNamespace(span=2.0)],
+        window=window,
+        slopes=lambda *_: [np.array([[0.0], [slope]])],
+        run_start=lambda *_: None,
+    )
     monkeypatch.setattr(run, "first_windows", lambda _: [SimpleNamespace(case=None)])
     found = run.check_along(design)
     assert found.status == status
@@ -104,11 +109,24 @@ def test_what_a_run_abreast_raises_is_raised():
         run_parallel(one, list(range(5)), lambda _: None, workers=2)
 
 
+def known_values(of):
+    """Methods of a design whose values and derivatives are known."""
+
+    def run_windows(x, *_):
+        return SimpleNamespace(found=of(x), solved=True)
+
+    return {
+        "run_windows": run_windows,
+        "values": lambda runs: runs.found,
+        "derivatives": lambda runs, say: runs.found,
+    }
+
+
 def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
     """The objective rises whatever its slope says, and the bound is nearer than the reach."""
     tried = []
 
-    def looked(x, windows, say, slopes=True):
+    def looked(x, *_):
         tried.append(float(x[0]))
         objective = 1.0 + (0.0 if x[0] == 0.5 else 1.0)
         return Values(objective, np.array([1.0]), ("a",), np.array([0.5]), np.zeros((1, 1)))
@@ -116,7 +134,7 @@ def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
     design = SimpleNamespace(
         settings=SimpleNamespace(margin=0.0, renew=2, enough=1e-3, reach=0.4),
         variables=[SimpleNamespace(low=0.45, high=1.5, span=1.0)],
-        values=looked,
+        **known_values(looked),
     )
     run_round(Search(np.array([0.5]), 0.4, scale=1.0), design, (), lambda: None, lambda *_: None)
     assert tried[:2] == [0.5, 0.45]
@@ -127,15 +145,14 @@ def test_steps_along_a_curved_limit_stay_long():
     """min -x - y within x^2 + y^2 <= 2 from a point of the circle: -2 at 45 degrees."""
     tried = []
 
-    def looked(x, windows, say, slopes=True):
-        if not slopes:
-            tried.append(x)
+    def looked(x, *_):
+        tried.append(x)
         return Values(float(-x.sum()), -np.ones(2), ("circle",), np.array([x @ x / 2]), x[None])
 
     design = SimpleNamespace(
         settings=SimpleNamespace(margin=0.0, renew=6, enough=1e-3, reach=0.3),
         variables=[SimpleNamespace(low=-2.0, high=2.0, span=1.0)] * 2,
-        values=looked,
+        **known_values(looked),
     )
     angle = np.pi / 4 + 1.0
     search = Search(np.sqrt(2) * np.array([np.cos(angle), np.sin(angle)]), 0.3, scale=1.0)
@@ -160,7 +177,7 @@ def test_sizes_of_a_catalogue_are_taken_though_all_rounds_were_used(rounds):
     design = SimpleNamespace(
         settings=SimpleNamespace(margin=1e-3, renew=3, enough=1e-3, reach=0.1, rounds=rounds),
         variables=[halves, any_size],
-        values=looked,
+        **known_values(looked),
         renew_windows=lambda x, say: ((), []),
         measure_full_runs=looked,
     )

@@ -29,10 +29,11 @@ from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import stepper_of
 from dropper_jax.study.gradient_check import SIZE, GradientCheck
 from fitting.parameters.parameter import apply
+from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity import study
 from fitting.sensitivity.differences import StudyRuns, changed_values, slopes_of_runs
 from fitting.sensitivity.problem import Study, measure_rows
-from fitting.sensitivity.tangents import Varied, floats_of, vary_start
+from fitting.sensitivity.tangents import vary_start
 
 Table = dict[str, Any]
 #: Duration [s], and time over which the sea rises.

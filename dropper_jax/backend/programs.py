@@ -31,23 +31,23 @@ from dropper_jax.backend.stored import SETTINGS, Folder, StoredPrograms, open_fo
 P = ParamSpec("P")
 R = TypeVar("R")
 
-#: Number of operations up to which a run becomes one kernel. A single line has 700 to 2700; its steps then take half
-#: of the time, and it compiles as fast. Systems of lines have 9000 to 14 000: their steps take half of the time too
-#: (edulis-longline: 0.6 instead of 1.2 ms), but they compile twice as long (50 instead of 24 s), which only 40 000
-#: steps would repay.
-LARGEST_KERNEL = 6000
+#: Number of operations up to which a run becomes one kernel. A single line has 700 to 2700, and 6400 with the
+#: derivatives of a fit; its steps then take half of the time. Systems of lines have 9000 to 14 000: their steps take
+#: half of the time too (edulis-longline: 0.6 instead of 1.2 ms), but they compile twice as long (50 instead of 24 s),
+#: which only 40 000 steps would repay.
+LARGEST_KERNEL = 8000
 #: What the compiler says of an option that it does not know.
 UNKNOWN_OPTION = re.compile(r"No such compile option: '(\w+)'")
 #: Compiler options of kernels on the CPU. XLA's emitters of fused operations start a compiler of their own for each of
-#: hundreds of functions; without them what cannot be one kernel compiles in half of the time.
-KERNEL_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
-#: Compiler options of other programs, most of which run for less time than they compile. LLVM's first level of
-#: optimisation in one part: the descent of `edulis-longline` compiles in 4.3 instead of 10.5 s and takes 0.12 instead
-#: of 0.10 s. Small loops stay separate: compiled into one function they take twice as long.
+#: hundreds of functions; without them what cannot be one kernel compiles in half of the time. LLVM's first level of
+#: optimisation is enough: steps are as fast, and the windows of a fit compile in 7 instead of 12 s.
+KERNEL_OPTIONS = {"xla_cpu_use_fusion_emitters": False, "xla_backend_optimization_level": 1}
+#: Compiler options of other programs, most of which run for less time than they compile. In one part the descent of
+#: `edulis-longline` compiles in 4.3 instead of 10.5 s and takes 0.12 instead of 0.10 s. Small loops stay separate:
+#: compiled into one function they take twice as long.
 OPTIONS = {
     **KERNEL_OPTIONS,
     "xla_disable_hlo_passes": "small-while-loop-hoisting",
-    "xla_backend_optimization_level": 1,
     "xla_cpu_parallel_codegen_split_count": 1,
 }
 

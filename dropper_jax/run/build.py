@@ -57,7 +57,7 @@ def from_angles(
 
     def nodes(p: jax.Array, a: jax.Array) -> jax.Array:
         links = model.line.length[:, None] * link_directions(p, a, zero)
-        return model.points[model.geometry.members[0].start].position + jnp.cumsum(links, axis=0)
+        return model.points[model.geometry.members[0].start].position + jax.lax.associative_scan(jnp.add, links)
 
     angles = jnp.asarray(polar, model.dtype), jnp.asarray(azimuth, model.dtype)
     rates = jnp.asarray(polar_rate, model.dtype), jnp.asarray(azimuth_rate, model.dtype)

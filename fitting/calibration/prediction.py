@@ -10,15 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from fitting.calibration.result import FitResult
-from fitting.estimate.simulator import march
+from fitting.estimate.simulator import Start, march
 from fitting.parameters.observation import camera_angles, clock_rate, losses
 from fitting.parameters.parameter import apply
+from fitting.parameters.varied import vary
 from fitting.traces import planar
 
 #: RMS over the links [rad] at which two motions count as diverged.
@@ -116,10 +118,14 @@ def _simulator_of(result: FitResult, steps: int) -> Callable[..., tuple[jax.Arra
             rate = 1.0
         theta, omega = planar.close_chain(model, theta, omega)
         state = planar.to_state(model, theta, omega)
-        h = windows.dt * rate
-        moved = march(simulator.stepper, model, state, h, steps, jnp.int32(windows.substeps), steps, steps)
-        angles = jnp.concatenate([theta[None], moved[0]])
-        rates = jnp.concatenate([omega[None], moved[1]])
+        whole = jnp.arange(steps), jnp.zeros(steps)
+        start = Start(theta, omega, state, jnp.asarray(windows.dt * rate, theta.dtype), whole)
+        none = jnp.zeros((0, len(values)))
+        begun = vary(lambda _: start, values, none)
+        moved, _ = march(simulator.stepper, lambda _: model, values, none, begun, steps, windows.substeps, steps, steps)
+        angles, rates = jax.vmap(partial(planar.from_nodes, model))(*moved.tree)
+        angles = jnp.concatenate([theta[None], angles])
+        rates = jnp.concatenate([omega[None], rates])
 
         def observe(angles: jax.Array) -> jax.Array:
             return camera_angles(model, parameters, values, angles)

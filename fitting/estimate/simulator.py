@@ -1,14 +1,15 @@
-"""Simulation of all windows together, with exact derivatives by their starts and the parameters."""
+"""Simulation of all windows, with exact derivatives by their starts and the parameters; each runs by itself."""
 
 from __future__ import annotations
 
 import copy
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import jax
@@ -31,25 +32,21 @@ from fitting.estimate.windows import ON_GRID, Starts, Windows, with_rows
 from fitting.parameters.missing_forces import add_missing_forces
 from fitting.parameters.observation import camera_angles, clock_rate, losses, recording
 from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.varied import Varied, split, stack_rows, vary
 from fitting.traces import planar
 
-#: Windows in one batched program: measured on the lab dropper, 4 to 24 cost the same per window; few keep all cores
-#: busy and compile fastest.
-CHUNK = 8
-
-
-#: Number of the program input that holds the windows' own numbers of steps.
-COUNTS = 8
+#: Inputs of a window with a row for each sample, and its number of steps.
+SAMPLES = slice(3, 7)
+COUNT = 8
 #: Position of a jump of the clock that a window does not have [steps].
 NEVER = 1e9
 
 
 class Key(NamedTuple):
-    """Key of a program: the scheme with or without retries, number of windows, step [s], whether samples lie on whole
-    steps, and capacity for steps and sample slots."""
+    """Key of a program: the scheme with or without retries, step [s], whether samples lie on whole steps, and capacity
+    for steps and sample slots."""
 
     plain: bool
-    size: int
     dt: float
     on_grid: bool
     steps: int
@@ -57,11 +54,14 @@ class Key(NamedTuple):
 
     def serves(self, other: Key) -> bool:
         """Whether a program compiled for this key also runs windows of the other key."""
-        return self[:4] == other[:4] and self.steps >= other.steps and self.slots >= other.slots
+        return self[:3] == other[:3] and self.steps >= other.steps and self.slots >= other.slots
 
 
 class Simulator:
-    """Runs windows of one model, a chunk at a time; a program serves all windows up to its own length.
+    """Runs windows of one model, in parallel; a program serves all windows up to its own length.
+
+    A window is one kernel where its scheme allows it. Windows in a batch would not be, and would execute the steps that
+    the longest of them needs: twice the time of a lab dropper's fit on one core, and three times on several.
 
     If the scheme retries steps that do not solve, windows first run without retries. That program compiles in half the
     time (two rods with dry joints: 13 s of 22). Only windows with unsolved steps run again; measured pendulums have
@@ -181,38 +181,33 @@ class Simulator:
         return found
 
     def _run(self, values: np.ndarray, inputs: Sequence[np.ndarray], windows: Windows, plain: bool) -> Evaluation:
-        """Inputs of all or some of the windows, a chunk at a time."""
+        """Inputs of all or some of the windows, each run by itself."""
         slots = windows.theta.shape[1]
         key, program = self._program(self._key(windows, plain), values, inputs)
-        padding = (0, key.slots - slots)
-        inputs = [
-            np.pad(a, [(0, 0), padding, *[(0, 0)] * (a.ndim - 2)]) if 3 <= i <= 6 else a for i, a in enumerate(inputs)
-        ]
-        # windows of similar length run together: a chunk takes as many steps as its longest window, so that copies of
-        # the shortest one fill the first chunk
-        order = np.argsort(inputs[COUNTS], kind="stable")
-        more = -len(order) % key.size
-        rows = np.pad(order, (more, 0), mode="edge").reshape(-1, key.size)
-        chunks = [[a[some] for a in inputs] for some in rows]
+        padded = list(inputs)
+        for i in range(len(inputs))[SAMPLES]:
+            others = [(0, 0)] * (inputs[i].ndim - 2)
+            padded[i] = np.pad(inputs[i], [(0, 0), (0, key.slots - slots), *others])
         substeps = np.int32(windows.substeps)
-        run = lambda job: [  # noqa: E731
-            np.asarray(a) for a in program(values, job[0], substeps, job[1][COUNTS].max(), *job[1])
-        ]
-        jobs = [(seeds, chunk) for seeds in self._seeds() for chunk in chunks]
-        # the compiled program releases the interpreter lock, so that two threads use two cores
+        seeds = self._seeds()
+        jobs = list(product(seeds, range(len(inputs[0]))))
+
+        def run(job: tuple[np.ndarray, int]) -> list[np.ndarray]:
+            directions, k = job
+            own = [a[k] for a in padded]
+            return [np.asarray(a) for a in program(values, directions, substeps, own[COUNT], *own)]
+
+        # the compiled program releases the interpreter lock, so that threads use all cores
         with ThreadPoolExecutor(min(len(jobs), os.cpu_count() or 1)) as pool:
             parts = list(pool.map(run, jobs))
-        back = more + np.argsort(order, kind="stable")
-        joined = []
-        for i in range(0, len(parts), len(chunks)):
-            columns = zip(*parts[i : i + len(chunks)], strict=True)
-            joined.append([np.concatenate(column)[back] for column in columns])
+        count = len(inputs[0])
+        blocks = [[np.stack(a) for a in zip(*parts[i : i + count], strict=True)] for i in range(0, len(parts), count)]
         columns = self.freedoms + len(self.parameters)
         whole = []
         for i, field in enumerate(Evaluation._fields):
-            found = joined[0][i]
+            found = blocks[0][i]
             if field.endswith("jacobian"):
-                found = np.concatenate([some[i] for some in joined], axis=-1)[..., :columns]
+                found = np.concatenate([block[i] for block in blocks], axis=-1)[..., :columns]
                 found = np.pad(found, [(0, 0)] * (found.ndim - 1) + [(0, columns - found.shape[-1])])
             whole.append(found[:, :slots] if field in ("theta", "residual", "jacobian") else found)
         return Evaluation(*whole)
@@ -236,17 +231,8 @@ class Simulator:
         return self._model[1]
 
     def _key(self, windows: Windows, plain: bool) -> Key:
-        # two sizes only, because each one is compiled separately; the small one is not used if the large one exists
-        large = windows.count > CHUNK // 2 or any(key.size == CHUNK for key in self._programs)
-        size = CHUNK if large else CHUNK // 2
-        # A program of several windows executes the steps that any of them needs, and both sides of every branch.
-        # Sticking joints have many branches: with a set-valued law windows run one by one, in 0.55 of the time (seven
-        # links), and compile in 0.4 of it.
-        # Windows with an embedded error choose their own steps; in a batch all of them would take the maximum number.
-        if self.model.laws or isinstance(self.stepper.integrator, Embedded):
-            size = 1
         on_grid = self.release is None and not losses(self.compiled) and not windows.fraction.any()
-        return Key(plain, size, windows.dt, on_grid, windows.steps, windows.theta.shape[1])
+        return Key(plain, windows.dt, on_grid, windows.steps, windows.theta.shape[1])
 
     def _program(
         self, requested: Key, values: np.ndarray, inputs: Sequence[np.ndarray]
@@ -265,11 +251,12 @@ class Simulator:
         if key.plain:
             stepper = self.stepper.plain
         one = partial(self.window, stepper=stepper, dt=key.dt, capacity=key.steps, on_grid=key.on_grid)
-        batched = jax.vmap(one, in_axes=(None, None, None, None, *(0 for _ in inputs)))
-        if key.size == 1:  # a batch of one would also execute both sides of every branch
-            batched = lambda v, d, n, m, *each: [a[None] for a in one(v, d, n, m, *(a[0] for a in each))]  # noqa: E731
-        shape = lambda i, a: (key.size, key.slots, *a.shape[2:]) if 3 <= i <= 6 else (key.size, *a.shape[1:])  # noqa: E731
-        like = [jax.ShapeDtypeStruct(shape(i, a), jax.dtypes.canonicalize_dtype(a.dtype)) for i, a in enumerate(inputs)]
+        like = []
+        for i, a in enumerate(inputs):
+            shape = a.shape[1:]
+            if i in range(len(inputs))[SAMPLES]:
+                shape = (key.slots, *shape[1:])
+            like.append(jax.ShapeDtypeStruct(shape, jax.dtypes.canonicalize_dtype(a.dtype)))
         count = jax.ShapeDtypeStruct((), jnp.int32)
         seeds = jax.ShapeDtypeStruct(
             (self.tangents, self.freedoms + len(self.compiled)), jax.dtypes.canonicalize_dtype(float)
@@ -284,9 +271,7 @@ class Simulator:
             "tangents": self.tangents,
         }
         arguments = (values, seeds, count, count, *like)
-        # several windows in one batch run as fast without the kernel and compile in half of the time
-        kernel = key.size == 1
-        self._programs[key] = compile_program(Simulator.window, known_by, arguments, batched, kernel)
+        self._programs[key] = compile_program(Simulator.window, known_by, arguments, one, kernel=True)
         self.compile_s += time.perf_counter() - started
         return key, self._programs[key]
 
@@ -295,65 +280,78 @@ class Simulator:
         values: jax.Array,
         seeds: jax.Array,
         substeps: jax.Array,
-        steps: jax.Array,
+        count: jax.Array,
         *inputs: jax.Array,
         stepper: Stepper,
         dt: float,
         capacity: int,
         on_grid: bool,
     ) -> tuple[jax.Array, ...]:
-        """Value and derivatives along `seeds` of one window, in one batch.
+        """Value and derivatives of one window along `seeds`, directions of its start and of the values.
 
         Args:
-            steps: number of steps, at most `capacity`, of all windows that run together; a window's own number of
-                steps is among the inputs, and its end is read there.
+            count: number of steps taken, at most `capacity`: those of the window, which are among the inputs, or more
+                where windows of a batch run together.
         """
-        theta0, omega0, basis, measured, weight, index, fraction, jumps, own_steps, *more = inputs
+        theta0, omega0, basis, measured, weight, index, fraction, jumps, steps, *more = inputs
         m = basis.shape[1]
         recordings = measured.shape[1] // len(theta0)
-        point = jnp.concatenate([jnp.zeros(2 * m), values])
 
-        def outputs(x: jax.Array) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, jax.Array]]:
+        def model_at(x: jax.Array) -> Model:
+            p = x[2 * m :]
+            return add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
+
+        def begun(x: jax.Array) -> Start:
             z = x[: 2 * m]
             p = x[2 * m :]
-            model = add_missing_forces(apply(self.model, self.compiled, p), self.compiled, p)
-            theta = theta0 + basis @ z[:m]
+            model = model_at(x)
+            # sums and not matrix products, which may call a library and so prevent one kernel
+            theta = theta0 + jnp.sum(basis * z[:m], axis=1)
             h: jax.Array | float = dt
             samples = (index, fraction)
             late: jax.Array | float = 0.0
             if self.release:
                 release_state = ReleaseState(*more)
-                theta = theta + release_state.slope @ (p - values)
+                theta = theta + jnp.sum(release_state.slope * (p - values), axis=1)
                 late = self.release.late(self.compiled, p, release_state)
             if self.release or losses(self.compiled):
-                h, samples = self._clock(p, late, index + fraction, jumps, dt, own_steps)
+                h, samples = self._clock(p, late, index + fraction, jumps, dt, steps)
             rate = clock_rate(self.compiled, p)
             h = h if rate is None else h * rate
-            start = planar.close_chain(model, theta, omega0 + basis @ z[m:])
-            state = planar.to_state(model, *start)
-            angles, rates, failed = march(stepper, model, state, h, capacity, substeps, steps, own_steps)
+            theta, omega = planar.close_chain(model, theta, omega0 + jnp.sum(basis * z[m:], axis=1))
+            return Start(theta, omega, planar.to_state(model, theta, omega), jnp.asarray(h, theta.dtype), samples)
+
+        def read_out(x: jax.Array, start: Start, rows: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, ...]:
+            p = x[2 * m :]
+            model = model_at(x)
+            angles, rates = jax.vmap(partial(planar.from_nodes, model))(*rows)
             shown = []
             for number in range(recordings):
                 reading = recording(self.compiled, p, number, len(theta0))
-                at = samples
+                at = start.samples
                 if number:  # the first recording's clock is that of the motion
-                    position = samples[0] + samples[1] - reading.delay / dt
+                    position = at[0] + at[1] - reading.delay / dt
                     # the fraction of a sample just outside the window lies outside 0 to 1
-                    whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(position)), 0, own_steps - 1)
+                    whole = jnp.clip(jnp.floor(jax.lax.stop_gradient(position)), 0, steps - 1)
                     at = (whole.astype(jnp.int32), position - whole)
-                poses = at_samples(start, angles, rates, *at, h, on_grid and not number)
+                first = (start.theta, start.omega)
+                poses = at_samples(first, angles, rates, *at, start.h, on_grid and not number)
                 seen = camera_angles(model, self.compiled, p, poses)
                 if number:
                     mine = slice(number * len(theta0), (number + 1) * len(theta0))
                     seen = reading.read(seen, measured[:, mine])
                 shown.append(seen)
             angle = jnp.concatenate(shown, axis=-1)
-            end = jnp.concatenate([angles[own_steps - 1], rates[own_steps - 1]])
-            return (planar.wrap(angle - measured) * weight, jnp.concatenate(start), end), (angle, failed)
+            end = jnp.concatenate([angles[steps - 1], rates[steps - 1]])
+            return planar.wrap(angle - measured) * weight, jnp.concatenate([start.theta, start.omega]), end, angle
 
-        push = lambda d: jax.jvp(outputs, (point,), (d,), has_aux=True)  # noqa: E731
-        (residual, start, end), (jr, js, je), (angle, failed) = jax.vmap(push, out_axes=(None, -1, None))(seeds)
-        return angle, residual, jr, start, end, js, je, failed
+        point = jnp.concatenate([jnp.zeros(2 * m), values])
+        start = vary(begun, point, seeds)
+        rows, failed = march(stepper, model_at, point, seeds, start, capacity, substeps, count, steps)
+        found = vary(read_out, point, seeds, start, rows)
+        residual, first, end, angle = found.tree
+        by_residual, by_first, by_end = (jnp.moveaxis(slope, 0, -1) for slope in found.slopes[:3])
+        return angle, residual, by_residual, first, end, by_first, by_end, failed
 
     def _clock(
         self,
@@ -380,6 +378,17 @@ class Simulator:
         step_position = jnp.clip((elapsed - late) / h, 0.0, steps)  # before the release: at rest
         whole = jnp.minimum(jnp.floor(jax.lax.stop_gradient(step_position)), steps - 1)
         return h, (whole.astype(jnp.int32), step_position - whole)
+
+
+class Start(NamedTuple):
+    """Start of a window: angles [rad] and rates [rad/s] (n,), the state, its step [s], and the position of its samples
+    in steps, integer and fraction (S,)."""
+
+    theta: jax.Array
+    omega: jax.Array
+    state: State
+    h: jax.Array
+    samples: tuple[jax.Array, jax.Array]
 
 
 def choose_stepper(model: Model, integrator: str | None = None, solver: str = "auto") -> Stepper:
@@ -409,46 +418,61 @@ def choose_stepper(model: Model, integrator: str | None = None, solver: str = "a
 ACCURACY_PER_LENGTH = 0.1
 
 
-#: A state and the number of failed steps before it.
-Counted = tuple[State, jax.Array]
-
-
 def march(
     stepper: Stepper,
-    model: Model,
-    s: State,
-    dt: jax.Array | float,
+    model_at: Callable[[jax.Array], Model],
+    x: jax.Array,
+    directions: jax.Array,
+    start: Varied,
     capacity: int,
-    substeps: jax.Array,
+    substeps: jax.Array | int,
     steps: jax.Array | int,
     counted: jax.Array | int,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Angles and rates (capacity, n) after every step of dt, and the number of failed (sub)steps among the first
-    `counted`; undefined beyond `steps`.
+) -> tuple[Varied, jax.Array]:
+    """Positions and velocities (capacity, nodes, 3) after every step from a start, a `Start` as a function of x, with
+    derivatives along the directions (k, len(x)), and the number of failed (sub)steps among the first `counted`;
+    undefined beyond `steps`.
 
     Each step is divided into `substeps` parts. Both numbers are traced, so that one program serves every step size and
-    windows of any length. Schemes with an embedded error become more exact accordingly; their output interval is dt.
+    windows of any length. Schemes with an embedded error become more exact accordingly; their output interval is h.
     """
     if isinstance(stepper.integrator, Embedded):
-        finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order
-        accuracy = jax.lax.stop_gradient(ACCURACY_PER_LENGTH * jnp.min(model.line.length) * finer)
-        start = adaptive_start(stepper, model, begin(stepper, model, s))
-        end, (found, _) = advance_adaptively(stepper, model, start, dt, accuracy, capacity)
-        return *jax.vmap(partial(planar.from_nodes, model))(found.r, found.v), end.has_failed.astype(jnp.int32)
 
-    def full_interval(carry: Counted, i: jax.Array) -> tuple[Counted, tuple[jax.Array, jax.Array]]:
-        def part(_: jax.Array, carry: Counted) -> Counted:
-            taken = advance_over(stepper, model, carry[0], dt / substeps, carry[1] == 0)
-            return taken.state, carry[1] + jnp.where(i < counted, taken.failed, 0)
+        def adapt(x: jax.Array, start: Start) -> tuple[tuple[jax.Array, jax.Array], jax.Array]:
+            model = model_at(x)
+            finer = jnp.asarray(substeps, model.dtype) ** -stepper.integrator.order
+            accuracy = jax.lax.stop_gradient(ACCURACY_PER_LENGTH * jnp.min(model.line.length) * finer)
+            first = adaptive_start(stepper, model, begin(stepper, model, start.state))
+            end, (found, _) = advance_adaptively(stepper, model, first, start.h, accuracy, capacity)
+            return (found.r, found.v), end.has_failed.astype(jnp.int32)
 
-        s, bad = jax.lax.fori_loop(0, substeps, part, carry)
-        return (s, bad), (s.r, s.v)
+        found = vary(adapt, x, directions, start)
+        return Varied(found.tree[0], found.slopes), found.tree[1]
 
-    first = begin(stepper, model, s).state, jnp.zeros((), jnp.int32)
-    # steps that are not reached keep the first pose: a link of zero length would have no angle and no finite derivative
-    shelf = lambda a: jnp.broadcast_to(a, (capacity, *a.shape))  # noqa: E731
-    (_, bad), (r, v) = scan_steps(full_interval, first, steps, (shelf(first[0].r), shelf(first[0].v)))
-    return *jax.vmap(partial(planar.from_nodes, model))(r, v), bad
+    def save(now: Varied, i: jax.Array) -> tuple[Varied, Varied]:
+        def interval(x: jax.Array, now: tuple[State, jax.Array], start: Start) -> tuple[Any, Any]:
+            model = model_at(x)
+
+            def part(_: jax.Array, now: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+                s, failed = now
+                taken = advance_over(stepper, model, s, start.h / substeps, failed == 0)
+                return taken.state, failed + jnp.where(i < counted, taken.failed, 0)
+
+            s, failed = jax.lax.fori_loop(0, substeps, part, now)
+            return (s, failed), (s.r, s.v)
+
+        return split(vary(interval, x, directions, now, start))
+
+    def first(x: jax.Array, start: Start) -> tuple[Any, Any]:
+        s = begin(stepper, model_at(x), start.state).state
+        # steps that are not reached keep the first pose: a link of zero length would have no angle
+        shelf = tuple(jnp.broadcast_to(a, (capacity, *a.shape)) for a in (s.r, s.v))
+        return (s, jnp.zeros((), jnp.int32)), shelf
+
+    now, shelf = split(vary(first, x, directions, start))
+    rows = Varied(shelf.tree, [jnp.swapaxes(slope, 0, 1) for slope in shelf.slopes])
+    now, rows = scan_steps(save, now, steps, rows)
+    return stack_rows(rows), now.tree[1]
 
 
 def at_samples(

@@ -14,11 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Generic, NamedTuple, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 
+from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.model import Model
 from fitting.traces import planar
@@ -347,7 +351,10 @@ def first_starts(model: Model, traces: Sequence[Trace], windows: Windows, sigma:
     return Starts(*(np.asarray(a)[: len(value)] for a in found))
 
 
-_close = jax.jit(jax.vmap(planar.close_chain, in_axes=(None, 0, 0)))
+@cached_jit()
+def _close(model: Model, theta: ArrayLike, omega: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """`close_chain` of many angles and rates (k, n)."""
+    return jax.vmap(partial(planar.close_chain, model))(jnp.asarray(theta), jnp.asarray(omega))
 
 
 def local_motion(t: np.ndarray, theta: np.ndarray, at: float, sigma: np.ndarray, longest: float) -> np.ndarray:

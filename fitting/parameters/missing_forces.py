@@ -93,7 +93,7 @@ def _derivative(primals: tuple, tangents: tuple) -> tuple[jax.Array, jax.Array]:
     change = tangents[0]
     if isinstance(change, SymbolicZero):
         return nothing, nothing
-    return nothing, jnp.tensordot(change, unit_forces(*primals[1:]), 1)
+    return nothing, jnp.sum(change[:, None, None] * unit_forces(*primals[1:]), axis=0)
 
 
 _force_at_zero.defjvp(_derivative, symbolic_zeros=True)

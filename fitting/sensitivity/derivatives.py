@@ -24,12 +24,13 @@ from dropper_jax.run.chunks import FACTOR
 from dropper_jax.stepping.integrate import Steps, Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
+from fitting.parameters.varied import Varied, floats_of
 from fitting.sensitivity.differences import central_differences, error_by_coarser, error_of_value
 from fitting.sensitivity.linear_range import linear_range
 from fitting.sensitivity.own_steps import part_of_steps, saved_times
 from fitting.sensitivity.problem import Plan, Study
 from fitting.sensitivity.result import TANGENT, Local, empty_result, hide_unresolved, slope_status
-from fitting.sensitivity.tangents import Varied, floats_of, vary_start, vary_study
+from fitting.sensitivity.tangents import vary_start, vary_study
 
 
 @cached_jit(static=("plan",))

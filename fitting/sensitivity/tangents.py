@@ -28,25 +28,9 @@ from dropper_jax.stepping.integrate import (
     scan_steps,
 )
 from fitting.parameters.parameter import Parameter, apply
+from fitting.parameters.varied import Varied, floats_of, split, stack_rows, vary
 from fitting.sensitivity.own_steps import padded, saved_times
 from fitting.sensitivity.problem import Plan, Study, standing
-
-
-class Varied(NamedTuple):
-    """A tree of arrays as a function of the parameters: its values, and the derivatives (p, ...) of its floats."""
-
-    tree: Any
-    slopes: Sequence[jax.Array | np.ndarray]
-
-
-def floats_of(tree: Any) -> list[jax.Array]:
-    return [x for x in jax.tree.leaves(tree) if jnp.issubdtype(jnp.result_type(x), jnp.inexact)]
-
-
-def _with_floats(tree: Any, values: list[jax.Array]) -> Any:
-    leaves, form = jax.tree.flatten(tree)
-    new = iter(values)
-    return form.unflatten([next(new) if jnp.issubdtype(jnp.result_type(x), jnp.inexact) else x for x in leaves])
 
 
 def _vary(
@@ -54,17 +38,10 @@ def _vary(
 ) -> Varied:
     """`function(model, *trees)` with its derivatives by the parameters, of which the trees are functions too."""
 
-    def at(p: jax.Array, *floats: list[jax.Array]) -> tuple[list[jax.Array], Any]:
-        trees = (_with_floats(one.tree, new) for one, new in zip(given, floats, strict=True))
-        found = function(apply(model, parameters, p), *trees)
-        return floats_of(found), found
+    def of_values(p: jax.Array, *trees: Any) -> Any:
+        return function(apply(model, parameters, p), *trees)
 
-    def along(*direction: Any) -> Varied:
-        _, slopes, found = jax.jvp(at, (values, *(floats_of(one.tree) for one in given)), direction, has_aux=True)
-        return Varied(found, slopes)
-
-    slopes = (one.slopes for one in given)
-    return jax.vmap(along, out_axes=Varied(None, 0))(jnp.eye(len(values)), *slopes)
+    return vary(of_values, values, jnp.eye(len(values)), *given)
 
 
 def vary_start(plan: Plan, model: Model, s: State, values: jax.Array) -> Varied:
@@ -145,8 +122,7 @@ def _vary_run(
     count: jax.Array | int,
 ) -> Varied:
     """`count` saved states of a run along known steps, in the first of as many rows as these have ends, with
-    derivatives: one program for any duration, quantity and start. JAX differentiates one step and not the loops around
-    it: a third of the time of tracing.
+    derivatives: one program for any duration, quantity and start.
     """
 
     def save(now: Varied, i: jax.Array) -> tuple[Varied, Varied]:
@@ -160,15 +136,14 @@ def _vary_run(
             before = jnp.where(k > 0, steps.length[k - 1], 0.0)
             one = partial(_take_step, stepper, follows, h, before, since)
             found = _vary(one, parameters, model, values, so_far.now)
-            after, row = found.tree
+            after, new = split(found)
             earlier = so_far.row.tree
-            row = row._replace(
-                residual=jnp.maximum(earlier.residual, row.residual),
-                retried=earlier.retried + row.retried,
-                failed=earlier.failed + row.failed,
+            row = new.tree._replace(
+                residual=jnp.maximum(earlier.residual, new.tree.residual),
+                retried=earlier.retried + new.tree.retried,
+                failed=earlier.failed + new.tree.failed,
             )
-            floats = len(so_far.now.slopes)
-            return _Between(Varied(after, found.slopes[:floats]), Varied(row, found.slopes[floats:]), since)
+            return _Between(after, new._replace(tree=row), since)
 
         between = _Between(now, jax.tree.map(lambda x: x[0], rows), jnp.zeros((), model.dtype))
         between = jax.lax.fori_loop(first, steps.ends[i], take, between)
@@ -182,8 +157,7 @@ def _vary_run(
     rows = empty_trajectory(now.tree.progress, capacity)
     slopes = [jnp.zeros((capacity, len(values), *x.shape[1:]), x.dtype) for x in floats_of(rows)]
     rows = Varied(rows, slopes)
-    run = scan_steps(save, now, count, rows)[1]
-    return Varied(run.tree, [jnp.swapaxes(x, 0, 1) for x in run.slopes])
+    return stack_rows(scan_steps(save, now, count, rows)[1])
 
 
 @cached_jit(static=("plan",))

@@ -70,18 +70,17 @@ def directions(theta: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 def _closing(model: Model, theta: jax.Array, rows: jax.Array) -> jax.Array:
     """Smallest change of angles (n,) that removes rows (2,) [m] of the linearised closure."""
-    gradient = model.line.length[:, None] * directions(theta)[1]
-    gram = gradient.T @ gradient
-    inverse = jnp.array([[gram[1, 1], -gram[0, 1]], [-gram[1, 0], gram[0, 0]]]) / (
-        gram[0, 0] * gram[1, 1] - gram[0, 1] * gram[1, 0]
-    )
-    return gradient @ (inverse @ rows)
+    x, z = (model.line.length[:, None] * directions(theta)[1]).T
+    xx, xz, zz = (jnp.sum(a * b) for a, b in ((x, x), (x, z), (z, z)))
+    in_x = zz * rows[0] - xz * rows[1]
+    in_z = xx * rows[1] - xz * rows[0]
+    return (x * in_x + z * in_z) / (xx * zz - xz**2)
 
 
 def gap(model: Model, theta: jax.Array) -> jax.Array:
     """Distance from the end of the chain of links to its fixed end, (2,) [m] in x and z."""
     ends = model.ends(jnp.zeros((), model.dtype))
-    reach = model.line.length @ directions(theta)[0]
+    reach = jnp.sum(model.line.length[:, None] * directions(theta)[0], axis=0)
     return reach - (ends.end - ends.start)[jnp.array([0, 2])]
 
 
@@ -95,7 +94,7 @@ def close_chain(model: Model, theta: jax.Array, omega: jax.Array) -> tuple[jax.A
 
     # Newton iterations of the closure; from a distance of 0.1 rad four reach rounding (convergence is quadratic)
     theta, _ = jax.lax.scan(correct, theta, None, length=4)
-    rate = (model.line.length * omega) @ directions(theta)[1]
+    rate = jnp.sum((model.line.length * omega)[:, None] * directions(theta)[1], axis=0)
     return theta, omega - _closing(model, theta, rate)
 
 

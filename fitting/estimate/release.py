@@ -92,7 +92,9 @@ class Release:
     def times(self, parameters: Sequence[Parameter], values: jax.Array) -> jax.Array:
         """Instants of release (runs,) [s] on the traces' clocks; 0 if they are not free."""
         free = _free_times(parameters)
-        return jnp.zeros(self.runs).at[np.array([*free], int)].set(values[np.array([*free.values()], int)])
+        none = jnp.zeros((), values.dtype)
+        # an update of an array of zeros cannot be part of one kernel
+        return jnp.stack([values[free[run]] if run in free else none for run in range(self.runs)])
 
     def late(self, parameters: Sequence[Parameter], p: jax.Array, release_state: ReleaseState) -> jax.Array:
         """Time from the start of a window to its release [s]; 0 for windows that are not released."""

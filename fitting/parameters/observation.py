@@ -62,7 +62,8 @@ def node_markers(
         direction = (along, across)[where.axis][..., where.node - 1, :]
         if where.node in (0, links):
             direction = jnp.asarray(np.eye(2)[where.axis])
-        moved = moved.at[..., where.node, :].add(values[i] * direction)
+        here = np.eye(links + 1)[where.node]
+        moved = moved + values[i] * direction[..., None, :] * here[:, None]
     apart = moved[..., 1:, :] - moved[..., :-1, :]
     return jnp.arctan2(jnp.sum(across * apart, -1), model.line.length + jnp.sum(along * apart, -1))
 
@@ -94,7 +95,8 @@ def recording(parameters: Sequence[Parameter], values: jax.Array, number: int, l
         if not isinstance(where, RecordingPlace) or where.recording != number:
             continue
         if where.field == "zero":
-            found = found._replace(zeros=found.zeros.at[where.link].set(values[i] - where.applied))
+            zero = values[i] - where.applied
+            found = found._replace(zeros=jnp.where(np.arange(links) == where.link, zero, found.zeros))
         else:
             found = found._replace(**{where.field: values[i] - where.applied})
     return found

@@ -45,7 +45,8 @@ class ModelPlace:
         old = getattr(items[self.index], self.field)
         new = jnp.broadcast_to(value, jnp.shape(old))
         if self.entry is not None:
-            new = jnp.ravel(old).at[self.entry].set(value).reshape(jnp.shape(old))
+            number = np.arange(np.size(old)).reshape(np.shape(old))
+            new = jnp.where(number == self.entry, value, old)
         items[self.index] = replace(items[self.index], **{self.field: new})
         return replace(model, **{self.section: tuple(items)})
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
@@ -26,11 +25,7 @@ def make_steps(model: Model, length: np.ndarray, ends: np.ndarray, failed: bool)
     """Steps of these lengths [s], with intervals that have these ends."""
     none = np.zeros(len(ends), np.int32)
     residual = np.zeros(len(ends), model.dtype)
-    return _on_device(length.astype(model.dtype), ends.astype(np.int32), residual, none, np.full(len(ends), failed))
-
-
-def _on_device(*fields: np.ndarray) -> Steps:
-    return Steps(*map(jnp.asarray, fields))
+    return Steps(length.astype(model.dtype), ends.astype(np.int32), residual, none, np.full(len(ends), failed))
 
 
 def part_of_steps(steps: Steps, first: int, rows: int) -> Steps:
@@ -38,14 +33,14 @@ def part_of_steps(steps: Steps, first: int, rows: int) -> Steps:
     length, ends, *others = map(np.asarray, steps)
     begin = ends[first - 1] if first else 0
     ends = ends[first : first + rows]
-    return _on_device(length[begin : ends[-1]], ends - begin, *(x[first : first + rows] for x in others))
+    return Steps(length[begin : ends[-1]], ends - begin, *(x[first : first + rows] for x in others))
 
 
 def padded(steps: Steps) -> Steps:
     """The same with room for more steps and intervals, so that one program serves many durations."""
-    return _on_device(*(np.pad(np.asarray(x), (0, spare_rows(len(x)) - len(x))) for x in steps))
+    return Steps(*(np.pad(np.asarray(x), (0, spare_rows(len(x)) - len(x))) for x in steps))
 
 
-def saved_times(steps: Steps) -> jax.Array:
+def saved_times(steps: Steps) -> np.ndarray:
     """Ends of the intervals (k,) [s] from the start of the run."""
-    return jnp.cumsum(jnp.asarray(steps.length))[steps.ends - 1]
+    return np.cumsum(np.asarray(steps.length))[np.asarray(steps.ends) - 1]

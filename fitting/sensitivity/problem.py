@@ -30,7 +30,7 @@ from dropper_jax.stepping.integrate import Steps, Trajectory, advance, along_acc
 from fitting.parameters.names import full_names
 from fitting.parameters.of_scene import find_parameters
 from fitting.parameters.parameter import Parameter, apply, with_effects
-from fitting.sensitivity.own_steps import find_own_lengths, make_steps, saved_times
+from fitting.sensitivity.own_steps import find_own_lengths, make_steps
 
 #: Number of runs of a global study that a GPU advances together.
 RUNS_TOGETHER = 64
@@ -108,7 +108,8 @@ class Plan:
         s = initial_state(model, self.start, near=near)
         if self.of.at_rest:
             return self.measure(model, s, standing(s), s.t[None])
-        return self.measure(model, s, self.march(model, s, steps, checkpoint), s.t + saved_times(steps))
+        times = s.t + jnp.cumsum(jnp.asarray(steps.length))[jnp.asarray(steps.ends) - 1]
+        return self.measure(model, s, self.march(model, s, steps, checkpoint), times)
 
 
 @dataclass(frozen=True, eq=False)

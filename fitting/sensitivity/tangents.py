@@ -188,4 +188,4 @@ def vary_study(problem: Study, at: jax.Array, start: Varied, steps: Steps) -> tu
     if np.any(steps.failed):
         rows = rows._replace(first_bad=np.zeros_like(rows.first_bad))
     run = Varied(rows, [np.asarray(x)[:, :saves] for x in run.slopes])
-    return _vary_quantity(plan, model, at, start, run, t + saved_times(steps)), run
+    return _vary_quantity(plan, model, at, start, run, np.asarray(t) + saved_times(steps)), run

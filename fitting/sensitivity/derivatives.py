@@ -21,6 +21,7 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import initial_state
 from dropper_jax.run.chunks import FACTOR
+from dropper_jax.stepping.control import ROUNDING
 from dropper_jax.stepping.integrate import Steps, Trajectory
 from dropper_jax.study.lyapunov import lyapunov
 from fitting.parameters.parameter import apply
@@ -234,7 +235,8 @@ def windows(
         run = vary_study(problem, at, start, steps)[1].tree
     times = np.append(0.0, saved_times(steps))
     # of as many saved states each; those of steps that follow an accuracy need not be evenly spaced
-    saves = min(max(2, int(length / times[-1] * len(steps.ends))), len(steps.ends))
+    share = length / times[-1] * (1.0 + ROUNDING)
+    saves = min(max(2, int(share * len(steps.ends))), len(steps.ends))
     count = len(steps.ends) // saves
     model = apply(problem.model, problem.parameters, at)
     found = []

@@ -162,7 +162,7 @@ def _vary_run(
 
 @cached_jit(static=("plan",))
 def _vary_quantity(
-    plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None, t: jax.Array
+    plan: Plan, model: Model, values: jax.Array, start: Varied, run: Varied | None, t: jax.Array | np.ndarray
 ) -> Varied:
     """The quantity of a run from `start` with states saved at t (k,) [s], or of the start alone."""
     if run is None:
@@ -171,7 +171,7 @@ def _vary_quantity(
             return plan.measure(changed, s, standing(s), s.t[None])
 
         return _vary(measure_start, plan.parameters, model, values, start)
-    return _vary(partial(plan.measure, t=t), plan.parameters, model, values, start, run)
+    return _vary(partial(plan.measure, t=jnp.asarray(t)), plan.parameters, model, values, start, run)
 
 
 def vary_study(problem: Study, at: jax.Array, start: Varied, steps: Steps) -> tuple[Varied, Varied | None]:

@@ -249,7 +249,8 @@ class Design:
         """The same with derivatives by the variables, and by the assumptions if wanted."""
         found = self.slopes(runs.windows, say, assumptions)
         slope = [own * factor[:, None] for own, factor in zip(found, runs.factors, strict=True)]
-        return self._together(runs.x, runs.peaks, slope, runs.starts, runs.solved)
+        solved = runs.solved and all(np.isfinite(own).all() for own in slope)
+        return self._together(runs.x, runs.peaks, slope, runs.starts, solved)
 
     def _no_slopes(self, hard: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Zero derivatives of quantities (q,) of each case, (q, p + a)."""

@@ -29,6 +29,8 @@ PRICE = 10.0
 SMALLEST_REACH = 2e-3
 #: Permitted excess of constraints of the best design over 1: rounding.
 PERMITTED_EXCESS = 1e-9
+#: Reason why a design is not taken.
+FAILED = "steps of a window fail"
 #: Difference of windows from whole runs, in limits, above which windows are updated after every step.
 RESIDUAL = 0.02
 
@@ -200,6 +202,9 @@ class _Round:
         if attempt.good and runs is not None:
             found = self.design.derivatives(runs, self.say)
             attempt = replace(attempt, values=found)
+            if not found.solved:
+                found, failure = None, FAILED
+                attempt = replace(attempt, values=None, won=-np.inf)
         row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach, "values": x.tolist()}
         if found is None:
             search.history.append({**row, "failure": failure})
@@ -221,7 +226,7 @@ def _try_design(
         return None, str(error)
     if found.solved:
         return found, ""
-    return None, "steps of a window fail"
+    return None, FAILED
 
 
 def measure(

@@ -141,6 +141,24 @@ def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
     assert len(set(tried)) == len(tried) > 2
 
 
+def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
+    def looked(x, *_):
+        return Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))
+
+    def derivatives(runs, say):
+        return dataclasses.replace(runs.found, solved=runs.found.objective == 1.0)
+
+    design = SimpleNamespace(
+        settings=SimpleNamespace(margin=0.0, renew=2, enough=1e-3, reach=0.4),
+        variables=[SimpleNamespace(low=0.0, high=1.0, span=1.0)],
+        **{**known_values(looked), "derivatives": derivatives},
+    )
+    search = Search(np.ones(1), 0.4, scale=1.0)
+    found = run_round(search, design, (), lambda: None, lambda *_: None)
+    assert found.objective == search.x[0] == 1.0
+    assert {row["failure"] for row in search.history} == {"steps of a window fail"}
+
+
 def test_steps_along_a_curved_limit_stay_long():
     """min -x - y within x^2 + y^2 <= 2 from a point of the circle: -2 at 45 degrees."""
     tried = []

@@ -57,6 +57,7 @@ def from_angles(
 
     def nodes(p: jax.Array, a: jax.Array) -> jax.Array:
         links = model.line.length[:, None] * link_directions(p, a, zero)
+        # not `cumsum`, which cannot be part of one kernel
         return model.points[model.geometry.members[0].start].position + jax.lax.associative_scan(jnp.add, links)
 
     angles = jnp.asarray(polar, model.dtype), jnp.asarray(azimuth, model.dtype)

@@ -93,7 +93,7 @@ class Release:
         """Instants of release (runs,) [s] on the traces' clocks; 0 if they are not free."""
         free = _free_times(parameters)
         none = jnp.zeros((), values.dtype)
-        # an update of an array of zeros cannot be part of one kernel
+        # not by `.at[].set`, which cannot be part of one kernel
         return jnp.stack([values[free[run]] if run in free else none for run in range(self.runs)])
 
     def late(self, parameters: Sequence[Parameter], p: jax.Array, release_state: ReleaseState) -> jax.Array:

@@ -14,7 +14,8 @@ DEGREE = 3
 
 def smooth(theta: np.ndarray, width: int, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Angles and rates (N, n) by cubics through `width` samples around each (Savitzky and Golay 1964); at both ends by
-    the last full one. SciPy's function imports its statistics, which takes longer than many a fit."""
+    the last full one."""
+    # not by scipy.signal: its import takes half a second of every fit
     half = width // 2
     degrees = np.arange(DEGREE + 1)
     fit = np.linalg.pinv((np.arange(-half, half + 1) * step)[:, None] ** degrees)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 import dropper_jax as dj
 from dropper_jax import SceneError
@@ -11,7 +12,7 @@ from fitting.parameters.names import full_names
 from fitting.parameters.paths import resolve
 from fitting.traces import planar
 from fitting.traces.conventions import settle_convention
-from fitting.traces.noise import noise
+from fitting.traces.noise import DEGREE, noise, smooth
 
 ANY = Convention()
 
@@ -237,3 +238,12 @@ def test_columns_of_other_names_are_read_by_name_and_others_left_out(tmp_path):
 def test_a_file_without_a_time_names_whole_columns_and_what_to_do(tmp_path, header, links, words, refusal):
     path = write(tmp_path, header + "\n" + ",".join("1" * (header.count(",") + 1)) + "\n")
     assert words in refusal(read_trace, path, links)
+
+
+@pytest.mark.parametrize("width", [5, 11, 49])
+def test_smoothed_angles_and_rates_are_those_of_scipy(width):
+    theta = np.random.default_rng(0).standard_normal((50, 3))
+    angles, rates = smooth(theta, width, 0.02)
+    np.testing.assert_allclose(angles, savgol_filter(theta, width, DEGREE, axis=0), atol=1e-11)
+    expected = savgol_filter(theta, width, DEGREE, deriv=1, delta=0.02, axis=0)
+    np.testing.assert_allclose(rates, expected, atol=1e-10)

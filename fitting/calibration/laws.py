@@ -68,6 +68,8 @@ REMAINS = 1e-4
 #: includes the force: a correlation of 0.98 hides this much. Probability that the force is below its upper limit.
 HIDDEN = 5.0
 EXCLUDED = 0.95
+#: Fraction of a force's effect from which a parameter that acts like it includes it.
+PART = 0.2
 #: Degrees of freedom below which nothing is tested.
 FEWEST = 3
 #: Degrees of freedom of the variance that the noise predicts.
@@ -151,11 +153,22 @@ class LawTests:
 
     Attributes:
         tests: of candidates that the traces distinguish from the free parameters, forces first.
-        included: by free parameter, forces that the motion does not distinguish from it.
+        included, reducing: by free parameter, forces that may be a part of its value, or make it too low, as the motion
+            does not distinguish them.
     """
 
     tests: tuple[LawTest, ...] = ()
     included: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    reducing: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def remark(self, name: str) -> str:
+        """What a value may include, or be too low by; empty if it is that of one force."""
+        remarks = []
+        if name in self.included:
+            remarks.append(f"may include {' and '.join(self.included[name])}")
+        if name in self.reducing:
+            remarks.append(f"may be too low because of {' and '.join(self.reducing[name])}")
+        return ", ".join(remarks)
 
     @property
     def significant(self) -> list[LawTest]:
@@ -323,15 +336,21 @@ class Judge:
         candidates = len(self.solution.values) + np.arange(len(self.suspects))
         rest = np.diag(eliminate_rows(self.separate, self.free, candidates))
         alone = rest / np.maximum(np.diag(self.separate)[candidates], 1e-300)
-        names = self.solution.problem.names
         included: dict[str, tuple[str, ...]] = {}
+        reducing: dict[str, tuple[str, ...]] = {}
+
+        def hide(name: str, signs: np.ndarray) -> None:
+            for j in np.flatnonzero(signs):
+                table = included if signs[j] > 0 else reducing
+                parameter = self.solution.problem.names[self.free[j]]
+                table[parameter] = (*table.get(parameter, ()), name)
+
         left = []
         for i, suspect in enumerate(self.suspects):
-            twin = self._nearest(candidates[i])
             if alone[i] > REMAINS:
                 left.append(i)
-            elif suspect.grows and twin is not None:
-                included[names[twin]] = (*included.get(names[twin], ()), suspect.name)
+            elif suspect.grows:
+                hide(suspect.name, self._likeness(candidates[i]))
         shown: list[LawTest] = []
         given = self.free
         while True:
@@ -343,10 +362,9 @@ class Judge:
             given = np.append(given, candidates[first.suspect])
             left.remove(first.suspect)
         for row in rows:
-            where = self.hides_in(row, given)
-            if where is not None:
-                included[names[where]] = (*included.get(names[where], ()), row.test.name)
-        return LawTests((*shown, *(row.test for row in rows)), included)
+            if self.suspects[row.suspect].grows:
+                hide(row.test.name, self._hiding(row, given))
+        return LawTests((*shown, *(row.test for row in rows)), included, reducing)
 
     def test(self, left: Sequence[int], given: np.ndarray) -> list[Row]:
         """Tests of these suspects with the given parameters and candidates free: forces first, by decreasing gain."""
@@ -404,25 +422,23 @@ class Judge:
         like = np.abs(rest[0, 1:]) / (size[0] * size[1:])
         return tuple(one.test.name for one, much in zip(others, like, strict=True) if much > ALIKE)
 
-    def hides_in(self, row: Row, given: np.ndarray) -> int | None:
-        """The free parameter that includes a force of a size that the traces do not exclude; None if none does."""
-        if not self.suspects[row.suspect].grows:
-            return None
+    def _hiding(self, row: Row, given: np.ndarray) -> np.ndarray:
+        """Signs of the changes of the free parameters that matter, by a force as large as the traces do not exclude."""
         mine = len(self.solution.values) + row.suspect
         information = row.level.information
         slope = solve_spd(information[np.ix_(given, given)], information[given, mine])[: len(self.free)]
         largest = max(row.test.change, 0.0) + float(ndtri(EXCLUDED)) * row.test.error
-        ratio = np.abs(slope) * largest / self._noticed(HIDDEN)
-        if not np.any(ratio > 1):
-            return None
-        return int(self.free[np.argmax(ratio)])
+        return np.sign(slope) * (np.abs(slope) * largest > self._noticed(HIDDEN))
 
-    def _nearest(self, mine: int) -> int | None:
-        """The free parameter whose effect in separate windows is most like a candidate's; None without any effect."""
-        if not self.separate[mine, mine] > 0 or not len(self.free):
-            return None
-        size = np.sqrt(np.maximum(np.diag(self.separate), 1e-300))
-        return int(self.free[np.argmax(np.abs(self.separate[self.free, mine]) / size[self.free])])
+    def _likeness(self, mine: int) -> np.ndarray:
+        """Signs of the free parameters that together act as a candidate does in separate windows."""
+        size = self.separate[mine, mine]
+        if not size > 0 or not len(self.free):
+            return np.zeros(len(self.free))
+        free = self.separate[np.ix_(self.free, self.free)]
+        slope = solve_spd(free, self.separate[self.free, mine])
+        part = slope * np.sqrt(np.diag(free) / size)
+        return np.sign(part) * (np.abs(part) > PART)
 
 
 def _one_step(level: Level, chosen: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, int]:
@@ -458,8 +474,8 @@ def freeing_option(test: LawTest, names: Sequence[str]) -> str:
 def law_warnings(laws: LawTests) -> list[str]:
     """One line on a significant candidate that changes no value by much, and on candidates in a coefficient."""
     found = [
-        f"{name} may include {' and '.join(others)}: this motion does not distinguish them"
-        for name, others in laws.included.items()
+        f"{name} {laws.remark(name)}: this motion does not distinguish them"
+        for name in dict.fromkeys([*laws.included, *laws.reducing])
     ]
     if laws.significant and laws.wrong is None:
         small = laws.significant[0]

@@ -338,6 +338,17 @@ class FitResult(SceneFit[Problem, Evaluation]):
         value = self.values[mine[0]] + speed * self.values[mine[1]]
         return Combination(DRAG, speed, value, np.sqrt(max(C[0, 0] + speed * C[0, 1], 0.0)))
 
+    def note(self, i: int) -> str:
+        return ", ".join(filter(None, [super().note(i), self.laws.remark(self.parameters[i].name)]))
+
+    def estimates(self) -> dict[str, dict[str, Any]]:
+        """As those of every fit, with remarks on values that are not those of one force."""
+        found = super().estimates()
+        for name, estimate in found.items():
+            if remark := self.laws.remark(name):
+                estimate["remark"] = remark
+        return found
+
     def add_advice(self, candidates: list[Candidate]) -> None:
         """Report candidates of `advise`, the first ones worth it as warnings too."""
         self.advice = candidates

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -154,7 +155,7 @@ def fit_files(
     if args.report is None:
         folder = new_folder(measured[0].trace.name)
     else:
-        folder = args.report
+        folder = Path(args.report)
     case = write_case(folder, measured, plain, ("--same-motion",) if args.same_motion else ())
     values = found_values(result, measured[0], args.mass)
     assumed.append(model_note(measured[0].trace.links, args.mass))
@@ -163,7 +164,8 @@ def fit_files(
         table(value_rows(values)),
         f"repeat with: {case.command}",
     ]
-    plain_values = {one.name: {"value": one.value, "std_error": one.std_error, "unit": one.unit} for one in values}
+    rows = (asdict(one) for one in values)
+    plain_values = {row.pop("name"): row for row in rows}
     return result, {"assumed": assumed, "found": plain_values, "repeat": case.command}, "\n\n".join(parts)
 
 

@@ -15,12 +15,13 @@ from fitting.report.tables import significant
 
 @dataclass(frozen=True)
 class Value:
-    """A number with its standard error and unit; `name` in words."""
+    """A number with its standard error and unit; `name` in words; `remark` if it is not that of one force."""
 
     name: str
     value: float
     std_error: float
     unit: str
+    remark: str = ""
 
 
 def found_values(result: FitResult, measured: Measured, mass: float | None) -> list[Value]:
@@ -51,7 +52,8 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
     if one and DRAG[0] in value:
         rate = np.sqrt(GRAVITY / value[length])
         share = 0.5 / (rate * (mass or 1.0))
-        found.append(Value("damping ratio", share * value[DRAG[0]], share * error[DRAG[0]], "-"))
+        remark = result.laws.remark(DRAG[0])
+        found.append(Value("damping ratio", share * value[DRAG[0]], share * error[DRAG[0]], "-", remark))
     for name in value:
         if name.startswith("effects."):
             unit = estimates[name]["unit"]
@@ -63,7 +65,7 @@ def found_values(result: FitResult, measured: Measured, mass: float | None) -> l
                 what = "m" if one else "mass 1"
                 short = f"{short} / {what}"
                 unit = per_mass(unit)
-            found.append(Value(short, value[name], error[name], unit))
+            found.append(Value(short, value[name], error[name], unit, result.laws.remark(name)))
     return found
 
 
@@ -99,11 +101,11 @@ def per_mass(unit: str) -> str:
 
 def value_rows(values: list[Value]) -> list[tuple[str, ...]]:
     """The values as rows with a heading."""
-    rows = [("found", "value", "std error", "unit")]
+    rows = [("found", "value", "std error", "unit", "")]
     for one in values:
         digits = significant(one.value, one.std_error)
         shown = "-"
         if np.isfinite(one.std_error):
             shown = f"{one.std_error:.2g}"
-        rows.append((one.name, f"{one.value:.{digits}g}", shown, one.unit))
+        rows.append((one.name, f"{one.value:.{digits}g}", shown, one.unit, one.remark))
     return rows

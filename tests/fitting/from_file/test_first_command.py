@@ -25,11 +25,13 @@ def test_an_angle_in_degrees_gives_length_zero_and_damping_and_the_command_that_
     t, phi = swing(20.0)
     noise = 0.05 * np.random.default_rng(0).standard_normal(len(t))
     file = write(here / "arm.csv", ["Zeit [ms];Winkel [°]"], np.stack([1e3 * t, np.degrees(phi) + 3 + noise], 1), ";")
-    found = json_of(["fit", file.name, *QUIET])
+    found = json_of(["fit", file.name, "--report", "arm-fit", *QUIET])
     assert found["status"] == "ok"
+    assert (here / "arm-fit" / "report.md").is_file()
     assert within(found, "effective length", LENGTH)
     assert within(found, "angle at rest", np.radians(3.0))
     assert within(found, "b_l / m", DAMPING)
+    assert "may include viscous friction in the joints" in found["found"]["b_l / m"]["remark"]
     before = {path: path.read_bytes() for path in here.rglob("*") if path.is_file()}
     again = json_of(["fit", *shlex.split(found["repeat"])[2:], *QUIET])
     for name, one in found["parameters"].items():

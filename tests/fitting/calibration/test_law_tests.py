@@ -128,3 +128,14 @@ def test_noise_with_a_memory_does_not_explain_windows_that_do_not_join(study):
     assert result.noise_table()["kind"] == "correlated"
     assert result.status == "misfit"
     assert "the windows of the fit do not join to one motion" in result.message
+
+
+@pytest.mark.check
+def test_loose_joins_that_no_force_explains_are_a_misfit(study):
+    """Springs look like correlated noise in every window, and no candidate is shown; b_l would be 4.6 errors off."""
+    draw = study.draw(394)
+    springs = replace(draw.rig, springs=7.278e-5)
+    result = study.judge(draw, study.seen(draw, springs, 1), [0, 1])[1]
+    assert not result.laws.significant
+    assert result.status == "misfit"
+    assert "the windows of the fit do not join to one motion" in result.message

@@ -211,7 +211,7 @@ class FitResult(SceneFit[Problem, Evaluation]):
     def has_unexplained_joins(self) -> bool:
         """Whether windows join as loosely as those of wrong laws do, and no force is shown that would explain it.
 
-        Noise with a memory does not loosen joins: of 20 such fits of right models the loosest has a gap weight of 0.001.
+        Noise with a memory does not loosen joins: 20 such fits of right models have gap weights of at most 0.001.
         """
         gap_weight = self.solution.gap_weight
         return gap_weight is not None and gap_weight >= LOOSE_JOIN and not self.laws.significant

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 
-def solve_tridiagonal(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
+def solve_tridiagonal(lower: Array, diagonal: Array, upper: Array, rhs: Array) -> Array:
     """The solution (n,) of one system of n rows.
 
     Args:
@@ -30,15 +31,13 @@ MOST_ROWS = 128
 
 
 @jax.custom_jvp
-def cyclic_reduction(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
+def cyclic_reduction(lower: Array, diagonal: Array, upper: Array, rhs: Array) -> Array:
     """The solution (n,) of one right side (n,)."""
     return _halve_rows(lower, diagonal, upper, rhs, 1 if diagonal.shape[0] <= MOST_ROWS else diagonal.shape[0] // 4 + 1)
 
 
 @cyclic_reduction.defjvp
-def _cyclic_reduction_jvp(
-    primals: tuple[jax.Array, ...], tangents: tuple[jax.Array, ...]
-) -> tuple[jax.Array, jax.Array]:
+def _cyclic_reduction_jvp(primals: tuple[Array, ...], tangents: tuple[Array, ...]) -> tuple[Array, Array]:
     lower, diagonal, upper, rhs = primals
     dl, dd, du, db = tangents
     x = cyclic_reduction(lower, diagonal, upper, rhs)
@@ -48,7 +47,7 @@ def _cyclic_reduction_jvp(
     return x, cyclic_reduction(lower, diagonal, upper, db - dl * before - dd * x - du * after)
 
 
-def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array, target: int) -> jax.Array:
+def _halve_rows(lower: Array, diagonal: Array, upper: Array, rhs: Array, target: int) -> Array:
     """The same with every second row eliminated into its neighbours, repeated until at most `target` are left."""
     n = diagonal.shape[0]
     if n == 1:
@@ -61,35 +60,27 @@ def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
     low = lower[1::2] * pivot
     up = upper[1::2] * pivot
     b = rhs[1::2] * pivot
-    low0 = _shift_rows(low, 1, even)
-    up0 = _shift_rows(up, 1, even)
-    b0 = _shift_rows(b, 1, even)
-    low1 = _shift_rows(low, 0, even)
-    up1 = _shift_rows(up, 0, even)
-    b1 = _shift_rows(b, 0, even)
+    low0, up0, b0 = (_shift_rows(part, 1, even) for part in (low, up, b))
+    low1, up1, b1 = (_shift_rows(part, 0, even) for part in (low, up, b))
     left = lower[0::2]
     right = upper[0::2]
     own = diagonal[0::2] - right * low1 - left * up0
     kept = _halve_rows(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0, target)
-    if even > odd:
-        following = kept[1 : odd + 1]
-    else:
-        following = _shift_rows(kept[1:], 0, odd)
-    between = b - low * kept[:odd] - up * following
+    between = b - low * kept[:odd] - up * _shift_rows(kept[1:], 0, odd)
     return jnp.stack([kept, _shift_rows(between, 0, even)], axis=1).reshape(2 * even)[:n]
 
 
-def _shift_rows(a: jax.Array, before: int, length: int) -> jax.Array:
+def _shift_rows(a: Array, before: int, length: int) -> Array:
     """`a` with `before` zeros in front, cut or padded with zeros to `length`."""
     a = a[: length - before]
     return jnp.pad(a, (before, length - before - a.shape[0]))
 
 
-def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: jax.Array) -> jax.Array:
+def _row_by_row(lower: Array, diagonal: Array, upper: Array, rhs: Array) -> Array:
     """The same by forward elimination and back substitution."""
     # number of rows per loop iteration of the row-by-row elimination
     together = 4
-    Row = tuple[jax.Array, ...]
+    Row = tuple[Array, ...]
 
     def down(before: Row, row: Row) -> tuple[Row, Row]:
         ahead, y = before
@@ -98,7 +89,7 @@ def _row_by_row(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
         after = right * pivot, (b - left * y) * pivot
         return after, after
 
-    def back(x: jax.Array, row: Row) -> tuple[jax.Array, jax.Array]:
+    def back(x: Array, row: Row) -> tuple[Array, Array]:
         x = row[1] - row[0] * x
         return x, x
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.axial import LinkStart
 from dropper_jax.integrators.consistent import (
     after_change_of_step,
     after_jump,
     consistent_velocity,
-    feeds_sawtooth,
     jumps,
     sawtooth_grows,
 )
@@ -59,15 +59,12 @@ class EnergyMomentum(Implicit):
             return replace(s, v=consistent_velocity(model, s.r, s.v, s.t))
         return s
 
-    def change_step(self, model: Model, s: State, h: jax.Array) -> State:
-        ends = model.ends(s.t)
-        k = model.instant(s.r, s.v, s.t, ends)
-        end_acceleration = None
-        if model.moving:
-            end_acceleration = model.end_acceleration(s.t)
-        return replace(s, v=after_change_of_step(k, s.acceleration, end_acceleration, h))
+    def change_step(self, model: Model, s: State, h: Array) -> State:
+        end_acceleration = model.end_acceleration(s.t) if model.moving else None
+        v, _ = after_change_of_step(model.instant(s.r, s.v, s.t), s.acceleration, end_acceleration, h)
+        return replace(s, v=v)
 
-    def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
+    def equations(self, model: Model, s: State, h: Array) -> MidpointProblem:
         return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
 
 
@@ -82,7 +79,7 @@ class MidpointProblem(StepProblem):
     has a different rate of stretch at their ends.
     """
 
-    def __init__(self, model: Model, s: State, h: jax.Array, gamma: float | jax.Array, alone: bool = True) -> None:
+    def __init__(self, model: Model, s: State, h: Array, gamma: float | Array, alone: bool = True) -> None:
         super().__init__(model, s, h)
         model = self.model
         self.gamma, self.alone = gamma, alone
@@ -110,15 +107,13 @@ class MidpointProblem(StepProblem):
         if not self.alone:  # the last step has another length, and may go backwards
             return LinkStart(self.links0, rate)
         acceleration = model.geometry.differences(s.acceleration, self.end_acceleration)
-        lighter = model.geometry.everywhere(1.0 / model.node_mass[:, None], None)[:, 0]
-        lightness = lighter[model.geometry.first] + lighter[model.geometry.last]
-        return LinkStart(self.links0, rate, acceleration, lightness)
+        return LinkStart(self.links0, rate, acceleration, model.link_lightness)
 
     def guess(self) -> Unknowns:
         s = self.s
         return Unknowns(s.acceleration * (self.gamma * self.h**2), s.tension, s.law)
 
-    def instant(self, x: jax.Array) -> Kinematics:
+    def instant(self, x: Array) -> Kinematics:
         s = self.s
         h = self.h
         v = s.v + x / h
@@ -126,7 +121,7 @@ class MidpointProblem(StepProblem):
         over = {"prepared": self.prepared, "h": h, "before": s.v}
         return self.model.kinematics(r, v, self.t_mid, self.ends, **over)
 
-    def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
+    def node_rows(self, x: Array, z: PerLaw) -> NodeRows:
         middle = self.instant(x)
         a = x / (self.gamma * self.h**2)
         force = self.model.inertia(middle, a, self.end_acceleration) - self.model.force(middle)
@@ -135,11 +130,11 @@ class MidpointProblem(StepProblem):
         laws, rows = self._laws(middle, z)
         return force - laws, rows
 
-    def link_vectors(self, x: jax.Array) -> jax.Array:
+    def link_vectors(self, x: Array) -> Array:
         s = self.s
         return self.model.links(s.r + (self.h * s.v + x), self.ends1)
 
-    def _directions(self, links1: jax.Array) -> jax.Array:
+    def _directions(self, links1: Array) -> Array:
         mean = (1 - self.gamma) * self.links0 + self.gamma * links1
         line = self.model.line
         return line.axial.direction(self.links0, links1, mean, line.length)
@@ -148,15 +143,14 @@ class MidpointProblem(StepProblem):
         """Forces (nodes, 3) [N] of the unknowns of laws and constraints, and the rows that determine them."""
         model = self.model
         force, rows = self.law_rows(mid, z)
-        constraints = tuple(zip(model.constraints, z[len(rows) :], strict=True))
         middle = mid.r + (0.5 - self.gamma) * self.h * mid.v
         end = mid.r + (1.0 - self.gamma) * self.h * mid.v
-        force = force + sum(
-            constraint.constraint_force(model, middle, multipliers) for constraint, multipliers in constraints
-        )
-        return force, rows + tuple(constraint.gap(model, end) for constraint, _ in constraints)
+        for constraint, multipliers in zip(model.constraints, z[len(rows) :], strict=True):
+            force = force + constraint.constraint_force(model, middle, multipliers)
+            rows = (*rows, constraint.gap(model, end))
+        return force, rows
 
-    def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def link_rows(self, d: Array, y: Array) -> tuple[Array, Array]:
         line = self.model.line
         return y[:, None] * self._directions(d), line.axial.residual(self.start, d, y, line.length, self.h)
 
@@ -166,9 +160,7 @@ class MidpointProblem(StepProblem):
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
         v1, impulse, struck = self._after_jumps(r1, v1)
-        tension = u.y
-        if impulse is not None:
-            tension = u.y + impulse / h
+        tension = u.y if impulse is None else u.y + impulse / h
         return self.end_state(
             r=r1,
             v=v1,
@@ -178,7 +170,7 @@ class MidpointProblem(StepProblem):
             work=lambda: self._work(u, stopped, struck),
         )
 
-    def _end_velocity(self, u: Unknowns, r1: jax.Array) -> tuple[jax.Array, Works]:
+    def _end_velocity(self, u: Unknowns, r1: Array) -> tuple[Array, Works]:
         """Velocity (nodes, 3) [m/s] at the end, and the energy taken by stopping stuck joints or nodes, by name [J]."""
         s = self.s
         h = self.h
@@ -188,25 +180,23 @@ class MidpointProblem(StepProblem):
             return v1, {}
         middle = self.instant(u.x)
         after = model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
-        if all(law.node_local for law in model.laws):
-            stop = stop_held_nodes
-        else:
-            stop = stop_held_joints
+        stop = stop_held_nodes if all(law.node_local for law in model.laws) else stop_held_joints
         v1, taken = stop(model, u.z[: len(model.laws)], middle, after, h)
         return v1, {model.laws[0].name: taken}
 
-    def _after_jumps(self, r1: jax.Array, v1: jax.Array) -> tuple[jax.Array, jax.Array | None, Works]:
+    def _after_jumps(self, r1: Array, v1: Array) -> tuple[Array, Array | None, Works]:
         """End velocities consistent with rigid links, if prescribed points jumped; impulses (n,) [N s] and their
         work."""
         model = self.model
         jumped = jumps(model, self.s.t, self.h)
-        if self.alone and sawtooth_grows(model) and self.gamma == 0.5:  # a shifted midpoint damps it
-            rings = feeds_sawtooth(model) & (self._sawtooth(r1, v1) > (RINGING_SPEED**2))
+        grows = sawtooth_grows(model)
+        if grows is not None and self.alone and self.gamma == 0.5:  # a shifted midpoint damps it
+            rings = grows & (self._sawtooth(r1, v1) > RINGING_SPEED**2)
             jumped = rings if jumped is None else jumped | rings
         if jumped is None:
             return v1, None, {}
 
-        def project() -> tuple[jax.Array, ...]:
+        def project() -> tuple[Array, ...]:
             t1 = self.s.t + self.h
             k = model.instant(r1, v1, t1, self.ends1)
             v, impulse = after_jump(k, model.end_acceleration(t1), self.h)
@@ -214,15 +204,11 @@ class MidpointProblem(StepProblem):
 
         kept = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)
         v, impulse, gained = jax.lax.cond(jumped, project, lambda: kept)
-        return v, impulse, {self._booked_as(): gained}
+        # work of moving ends, otherwise of what excites the sawtooth
+        name = MOVING_ENDS if model.moving else turning(model.having(AddedMass)[0])
+        return v, impulse, {name: gained}
 
-    def _booked_as(self) -> str:
-        """Name under which projections are recorded: as work of moving ends, otherwise of what excites the sawtooth."""
-        if self.model.moving:
-            return MOVING_ENDS
-        return next(turning(e) for e in self.model.having(AddedMass))
-
-    def _sawtooth(self, r1: jax.Array, v1: jax.Array) -> jax.Array:
+    def _sawtooth(self, r1: Array, v1: Array) -> Array:
         """Maximum rate of stretch that changes sign at every step, divided by the fastest link's speed, a scalar."""
         model = self.model
         h = self.h
@@ -232,7 +218,7 @@ class MidpointProblem(StepProblem):
         fastest = jnp.max(jnp.sum(k.link_velocities**2, -1))
         return jnp.max((rate / k.line.length) ** 2) / jnp.maximum(fastest, jnp.finfo(v1.dtype).tiny)
 
-    def _work(self, u: Unknowns, stopped: Works, struck: Works) -> jax.Array:
+    def _work(self, u: Unknowns, stopped: Works, struck: Works) -> Array:
         """Work (k,) [J] over the step, in the order of `work_names`."""
         model = self.model
         line = self.model.line
@@ -249,7 +235,7 @@ class MidpointProblem(StepProblem):
         drums = line.axial.drum_works(self.links0, links1, u.y)
         return book_works(model, works, stopped, struck, turned, axial, drums, ends)
 
-    def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> jax.Array:
+    def _turning(self, effect: AddedMass, k: Kinematics, u: Unknowns) -> Array:
         """Energy [J] that added mass gains by turning: change of its kinetic energy minus the work against its inertia.
 
         `1/2 v' M_a' v` over the step, in the form that closes the balance to rounding error.
@@ -263,7 +249,7 @@ class MidpointProblem(StepProblem):
         spent = h * jnp.sum(k.v * effect.inertia(k, x / (self.gamma * h**2)))
         return effect.kinetic(after) - effect.kinetic(before) - spent
 
-    def _end_works(self, u: Unknowns, directions: jax.Array, k: Kinematics) -> Works:
+    def _end_works(self, u: Unknowns, directions: Array, k: Kinematics) -> Works:
         """Work [J] of moving ends by name: the force that holds each end (own weight aside) times its velocity."""
         line = self.model.line
         works = self.end_works(u.y[:, None] * directions, self.ends, k=k)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
-import jax
+from jax import Array
 
 from dropper_jax.base.numerics import cross, safe_norm
 from dropper_jax.model.geometry import Ends
@@ -41,31 +42,31 @@ class ModelView(Protocol):
         """Number of free nodes."""
 
     @property
-    def node_mass(self) -> jax.Array:
+    def node_mass(self) -> Array:
         """Diagonal of the mass matrix (nodes,) [kg]."""
 
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot, in order."""
 
-    def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
+    def nodes(self, r: Array, ends: Ends, rates: bool = False) -> Array:
         """All nodes (n + lines, 3) [m], or their velocities."""
 
-    def links(self, r: jax.Array, ends: Ends) -> jax.Array:
+    def links(self, r: Array, ends: Ends) -> Array:
         """Link vectors (n, 3) [m]."""
 
-    def rates(self, v: jax.Array, ends: Ends | None) -> jax.Array:
+    def rates(self, v: Array, ends: Ends | None) -> Array:
         """Rates of the link vectors (n, 3) [m/s]."""
 
-    def gather(self, pull: jax.Array) -> jax.Array:
+    def gather(self, pull: Array) -> Array:
         """Sum on the free nodes (nodes, ...) of tension forces of links (n, ...)."""
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         """Sum of the effects' nodal forces (nodes, 3) [N]."""
 
-    def nodal_inertia(self, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+    def nodal_inertia(self, a: Array, ends: Array | None = None) -> Array:
         """M a on the free nodes (nodes, 3) [N]; `ends` (held, 3) are the accelerations of the ends (None: at rest)."""
 
-    def inertia(self, k: Kinematics, a: jax.Array, ends: jax.Array | None = None) -> jax.Array:
+    def inertia(self, k: Kinematics, a: Array, ends: Array | None = None) -> Array:
         """The same with added mass."""
 
 
@@ -81,6 +82,7 @@ class Named(Protocol):
         """Its key in `[effects.NAME]`."""
 
 
+@dataclass(eq=False)
 class Kinematics:
     """One instant of a line, as effects receive it.
 
@@ -88,25 +90,22 @@ class Kinematics:
         model, line: the moving system.
         r, v: free nodes (nodes, 3) [m], [m/s].
         t: time [s].
+        ends: fixed points.
+        frozen: the data that effects freeze over a step, by effect.
         free: number of free nodes.
         h: the step [s] of which this is the middle; None at a plain instant.
         before: velocities (nodes, 3) [m/s] at the start of that step; None at a plain instant.
     """
 
-    def __init__(
-        self,
-        model: ModelView,
-        r: jax.Array,
-        v: jax.Array,
-        t: jax.Array,
-        ends: Ends,
-        prepared: dict[str, Any] | None = None,
-        h: jax.Array | float | None = None,
-        before: jax.Array | None = None,
-    ) -> None:
-        self.model, self.r, self.v, self.t, self.ends, self.h, self.before = model, r, v, t, ends, h, before
-        self._prepared = prepared or {}
-        self._computed: dict[str, Any] = {}
+    model: ModelView
+    r: Array
+    v: Array
+    t: Array
+    ends: Ends
+    frozen: Mapping[str, Frozen] = field(default_factory=dict)
+    h: Array | float | None = None
+    before: Array | None = None
+    _computed: dict[str, Any] = field(default_factory=dict, init=False)
 
     @property
     def line(self) -> Line:
@@ -120,17 +119,17 @@ class Kinematics:
     def free(self) -> int:
         return self.r.shape[0]
 
-    def with_velocity(self, v: jax.Array) -> Kinematics:
+    def with_velocity(self, v: Array) -> Kinematics:
         """The same positions with other velocities of the free nodes."""
-        return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared, self.h, self.before)
+        return replace(self, v=v)
 
     def over(self, h: float) -> Kinematics:
         """The same as the middle of a steady step of h [s], for forces that are differences over a step."""
-        return Kinematics(self.model, self.r, self.v, self.t, self.ends, self._prepared, h, self.v)
+        return replace(self, h=h, before=self.v)
 
     def prepared(self, effect: Named) -> Frozen:
         """The result of the effect's `prepare` for this step."""
-        return self._prepared[effect.name]
+        return self.frozen[effect.name]
 
     def compute_once(self, name: str, compute: Callable[[], Any]) -> Any:
         """The value cached at this instant under that name, or computed now; for effects with several slots."""
@@ -141,7 +140,7 @@ class Kinematics:
     @property
     def water(self) -> Water:
         """The water around the free nodes, frozen over the step (see `dropper_jax.sea`)."""
-        return self._prepared["water"]
+        return self.frozen["water"]
 
     def node(self, line: str | int, j: int) -> int:
         """Number among the free nodes of node j (from 0, the line's first point) of a line, by name or number.
@@ -152,26 +151,26 @@ class Kinematics:
         return self.model.geometry.node(line, j)
 
     @cached_property
-    def nodes(self) -> jax.Array:
+    def nodes(self) -> Array:
         """All nodes (n + 1, 3) [m]."""
         return self.model.nodes(self.r, self.ends)
 
     @cached_property
-    def links(self) -> jax.Array:
+    def links(self) -> Array:
         """Link vectors (n, 3) [m]."""
         return self.model.links(self.r, self.ends)
 
     @cached_property
-    def link_velocities(self) -> jax.Array:
+    def link_velocities(self) -> Array:
         """Rates of the link vectors (n, 3) [m/s]."""
         return self.model.rates(self.v, self.ends)
 
     @cached_property
-    def tangents(self) -> jax.Array:
+    def tangents(self) -> Array:
         """Unit vectors along the links (n, 3)."""
         return self.links / safe_norm(self.links)[:, None]
 
     @cached_property
-    def angular_rates(self) -> jax.Array:
+    def angular_rates(self) -> Array:
         """Angular velocity of each link, without spin (n, 3) [rad/s]: `q x q'`."""
         return cross(self.tangents, self.link_velocities) / safe_norm(self.links)[:, None]

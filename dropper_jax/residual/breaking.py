@@ -8,20 +8,16 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.model import BREAKING, Failures, Model, Parted, Potential, State, as_parted, book_works
-
-
-def without_broken_links(model: Model, s: State) -> Model:
-    """The model with the links that have broken so far."""
-    return as_parted(model, s.parted)
 
 
 def with_breaking(model: Model, s: State, advance: Callable[[Model, State], tuple[Any, ...]]) -> tuple[Any, ...]:
     """The results of `advance(model, s)`, the state after a step first, with the links that break at its end."""
     if s.parted is None:
         return advance(model, s)
-    before = without_broken_links(model, s)
+    before = as_parted(model, s.parted)
     s1, *more = advance(before, replace(s, parted=None))
     return break_links(model, before, s, s1), *more
 
@@ -45,7 +41,7 @@ def break_links(model: Model, before: Model, s: State, s1: State) -> State:
     return replace(s1, parted=parted, work=work)
 
 
-def _link_energy(model: Model, s: State) -> jax.Array:
+def _link_energy(model: Model, s: State) -> Array:
     """Energy [J] of links before they break: of stretch and, for lines with bending stiffness, of bending."""
     k = model.kinematics(s.r, s.v, s.t)
     line = model.with_lengths(s.t).line

@@ -23,6 +23,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.indexed_sums import gather_sums, index_table, with_zero_row
 
@@ -89,7 +90,7 @@ def elimination_order(
     taken = _rounds(count, kept, after or {}, most)
     lists = [_list_blocks(neighbours, degree) for neighbours, degree in taken]
     present = kept | {(i, i) for i in range(count)}
-    following: list[list[Pair | None]] = []
+    following: list[list[Pair]] = []
     for (neighbours, _), listed in zip(taken, lists, strict=True):
         rest = {pair for pair in present if neighbours.keys().isdisjoint(pair)}
         following.append(listed + sorted(rest))
@@ -106,7 +107,7 @@ def elimination_order(
     where: dict[Pair, list[int]] = {}
     for number, pair in enumerate(blocks):
         where.setdefault(pair, []).append(number)
-    slot = index_table([where.get(pair, []) if pair else [] for pair in (following[0] if taken else [])], len(blocks))
+    slot = index_table([where.get(pair, []) for pair in (following[0] if taken else [])], len(blocks))
     return Order(tuple(rounds), slot, np.array(nodes, int), position)
 
 
@@ -143,17 +144,22 @@ def _rounds(
     return rounds
 
 
-def _list_blocks(neighbours: dict[int, list[int]], degree: int) -> list[Pair | None]:
-    """The blocks of the nodes of a round in the order of `Round`; None if a node has fewer neighbours."""
-    rows = [(i, others[c]) if c < len(others) else None for c in range(degree) for i, others in neighbours.items()]
-    return [*((i, i) for i in neighbours), *rows, *(pair and pair[::-1] for pair in rows)]
+#: A block of zeros, in place of that of a missing neighbour.
+MISSING = (-1, -1)
 
 
-def _round(
-    neighbours: dict[int, list[int]], degree: int, now: list[Pair | None], then: list[Pair | None], later: list[int]
-) -> Round:
+def _list_blocks(neighbours: dict[int, list[int]], degree: int) -> list[Pair]:
+    """The blocks of the nodes of a round in the order of `Round`; `MISSING` if a node has fewer neighbours."""
+    rows = []
+    for c in range(degree):
+        for i, others in neighbours.items():
+            rows.append((i, others[c]) if c < len(others) else MISSING)
+    return [*((i, i) for i in neighbours), *rows, *(pair[::-1] for pair in rows)]
+
+
+def _round(neighbours: dict[int, list[int]], degree: int, now: list[Pair], then: list[Pair], later: list[int]) -> Round:
     width = len(neighbours)
-    slot_of = {pair: number for number, pair in enumerate(now) if pair}
+    slot_of = {pair: number for number, pair in enumerate(now)} | {MISSING: len(now)}
     products: dict[Pair, list[int]] = {}
     rows: dict[int, list[int]] = {}
     number = {node: at for at, node in enumerate(later)}
@@ -168,8 +174,8 @@ def _round(
         nodes=np.array(list(neighbours), int),
         degree=degree,
         neighbours=ends,
-        keep=np.array([slot_of.get(pair, len(now)) if pair else len(now) for pair in then], int),
-        change=index_table([products.get(pair, []) if pair else [] for pair in then], degree * degree * width),
+        keep=np.array([slot_of.get(pair, len(now)) for pair in then], int),
+        change=index_table([products.get(pair, []) for pair in then], degree * degree * width),
         change_rows=index_table([rows.get(node, []) for node in later], degree * width),
     )
 
@@ -185,22 +191,22 @@ def optimization_barrier(tree: Tree) -> Tree:
     """
     first = jax.tree.leaves(tree)[0]
     # true only for a NaN matrix, whose result is NaN anyway; not known at compile time
-    if first.size:
-        never = jnp.isnan(jnp.ravel(first)[0])
-    else:
-        never = jnp.zeros((), bool)
-    changed = lambda c: (jnp.zeros((), bool), jax.tree.map(jnp.negative, c[1]))  # noqa: E731
+    never = jnp.any(jnp.isnan(jnp.ravel(first)[:1]))
+
+    def changed(c: tuple[Array, Tree]) -> tuple[Array, Tree]:
+        return jnp.zeros((), bool), jax.tree.map(jnp.negative, c[1])
+
     return jax.lax.while_loop(lambda c: c[0], changed, (never, tree))[1]
 
 
-def multiply(a: jax.Array, b: jax.Array) -> jax.Array:
+def multiply(a: Array, b: Array) -> Array:
     """Products of blocks (..., k, k) with columns (..., k, c) as one fused reduction: 8 against 60 us in a solve of 11
     rows with a library product.
     """
     return jnp.sum(a[..., :, :, None] * b[..., None, :, :], axis=-2)
 
 
-def inverse(m: jax.Array) -> jax.Array:
+def inverse(m: Array) -> Array:
     """Inverses of blocks (..., k, k), row by row without pivoting: inertia and stiffness first, a constraint last.
 
     Neither cofactors nor inverses of leading blocks are used, since they lose digits. A chain of links 1e6 times as
@@ -216,9 +222,9 @@ def inverse(m: jax.Array) -> jax.Array:
 class Eliminated(NamedTuple):
     """Blocks of one round: D^-1 (width, k, k), L and U (degree, width, k, k)."""
 
-    inverse: jax.Array
-    lower: jax.Array
-    upper: jax.Array
+    inverse: Array
+    lower: Array
+    upper: Array
 
 
 class Elimination(NamedTuple):
@@ -231,7 +237,7 @@ class Elimination(NamedTuple):
         return self._replace(rounds=tuple(Eliminated(d.mT, up.mT, low.mT) for d, low, up in self.rounds))
 
 
-def eliminate(order: Order, blocks: jax.Array) -> Elimination:
+def eliminate(order: Order, blocks: Array) -> Elimination:
     """Factor the matrix with blocks (blocks, k, k) in the order given to `elimination_order`."""
     rounds = []
     if order.rounds:
@@ -242,7 +248,7 @@ def eliminate(order: Order, blocks: jax.Array) -> Elimination:
     return Elimination(order, tuple(rounds))
 
 
-def _eliminate(table: Round, blocks: jax.Array) -> tuple[Eliminated, jax.Array]:
+def _eliminate(table: Round, blocks: Array) -> tuple[Eliminated, Array]:
     """Blocks of one round, and those of the next."""
     width = table.width
     degree = table.degree
@@ -256,7 +262,7 @@ def _eliminate(table: Round, blocks: jax.Array) -> tuple[Eliminated, jax.Array]:
     return done, after
 
 
-def solve(factor: Elimination, rhs: jax.Array) -> jax.Array:
+def solve(factor: Elimination, rhs: Array) -> Array:
     """x (nodes, k) of right sides (nodes, k)."""
     order = factor.order
     left = rhs[factor.order.nodes]
@@ -276,6 +282,6 @@ def solve(factor: Elimination, rhs: jax.Array) -> jax.Array:
     return x[order.position]
 
 
-def apply(a: jax.Array, x: jax.Array) -> jax.Array:
+def apply(a: Array, x: Array) -> Array:
     """Blocks (..., k, k) times vectors (..., k)."""
     return jnp.sum(a * x[..., None, :], axis=-1)

@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.model import ElementForce, Model
 from dropper_jax.residual import Implicit, Solver, StepProblem, Unknowns, local_jacobian
@@ -22,7 +22,7 @@ from dropper_jax.solvers.bodies import BodyFactor, factor_bodies
 from dropper_jax.solvers.coupling import coupling
 from dropper_jax.solvers.elimination import apply, inverse, multiply, optimization_barrier
 from dropper_jax.solvers.links import LinkParts
-from dropper_jax.solvers.saddle import Saddle, Stretching
+from dropper_jax.solvers.saddle import Saddle, Stretching, factor_lines
 
 #: Compliance of the friction of a sticking node relative to its inertia.
 SOFT = 1e-8
@@ -31,9 +31,9 @@ SOFT = 1e-8
 class LawBlocks(NamedTuple):
     """A node-local law in the Jacobian: force rows by z (free, 3, 2), its rows by x (free, 2, 3) and z (free, 2, 2)."""
 
-    force: jax.Array
-    position: jax.Array
-    law: jax.Array
+    force: Array
+    position: Array
+    law: Array
 
     def transpose(self) -> LawBlocks:
         return LawBlocks(self.position.mT, self.force.mT, self.law.mT)
@@ -97,16 +97,13 @@ class Network(Solver):
         links = optimization_barrier(LinkParts.of(problem, u))
         if model.constraints:
             return NetworkFactor(factor_bodies(problem, u, node, links, between), law)
-        kind = Saddle
-        if model.line.axial.elastic:
-            kind = Stretching
-        return NetworkFactor(kind.of(model.geometry, node, links, between), law)
+        return NetworkFactor(factor_lines(model, model.geometry, node, links, between), law)
 
 
-def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[jax.Array, LawBlocks]:
+def _law_blocks(problem: StepProblem, u: Unknowns) -> tuple[Array, LawBlocks]:
     """A, and the blocks of the one node-local law, from five directions of forward mode."""
 
-    def rows(xz: jax.Array) -> jax.Array:
+    def rows(xz: Array) -> Array:
         force, (law,) = problem.node_rows(xz[:, :3], (xz[:, 3:],))
         return jnp.concatenate([force, law], axis=1)
 

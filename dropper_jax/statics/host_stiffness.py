@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
-import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.model import Model, State
 from dropper_jax.statics.bodies import stiffness_matrix
-from dropper_jax.statics.pattern import pattern_of
 from dropper_jax.statics.rest_problem import SMALLEST, name_of, rest, soft_scale
-from dropper_jax.statics.tangent import LEFT, NodeMoves
+from dropper_jax.statics.tangent import LEFT, NodeMoves, Tangent
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
@@ -21,14 +20,14 @@ if TYPE_CHECKING:
 
 
 @cached_jit()
-def _blocks(model: Model, s: State, loads: jax.Array) -> jax.Array:
+def _blocks(model: Model, s: State, loads: Array) -> Array:
     return stiffness_matrix(NodeMoves(model), s, loads)
 
 
-def stiffness(model: Model, s: State, loads: jax.Array) -> csc_array:
+def stiffness(model: Model, s: State, loads: Array) -> csc_array:
     """Minus the derivative of all forces by all positions (3 free, 3 free) [N/m], including drag and contact. On the
     host."""
-    return pattern_of(model).sparse(np.asarray(_blocks(model, s, loads)))
+    return Tangent.of(model).sparse(np.asarray(_blocks(model, s, loads)))
 
 
 def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
@@ -43,35 +42,26 @@ def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
 INVERSE_ITERATIONS = 12
 
 
-def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:
-    """Minimum stiffness [N/m] of an equilibrium and its motion (free, 3), maximum 1. On the host.
+#: Stiffness, over the weight of a link per its length, below which a motion counts as free.
+FREE_STIFFNESS = 1e-7
 
-    It does not raise: an equilibrium with a free motion has the stiffness 0 to rounding.
-    """
+
+def free_motion(model: Model, s: State, loads: Array) -> str:
+    """A note on the node that can move freely about an equilibrium; empty without any, and for inextensible links."""
+    model = rest(model)
+    if model.constraints or not model.line.axial.elastic:
+        return ""
     matrix = stiffness(model, s, loads)
     factor = factor_softened(model, matrix)
     x = np.random.default_rng(0).normal(size=matrix.shape[0])
     for _ in range(INVERSE_ITERATIONS):
         x = factor.solve(x / np.linalg.norm(x))
-    x /= np.linalg.norm(x)
-    way = x.reshape(-1, 3)
-    return float(np.linalg.norm(matrix @ x)), way / np.max(np.abs(way))
-
-
-#: Stiffness, over the weight of a link per its length, below which a motion counts as free.
-FREE_STIFFNESS = 1e-7
-
-
-def free_motion(model: Model, s: State, loads: jax.Array) -> str:
-    """A note on the node that can move freely about an equilibrium; empty without any, and for inextensible links."""
-    model = rest(model)
-    if model.constraints or not model.line.axial.elastic:
-        return ""
-    least, way = softest_motion(model, s, loads)
+    least = float(np.linalg.norm(matrix @ (x / np.linalg.norm(x))))
     if least > FREE_STIFFNESS * float(soft_scale(model, np)):
         return ""
-    node = int(np.argmax(np.max(np.abs(way), axis=1)))
-    along = ", ".join(f"{x:.2f}" for x in way[node])
+    motion = x.reshape(-1, 3) / np.max(np.abs(x))
+    node = int(np.argmax(np.max(np.abs(motion), axis=1)))
+    along = ", ".join(f"{x:.2f}" for x in motion[node])
     return f"{name_of(model, node)} is unconstrained along ({along}), with a stiffness of {least:.1e} N/m"
 
 
@@ -79,7 +69,7 @@ Tree = TypeVar("Tree")
 
 
 def follow_parameters(
-    model: Model, count: int, slopes: Callable[[np.ndarray, np.ndarray], tuple[jax.Array, Tree]]
+    model: Model, count: int, slopes: Callable[[np.ndarray, np.ndarray], tuple[Array, Tree]]
 ) -> tuple[Tree, np.ndarray]:
     """Derivatives of an equilibrium by `count` parameters, `dx = -K^-1 dR/dp`, solved on the host.
 
@@ -90,12 +80,14 @@ def follow_parameters(
     Returns:
         the tree, whose last `count` directions are those of the parameters, and where there is no solution (count,).
     """
-    near = pattern_of(model)
-    by_position = np.concatenate([near.seeds.reshape(-1, model.free_nodes, 3), np.zeros((count, model.free_nodes, 3))])
+    tangent = Tangent.of(model)
+    free = model.free_nodes
+    seeds = tangent.seeds
+    by_position = np.concatenate([seeds.reshape(-1, free, 3), np.zeros((count, free, 3))])
     by_value = np.concatenate([np.zeros((len(by_position) - count, count)), np.eye(count)])
     rows, found = slopes(by_value, by_position)
-    blocks = near.blocks(np.asarray(rows[:-count]).reshape(near.colours, 3, -1, 3))
-    factor = factor_softened(model, near.sparse(blocks))
+    blocks = tangent.blocks(np.asarray(rows[:-count]).reshape(seeds.shape))
+    factor = factor_softened(model, tangent.sparse(blocks))
     right = rows[-count:]
     for _ in range(2):  # the second correction reduces the rounding error, and the error by the softening
         dx = factor.solve(np.asarray(rows[-count:]).reshape(count, -1).T)

@@ -14,6 +14,7 @@ from operator import itemgetter
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
@@ -62,14 +63,14 @@ class Equilibrium:
     state: State = field(repr=False)
 
 
-def given_loads(model: Model, loads: jax.Array | None) -> jax.Array:
+def given_loads(model: Model, loads: Array | None) -> Array:
     """Loads (free nodes, 3) [N] of the nodes; zero without any."""
     if loads is None:
         return jnp.asarray(np.zeros((model.free_nodes, 3)), model.dtype)
     return jnp.asarray(loads, model.dtype)
 
 
-def search(model: Model, loads: jax.Array | None, t: float, near: State | None = None) -> Equilibrium:
+def search(model: Model, loads: Array | None, t: float, near: State | None = None) -> Equilibrium:
     """The equilibrium of the model (see `static_pose.equilibrium`), solved on the host.
 
     The descent of a system of lines starts at `near`, if that is given, in place of straight lines.
@@ -97,20 +98,21 @@ def search(model: Model, loads: jax.Array | None, t: float, near: State | None =
         message = "the equilibrium found is not stable: a small displacement lowers the potential energy"
     if message and not model.line.compound:  # slack links, seabed or surface during the search
         lower = _by_descent(full, model, loads, t)
-        came_closer = lower.status != "ok" and lower.residual < residual
-        if came_closer or (lower.status == "ok" and holds(model, lower.state)):
+        better = holds(model, lower.state) if lower.status == "ok" else lower.residual < residual
+        if better:
             return lower
     return _result(full, s, residual, message)
 
 
-def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: State | None = None) -> Equilibrium:
+def _by_descent(full: Model, model: Model, loads: Array, t: float, near: State | None = None) -> Equilibrium:
     rigid = model.line
     if not model.line.axial.elastic:
         model = springy(model)
     tolerance = system_tolerance(model)
-    s, residual = find_rest(model, guess(model, t) if near is None else near, loads, tolerance)
+    straight = guess(model, t)
+    s, residual = find_rest(model, near or straight, loads, tolerance)
     if not residual <= tolerance:
-        s, residual = min((s, residual), find_softened(model, guess(model, t), loads, tolerance), key=itemgetter(1))
+        s, residual = min((s, residual), find_softened(model, straight, loads, tolerance), key=itemgetter(1))
     current = model.sea is not None and model.sea.current is not None
     drifting = current and not model.constraints and bool(np.any(np.asarray(s.tension) <= 0.0))
     if residual <= tolerance and drifting:
@@ -122,15 +124,15 @@ def _by_descent(full: Model, model: Model, loads: jax.Array, t: float, near: Sta
         s, residual = find_rest(model, s, loads, tolerance)
     if not residual <= tolerance:
         return _result(full, s, residual, describe_unbalance(model, s, loads, residual, "by descent"))
-    if model.line is rigid:
-        return _result(full, s, residual)
-    model = replace(model, lines=(rigid,))
-    s, residual = _find_rigid(model, s, loads, tolerance)
-    lost = f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
-    return _result(full, s, residual, "" if residual <= tolerance else lost)
+    message = ""
+    if model.line is not rigid:
+        s, residual = _find_rigid(replace(model, lines=(rigid,)), s, loads, tolerance)
+        if not residual <= tolerance:
+            message = f"no equilibrium of the rigid links found: maximum scaled row {residual:.1e}"
+    return _result(full, s, residual, message)
 
 
-def _find_rigid(model: Model, near: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+def _find_rigid(model: Model, near: State, loads: Array, tolerance: float) -> tuple[State, float]:
     """The equilibrium of rigid links next to that of ropes in their place; a link that is slack there pushes here.
 
     If it is not found, or a small displacement ends it, the links also push during a further descent.
@@ -156,7 +158,7 @@ def _find_rigid(model: Model, near: State, loads: jax.Array, tolerance: float) -
 FALL_ITERATIONS = 80
 
 
-def _fall(model: Model, loads: jax.Array, s: State, stiffness: float) -> tuple[State, float]:
+def _fall(model: Model, loads: Array, s: State, stiffness: float) -> tuple[State, float]:
     """The equilibrium reached by descent from `s`, next to one with a (negative) stiffness [N/m]."""
     drag = jnp.asarray(4.0 * abs(stiffness), model.dtype)
     fallen, _ = polish(model, s, loads, drag, iterations=FALL_ITERATIONS, damped=False)
@@ -172,11 +174,16 @@ def outward(full: Model) -> SeabedFriction | None:
     return None
 
 
-def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
+#: How often a line hangs under forces that depend on its configuration.
+HANGINGS = 5
+
+
+def _hang_and_solve(model: Model, loads: Array, t: float) -> tuple[State, float]:
     """The stable equilibrium under the forces on a straight guess, updated if they depend on the configuration."""
-    s = _hang(model, loads, None, t)
-    for _ in range(1 if model.constant_force else 4):
-        s = _hang(model, loads, s, t)
+    r = None
+    for _ in range(1 if model.constant_force else HANGINGS):
+        s = _hang(model, loads, r, t)
+        r = s.r
     return solve_statics(model, s, loads)
 
 
@@ -186,30 +193,25 @@ def _host_ends(ends: Ends) -> tuple[np.ndarray, np.ndarray | None]:
     return np.asarray(ends.start, float), end
 
 
-def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
+def _hang(model: Model, loads: Array, r: Array | None, t: float) -> State:
+    """The equilibrium under the forces at the positions r, as dead loads."""
     line = model.line
-    ends, force = _forces(model, None if near is None else near.r, jnp.asarray(t, model.dtype))
-    ends = jax.tree.map(np.asarray, ends)
+    ends, force = _forces(model, r, jnp.asarray(t, model.dtype))
     total = np.asarray(force, float) + np.asarray(loads, float)
     if not np.any(total):
         raise SceneError(
             "start.kind: 'static' needs a load that gives the line its shape; add [effects.weight] or start from "
             "'angles' or 'positions'"
         )
-    flexibility = 0.0
+    flexibility = np.zeros(line.links)
     if line.axial.elastic:
-        flexibility = 1.0 / line.axial.axial_stiffness()
-    nodes, tension = hang(
-        *_host_ends(ends),
-        np.asarray(line.length, float),
-        total,
-        np.broadcast_to(np.asarray(flexibility, float), line.length.shape),
-    )
+        flexibility += 1.0 / line.axial.axial_stiffness()
+    nodes, tension = hang(*_host_ends(ends), np.asarray(line.length, float), total, flexibility)
     return state(model, nodes, tension=tension, t=t)
 
 
 @cached_jit()
-def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.Array]:
+def _forces(model: Model, r: Array | None, t: Array) -> tuple[Ends, Array]:
     """The fixed ends, and the forces (free nodes, 3) [N] on nodes at rest at positions r, or at the start of the
     line."""
     ends = model.ends(t)
@@ -222,22 +224,22 @@ def _forces(model: Model, r: jax.Array | None, t: jax.Array) -> tuple[Ends, jax.
 LEAST_INCREMENT = 1.0 / 1024
 
 
-def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, float]:
+def _continue(model: Model, loads: Array, t: float) -> tuple[State, float, float]:
     """Load continuation from the catenary; returns the fraction of the loads that was reached."""
     s, residual = solve_statics(model, _catenary(model, t), jnp.zeros_like(loads))
     if not np.any(np.asarray(loads)):
         return s, residual, 1.0
     share = 0.0
     increment = 0.125
-    while residual <= system_tolerance(model) and share < 1.0 and increment >= (LEAST_INCREMENT):
+    tolerance = system_tolerance(model)
+    while residual <= tolerance and share < 1.0 and increment >= LEAST_INCREMENT:
         step = min(increment, 1.0 - share)
-        trial, trial_residual = solve_statics(model, s, (share + step) * loads)
+        trial, left = solve_statics(model, s, (share + step) * loads)
         # an increment that moves a node by more than half a line length may have jumped to another branch
-        near = bool(jnp.max(jnp.abs(trial.r - s.r)) < 0.5 * jnp.sum(model.line.length))
-        if trial_residual <= system_tolerance(model) and near:
+        if left <= tolerance and jnp.max(jnp.abs(trial.r - s.r)) < 0.5 * jnp.sum(model.line.length):
             s = trial
-            residual = trial_residual
-            share = share + step
+            residual = left
+            share += step
             increment = 2.0 * step
         else:
             increment = step / 2.0
@@ -248,16 +250,14 @@ def _catenary(model: Model, t: float) -> State:
     ends = model.ends(jnp.asarray(t, model.dtype))
     line = model.line
     weight = model.effect("weight")
-    if isinstance(weight, Weight):
-        total = float(jnp.sum(weight.per_link(line)))
-    else:
-        total = GRAVITY_SCALE * float(jnp.sum(line.mass))
+    links = weight.per_link(line) if isinstance(weight, Weight) else GRAVITY_SCALE * line.mass
+    total = float(jnp.sum(links))
     nodes, tension = catenary_guess(*_host_ends(ends), np.asarray(line.length, float), total)
     return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
 
 
 @cached_jit()
-def node_positions(model: Model, s: State) -> jax.Array:
+def node_positions(model: Model, s: State) -> Array:
     """Positions of all nodes (n + 1, 3) [m]."""
     return model.nodes(s.r, model.ends(s.t))
 

@@ -18,9 +18,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.axial import AxialLaw
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.bending import CRUSHED
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
@@ -31,7 +33,7 @@ from dropper_jax.statics.tangent import NodeMoves
 
 
 @cached_jit()
-def stiffness_and_motions(model: Model, s: State) -> tuple[jax.Array, jax.Array]:
+def stiffness_and_motions(model: Model, s: State) -> tuple[Array, Array]:
     """K (k, k) [N/m] of the motions (3 free, k) of lines that stretch and of rigid bodies, and these motions."""
     moves = moves_of(model)
     loads = jnp.zeros_like(s.r)
@@ -59,7 +61,7 @@ def stiffness_of_motions(model: Model, s: State) -> tuple[np.ndarray, np.ndarray
 
 
 @cached_jit()
-def _rows_by_unknowns(model: Model, s: State) -> jax.Array:
+def _rows_by_unknowns(model: Model, s: State) -> Array:
     problem = RestProblem(model, s, jnp.zeros_like(s.r))
     return residual_matrix(problem, Unknowns(jnp.zeros_like(s.r), s.tension))
 
@@ -101,11 +103,9 @@ def _rounding(model: Model) -> float:
 
 def plane_normal(model: Model, s: State) -> np.ndarray | None:
     """Unit normal of the one plane that contains all links; None without such a plane."""
-    links = np.asarray(RestProblem(model, s, jnp.zeros_like(s.r)).link_vectors(jnp.zeros_like(s.r)))
-    _, size, directions = np.linalg.svd(links, full_matrices=False)
+    _, size, directions = np.linalg.svd(model.links(s.r, model.ends(s.t)), full_matrices=False)
     # distance of the links from a plane, or a line, relative to their length
-    flat = len(size) > 2 and size[2] < 1e-9 * size[0] < 1e-3 * size[1]
-    if flat:
+    if len(size) > 2 and size[2] < 1e-9 * size[0] < 1e-3 * size[1]:
         return directions[2]
     return None
 
@@ -133,11 +133,9 @@ def softest(model: Model, s: State, normal: np.ndarray | None = None) -> tuple[f
     if values[0] < 0.0 and np.max(np.abs(k - k.T)) > UNSYMMETRIC * np.max(np.abs(k)):
         # drag turns with the links: a cycle of displacements may gain or lose energy
         values, vectors = np.linalg.eig(k)
-        values = values.real
-        vectors = vectors.real
-    least = int(np.argmin(values))
-    way = (motions @ vectors[:, least]).reshape(s.r.shape)
-    return float(values[least]), way / np.max(np.abs(way))
+    least = np.argmin(values.real)
+    motion = (motions @ vectors[:, least].real).reshape(s.r.shape)
+    return float(values[least].real), motion / np.max(np.abs(motion))
 
 
 #: The first displacement from an unstable equilibrium, in lengths of a link.
@@ -176,13 +174,13 @@ LEAST_SHARE = 2.0**-13
 
 
 def correct_pose(
-    moves: NodeMoves | BodyMoves, s: State, loads: jax.Array, kappa: jax.Array
-) -> tuple[State, jax.Array, jax.Array, jax.Array]:
+    moves: NodeMoves | BodyMoves, s: State, loads: Array, kappa: Array
+) -> tuple[State, Array, Array, Array]:
     """One correction of the configuration s: the next one, its maximum unbalanced force [N], that of s, the next
     kappa."""
     # maximum displacement of a node in one iteration, in mean link lengths
     soft = soft_scale(moves.model)
-    reach = 1.0 * jnp.mean(moves.model.line.length)
+    reach = jnp.mean(moves.model.line.length)
     rows_at = partial(moves.rows, s, loads)
     rows, linear = jax.linearize(rows_at, moves.none)
     dx = -moves.tangent.factor(linear, kappa, rows)(rows, False)
@@ -191,11 +189,11 @@ def correct_pose(
     # maximum opposing force along a correction, relative to its initial value
     allowed = 0.5 * jnp.sum(rows * dx)
 
-    def overshoots(trial: tuple[jax.Array, ...]) -> jax.Array:
+    def overshoots(trial: tuple[Array, ...]) -> Array:
         share, along, _ = trial
-        return ~(along >= allowed) & (share > (LEAST_SHARE))
+        return ~(along >= allowed) & (share > LEAST_SHARE)
 
-    def shorter(trial: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
+    def shorter(trial: tuple[Array, ...]) -> tuple[Array, ...]:
         share = 0.5 * trial[0]
         after = rows_at(share * dx)
         return share, -jnp.sum(after * dx), jnp.max(jnp.abs(after))
@@ -212,7 +210,7 @@ def correct_pose(
 
 
 @cached_jit()
-def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
+def unbalance(model: Model, s: State, loads: Array) -> Array:
     """Maximum scaled unbalanced force of a configuration."""
     moves = moves_of(model)
     return jnp.max(jnp.abs(moves.rows(s, loads, moves.none)), initial=0.0) / force_scale(model)
@@ -221,21 +219,18 @@ def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
 def guess(model: Model, t: float = 0.0) -> State:
     """Every line straight between its points at their positions in the scene."""
     geometry = model.geometry
-    positions = np.array([np.asarray(p.position, float) for p in model.points])
-    moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).positions, float)
-    positions[geometry.held_points] = moved
-    r = np.zeros((geometry.free, 3))
-    if model.constraints:  # corners of bodies are on no line
-        r[geometry.point_node[geometry.free_points]] = positions[geometry.free_points]
-    length = np.asarray(model.line.length, float)
-    for member, path, span in zip(geometry.members, geometry.paths, geometry.spans, strict=True):
-        along = np.concatenate([[0.0], np.cumsum(length[span])]) / np.sum(length[span])
-        line = positions[member.start] + along[:, None] * (positions[member.end] - positions[member.start])
-        if np.array_equal(positions[member.start], positions[member.end]):  # a loop hangs below its point
-            line[:, 2] -= 0.5 * np.sum(length[span]) * np.sin(np.pi * along)
-        inner = (path >= 0) & (path < geometry.free)
-        r[path[inner]] = line[inner]
-    return state(model, r, t=t)
+    nodes = np.zeros((geometry.free + geometry.ends, 3))
+    nodes[geometry.point_node] = [p.position for p in model.points]
+    nodes[geometry.free :] = model.ends(jnp.asarray(t, model.dtype)).positions
+    for path, span in zip(geometry.paths, geometry.spans, strict=True):
+        length = np.asarray(model.line.length[span], float)
+        along = np.cumsum(length)[:-1, None] / np.sum(length)
+        start = nodes[path[0]]
+        line = start + along * (nodes[path[-1]] - start)
+        if np.array_equal(start, nodes[path[-1]]):  # a loop hangs below its point
+            line[:, 2:] -= 0.5 * np.sum(length) * np.sin(np.pi * along)
+        nodes[path[1:-1]] = line
+    return state(model, nodes[: geometry.free], t=t)
 
 
 #: Maximum number of iterations without an improvement over the guess.
@@ -250,19 +245,19 @@ class _Descent(NamedTuple):
     tolerance, the number of corrections, the force of the guess, and the best configuration with its force."""
 
     s: State
-    size: jax.Array
-    kappa: jax.Array
-    reached: jax.Array
-    count: jax.Array
-    first: jax.Array
+    size: Array
+    kappa: Array
+    reached: Array
+    count: Array
+    first: Array
     best: State
-    least: jax.Array
+    least: Array
 
 
 @cached_jit(static=("rounds",))
 def descend(
-    model: Model, s: State, loads: jax.Array, tolerance: jax.Array | float, kappa: jax.Array, rounds: int
-) -> tuple[State, jax.Array]:
+    model: Model, s: State, loads: Array, tolerance: Array | float, kappa: Array, rounds: int
+) -> tuple[State, Array]:
     """Result of the descent from `s`: the best configuration and its maximum scaled unbalanced force.
 
     It stops after two successive configurations within the tolerance: the last correction then reaches rounding.
@@ -272,7 +267,7 @@ def descend(
     s = balanced(model, s, loads)
     never = jnp.full((), jnp.inf, model.dtype)
 
-    def needs_correction(now: _Descent) -> jax.Array:
+    def needs_correction(now: _Descent) -> Array:
         hopeless = (now.count > HOPELESS) & ~(now.least < now.first)
         unfinished = (now.reached < 2) & (now.count < rounds)
         return unfinished & (jnp.isfinite(now.size) | (now.count == 0)) & ~hopeless
@@ -293,7 +288,7 @@ def descend(
     return end.best, end.least
 
 
-def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+def find_rest(model: Model, s: State, loads: Array, tolerance: float) -> tuple[State, float]:
     """The stable equilibrium reached by descent from `s`, and its maximum scaled unbalanced force.
 
     The descent is continued while `ROUNDS` iterations make the force much smaller: lines that rest on each other slide
@@ -309,7 +304,7 @@ def find_rest(model: Model, s: State, loads: jax.Array, tolerance: float) -> tup
     return s, residual
 
 
-def find_softened(model: Model, s: State, loads: jax.Array, tolerance: float) -> tuple[State, float]:
+def find_softened(model: Model, s: State, loads: Array, tolerance: float) -> tuple[State, float]:
     """Equilibrium by continuation from softer lines: if slack links become taut one after another, stiff links shorten
     every step.
 
@@ -338,7 +333,7 @@ def springy(model: Model, pushes: bool = False) -> Model:
     return with_axial(model, model.line.axial.springs(jnp.broadcast_to(weight, model.line.length.shape), pushes))
 
 
-def describe_unbalance(model: Model, s: State, loads: jax.Array, residual: float, extent: str) -> str:
+def describe_unbalance(model: Model, s: State, loads: Array, residual: float, extent: str) -> str:
     """The node with the maximum unbalanced force after a failed search; `extent` describes the extent of the search."""
     if model.constraints:
         return f"no equilibrium of lines and bodies found: maximum scaled unbalanced force {residual:.1e}"
@@ -357,8 +352,7 @@ def _advise_elastic(model: Model, s: State) -> str:
     """What to do about links that collapse because lines with bending stiffness have none in compression; or empty."""
     if model.effect("bending") is None:
         return ""
-    size = np.linalg.norm(np.asarray(model.links(s.r, model.ends(s.t))), axis=1)
-    shortest = float(np.min(size / np.asarray(model.line.length)))
+    shortest = float(jnp.min(safe_norm(model.links(s.r, model.ends(s.t))) / model.line.length))
     if shortest >= CRUSHED:
         return ""
     return f". A link is compressed to {shortest:.1%} of its length: use axial law 'elastic' with bending"

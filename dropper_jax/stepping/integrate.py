@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.one_kernel import forbids_callbacks
 from dropper_jax.base.numerics import safe_norm
@@ -28,14 +29,14 @@ Rows = TypeVar("Rows")
 class Observed(NamedTuple):
     """One instant as reported: all nodes' positions and velocities (n + 1, 3), energies [J], length error [m]."""
 
-    positions: jax.Array
-    velocities: jax.Array
-    kinetic: jax.Array
-    potential: jax.Array
-    closure: jax.Array
+    positions: Array
+    velocities: Array
+    kinetic: Array
+    potential: Array
+    closure: Array
 
 
-def consistent_velocity(model: Model, s: State) -> jax.Array:
+def consistent_velocity(model: Model, s: State) -> Array:
     """Velocities (nodes, 3) [m/s] projected to the constraints, about which those of a midpoint scheme oscillate
     slightly.
 
@@ -48,23 +49,21 @@ def consistent_velocity(model: Model, s: State) -> jax.Array:
 
 def observe(
     model: Model,
-    r: jax.Array,
-    v: jax.Array,
-    t: jax.Array,
+    r: Array,
+    v: Array,
+    t: Array,
     parted: Parted | None = None,
     internal: Mapping[str, Frozen] | None = None,
 ) -> Observed:
     """Observe one instant; energies are those of the raw velocities, which the scheme conserves."""
     model = as_parted(model, parted).with_internal_state(internal or {}).with_lengths(t)
-    s = replace(state(model, r), v=v, t=t)
-    ends = model.ends(t)
-    k = model.instant(r, v, t, ends)
+    k = model.instant(r, v, t)
     line = model.line
     rigid = np.flatnonzero(line.axial.rigid(line.links))
     closure = jnp.max(jnp.abs(safe_norm(k.links) - line.length)[rigid], initial=0.0)
     return Observed(
         positions=k.nodes,
-        velocities=model.nodes(consistent_velocity(model, s), ends, rates=True),
+        velocities=model.nodes(consistent_velocity(model, state(model, r, v, t=t)), k.ends, rates=True),
         kinetic=model.kinetic_energy(k),
         potential=model.potential_energy(k),
         closure=closure,
@@ -87,14 +86,14 @@ class Trajectory(NamedTuple):
         extremes: of the watched signals over the steps since the last saved time (k, m), if signals are watched.
     """
 
-    r: jax.Array
-    v: jax.Array
-    tension: jax.Array
-    work: jax.Array
-    residual: jax.Array
-    retried: jax.Array
-    failed: jax.Array
-    first_bad: jax.Array
+    r: Array
+    v: Array
+    tension: Array
+    work: Array
+    residual: Array
+    retried: Array
+    failed: Array
+    first_bad: Array
     parted: Parted | None = None
     own: dict[str, Frozen] | None = None
     extremes: Extremes | None = None
@@ -104,21 +103,16 @@ class Progress(NamedTuple):
     """State of a run: the dynamic state, steps done, the first failed step (-1: no failure)."""
 
     state: State
-    done: jax.Array
-    first_bad: jax.Array
+    steps_done: Array
+    first_bad: Array
 
     @property
-    def steps_done(self) -> jax.Array:
-        """Steps done."""
-        return self.done
-
-    @property
-    def t(self) -> jax.Array:
+    def t(self) -> Array:
         """Time reached [s]."""
         return self.state.t
 
     @property
-    def has_failed(self) -> jax.Array:
+    def has_failed(self) -> Array:
         """Whether a step failed."""
         return self.first_bad >= 0
 
@@ -131,24 +125,27 @@ def begin(stepper: Stepper, model: Model, s: State) -> Progress:
     return Progress(s, jnp.zeros((), jnp.int32), jnp.asarray(np.int32(-1)))
 
 
-def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: jax.Array) -> tuple[Progress, Interval]:
+def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: Array) -> tuple[Progress, Interval]:
     """The progress after one step of dt [s], and how it was taken."""
     taken = advance_over(stepper, model, progress.state, dt, progress.first_bad < 0)
-    first_bad = jnp.where(taken.failed & (progress.first_bad < 0), progress.done, progress.first_bad)
-    return Progress(taken.state, progress.done + 1, first_bad), taken
+    first_bad = jnp.where(taken.failed & (progress.first_bad < 0), progress.steps_done, progress.first_bad)
+    return Progress(taken.state, progress.steps_done + 1, first_bad), taken
 
 
 def scan_steps(
-    advance: Callable[[Carry, Any], tuple[Carry, Rows]], carry: Carry, count: jax.Array | np.integer | int, rows: Rows
+    advance: Callable[[Carry, Any], tuple[Carry, Rows]], carry: Carry, count: Array | np.integer | int, rows: Rows
 ) -> tuple[Carry, Rows]:
     """Call `advance(carry, number)` `count` times; its results replace the first of the `rows` (capacity, ...).
 
     `count` may be traced, which `scan` does not allow: one program serves runs of any length up to the capacity.
     """
 
-    def fill(i: jax.Array, both: tuple[Carry, Rows]) -> tuple[Carry, Rows]:
+    def fill(i: Array, both: tuple[Carry, Rows]) -> tuple[Carry, Rows]:
         carry, row = advance(both[0], i)
-        put = lambda all_, one: jax.lax.dynamic_update_index_in_dim(all_, one.astype(all_.dtype), i, axis=0)  # noqa: E731
+
+        def put(rows: Array, row: Array) -> Array:
+            return jax.lax.dynamic_update_index_in_dim(rows, row.astype(rows.dtype), i, axis=0)
+
         return carry, jax.tree.map(put, both[1], row)
 
     return jax.lax.fori_loop(0, count, fill, (carry, rows))
@@ -163,25 +160,26 @@ def advance(
     stepper: Stepper,
     model: Model,
     progress: Progress,
-    dt: jax.Array,
+    dt: Array,
     saves: int,
     save_every: int = 1,
-    count: jax.Array | np.integer | None = None,
+    count: Array | np.integer | None = None,
     watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
-    """Advance by `saves * save_every` steps of dt [s], scalar or (saves, save_every), saved every `save_every`.
+    """Advance by `saves * save_every` steps of dt [s], saved every `save_every`.
 
     With a `count` only this number of saves is computed, and of `saves` rows the first are filled: one program runs
     chunks of any length, which allows progress reports and interruption.
     """
 
-    def save(carry: Progress, sizes: jax.Array | None) -> tuple[Progress, Trajectory]:
-        return advance_and_save(stepper, model, carry, dt if sizes is None else sizes, save_every, watch)
+    def save(carry: Progress, _: Array | None) -> tuple[Progress, Trajectory]:
+        return advance_and_save(stepper, model, carry, dt, save_every, watch)
 
     if count is None:
-        return jax.lax.scan(save, progress, dt if jnp.ndim(dt) else None, length=saves)
-    rows = empty_trajectory(progress, saves, no_extremes(watch, model, progress.state))
-    return scan_steps(lambda carry, _: save(carry, None), progress, count, rows)
+        return jax.lax.scan(save, progress, None, length=saves)
+    return scan_steps(
+        save, progress, count, empty_trajectory(progress, saves, no_extremes(watch, model, progress.state))
+    )
 
 
 def empty_trajectory(progress: Progress, capacity: int, extremes: Extremes | None = None) -> Trajectory:
@@ -196,10 +194,10 @@ def advance_and_save(
     stepper: Stepper,
     model: Model,
     carry: Progress,
-    dt: jax.Array,
+    dt: Array,
     save_every: int,
     watch: Watch | None = None,
-    before: jax.Array | None = None,
+    before: Array | None = None,
 ) -> tuple[Progress, Trajectory]:
     """Advance by `save_every` steps of dt [s], scalar or (save_every,), and save the result.
 
@@ -207,11 +205,11 @@ def advance_and_save(
         before: the step before each of them (save_every,) [s], 0 for none; None if all are equal.
     """
 
-    def one(
-        both: tuple[Progress, Extremes | None], sizes: tuple[jax.Array, jax.Array | None] | None
-    ) -> tuple[tuple[Progress, Extremes | None], tuple[jax.Array, ...]]:
+    def one(both: tuple[Any, ...], sizes: tuple[Array | None, ...]) -> tuple[tuple[Any, ...], tuple[Array, ...]]:
         carry, extremes = both
-        size, last = (dt, None) if sizes is None else sizes
+        size, last = sizes
+        if size is None:
+            size = dt
         if last is not None:
             s, _ = with_step_changed(stepper, model, carry.state, last, size)
             carry = carry._replace(state=s)
@@ -219,7 +217,7 @@ def advance_and_save(
         extremes = with_step(extremes, watch, model, carry.state, after.state)
         return (after, extremes), (taken.row, taken.retried, taken.failed)
 
-    sizes = (dt, before) if jnp.ndim(dt) else None
+    sizes = (dt if jnp.ndim(dt) else None), before
     both = carry, no_extremes(watch, model, carry.state)
     if save_every == 1:
         (carry, extremes), (residual, retried, bad) = one(both, jax.tree.map(lambda a: a[0], sizes))
@@ -244,15 +242,15 @@ class Steps(NamedTuple):
         residual, retried, failed: of each interval (k,), see `Trajectory`.
     """
 
-    length: jax.Array
-    ends: jax.Array
-    residual: jax.Array
-    retried: jax.Array
-    failed: jax.Array
+    length: Array
+    ends: Array
+    residual: Array
+    retried: Array
+    failed: Array
 
 
 def step_lengths(
-    stepper: Stepper, model: Model, s: State, dt: float | jax.Array, intervals: int, most: int | None = None
+    stepper: Stepper, model: Model, s: State, dt: float | Array, intervals: int, most: int | None = None
 ) -> Steps:
     """The steps of a run over `intervals` of dt [s], scalar or (intervals,), from s; not differentiated.
 
@@ -263,19 +261,17 @@ def step_lengths(
     if most is None:
         most = intervals + max(64, intervals // 2)
 
-    def one(carry: tuple[Any, ...], size: jax.Array) -> tuple[tuple[Any, ...], tuple[jax.Array, ...]]:
+    def one(carry: tuple[Any, ...], size: Array) -> tuple[tuple[Any, ...], tuple[Array, ...]]:
         s, number, lengths, alive = carry
 
-        def unfinished(now: tuple[Interval, jax.Array, jax.Array]) -> jax.Array:
-            return now[0].unfinished
-
-        def try_one(now: tuple[Interval, jax.Array, jax.Array]) -> tuple[Interval, jax.Array, jax.Array]:
+        def try_one(now: tuple[Any, ...]) -> tuple[Any, ...]:
             interval, number, lengths = now
             interval, part = attempt(stepper, model, interval, size, alive)
             lengths = jax.lax.dynamic_update_index_in_dim(lengths, part * size, number, axis=0)
             return interval, number + (part > 0.0), lengths
 
-        end, number, lengths = jax.lax.while_loop(unfinished, try_one, (begin_interval(s), number, lengths))
+        start = begin_interval(s), number, lengths
+        end, number, lengths = jax.lax.while_loop(lambda now: now[0].unfinished, try_one, start)
         full = number > most
         residual = jnp.where(full, jnp.inf, end.row).astype(model.dtype)
         failed = end.failed | full
@@ -292,7 +288,7 @@ def integrate(
     stepper: Stepper,
     model: Model,
     s: State,
-    dt: float | jax.Array,
+    dt: float | Array,
     steps: int,
     save_every: int = 1,
     checkpoint: bool = False,
@@ -331,9 +327,7 @@ def integrate(
         before = jnp.append(0.0, dt[:-1]).reshape(saves, save_every)
     rows = sizes, before, _measured(jnp.arange(1, saves + 1), saves)
 
-    def save(
-        carry: tuple[Progress, jax.Array | None], row: tuple[jax.Array, jax.Array | None, jax.Array]
-    ) -> tuple[tuple[Progress, jax.Array | None], Trajectory]:
+    def save(carry: tuple[Any, ...], row: tuple[Any, ...]) -> tuple[tuple[Any, ...], Trajectory]:
         progress, meter = carry
         sizes, before, measured = row
         progress, saved = advance_and_save(stepper.plain, model, progress, sizes, save_every, before=before)
@@ -344,7 +338,7 @@ def integrate(
     return progress.state, trajectory
 
 
-def growth_meter(*differentiated: Any) -> jax.Array | None:
+def growth_meter(*differentiated: Any) -> Array | None:
     """A meter of the growth of derivatives by these trees (see `growth_watch`); None in what may not call Python."""
     if forbids_callbacks():
         return None
@@ -352,12 +346,12 @@ def growth_meter(*differentiated: Any) -> jax.Array | None:
     return start_meter([jnp.asarray(x) for x in floats])
 
 
-def _measured(number: jax.Array, last: jax.Array | int) -> jax.Array:
+def _measured(number: Array, last: Array | int) -> Array:
     """After which of the numbers 1..last the growth of derivatives is measured: `SEGMENTS` of them, from the end."""
     return (last - number) % jnp.maximum(last // SEGMENTS, 1) == 0
 
 
-def _watch_growth(s: State, meter: jax.Array | None, measured: jax.Array) -> tuple[State, jax.Array | None]:
+def _watch_growth(s: State, meter: Array | None, measured: Array) -> tuple[State, Array | None]:
     """The state and the meter (see `growth_watch`), unchanged."""
     if meter is None:
         return s, None
@@ -372,7 +366,7 @@ def along_accepted_steps(
     found: Steps,
     save_every: int,
     checkpoint: bool,
-    meter: jax.Array | None,
+    meter: Array | None,
     follows: bool = False,
 ) -> tuple[State, Trajectory]:
     """The run along known steps.
@@ -382,9 +376,7 @@ def along_accepted_steps(
             (`step_change`), and tensions are means over the interval.
     """
 
-    def take(
-        carry: tuple[State, jax.Array | None], row: tuple[jax.Array, jax.Array, jax.Array]
-    ) -> tuple[tuple[State, jax.Array | None], State]:
+    def take(carry: tuple[Any, ...], row: tuple[Array, ...]) -> tuple[tuple[Any, ...], State]:
         s, meter = carry
         h, before, measured = row
 
@@ -403,43 +395,36 @@ def along_accepted_steps(
     rows = found.length, before, _measured(jnp.arange(1, len(found.length) + 1), found.ends[-1])
     (last, _), states = _scan(take, (first, meter), rows, checkpoint)
     at = jax.tree.map(lambda a: a[found.ends[save_every - 1 :: save_every] - 1], states)
-    residual = found.residual.reshape(-1, save_every)
-    retried = found.retried.reshape(-1, save_every)
-    failed = found.failed.reshape(-1, save_every)
     number = jnp.where(found.failed, jnp.arange(len(found.failed), dtype=jnp.int32), len(found.failed))
-    before = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
-    if follows:
-        tension = _interval_means(found, states.tension)
-    else:
-        tension = at.tension
+    first_bad = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
     trajectory = Trajectory(
         at.r,
         at.v,
-        tension,
+        _interval_means(found, states.tension) if follows else at.tension,
         at.work,
-        jnp.max(residual, axis=1),
-        jnp.sum(retried, axis=1, dtype=jnp.int32),
-        jnp.sum(failed, axis=1, dtype=jnp.int32),
-        jnp.where(before < len(found.failed), before, -1),
+        jnp.max(found.residual.reshape(-1, save_every), axis=1),
+        jnp.sum(found.retried.reshape(-1, save_every), axis=1, dtype=jnp.int32),
+        jnp.sum(found.failed.reshape(-1, save_every), axis=1, dtype=jnp.int32),
+        jnp.where(first_bad < len(found.failed), first_bad, -1),
         at.parted,
         at.own,
     )
     return last, trajectory
 
 
-def _interval_means(found: Steps, tension: jax.Array) -> jax.Array:
+def _interval_means(found: Steps, tension: Array) -> Array:
     """Means (k, n) over the intervals of the tensions (steps, n) of steps."""
-    share = found.length[:, None]
-    total = jnp.cumsum(share * tension, axis=0)
-    time = jnp.cumsum(share, axis=0)
-    to_end = total[found.ends - 1], time[found.ends - 1]
-    first = jax.tree.map(lambda a: jnp.zeros_like(a[:1]), to_end)
-    work, length = (jnp.diff(a, axis=0, prepend=zero) for a, zero in zip(to_end, first, strict=True))
-    return work / length
+
+    def over_intervals(steps: Array) -> Array:
+        to_end = jnp.cumsum(steps, axis=0)[found.ends - 1]
+        return jnp.diff(to_end, axis=0, prepend=jnp.zeros_like(to_end[:1]))
+
+    length = found.length[:, None]
+    return over_intervals(length * tension) / over_intervals(length)
 
 
 def _scan(
-    f: Callable[[Carry, Any], tuple[Carry, Rows]], start: Carry, rows: tuple[jax.Array | None, ...], checkpoint: bool
+    f: Callable[[Carry, Any], tuple[Carry, Rows]], start: Carry, rows: tuple[Array | None, ...], checkpoint: bool
 ) -> tuple[Carry, Rows]:
     """`jax.lax.scan`, with `checkpoint` in about sqrt(n) pieces that reverse mode repeats."""
     count = len(jax.tree.leaves(rows)[0])
@@ -449,7 +434,7 @@ def _scan(
     whole = count // per * per
 
     @jax.checkpoint
-    def piece(carry: Carry, rows: tuple[jax.Array | None, ...]) -> tuple[Carry, Rows]:
+    def piece(carry: Carry, rows: tuple[Array | None, ...]) -> tuple[Carry, Rows]:
         return jax.lax.scan(f, carry, rows)
 
     pieces = jax.tree.map(lambda a: a[:whole].reshape(-1, per, *a.shape[1:]), rows)

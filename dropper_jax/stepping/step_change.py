@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
-from dropper_jax.model import Model, State
+from dropper_jax.model import Model, State, as_parted
 from dropper_jax.residual import Stepper
-from dropper_jax.residual.breaking import without_broken_links
 
 #: Name under which the energy of changes of the step is booked.
 STEP_CHANGES = "step_changes"
@@ -20,20 +20,15 @@ STEP_CHANGES = "step_changes"
 SAME = 1e-9
 
 
-def with_step_changed(
-    stepper: Stepper, model: Model, s: State, before: jax.Array, h: jax.Array
-) -> tuple[State, jax.Array]:
+def with_step_changed(stepper: Stepper, model: Model, s: State, before: Array, h: Array) -> tuple[State, Array]:
     """The state from which a step of h [s] continues smoothly after one of `before` [s], 0 if there is none, and the
     energy that this adds [J]."""
     none = jnp.zeros((), model.dtype)
     if not _changes(stepper, model):
         return s, none
-    inner = model
-    if s.parted is not None:
-        inner = without_broken_links(model, s)
-    inner = inner.with_internal_state(s.own)
+    inner = as_parted(model, s.parted).with_internal_state(s.own)
 
-    def change() -> tuple[jax.Array, jax.Array]:
+    def change() -> tuple[Array, Array]:
         v = stepper.integrator.change_step(inner, s, h).v
         if not stepper.track_work:
             return v, none

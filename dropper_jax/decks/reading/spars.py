@@ -7,7 +7,7 @@ that the rod stays upright. It has three translations, as a `[[buoy]]` does.
 from __future__ import annotations
 
 from dropper_jax.base.read import Table
-from dropper_jax.decks.reading.sections import Deck, Row
+from dropper_jax.decks.reading.sections import Row
 
 #: Moment of inertia [kg m^2] above which a body counts as one that does not rotate.
 UPRIGHT = 1e10
@@ -15,20 +15,20 @@ UPRIGHT = 1e10
 SEGMENTS = 10
 
 
-def rod_type(deck: Deck, rod: Row) -> Row:
+def rod_type(rod: Row) -> Row:
     """The row of a rod's type."""
-    types = {row.words[0]: row for row in deck.rows.get("rod types", [])}
-    if rod.words[1] not in types:
-        rod.refuse(f"rod type {rod.words[1]!r} is not in the file")
-    types[rod.words[1]].need(7, "rod type")
-    return types[rod.words[1]]
+    for row in rod.deck.rows["rod types"]:
+        if row.words[0] == rod.words[1]:
+            row.need(7, "rod type")
+            return row
+    rod.refuse(f"rod type {rod.words[1]!r} is not in the file")
 
 
-def spar(deck: Deck, body: Row, rod: Row, name: str) -> Table | None:
-    """`[[buoy]]` of a body and its rod, with the position of its base under `position`; None if they are not a spar."""
+def spar(body: Row, rod: Row) -> Table | None:
+    """`[[buoy]]` of a body and its rod, at the position of the body; None if they are not a spar."""
     body.need(14, "body")
     rod.need(9, "rod")
-    kind = rod_type(deck, rod)
+    kind = rod_type(rod)
     turned = body.values(5, 8, "r0, p0, y0")
     inertia = min(body.parts(10, "I"))
     loads = [x for i in (11, 12) for x in body.parts(i, "Volume, CdA")]
@@ -40,8 +40,8 @@ def spar(deck: Deck, body: Row, rod: Row, name: str) -> Table | None:
     if not (free and upright and mass == 0.0 and inertia >= UPRIGHT and not any(turned) and not any(loads)):
         return None
     return {
-        "position": body.values(2, 5, "X0, Y0, Z0"),
-        "name": name,
+        "name": rod.name("buoy"),
+        "row": rod.number,
         "mass": body.value(8, "Mass", 0.0, open_low=True),
         "diameter": diameter,
         "height": b[2],

@@ -151,20 +151,18 @@ def frequency_response(
     nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
     solved, error = solve_states(still, pose.state, waves, links, nodes)
     static = np.asarray(pose.tension)
-    tension = solved.tension
-    motion = solved.motion
-    mean = static + solved.shift
-    deviation = solved.deviation[:, links]
+    tension, motion, deviation, shift, _, change = (np.asarray(values) for values in solved)
+    mean = static + shift
     omega = np.asarray(waves.omega)
     rate = _root_mean_square(omega[:, :, None] * tension)
-    period = 2.0 * np.pi * deviation / np.maximum(rate, 1e-300)
+    period = 2.0 * np.pi * deviation[:, links] / np.maximum(rate, 1e-300)
     peak = np.sqrt(2.0 * np.log(np.maximum(duration / np.maximum(period, 1e-300), 1.0)))
     # standard deviations below which a mean tension is taken as one that does not stay positive
-    low = mean < 3.0 * solved.deviation
+    low = mean < 3.0 * deviation
     slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
     words = np.where(np.any(slack, axis=1), "not_linear", "ok")
     return FrequencyResponse(
-        status=tuple(np.where(solved.change <= TOLERANCE, words, "not_converged").tolist()),
+        status=tuple(np.where(change <= TOLERANCE, words, "not_converged").tolist()),
         sea_states=states,
         omega=omega,
         ends=tuple(ends),
@@ -172,9 +170,9 @@ def frequency_response(
         lines=tuple(line.name for line in lines),
         static_tension=static[links],
         mean_tension=mean[:, links],
-        tension_deviation=deviation,
+        tension_deviation=deviation[:, links],
         tension_period=period,
-        maximum_tension=mean[:, links] + peak * deviation,
+        maximum_tension=mean[:, links] + peak * deviation[:, links],
         motion_deviation=_root_mean_square(motion),
         tension=tension,
         motion=motion,

@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -178,7 +178,7 @@ class _Stage:
     def _movers(self, flat: bool) -> None:
         """The moving parts, in the order in which they are drawn."""
         run = self.run
-        tension = {"cmap": style.tension_map(), "norm": style.tension_norm(run.tension)}
+        tension: dict[str, Any] = {"cmap": style.tension_map(), "norm": style.tension_norm(run.tension)}
         self.surface = LineCollection([], colors=system.SURFACE, linewidths=1.2 if flat else 0.4)
         self.trace = Line2D([], [], color=FAINT, lw=1.0)
         self.links = LineCollection([], linewidths=3.5 * style.bold(run), capstyle="round", **tension)

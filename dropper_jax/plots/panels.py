@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -272,7 +272,7 @@ def draw_panel(
         t = curve.t
         values = curve.values
         low, high = curve.range
-        look = {"color": curve.colour or CYCLE[index % len(CYCLE)]}
+        look: dict[str, Any] = {"color": curve.colour or CYCLE[index % len(CYCLE)]}
         line = {**look, "ls": DASHES if hides(panel.curves, index) else "-", "label": curve.name or None}
         if envelope is not None and len(t) > 2 * INTERVALS:
             t, values, low, high = reduce_samples(t, values, low, high)

@@ -101,7 +101,12 @@ def _bold_links(axes: Axes, run: Run, index: int) -> ScalarMappable:
     """Links of a sample coloured by their tension, the maximum of its steps."""
     tension = run.max_tension[index]
     segments = run.segments(run.positions[index])
-    look = {"array": tension, "cmap": style.tension_map(), "norm": style.tension_norm(tension), "capstyle": "round"}
+    look: dict[str, Any] = {
+        "array": tension,
+        "cmap": style.tension_map(),
+        "norm": style.tension_norm(tension),
+        "capstyle": "round",
+    }
     look["linewidths"] = 4.0 * style.bold(run)
     if isinstance(axes, Axes3D):
         return axes.add_collection(Line3DCollection(segments, **look))

@@ -252,7 +252,7 @@ def _envelope(axes: Axes, s: np.ndarray, tension: np.ndarray, least: np.ndarray,
 
 def draw_bands(axes: Axes, s: np.ndarray, full: Sequence[np.ndarray], percentiles: dict[int, np.ndarray]) -> None:
     """Ranges of tensions (n,) at the arc lengths s (n,) [m]: minimum and maximum, and the percentiles 5, 25, 75, 95."""
-    axes.fill_between(s, *full, color=WATER, label="minimum to maximum")
+    axes.fill_between(s, full[0], full[1], color=WATER, label="minimum to maximum")
     for low, high, shade in ((5, 95, 0.35), (25, 75, 0.6)):
         band = (percentiles[low], percentiles[high])
         axes.fill_between(s, *band, color=SURFACE, alpha=shade, lw=0, label=f"{low} to {high} %")

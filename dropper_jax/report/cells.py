@@ -65,7 +65,7 @@ def fill(text: str, row: Table) -> str:
 
 def cells_of(columns: Columns, row: Table) -> list[str]:
     """The cells of a row."""
-    return [text(row) if callable(text) else fill(text, row) for text in columns.values()]
+    return [fill(text, row) if isinstance(text, str) else text(row) for text in columns.values()]
 
 
 def table_of(columns: Columns, rows: Iterable[Table]) -> str:

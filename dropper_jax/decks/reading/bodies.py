@@ -37,7 +37,7 @@ def free_body(row: Row, rods: list[Row]) -> Table:
     moments = np.broadcast_to(row.parts(10, "I"), 3)
     own = Solid(row.value(8, "Mass", 0.0), np.array(centre), np.diag(moments))
     cylinders = [_cylinder(rod) for rod in rods]
-    found = {"name": row.name("body"), "row": row.number, "position": row.values(2, 5, "X0, Y0, Z0")}
+    found: Table = {"name": row.name("body"), "row": row.number, "position": row.values(2, 5, "X0, Y0, Z0")}
     found |= _together(row, what, [own, *(_solid(rod, shape) for rod, shape in zip(rods, cylinders, strict=True))])
     if any(turned):
         found["attitude"] = turned
@@ -88,7 +88,7 @@ def _together(row: Row, what: str, parts: list[Solid]) -> Table:
     mass = sum(part.mass for part in parts)
     if not mass > 0.0:
         row.refuse(f"{what}: has no mass, with what is on it; allowed: > 0 kg")
-    centre = sum(part.mass * part.centre for part in parts) / mass
+    centre = np.sum([part.mass * part.centre for part in parts], axis=0) / mass
     inertia = np.zeros((3, 3))
     for part in parts:
         away = part.centre - centre

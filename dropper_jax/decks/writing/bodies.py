@@ -26,7 +26,7 @@ def check_bodies(scene: Scene) -> Iterator[Check]:
     """
     for i, body in enumerate(scene.bodies):
         yield (
-            np.count_nonzero(body.attitude) > 1,
+            int(np.count_nonzero(body.attitude)) > 1,
             f"body.{i}.attitude: {body.attitude.tolist()} is about several axes; MoorDyn's codes differ in their "
             "order; allowed: about one of x, y and z",
         )

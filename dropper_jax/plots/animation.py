@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from PIL import Image
 
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write, remove_leftovers, unfinished_folder
 from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
@@ -64,6 +64,7 @@ def animate(
         raise ValueError(f"fps = {fps}: must be > 0")
     if seconds is not None and not seconds > 0:
         raise ValueError(f"seconds = {seconds}: must be > 0")
+    progress = progress or silent
     delay = max(2, round(100 / fps)) * 10
     frames, speed = _timing(run.t, delay / 1000, seconds)
     stage = _Stage(run, frames, speed)
@@ -71,8 +72,7 @@ def animate(
     def images() -> Iterator[np.ndarray]:
         for count, frame in enumerate(frames, start=1):
             yield stage.draw(frame)
-            if progress is not None:
-                progress(count / len(frames), "animation")
+            progress(count / len(frames), "animation")
 
     def write(file: BinaryIO) -> None:
         rest = (Image.fromarray(i).quantize(palette=stage.palette, dither=Image.Dither.NONE) for i in images())
@@ -109,7 +109,9 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
         part = folder / "film.mp4"
         call = ["ffmpeg", "-y", "-loglevel", "error", *source, *target, str(part)]
         with subprocess.Popen(call, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-            _feed(process, first, images)
+            with suppress(BrokenPipeError), process.stdin:  # an encoder that ended early reports its own error
+                for image in itertools.chain([first], images):
+                    process.stdin.write(image.tobytes())
             said = process.stderr.read().decode(errors="replace").split("\n")[0]
         if process.returncode:
             raise OSError(f"{path.name}: ffmpeg failed: {said or process.returncode}")
@@ -117,19 +119,9 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
     return path
 
 
-def _feed(process: subprocess.Popen, first: np.ndarray, images: Iterator[np.ndarray]) -> None:
-    """Write all frames to the encoder; an encoder that ended early reports its own error."""
-    with suppress(BrokenPipeError):
-        for image in itertools.chain([first], images):
-            process.stdin.write(image.tobytes())
-    with suppress(BrokenPipeError):
-        process.stdin.close()
-
-
 def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndarray, float]:
     """Samples to draw and the playback speed (1 = real time) for frames `delay` [s] apart."""
-    span = float(t[-1] - t[0])
-    span = span if seconds is None else min(span, seconds)
+    span = min(float(t[-1] - t[0]), np.inf if seconds is None else seconds)
     # maximum number of frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB
     count = max(1, min(240 - 1, round(span / delay), len(t)))
     times = t[0] + np.linspace(0.0, span, count + 1)
@@ -251,7 +243,6 @@ def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:
 
 
 def _nearest(times: np.ndarray, requested: np.ndarray) -> np.ndarray:
-    """Index of the sample of sorted times `times` nearest to each of `requested`."""
-    after = np.searchsorted(times, requested).clip(0, len(times) - 1)
-    before = (after - 1).clip(0)
-    return np.where(np.abs(times[before] - requested) <= np.abs(times[after] - requested), before, after)
+    """Index of the sample of sorted times `times` nearest to each of `requested`, the earlier one half way between."""
+    share = np.interp(requested, times, np.arange(len(times)))
+    return np.ceil(share - 0.5 - 1e-9).astype(int)

@@ -11,7 +11,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from dropper_jax.analysis import spectrum
 from dropper_jax.plots import panels, style, system, view
 from dropper_jax.plots.panels import DASHES, Curve, Panel, draw_panel, hides, history, legend
-from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, directions, elevations, travel
+from dropper_jax.plots.run import ANGLE, TRAVEL, Run, directions, elevations, travel
 from dropper_jax.plots.style import CYCLE, DARK, FAINT, FIRST, SECOND
 from dropper_jax.plots.tension import ends_panel, loads_of
 
@@ -105,7 +105,7 @@ def phase_space(run: Run, path: str | Path) -> Path:
         axes.xaxis.set_major_locator(MaxNLocator(5))
 
     labels = ("polar angle [rad]", "rate [rad/s]")
-    return panels.grid(run, path, "phase space of the links", chosen_links(run, panels.MOST), draw, labels, False)
+    return panels.grid(run, path, "phase space of the links", draw, labels, share=False)
 
 
 @style.with_style
@@ -152,7 +152,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
         axes.set_xlim(0, last)
 
     labels = ("frequency [Hz]", f"amplitude [{unit}]")
-    return panels.grid(run, path, what, chosen_links(run, panels.MOST), draw, labels, share=True)
+    return panels.grid(run, path, what, draw, labels, share=True)
 
 
 def _system_spectra(run: Run, path: str | Path) -> Path:

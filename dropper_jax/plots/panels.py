@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.plots import style
-from dropper_jax.plots.run import ANGLE, Run, changing
+from dropper_jax.plots.run import ANGLE, Run, changing, chosen_links
 from dropper_jax.plots.style import CYCLE, FAINT, FIRST
 
 #: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).
@@ -129,12 +129,12 @@ def grid(
     run: Run,
     path: str | Path,
     what: str,
-    chosen: np.ndarray,
     draw: Callable[[Axes, int], None],
     labels: tuple[str, str],
     share: bool,
 ) -> Path:
-    """A panel for each chosen link, drawn by `draw(axes, link)`; `labels` of both axes with units; `share` or not."""
+    """A panel for each link that moves, drawn by `draw(axes, link)`; `labels` of the axes, which panels may `share`."""
+    chosen = chosen_links(run, MOST)
     count = len(chosen)
     if count == 0:
         figure = style.new_figure(6.0, 2.0)
@@ -209,13 +209,13 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
     Both have the same scale, and so have panels of one unit and of similar ranges.
     """
     zoom = None
-    size = (8.5, 1.2 + 1.75 * len(panels))
+    width = 8.5
     ratios = [1.0]
     if any(turns(curve.values) > MOST_TURNS for panel in panels for curve in panel.curves):
         zoom = zoom_of(panels)
-        size = (11.5, size[1])
+        width = 11.5
         ratios = [1.55, 1.0]
-    figure = style.new_figure(*size)
+    figure = style.new_figure(width, 1.2 + 1.75 * len(panels))
     grid = figure.subplots(len(panels), len(ratios), sharex="col", sharey="row", squeeze=False, width_ratios=ratios)
     above: list[str] = []
     for row, panel in zip(grid, panels, strict=True):
@@ -257,8 +257,8 @@ def _shortest(panel: Panel, panels: list[Panel]) -> float:
 
 def legend(axes: Axes) -> None:
     """Place the legend above the right end, where there is no title."""
-    options = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
-    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **options)
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
+    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **place)
 
 
 def draw_panel(
@@ -294,10 +294,8 @@ def hides(curves: list[Curve], index: int) -> bool:
     this = curves[index].values
     reach = max((float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))), default=0.0)
     # two curves closer than this fraction of the maximum range look like one
-    return any(
-        other.values.shape == this.shape and np.max(np.abs(other.values - this), initial=0.0) < 0.01 * reach
-        for other in curves[:index]
-    )
+    alike = [other.values for other in curves[:index] if other.values.shape == this.shape]
+    return any(np.max(np.abs(values - this), initial=0.0) < 0.01 * reach for values in alike)
 
 
 def reduce_samples(

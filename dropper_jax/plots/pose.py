@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import Run
 from dropper_jax.plots.style import CYCLE, DARK, FAINT
-from dropper_jax.plots.system import SURFACE, WATER, bare_joints, draw_bed, draw_solids, limits, surface_lines
+from dropper_jax.plots.system import SURFACE, WATER, draw_bed, draw_solids, limits, surface_lines
 
 #: Number of past configurations in a snapshot.
 PAST = 8
@@ -70,9 +70,9 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     if style.dot(run) > 0:
         draw(nodes, ls="", marker="o", ms=style.dot(run), mfc="white", mec=DARK, mew=1.0, label="node")
     draw(nodes[list(run.fixed_nodes)], ls="", marker="s", ms=7, mfc=DARK, mec="white", label="fixed point")
-    joints = bare_joints(run, nodes)
-    if len(joints) and not crowded:
-        draw(joints, ls="", marker="D", ms=5, mfc=CYCLE[4], mec=DARK, label="free point")
+    joints = {*run.joints} - {buoy.node for buoy in run.buoys}
+    if joints and not crowded:
+        draw(nodes[sorted(joints)], ls="", marker="D", ms=5, mfc=CYCLE[4], mec=DARK, label="free point")
     style.tension_bar(figure, links, run.max_tension[now], **bar)
     figure.legend(loc="outside lower left" if flat else "lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
     what = "position and tension"

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import ArrayLike
 
@@ -126,7 +126,7 @@ def title(figure: Figure, text: str) -> None:
     figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
 
 
-def panels(figure: Figure, count: int, columns: int = 1, **options: Any) -> np.ndarray:
+def panels(figure: FigureBase, count: int, columns: int = 1, **options: Any) -> np.ndarray:
     """Panels in rows of `columns`, filled row by row."""
     axes = figure.subplots(-(-count // columns), columns, squeeze=False, **options).ravel()
     for spare in axes[count:]:

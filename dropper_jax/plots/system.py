@@ -109,12 +109,6 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
     return view.box(np.concatenate(shown), min_ratio=0.25)
 
 
-def bare_joints(run: Run, nodes: np.ndarray) -> np.ndarray:
-    """Positions (m, 3) of the free points without a buoy that join several lines."""
-    busy = {buoy.node for buoy in run.buoys}
-    return nodes[[node for node in run.joints if node not in busy]]
-
-
 def outlines(run: Run, nodes: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Corners (buoys, 4, 3) [m] of each buoy's upright section, seen in a view whose right is `right` (3,)."""
     node, diameter, height, attachment = np.reshape(run.buoys, (-1, 4)).T

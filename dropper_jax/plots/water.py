@@ -37,8 +37,8 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     depths = np.geomspace(4e-4, 0.3, 300)
     # of linear waves over g T^2
     length = 2.0 * np.pi / np.asarray(wave_number(jnp.full(depths.shape, 2.0 * np.pi), jnp.asarray(depths), 1.0))
-    limit = np.array([highest(x, d) for x, d in zip(length, depths, strict=True)])
-    linear = np.array([LINEAR / second_harmonic(1.0, x, d) for x, d in zip(length, depths, strict=True)])
+    limit = np.vectorize(highest)(length, depths)
+    linear = LINEAR / np.vectorize(second_harmonic)(1.0, length, depths)
     stokes = np.where(length < STOKES_LENGTH * depths, STOKES_HEIGHT * limit, linear)
     figure = style.new_figure(7.6, 6.2)
     axes = figure.subplots()
@@ -75,10 +75,9 @@ def _line(axes: Axes, at: float, text: str) -> None:
 def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     """Current [m/s] at the mean height of the lines, along and across it, with the lines' links [m]."""
     wakes = found.wakes
-    e = found.wakes.elements
-    weight = e.drag * e.area + 1e-12
-    height = float(np.sum(weight * e.z) / np.sum(weight))
-    size = max(float(np.ptp(e.x)), float(np.ptp(e.y)), 10.0)
+    e = wakes.elements
+    height = float(np.average(e.z, weights=e.drag * e.area + 1e-12))
+    size = max(np.ptp(e.x), np.ptp(e.y), 10.0)
     x = np.linspace(e.x.min() - 0.1 * size, e.x.max() + 0.8 * size, 90)
     y = np.linspace(e.y.min() - 0.25 * size, e.y.max() + 0.25 * size, 160)
     speed = wakes.velocity(x, y, height)
@@ -89,8 +88,7 @@ def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     axes.set(xlabel="along the current [m]", ylabel="across it [m]", aspect="equal")
     axes.grid(False)
     figure.colorbar(shown, ax=axes, label=f"current at z = {height:.1f} m [m/s]", shrink=0.8)
-    text = f"{name}: {wakes.speed:.2f} m/s towards {np.degrees(found.direction):.0f} degrees from x"
-    style.title(figure, text)
+    style.title(figure, f"{name}: {wakes.speed:.2f} m/s towards {np.degrees(found.direction):.0f} degrees from x")
     return style.save(figure, path)
 
 
@@ -123,25 +121,23 @@ def under_surface(run: Run, path: str | Path, time: float | None = None) -> Path
     high = nodes.max(axis=0)
     middle = 0.5 * (low + high)
     half = 0.55 * max((high - low).max(), 1.0)
-    low_and_long = np.ptp(nodes[:, 2]) < LOW_AND_LONG * 2 * half
+    low_and_long = (high - low)[2] < LOW_AND_LONG * 2 * half
     flat = view.planar(run.positions)
-    figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
-    sides = 2 - int(flat)
-    columns = sides
-    if low_and_long:
-        columns = 1
-    for axis, axes in enumerate(style.panels(figure, sides, columns, sharey=True)):
+    sides = 1 if flat else 2
+    figure = style.new_figure(9.5, 3.0 if flat and low_and_long else 5.6)
+    for axis, axes in enumerate(style.panels(figure, sides, 1 if low_and_long else sides, sharey=True)):
         along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
         positions = np.tile(middle, (POINTS, 1))
         positions[:, axis] = along
         eta = elevations(scene, positions, run.t[index : index + 1])[0]
         bed = bed_height(scene, positions)
-        low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
         if bed is None:
-            low = max(low, -float(sea.depth))
-        axes.fill_between(along, eta, low, color=WATER)
-        if bed is not None and bed.max() > low:
-            axes.fill_between(along, np.maximum(bed, low), low, color=BED, label="seabed")
+            lowest = max(low[2] - 0.1 * half, -float(sea.depth))
+        else:
+            lowest = low[2] - 0.1 * (high - low)[2]
+        axes.fill_between(along, eta, lowest, color=WATER)
+        if bed is not None and bed.max() > lowest:
+            axes.fill_between(along, np.maximum(bed, lowest), lowest, color=BED, label="seabed")
         axes.plot(along, eta, color=SURFACE, label="surface")
         axes.axhline(0.0, color=FAINT, lw=0.7, ls="--")
         label = "line" if len(run.lines) == 1 else "lines"
@@ -152,7 +148,7 @@ def under_surface(run: Run, path: str | Path, time: float | None = None) -> Path
         ends = nodes[list(run.fixed_nodes)]
         axes.plot(ends[:, axis], ends[:, 2], "s", color=SECOND, ms=6, label="fixed points")
         draw_solids(axes, run, index, axis, grow=True)
-        axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None), aspect="equal")
+        axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(lowest, None), aspect="equal")
     figure.axes[0].set_ylabel("z [m]")
     if low_and_long:
         figure.axes[-1].set_ylabel("z [m]")

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from dropper_jax.base.read import Table
-from dropper_jax.evaluation.extremes import Gumbel
 from dropper_jax.evaluation.record import Record
 from dropper_jax.evaluation.tension import load_extremes, point_load
 from dropper_jax.plots import style
@@ -110,11 +109,9 @@ def _watch(part: Record, points: list[Table], found: Table) -> Figure:
     columns = -(-len(points) // 2)
     figure = style.new_figure(4.0 + 2.4 * columns, 4.6)
     left, right = figure.subfigures(1, 2, width_ratios=(2.4 * columns, 4.0))
-    plans = left.subplots(1 if len(points) == 1 else 2, columns, squeeze=False).ravel()
+    plans = style.panels(left, len(points), columns)
     height = right.subplots()
     widest = max(p["radius_max_m"] for p in points) or 1.0
-    for plan in plans[len(points) :]:
-        plan.set_visible(False)
     for colour, point, plan in zip(CYCLE, points, plans, strict=False):
         path = part.point(point["point"])
         about = path - point["mean_m"]
@@ -125,10 +122,11 @@ def _watch(part: Record, points: list[Table], found: Table) -> Figure:
             plan.plot(*offset[:2], "x", color=colour, ms=7)
             widest = max(widest, *np.abs(offset[:2]))
         height.plot(part.t, path[:, 2], color=colour, lw=0.9, label=point["point"])
-    for plan, point in zip(plans, points, strict=False):
         plan.plot(0, 0, "+", color=DARK, ms=9)
-        plan.set(xlim=(-1.1 * widest, 1.1 * widest), ylim=(-1.1 * widest, 1.1 * widest), aspect="equal")
         plan.set_title(point["point"], loc="left", fontsize=9)
+    limits = (-1.1 * widest, 1.1 * widest)
+    for plan in plans:
+        plan.set(xlim=limits, ylim=limits, aspect="equal")
     left.supxlabel("x from the mean [m]; + mean, x static, dashed: maximum radius", fontsize=9)
     left.supylabel("y from the mean [m]", fontsize=9)
     height.set_ylabel("z [m]")
@@ -223,15 +221,15 @@ def draw_extremes(extremes: Table, folder: Path) -> Path:
     unit, scale = force_unit([extremes[name]["percentile_90"] for name in names])
     for axes, name in zip(panels, names, strict=True):
         one = extremes[name]
-        fit = Gumbel(one["gumbel_mode"], one["gumbel_scale"])
-        n = one["runs"]
-        plotting_position = (np.arange(n) + 0.56) / (n + 0.12)  # Gringorten's plotting position of a Gumbel sample
-        axes.plot(-np.log(-np.log(plotting_position)), np.sort(one["maxima"]) / scale, "o", color=DARK, label="runs")
+        # Gringorten's plotting position of a Gumbel sample
+        probability = (np.arange(one["runs"]) + 0.56) / (one["runs"] + 0.12)
+        axes.plot(-np.log(-np.log(probability)), np.sort(one["maxima"]) / scale, "o", color=DARK, label="runs")
         at = np.log(one["extrapolated"]) - np.log(-np.log(0.9))
         reduced = np.array([-1.5, max(at, 3.0)])
-        axes.plot(reduced, (fit.mode + fit.scale * reduced) / scale, color=FIRST, label="Gumbel fit")
-        low, high = (x / scale for x in one["percentile_90_interval"])
-        axes.plot([at, at], [low, high], color=SECOND, lw=2.5, label="storm, 90th percentile and interval")
+        fit = one["gumbel_mode"] + one["gumbel_scale"] * reduced
+        axes.plot(reduced, fit / scale, color=FIRST, label="Gumbel fit")
+        interval = np.asarray(one["percentile_90_interval"]) / scale
+        axes.plot([at, at], interval, color=SECOND, lw=2.5, label="storm, 90th percentile and interval")
         axes.plot(at, one["percentile_90"] / scale, "D", color=SECOND)
         axes.set(xlabel="reduced variate, -log(-log P) [-]", ylabel=f"largest [{unit}]")
         axes.set_title(name, loc="left")

@@ -74,11 +74,10 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_one_mooring_in_many_ways_is_one_scene(kind, tmp_path):
-    (tmp_path / "base.txt").write_text(DECK)
+def test_one_mooring_in_many_ways_is_one_scene(kind, tmp_path, read):
     file = tmp_path / "deck.dat"
     file.write_bytes(KINDS[kind].encode())
-    base, found = read_moordyn(tmp_path / "base.txt"), read_moordyn(file)
+    base, found = read(DECK), read_moordyn(file)
     for key in SAME:
         assert found[key] == base[key], key
 
@@ -97,10 +96,8 @@ def test_a_seafloor_file_stands_beside_its_deck(tmp_path, monkeypatch):
         read_moordyn(file)
 
 
-def test_a_line_of_one_segment_between_held_points_has_two_links_and_a_note(tmp_path):
-    file = tmp_path / "deck.txt"
-    file.write_text(swapped(("100       20       p", "100       1       p")))
-    found = read_moordyn(file)
+def test_a_line_of_one_segment_between_held_points_has_two_links_and_a_note(read):
+    found = read(swapped(("100       20       p", "100       1       p")))
     assert [line["links"] for line in found["line"]] == [2]
     assert any("NumSegs 1 between fixed points: 2 links are used" in note for note in found["notes"])
 

@@ -65,11 +65,7 @@ def test_a_file_that_names_a_moordyn_file_is_that(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "endA: anchor west",
-            "endA: anchr west",
-            "lines.0.endA: 'anchr west' is not in the file; did you mean",
-        ),
+        ("endA: anchor west", "endA: anchr west", "lines.0.endA: 'anchr west' is not in the file; did you mean"),
         ("type: wire", "type: wird", "lines.2.type: 'wird' is not in the file; did you mean 'wire'"),
         ("length: 795.0", "length: long", "lines.0.length: 'long' is not a number; allowed: a number > 0"),
         ("length: 795.0", "length: -1", "lines.0.length: -1 is out of range"),

@@ -26,7 +26,7 @@ FORCES = ["fx", "fy", "fz"]
 
 @dataclass
 class Ends:
-    """Ends of lines: the points of the scene, its buoys and bodies, and the name of the point for each word of a file.
+    """Ends of lines: the points of the scene, its buoys and bodies, and the names of the points by word, in capitals.
 
     Points on bodies are their attachments, and are not in `points`. `leaving` gives, by the name of its point, the
     direction of a line with bending stiffness at each end of a fixed rod. `turning` contains the points on rods that
@@ -46,11 +46,11 @@ class Ends:
 
 def read_ends(deck: Deck) -> Ends:
     """Points, and rods and bodies at which lines end."""
-    first = _first_end(deck)
+    start, end, *_ = line_columns(deck)
     found = Ends(used=set())
     for row in deck.rows["lines"]:
         row.need(6, "line")
-        found.used.update(word.upper() for word in row.words[first : first + 2])
+        found.used |= {row.words[start].upper(), row.words[end].upper()}
     bodies = {row.words[0]: row for row in deck.rows["bodies"]}
     moving = [key for key, row in bodies.items() if _moves(row) and _carries(row, found)]
     for key in moving:
@@ -77,17 +77,12 @@ def wet_floats_note(floats: Sequence[str]) -> str:
     return f"points that float ({names}): MoorDyn treats their full volume as submerged, also above the surface"
 
 
-def first_version(deck: Deck) -> bool:
-    """Whether lines have length and segments before their ends, according to the column names."""
+def line_columns(deck: Deck) -> tuple[int, int, int, int]:
+    """Columns of the ends A and B, the length and the number of segments of a line; in version 1 the ends are last."""
     names = deck.columns("lines")
-    return len(names) > 2 and names[2].startswith(("unstr", "length", "len"))
-
-
-def _first_end(deck: Deck) -> int:
-    """Column of end A of a line, before that of end B."""
-    if first_version(deck):
-        return 4
-    return 2
+    if len(names) > 2 and names[2].startswith(("unstr", "len")):
+        return 4, 5, 2, 3
+    return 2, 3, 4, 5
 
 
 def _holder(row: Row) -> str:
@@ -172,10 +167,10 @@ def _point(row: Row, bodies: dict[str, Row], found: Ends) -> str:
     row.need(5, "point")
     key = row.words[0]
     kind = row.words[1].lower()
-    if key in found.names:
+    if key.upper() in found.names:
         row.refuse(f"point {key} is given twice")
     name = row.name("point")
-    found.names[key] = name
+    found.names[key.upper()] = name
     point: Table = {"name": name, "row": row.number, "position": row.values(2, 5, "X, Y, Z")}
     holder = kind.removeprefix("body")
     body = None

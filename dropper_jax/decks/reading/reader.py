@@ -16,7 +16,7 @@ from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.decks.reading.joints import DeckLine, Part, join_lines
 from dropper_jax.decks.reading.options import Options, read_options, read_seafloor, read_types
-from dropper_jax.decks.reading.points import Ends, first_version, read_ends, wet_floats_note
+from dropper_jax.decks.reading.points import Ends, line_columns, read_ends, wet_floats_note
 from dropper_jax.decks.reading.sections import Deck, read_input, split_file
 from dropper_jax.decks.reading.water import read_current, read_waves
 
@@ -70,14 +70,17 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     broken = _failures(deck, own_lines, ends.names)
     lines, parts = join_lines(own_lines, ends.joints)
     for failure in broken:
-        failure |= _link_of(parts[failure["line"]], failure["link"])
+        part = parts[failure["line"]]
+        link = failure["link"]
+        if part.turned:
+            link = part.links + 1 - link
+        failure |= {"line": part.line, "link": part.first + link}
     as_given = options.values["tmaxic"] == 0.0
     deck.notes += _joint_notes(lines, parts, as_given)
     at_ends = {line[key] for line in lines for key in ("from", "to")}
-    inside = {*ends.joints} - at_ends
-    for name in (point["name"] for point in ends.points):
-        if name not in at_ends | inside:
-            deck.notes.append(f"point {name!r} is not represented: no line ends there")
+    for point in ends.points:
+        if point["name"] not in {*at_ends, *ends.joints}:
+            deck.notes.append(f"point {point['name']!r} is not represented: no line ends there")
     seafloor = _seafloor(options, path.parent)
     scene: Table = {
         "name": path.stem,
@@ -142,38 +145,30 @@ def _check_depth(deck: Deck, options: Options, depth: float) -> None:
 
 def _lines(deck: Deck, types: Table, names: dict[str, str]) -> list[DeckLine]:
     found: dict[str, DeckLine] = {}
-    by_upper = _by_upper(names)
-    order = (2, 3, 4, 5)
-    if first_version(deck):
-        order = (4, 5, 2, 3)
+    start_column, end_column, length, links = line_columns(deck)
     for row in deck.require("lines"):
         key, kind = row.words[:2]
-        start, end, length, links = order
-        words = row.words[start].upper(), row.words[end].upper()
+        start = row.words[start_column]
+        end = row.words[end_column]
         if key in found:
             row.refuse(f"line {key} is given twice")
         if kind not in types:
             row.refuse(f"line type {kind!r} is not in the file; {nearest(kind, types)}")
-        for column in (start, end):
-            word = row.words[column]
-            if word.upper() not in by_upper:
+        for word in (start, end):
+            if word.upper() not in names:
                 row.refuse(f"{word!r} is not a point of the file; {nearest(word, names)}")
-        if words[0] == words[1]:
-            row.refuse(f"line {key} starts and ends at {row.words[start]}; allowed: two different points")
+        if start.upper() == end.upper():
+            row.refuse(f"line {key} starts and ends at {start}; allowed: two different points")
         found[key] = DeckLine(
-            row.name("line"),
-            *(by_upper[word] for word in words),
+            name=row.name("line"),
+            start=names[start.upper()],
+            end=names[end.upper()],
             type=kind,
             length=row.value(length, "UnstrLen", 0.0, open_low=True),
             links=row.integer(links, "NumSegs"),
             row=row.number,
         )
     return list(found.values())
-
-
-def _by_upper(names: dict[str, str]) -> dict[str, str]:
-    """Names of points by their words in capitals."""
-    return {word.upper(): name for word, name in names.items()}
 
 
 def line_parts(deck: Deck) -> dict[str, Part]:
@@ -196,12 +191,6 @@ def _joint_notes(lines: list[Table], parts: dict[str, Part], as_given: bool) -> 
             )
 
 
-def _link_of(part: Part, link: int) -> Table:
-    """Line and link of the scene of a line's link, from 1."""
-    own = part.links + 1 - link if part.turned else link
-    return {"line": part.line, "link": part.first + own}
-
-
 def _check_outputs(deck: Deck) -> None:
     """Reject an output of a line that is not in the file."""
     known = [row.words[0] for row in deck.rows["lines"]]
@@ -215,11 +204,10 @@ def _check_outputs(deck: Deck) -> None:
 def _failures(deck: Deck, lines: list[DeckLine], names: dict[str, str]) -> list[Table]:
     """`[[failure]]` entries: the first or last link of each line that detaches from a point."""
     found: list[Table] = []
-    by_upper = _by_upper(names)
     by_number = {row.words[0]: line for row, line in zip(deck.rows["lines"], lines, strict=True)}
     for row in deck.rows["failure"]:
         row.need(5, "failure")
-        point = by_upper.get(row.words[1].upper(), "")
+        point = names.get(row.words[1].upper(), "")
         given = {"time": row.value(3, "FailTime", 0.0), "load": row.value(4, "FailTen", 0.0)}
         given = {key: value for key, value in given.items() if value}
         words = row.words[2].split(",")

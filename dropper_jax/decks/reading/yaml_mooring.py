@@ -28,10 +28,13 @@ TYPE = (
     ("can", "transverse_added_mass", False),
     ("cat", "tangential_added_mass", False),
 )
-#: First letters of the words for kinds of points, as MoorPy recognises them.
-HELD = ("anch", "fix")
-VESSEL = ("fair", "ves", "coupled")
-FREE = ("con", "free")
+#: Kinds of points by parts of their words, in the order in which MoorPy looks for them.
+KINDS = {
+    **dict.fromkeys(("anch", "fix"), "fixed"),
+    "body": "body",
+    **dict.fromkeys(("fair", "ves", "coupled"), "vessel"),
+    **dict.fromkeys(("con", "free"), "free"),
+}
 
 
 def read_yaml_mooring(path: str | Path, depth: float | None = None) -> Table:
@@ -165,22 +168,21 @@ def _point(row: Table, at: str, notes: list[str]) -> Table:
     if not isinstance(position, list) or len(position) != 3:
         raise SceneError(f"{at}.location: {position!r} is not a position; allowed: [x, y, z] in m")
     found: Table = {"position": [_number(x, f"{at}.location") for x in position]}
-    kind = str(row.get("type", "")).lower()
-    if any(word in kind for word in HELD):
-        return found
-    if "body" in kind:
+    given = str(row.get("type", "")).lower()
+    kind = next((kind for part, kind in KINDS.items() if part in given), None)
+    if kind is None:
+        raise SceneError(f"{at}.type: {given!r} is unknown; allowed: fixed, vessel, free")
+    if kind == "body":
         raise SceneError(
-            f"{at}.type: {kind!r} is on a body, which these files do not describe; allowed: fixed, vessel, free"
+            f"{at}.type: {given!r} is on a body, which these files do not describe; allowed: fixed, vessel, free"
         )
-    if any(word in kind for word in VESSEL):
-        notes.append(
-            f"{at}: {row.get('name')!r} is on the vessel: it is fixed; use [[vessel]] to move such points together"
-        )
-        return found
-    if not any(word in kind for word in FREE):
-        raise SceneError(f"{at}.type: {kind!r} is unknown; allowed: fixed, vessel, free")
-    bodies = {key: _number(row[key], f"{at}.{key}", 0.0) for key in ("mass", "volume") if row.get(key)}
-    return {**found, "kind": "free", **bodies}
+    if kind == "vessel":
+        name = row.get("name")
+        notes.append(f"{at}: {name!r} is on the vessel: it is fixed; use [[vessel]] to move such points together")
+    if kind == "free":
+        found["kind"] = "free"
+        found |= {key: _number(row[key], f"{at}.{key}", 0.0) for key in ("mass", "volume") if row.get(key)}
+    return found
 
 
 def _line(row: Table, at: str, types: Iterable[str], points: Iterable[str], notes: list[str]) -> Table:

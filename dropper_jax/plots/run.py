@@ -116,9 +116,9 @@ def chosen_links(run: Run, most: int) -> np.ndarray:
     moving = np.flatnonzero(size > ANGLE)
     if len(run.written_lines) == 1 or len(moving) <= most:
         return moving[np.unique(np.linspace(0, len(moving) - 1, min(len(moving), most)).round().astype(int))]
-    best = [line.links.start + int(np.argmax(size[line.links])) for line in run.written_lines]
-    best = [link for link in best if size[link] > ANGLE]
-    return np.sort(np.array(sorted(best, key=lambda link: -size[link])[:most], dtype=int))
+    best = np.array([line.links.start + int(np.argmax(size[line.links])) for line in run.written_lines])
+    order = np.argsort(-size[best], kind="stable")[:most]
+    return np.sort(best[order][size[best[order]] > ANGLE])
 
 
 def changing(columns: Iterable[np.ndarray], least: float) -> np.ndarray:
@@ -223,25 +223,21 @@ class Run(Samples):
         return [f"{line.name} {j + 1}" for line in self.lines for j in range(line.links.stop - line.links.start)]
 
 
-#: Arrays of a solution that pictures use with double precision.
-PRECISE = tuple(name for name in (*ARRAYS, *BODIES) if name != "step_status")
-
-
 def readable(solution: Samples) -> Run:
-    """The run until it diverged or became non-finite, with at least its first sample."""
+    """The run until it diverged or became non-finite, with at least its first sample, in double precision."""
     given = {field.name: getattr(solution, field.name) for field in dataclasses.fields(Samples)}
-    arrays = {name: given[name] for name in (*ARRAYS, *WITHIN, *BODIES) if given[name] is not None}
-    arrays |= {name: np.asarray(arrays[name], float) for name in PRECISE if name in arrays}
-    moved = [arrays[name] for name in ("positions", "velocities", "kinetic", "potential", "work")]
+    moved = [np.asarray(given[name], float) for name in ("positions", "velocities", "kinetic", "potential", "work")]
     finite = np.all([np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in moved], axis=0)
-    first = moved[0][0]
+    positions = moved[0]
     # a run has diverged if a node is farther out than this many sizes of the first configuration
-    far = 100.0 * max(float(np.ptp(first, axis=0).max()), np.finfo(float).tiny)
+    far = 100.0 * max(view.size(positions[:1]), np.finfo(float).tiny)
     with np.errstate(invalid="ignore", over="ignore"):
-        near = np.abs(moved[0] - first).max(axis=(1, 2)) <= far
-    good = np.append(finite & near, False)
-    last = max(1, int(np.argmin(good)))
-    return Run(**(given | {name: values[:last] for name, values in arrays.items()}))
+        near = np.abs(positions - positions[0]).max(axis=(1, 2)) <= far
+    last = max(1, int(np.argmin(np.append(finite & near, False))))
+    for name in (*ARRAYS, *WITHIN, *BODIES):
+        if given[name] is not None:
+            given[name] = np.asarray(given[name][:last], float)
+    return Run(**given)
 
 
 def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:

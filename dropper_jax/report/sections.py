@@ -125,7 +125,7 @@ def snaps(lines: list[Table]) -> str:
             "largest peak [N]": "{top[peak_n]:newton} at {top[at_m]:.1f} m, {top[peak_s]:.2f} s|none",
         }
         if some:
-            parts.append(_table_and_others(never, some, "largest_share_slack", 0.0, _largest_snap, columns, every))
+            parts.append(_table_and_others(never, some, "largest_share_slack", _largest_snap, columns, every))
     return "\n\n".join(parts)
 
 
@@ -139,14 +139,13 @@ def _table_and_others(
     word: str,
     lines: list[Table],
     key: str,
-    limit: float,
     size: Callable[[Table], float],
     columns: Columns,
     every: str = "all lines",
 ) -> str:
-    """The table of the lines with a value above the limit, and the names of the others after a heading."""
-    some = [line for line in lines if line[key] > limit]
-    others = [line["line"] for line in lines if not line[key] > limit]
+    """The table of the lines with a value above zero, and the names of the others after a heading."""
+    some = [line for line in lines if line[key] > SHOWN_ROUNDING]
+    others = [line["line"] for line in lines if not line[key] > SHOWN_ROUNDING]
     parts = []
     if some:
         parts.append(largest_table(some, size, columns))
@@ -229,7 +228,7 @@ ACCELERATION: Columns = {
 
 def acceleration(lines: list[Table]) -> str:
     key = "largest_m_per_s2"
-    return _table_and_others("At rest", lines, key, SHOWN_ROUNDING, lambda line: line[key], ACCELERATION)
+    return _table_and_others("At rest", lines, key, lambda line: line[key], ACCELERATION)
 
 
 def _touch(line: Table) -> str:
@@ -266,7 +265,7 @@ SEABED: Columns = {
 
 def seabed(lines: list[Table]) -> str:
     key = "share_with_contact"
-    return _table_and_others("No link on the seabed", lines, key, 0.0, lambda line: line["length_m"]["mean"], SEABED)
+    return _table_and_others("No link on the seabed", lines, key, lambda line: line["length_m"]["mean"], SEABED)
 
 
 def weights(rows: list[Table]) -> str:

@@ -14,7 +14,8 @@ from dropper_jax.decks.writing.outputs import Numbers, channel_values, numbers_o
 from dropper_jax.run.line_weights import end_forces
 from dropper_jax.scene import LineSlice
 
-DECK = (Path(__file__).parent / "chain.txt").read_text()
+FOLDER = Path(__file__).parent
+DECK = (FOLDER / "chain.txt").read_text()
 
 
 def test_depth_of_the_caller_where_the_file_has_none(read):
@@ -57,44 +58,7 @@ def test_points_on_a_coupled_body_are_held(read):
         read(text.replace("KIND", "Turned"))
 
 
-FLOATING = """MoorDyn v2: a ballasted float on a chain
----------------------- LINE TYPES ---------------------------------------
-Name  Diam  MassDen  EA   BA   EI  Cd  Ca  CdAx CaAx
-(-)   (m)   (kg/m)   (N)  (N-s) (N-m2) (-) (-) (-) (-)
-chain 0.05  20.0     1e6  -0.8  0   1.4 1.0 0.2 0.0
----------------------- ROD TYPES ----------------------------------------
-Name  Diam  MassDen  Cd   Ca   CdEnd CaEnd
-(-)   (m)   (kg/m)   (-)  (-)  (-)   (-)
-hull  1.0   100.0    1.0  1.0  0.0   0.0
----------------------- BODIES -------------------------------------------
-ID  Attachment  X0  Y0  Z0  r0  p0  y0  Mass CG  I   Volume CdA Ca
-(#) (-)         (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)
-1   Free        0.0 0.0 -6.0 0 6.0 0    4000 1.0 3000 0 0 0
----------------------- RODS ---------------------------------------------
-ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs
-(#) (-)    (-)        (m) (m) (m) (m) (m) (m) (-) (-)
-1  hull    Body1      0 0 0   0 0 9  18 -
----------------------- POINTS -------------------------------------------
-ID Type  X Y Z M V CdA Ca
-(#) (-) (m) (m) (m) (kg) (m3) (m2) (-)
-1  Fixed -40 0 -30 0 0 0 0
-2  Body1 0 0 0.5 0 0 0 0   ! name: eye
----------------------- LINES --------------------------------------------
-ID LineType AttachA AttachB UnstrLen NumSegs Outputs
-(#) (-)     (-)     (-)     (m)      (-)     (-)
-1  chain    1       2       50.0     10      -
----------------------- OPTIONS ------------------------------------------
-0.002 dtM
-30    WtrDpth
-1025  rho
-9.81  g
-3e6   kBot
-3e5   cBot
-0     TmaxIC
-1     disableOutput
----------------------- OUTPUTS ------------------------------------------
-END
-"""
+FLOATING = (FOLDER / "floating.txt").read_text()
 
 
 def test_a_free_body_takes_mass_and_inertia_of_the_rods_on_it(read):
@@ -174,34 +138,7 @@ def test_a_float_that_pitches_goes_as_in_moordyn(tmp_path, monkeypatch, deck):
 
 
 #: A cable of 10 m with EI on the end B of a rod along x.
-CANTILEVER = """--- MoorDyn input ---
----------------------- LINE TYPES ----------------------------------
-TypeName   Diam    Mass/m     EA     BA/-zeta    EI    Cd    Ca   CdAx  CaAx
-(name)     (m)     (kg/m)     (N)    (N-s/-)  (N-m^2)  (-)   (-)  (-)   (-)
-cable      0.05    1.0      1e6    -0.8      1e5   1.2   1.0  0.1   0.0
----------------------- ROD TYPES -----------------------------------
-TypeName Diam Mass/m Cd Ca CdEnd CaEnd
-(name) (m) (kg/m) (-) (-) (-) (-)
-con 0.05 1.0 1.0 1.0 0.0 0.0
----------------------- RODS ----------------------------------------
-ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs
-(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)
-1 con Fixed -1 0 0 0 0 0 4 -
----------------------- POINTS --------------------------------------
-ID Attachment X Y Z Mass Volume CdA Ca
-(#) (word/ID) (m) (m) (m) (kg) (m^3) (m^2) (-)
-1 Free 10 0 0 0 0 0 0
----------------------- LINES ---------------------------------------
-ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs
-(#) (name) (ID) (ID) (m) (-) (-)
-1 cable R1B 1 10.0 40 -
----------------------- OPTIONS -------------------------------------
-9.81 g
-0 rho
-500 WtrDpth
----------------------- OUTPUTS -------------------------------------
-END
-"""
+CANTILEVER = (FOLDER / "cantilever.txt").read_text()
 
 
 @pytest.mark.check
@@ -259,7 +196,7 @@ def test_a_deck_with_a_float_has_the_note_on_its_volume_that_writing_gives(tmp_p
     assert not any("full volume" in text for text in load_scene(JOINED).notes)
 
 
-JOINED = Path(__file__).parent / "decks" / "joined_by_rods.txt"
+JOINED = FOLDER / "decks" / "joined_by_rods.txt"
 
 
 def test_lines_joined_by_massless_rods_are_one_line_of_sections():

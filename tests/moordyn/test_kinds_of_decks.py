@@ -6,42 +6,11 @@ import pytest
 
 from dropper_jax import SceneError, read_moordyn
 
-DECK = (Path(__file__).parent / "chain.txt").read_text()
+FOLDER = Path(__file__).parent
+DECK = (FOLDER / "chain.txt").read_text()
 SAME = ("line_type", "point", "line", "effects", "sea")
 
-VERSION_1 = """--------------------- MoorDyn Input File ------------------------------------
-MoorDyn input of an OpenFAST case
-FALSE    Echo      - echo the input file data (flag)
------------------------ LINE TYPES ------------------------------------------
-1        NTypes    - number of LineTypes
-Name     Diam     MassDen       EA      BA/-zeta   Can    Cat   Cdn   Cdt
-(-)       (m)      (kg/m)       (N)     (N-s/-)     (-)   (-)   (-)   (-)
-Chain     0.1      30.0        1e8      -0.8        1     0.5   1.6   0.1
----------------------- CONNECTION PROPERTIES --------------------------------
-2        NConnects - number of connections including anchors and fairleads
-Node    Type       X        Y       Z       M       V       FX      FY      FZ    CdA   CA
-(-)     (-)       (m)      (m)     (m)     (kg)   (m^3)    (kN)    (kN)    (kN)   (m^2) (-)
-1       Fixed    -80.0      0     -50.0     0       0       0       0       0      0     0
-2       Vessel     0.0      0      -5.0     0       0       0       0       0      0     0   ! name: fairlead
----------------------- LINE PROPERTIES --------------------------------------
-1        NLines    - number of line objects
-Line    LineType  UnstrLen  NumSegs   NodeAnch  NodeFair  Flags/Outputs
-(-)      (-)       (m)        (-)        (-)       (-)       (-)
-1       Chain      100        20          1         2         p
----------------------- SOLVER OPTIONS ---------------------------------------
-0.002    dtM       - time step to use in mooring integration (s)
-3.0e6    kbot      - bottom stiffness (Pa/m)
-3.0e5    cbot      - bottom damping (Pa-s/m)
-50       WtrDpth   - water depth (m)
-1.0      dtIC      - time interval for analyzing convergence during IC gen (s)
-60.0     TmaxIC    - max time for ic gen (s)
-4.0      CdScaleIC - factor by which to scale drag coefficients during dynamic relaxation (-)
-0.01     threshIC  - threshold for IC convergence (-)
--------------------------- OUTPUTS ------------------------------------------
-FairTen1
-END
---------------------- need this line ----------------------------------------
-"""
+VERSION_1 = (FOLDER / "version_1.txt").read_text()
 
 
 def swapped(*pairs: tuple[str, str]) -> str:

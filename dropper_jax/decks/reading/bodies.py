@@ -13,7 +13,7 @@ import numpy as np
 
 from dropper_jax.base.read import Table
 from dropper_jax.decks.reading.sections import Row
-from dropper_jax.decks.reading.spars import rod_type
+from dropper_jax.decks.reading.spars import rod_values
 
 
 class Solid(NamedTuple):
@@ -62,10 +62,9 @@ def free_rod(row: Row) -> Table:
 def _cylinder(row: Row) -> Table:
     """A rod as a cylinder of a body."""
     row.need(10, "rod")
-    diameter, _, cdn, can, cdt, cat = rod_type(row).values(1, 7, "rod type", 0.0)
+    _, shape = rod_values(row)
     ends = {"from": row.values(3, 6, "Xa to Zb"), "to": row.values(6, 9, "Xa to Zb")}
-    slices = max(row.integer(9, "NumSegs", 0), 1)
-    return {**ends, "diameter": diameter, "cdn": cdn, "can": can, "cdt": cdt, "cat": cat, "slices": slices}
+    return {**ends, **shape, "slices": max(row.integer(9, "NumSegs", 0), 1)}
 
 
 def _solid(row: Row, shape: Table) -> Solid:
@@ -76,7 +75,7 @@ def _solid(row: Row, shape: Table) -> Solid:
     if not length > 0.0:
         row.refuse(f"rod {row.words[0]}: has no length; allowed: two ends")
     along = (end - start) / length
-    mass = rod_type(row).value(2, "rod type") * length
+    mass = rod_values(row)[0] * length
     own = mass * shape["diameter"] ** 2 / 8.0
     across = mass * (shape["diameter"] ** 2 / 16.0 + length**2 / 12.0)
     inertia = across * np.eye(3) + (own - across) * np.outer(along, along)

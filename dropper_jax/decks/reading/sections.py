@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.files import read_lines
 from dropper_jax.base.read import MOST
 
 #: Headers of both versions, and the section that they start.
@@ -47,8 +48,7 @@ HEADERS = {
     "OUTPUT": "outputs",
 }
 #: Sections whose first two lines are column names and units.
-TABLES = {"line types", "rod types", "bodies", "rods", "points", "lines", "failure", "control", "external loads"}
-TABLES |= {"syrope ic"}
+TABLES = {*HEADERS.values()} - {"options", "outputs"}
 #: Headers that end the file.
 LAST = ("NEED THIS LINE", "END")
 _HEADER = re.compile(r"^\s*-{3,}\s*(.*?)\s*-*\s*$")
@@ -182,13 +182,8 @@ def _name(words: str) -> str | None:
 
 
 def read_input(path: Path) -> str:
-    """The text of an input file."""
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
+    """The text of an input file, without a byte order mark."""
+    return "\n".join(read_lines(path)).removeprefix("\ufeff")
 
 
 def looks_like_moordyn(text: str) -> bool:

@@ -176,7 +176,7 @@ class Curve(NamedTuple):
     colour: str | None = None
 
     @property
-    def range(self) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Minimum and maximum (k,) of each sample."""
         low = self.values if self.low is None else self.low
         high = self.values if self.high is None else self.high
@@ -186,7 +186,7 @@ class Curve(NamedTuple):
         """The curve between two times, with one sample on either side, so that lines reach the edges."""
         first, last = np.searchsorted(self.t, (start, end))
         kept = slice(max(int(first) - 1, 0), int(last) + 2)
-        low, high = self.range
+        low, high = self.bounds
         return Curve(self.name, self.t[kept], self.values[kept], low[kept], high[kept], self.colour)
 
 
@@ -271,9 +271,13 @@ def draw_panel(
             curve = curve.part(*part)
         t = curve.t
         values = curve.values
-        low, high = curve.range
+        low, high = curve.bounds
         look: dict[str, Any] = {"color": curve.colour or CYCLE[index % len(CYCLE)]}
-        line = {**look, "ls": DASHES if hides(panel.curves, index) else "-", "label": curve.name or None}
+        line: dict[str, Any] = {
+            **look,
+            "ls": DASHES if hides(panel.curves, index) else "-",
+            "label": curve.name or None,
+        }
         if envelope is not None and len(t) > 2 * INTERVALS:
             t, values, low, high = reduce_samples(t, values, low, high)
             axes.plot(t, _without_beat(t, values, envelope), lw=1.1, **line)
@@ -335,12 +339,12 @@ def turns(values: np.ndarray) -> int:
 
 def zoom_of(panels: list[Panel]) -> tuple[float, float]:
     """Part of the time [s] around the maximum of the first panel, a few of its cycles long."""
-    first = max(panels[0].curves, key=lambda curve: float(np.nanmax(curve.range[1])))
+    first = max(panels[0].curves, key=lambda curve: float(np.nanmax(curve.bounds[1])))
     t = first.t
     span = float(t[-1] - t[0])
     period = max((cycle(c.t, c.values) for panel in panels for c in panel.curves), default=span)
     width = min(max(CYCLES * period, 20 * span / max(len(t) - 1, 1)), span / 3)
-    peak = float(t[np.nanargmax(first.range[1])])
+    peak = float(t[np.nanargmax(first.bounds[1])])
     start = min(max(peak - width / 2, float(t[0])), float(t[-1]) - width)
     return start, start + width
 

@@ -45,10 +45,8 @@ def _deck_of(path: Path) -> Deck | None:
 
 
 class Numbers(NamedTuple):
-    """Numbers by which channels refer to points and lines, and their names.
-
-    `parts` are those of lines of the scene that several lines of a deck make up, by the names of these.
-    """
+    """Numbers by which channels refer to points and lines, and their names; `parts` are where lines of these names are
+    in the lines of the scene."""
 
     points: Mapping[int, str]
     lines: Mapping[int, str]
@@ -58,8 +56,9 @@ class Numbers(NamedTuple):
     def of_scene(cls, solution: Solution) -> Numbers:
         """From 1 in the order of the scene."""
         points = enumerate((point.name for point in solution.scene.points), start=1)
-        lines = enumerate((line.name for line in solution.lines), start=1)
-        return cls(dict(points), dict(lines), {})
+        lines = enumerate((line.name for line in solution.scene.lines), start=1)
+        parts = {line.name: Part(line.name, 0, line.links, False) for line in solution.scene.lines}
+        return cls(dict(points), dict(lines), parts)
 
 
 def numbers_of(path: str | Path) -> Numbers | None:
@@ -156,15 +155,12 @@ def _name_of_number(channel: str, what: str, number: str, names: Mapping[int, st
 def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> tuple[LineSlice, bool]:
     """The nodes and links of a line by its number, and whether its end A is its last node there."""
     name = _name_of_number(channel, "lines", number, numbers.lines)
-    part = numbers.parts.get(name)
+    part = numbers.parts[name]
     for line in solution.lines:
-        if part is not None and line.name == part.line:
+        if line.name == part.line:
             node = line.nodes.start + part.first
             link = line.links.start + part.first
-            own = LineSlice(name, slice(node, node + part.links + 1), slice(link, link + part.links))
-            return own, part.turned
-        if line.name == name:
-            return line, False
+            return LineSlice(name, slice(node, node + part.links + 1), slice(link, link + part.links)), part.turned
     raise _refuse(channel, f"line {name!r} is not in the run")
 
 

@@ -135,7 +135,8 @@ class _Stage:
     trail = 10
 
     def __init__(self, run: Run, frames: np.ndarray, speed: float) -> None:
-        self.t, self.run = run.t, run
+        self.t = run.t
+        self.run = run
         shown = slice(frames[-1] + 1)
         positions = run.positions[shown]
         self.tension = run.tension[_nearest(run.t_tension, run.t[shown])]

@@ -141,7 +141,11 @@ def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
     """Paths of the scenes in which the runs differ, except texts and the seed of the sea."""
     tables = [dict(flat_items(s.scene.to_dict())) | {"run.dt": s.settings.get("dt")} for s in solutions.values()]
     paths = {path for table in tables for path in table} - {"name", "description", "sea.waves.seed"}
-    return [path for path in sorted(paths) if any(table.get(path) != tables[0].get(path) for table in tables)]
+    found = []
+    for path in sorted(paths):
+        if any(table.get(path) != tables[0].get(path) for table in tables):
+            found.append(path)
+    return found
 
 
 def _extremes(runs: list[Table], differ: list[str], settings: Settings) -> Table:

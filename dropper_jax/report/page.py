@@ -278,7 +278,8 @@ def _body_data(bodies: Bodies | None, kept: np.ndarray) -> Table | None:
     """
     if bodies is None or not bodies.shapes:
         return None
-    axes = [[rotation(attitude).ravel() for attitude in at_frame] for at_frame in bodies.attitude[kept]]
+    attitude = bodies.attitude[kept]
+    axes = np.reshape([rotation(angles) for angles in attitude.reshape(-1, 3)], (*attitude.shape[:2], 9))
     return {
         "names": list(bodies.names),
         "poses": _pack(np.concatenate([bodies.position[kept], axes], axis=-1)),

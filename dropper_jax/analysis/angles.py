@@ -29,6 +29,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dropper_jax.base.read import read_text
+
 ZEROS = ("horizontal", "down")
 
 
@@ -54,7 +56,7 @@ def link_angles(positions: np.ndarray, zero: str = "horizontal") -> tuple[np.nda
     Raises:
         ValueError: unknown `zero`, or positions of another shape.
     """
-    check_choice("zero", zero, ZEROS)
+    read_text(zero, "zero", ZEROS)
     links = _links(positions, "positions")
     branch = _follow(links.reshape(-1, *links.shape[-2:]))
     shape = links.shape[:-1]
@@ -80,7 +82,7 @@ def angle_rates(
     Raises:
         ValueError: unknown `zero`, or shapes that do not match.
     """
-    check_choice("zero", zero, ZEROS)
+    read_text(zero, "zero", ZEROS)
     links = _links(positions, "positions")
     rates = _links(velocities, "velocities")
     if links.shape != rates.shape:
@@ -111,7 +113,7 @@ def angles_to_links(
 
     The inverse of `link_angles`; `np.cumsum` of the result along the links gives the nodes relative to the first one.
     """
-    check_choice("zero", zero, ZEROS)
+    read_text(zero, "zero", ZEROS)
     if zero == "down":
         down = np.asarray(polar, float)
     else:
@@ -189,9 +191,3 @@ def _links(nodes: np.ndarray, name: str) -> np.ndarray:
     # A run that diverged contains infinities: their differences are NaN, and `_follow` skips them.
     with np.errstate(invalid="ignore", over="ignore"):
         return np.diff(nodes, axis=-2)
-
-
-def check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    """Reject a value that is not one of the choices."""
-    if value not in choices:
-        raise ValueError(f"{name} = {value!r}: must be one of {', '.join(choices)}")

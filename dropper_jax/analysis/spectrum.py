@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from dropper_jax.analysis.angles import angle_rates, check_choice, link_angles
-from dropper_jax.base.read import Table
+from dropper_jax.analysis.angles import angle_rates, link_angles
+from dropper_jax.base.read import Table, read_text
 
 WINDOWS = ("hann", "none")
 
@@ -31,18 +31,17 @@ def amplitude_spectrum(t: np.ndarray, x: np.ndarray, window: str = "hann") -> tu
     """
     t = np.asarray(t)
     x = np.asarray(x)
-    check_choice("window", window, WINDOWS)
+    read_text(window, "window", WINDOWS)
     step = _uniform_step(t)
     if x.ndim not in (1, 2) or len(x) != len(t):
         raise ValueError(f"x: shape {x.shape}, must be ({len(t)},) or ({len(t)}, n) like t")
     if not np.isfinite(x).all():
         raise ValueError("x: has values that are not finite")
     count = len(t)
+    weight = np.ones(count)
     if window == "hann":
         weight = np.hanning(count + 1)[:-1]
-    else:
-        weight = np.ones(count)
-    centred = (x - x.mean(axis=0)) * (weight if x.ndim == 1 else weight[:, None])
+    centred = ((x - x.mean(axis=0)).T * weight).T
     amplitude = 2 * np.abs(np.fft.rfft(centred, axis=0)) / weight.sum()
     amplitude[0] /= 2
     if count % 2 == 0:
@@ -88,7 +87,7 @@ def phase_curve(
     Raises:
         ValueError: no such link, another `zero` or `angle`.
     """
-    check_choice("angle", angle, ANGLES)
+    read_text(angle, "angle", ANGLES)
     positions = np.asarray(positions)
     velocities = np.asarray(velocities)
     links = positions.shape[1] - 1
@@ -145,16 +144,13 @@ def energy_table(solution: Energies) -> Table:
     with np.errstate(invalid="ignore"):
         scale = float(max(kinetic.max(), np.ptp(potential)))
     largest = float(np.abs(drift).max())
-    relative_drift = 0.0
-    if scale != 0:
-        relative_drift = largest / scale
     return {
         "initial": _instant(kinetic[0], potential[0]),
         "final": _instant(kinetic[-1], potential[-1]),
-        "work": {name: float(done) for name, done in zip(solution.work_names, work[-1] - work[0], strict=True)},
+        "work": dict(zip(solution.work_names, (work[-1] - work[0]).tolist(), strict=True)),
         "scale": scale,
         "drift": {"final": float(drift[-1]), "largest": largest},
-        "relative_drift": relative_drift,
+        "relative_drift": largest / scale if scale != 0 else 0.0,
     }
 
 
@@ -163,6 +159,6 @@ def _work(solution: Energies) -> np.ndarray:
 
 
 def _instant(kinetic: float, potential: float) -> dict[str, float]:
-    kinetic = float(kinetic)
+    kinetic = float(kinetic)  # Python's numbers give no warning about infinities of a failed run
     potential = float(potential)
     return {"kinetic": kinetic, "potential": potential, "total": kinetic + potential}

@@ -116,8 +116,8 @@ def read_archive(path: str | Path) -> tuple[dict[str, Any], dict[str, np.ndarray
 
 def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
     """Paths at which two requests, as plain values, differ, with both values."""
-    one = dict(_flat(json.loads(json.dumps(here))))
-    other = dict(_flat(there))
+    one = dict(flat_items(json.loads(json.dumps(here))))
+    other = dict(flat_items(there))
     found = []
     for path in sorted({*one, *other}):
         if one.get(path) != other.get(path):
@@ -125,7 +125,7 @@ def differences(here: Mapping[str, Any], there: Mapping[str, Any]) -> list[str]:
     return found
 
 
-def _flat(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:
+def flat_items(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:
     """Leaves of plain tables by path; lists of plain values are leaves."""
     if isinstance(value, list) and any(isinstance(item, dict) for item in value):
         value = dict(enumerate(value))
@@ -133,7 +133,7 @@ def _flat(value: Plain, path: str = "") -> Iterator[tuple[str, Plain]]:
         yield path, value
         return
     for key, item in value.items():
-        yield from _flat(item, f"{path}.{key}" if path else str(key))
+        yield from flat_items(item, f"{path}.{key}" if path else str(key))
 
 
 def _short(value: Plain) -> str:

@@ -33,7 +33,7 @@ from jax.scipy.sparse.linalg import gmres
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
 from dropper_jax.effects.seabed import Seabed
-from dropper_jax.model import Model, State
+from dropper_jax.model import Kinematics, Model, State
 from dropper_jax.model.slots import Prepared
 from dropper_jax.sea.waves import Waves
 from dropper_jax.statics.rest_problem import rest
@@ -94,6 +94,12 @@ def still_model(model: Model, pose: State) -> Model:
     return with_static_seabed_friction(still, pose, friction.kinetic)[0]
 
 
+def _force(model: Model, k: Kinematics, tension: jax.Array) -> jax.Array:
+    """All forces on the nodes (free, 3) at an instant, with tensions along the links."""
+    direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)
+    return model.force(k) + model.tension_force(tension, direction)
+
+
 @cached_jit()
 def linearise(still: Model, pose: State) -> LinearMotion:
     """The matrices about an equilibrium without waves."""
@@ -103,9 +109,7 @@ def linearise(still: Model, pose: State) -> LinearMotion:
 
     def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> jax.Array:
         k = still.instant(pose.r + x, v, pose.t, ends)
-        tension = still.tension_by_law(k)
-        direction = line.axial.direction(k.links, k.links, k.links, line.length)
-        return still.inertia(k, a) - still.force(k) - still.tension_force(tension, direction)
+        return still.inertia(k, a) - _force(still, k, still.tension_by_law(k))
 
     linear = jax.linearize(rows, none, none, none)[1]
     tangent = Tangent.of(still)
@@ -134,10 +138,8 @@ def wave_loads(model: Model, pose: State, waves: Waves) -> WaveLoads:
             moved = replace(model, sea=sea)
             k = moved.instant(pose.r, still, pose.t)
             tension = moved.tension_by_law(k)
-            direction = moved.line.axial.direction(k.links, k.links, k.links, moved.line.length)
             inertia = moved.inertia(k, still, moved.end_acceleration(pose.t))
-            force = moved.force(k) + moved.tension_force(tension, direction) - inertia
-            return force, tension, sea.at(pose.r, pose.t).velocity
+            return _force(moved, k, tension) - inertia, tension, sea.at(pose.r, pose.t).velocity
 
         return jax.jvp(loads, (jnp.zeros_like(component.amplitude),), (component.amplitude,))[1]
 

@@ -127,8 +127,7 @@ def frequency_response(
             that a current stops.
     """
     scene = load_scene(scene)
-    if scene.sea is None:
-        raise SceneError("sea: missing; needed: the depth of the water, and waves")
+    sea = _sea_of(scene)
     model = build_model(scene, "float64")
     check_no_bodies(model)
     for effect in model.having(Displacement):
@@ -138,7 +137,7 @@ def frequency_response(
         raise SceneError(
             "vessel: has factors at the frequencies of the scene's own waves only. Use it without sea states"
         )
-    states, waves = _waves(scene.sea, sea_states, direction, frequencies)
+    states, waves = _waves(sea, sea_states, direction, frequencies)
     pose = static_pose(scene, model)
     if pose.status == "ok" and not model.line.axial.elastic:
         model, pose = _with_springs(model, pose, release_loads(model, scene.start))
@@ -152,12 +151,10 @@ def frequency_response(
     nodes = np.array([model.geometry.node_of_point(i) for i in points], int)
     solved, error = solve_states(still, pose.state, waves, links, nodes)
     static = np.asarray(pose.tension)
-    tension = np.asarray(solved.tension)
-    motion = np.asarray(solved.motion)
-    mean = static + np.asarray(solved.shift)
-    deviation = np.asarray(solved.deviation)
+    tension, motion, deviation, shift, _, change = (np.asarray(values) for values in solved)
+    mean = static + shift
     omega = np.asarray(waves.omega)
-    rate = np.sqrt(0.5 * np.sum(np.abs(omega[:, :, None] * tension) ** 2, axis=1))
+    rate = _root_mean_square(omega[:, :, None] * tension)
     period = 2.0 * np.pi * deviation[:, links] / np.maximum(rate, 1e-300)
     peak = np.sqrt(2.0 * np.log(np.maximum(duration / np.maximum(period, 1e-300), 1.0)))
     # standard deviations below which a mean tension is taken as one that does not stay positive
@@ -165,7 +162,7 @@ def frequency_response(
     slack = np.stack([np.any(low[:, line.links], axis=1) for line in lines], axis=1)
     words = np.where(np.any(slack, axis=1), "not_linear", "ok")
     return FrequencyResponse(
-        status=tuple(np.where(np.asarray(solved.change) <= TOLERANCE, words, "not_converged").tolist()),
+        status=tuple(np.where(change <= TOLERANCE, words, "not_converged").tolist()),
         sea_states=states,
         omega=omega,
         ends=tuple(ends),
@@ -176,13 +173,18 @@ def frequency_response(
         tension_deviation=deviation[:, links],
         tension_period=period,
         maximum_tension=mean[:, links] + peak * deviation[:, links],
-        motion_deviation=np.sqrt(0.5 * np.sum(np.abs(motion) ** 2, axis=1)),
+        motion_deviation=_root_mean_square(motion),
         tension=tension,
         motion=motion,
         slack=slack,
         basis_error=error,
         duration=duration,
     )
+
+
+def _root_mean_square(amplitudes: np.ndarray) -> np.ndarray:
+    """Of sums of components with complex amplitudes (states, c, ...)."""
+    return np.sqrt(0.5 * np.sum(np.abs(amplitudes) ** 2, axis=1))
 
 
 def run_in_time(
@@ -205,23 +207,25 @@ def run_in_time(
         SceneError: see `frequency_response`.
         SimulationError: the run does not reach its end.
     """
+    from scipy.signal import detrend  # noqa: PLC0415 - half a second that only a run needs
+
     scene = load_scene(scene)
-    if scene.sea is None:
-        raise SceneError("sea: missing; needed: the depth of the water, and waves")
+    sea = _sea_of(scene)
     hs, tp = sea_state
     # time before the evaluated part [s]
     start = max(100.0, 10.0 * tp)
-    ramp = 15.0 if scene.sea.ramp is None else scene.sea.ramp
-    waves = replace(_spectrum(scene.sea, direction, frequencies), hs=hs, tp=tp)
-    scene = replace(scene, sea=replace(scene.sea, waves=waves, ramp=ramp))
+    waves = replace(_spectrum(sea, direction, frequencies), hs=hs, tp=tp)
+    scene = replace(scene, sea=replace(sea, waves=waves, ramp=15.0 if sea.ramp is None else sea.ramp))
     duration = start + frequencies / 3.5 * tp  # the components are between 0.5 and 4 peak frequencies
     solution = simulate(scene.with_equal_steps(), duration=duration, save_every=4, throw=True)
-    inside = solution.t_tension > start
-    t = solution.t_tension[inside]
-    tension = solution.tension[inside][:, _end_links(scene)]
-    trend = np.stack([np.ones_like(t), t - np.mean(t)], axis=1)
-    left = tension - trend @ np.linalg.lstsq(trend, tension, rcond=None)[0]
-    return np.mean(tension, axis=0), np.std(left, axis=0)
+    tension = solution.tension[solution.t_tension > start][:, _end_links(scene)]
+    return np.mean(tension, axis=0), np.std(detrend(tension, axis=0), axis=0)
+
+
+def _sea_of(scene: Scene) -> SeaSpec:
+    if scene.sea is None:
+        raise SceneError("sea: missing; needed: the depth of the water, and waves")
+    return scene.sea
 
 
 def _end_links(scene: Scene) -> np.ndarray:
@@ -267,13 +271,7 @@ def _waves(
 
 def _spectrum(spec: SeaSpec, direction: float | None, frequencies: int) -> WaveSpec:
     """The waves of sea states, without their height and period."""
+    base = spec.waves or WaveSpec(kind="spectrum")
     if direction is None:
-        if spec.waves is None:
-            direction = 0.0
-        else:
-            direction = float(np.mean(spec.waves.direction))
-    if spec.waves is None:
-        base = WaveSpec(kind="spectrum")
-    else:
-        base = replace(spec.waves, kind="spectrum")
-    return replace(base, frequencies="even", count=frequencies, direction=direction)
+        direction = 0.0 if spec.waves is None else float(np.mean(spec.waves.direction))
+    return replace(base, kind="spectrum", frequencies="even", count=frequencies, direction=direction)

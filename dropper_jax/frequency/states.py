@@ -163,18 +163,14 @@ def solve_states(
     for states in np.split(np.arange(len(omega)), range(TOGETHER, len(omega), TOGETHER)):
         own = _chunk(waves, states)
         solved = _solve_chunk(dragging, pose, basis, picked, _chunk_loads(still, pose, own), own.omega)
-        parts.append(_first_states(solved, len(states)))
-    found = jax.tree.map(lambda *x: np.concatenate(x), *parts)
+        parts.append(solved)
+    found = jax.tree.map(lambda *x: np.concatenate(x)[: len(omega)], *parts)  # the last chunk is filled up
     return found, _basis_error(still, linear, found, chosen, loads, omega)
 
 
 def _chunk(waves: Waves, states: np.ndarray) -> Waves:
     """The waves of these states, repeated up to a full chunk."""
     return jax.tree.map(lambda x: x[np.resize(states, TOGETHER)], waves)
-
-
-def _first_states(solved: SolvedStates, count: int) -> SolvedStates:
-    return jax.tree.map(lambda x: np.asarray(x)[:count], solved)
 
 
 def _extreme_states(waves: Waves) -> np.ndarray:

@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,17 +20,18 @@ from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from PIL import Image
 
-from dropper_jax.base.errors import Progress, SceneError
+from dropper_jax.base.errors import Progress, SceneError, silent
 from dropper_jax.base.files import atomic_write, remove_leftovers, unfinished_folder
 from dropper_jax.plots import style, system, view
 from dropper_jax.plots.run import Run
+from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT
 
 #: Longest side of the drawn box [inch].
 LONGEST = 4.2
 
 SUFFIXES = (".gif", ".mp4")
 #: Colours of a frame besides those of the tension.
-SOLID = (style.CYCLE[5], style.CYCLE[0], style.ALERT, system.BUOY, system.BED)
+SOLID = (CYCLE[5], CYCLE[0], ALERT, system.BUOY, system.BED)
 
 
 @style.with_style
@@ -63,6 +64,7 @@ def animate(
         raise ValueError(f"fps = {fps}: must be > 0")
     if seconds is not None and not seconds > 0:
         raise ValueError(f"seconds = {seconds}: must be > 0")
+    progress = progress or silent
     delay = max(2, round(100 / fps)) * 10
     frames, speed = _timing(run.t, delay / 1000, seconds)
     stage = _Stage(run, frames, speed)
@@ -70,8 +72,7 @@ def animate(
     def images() -> Iterator[np.ndarray]:
         for count, frame in enumerate(frames, start=1):
             yield stage.draw(frame)
-            if progress is not None:
-                progress(count / len(frames), "animation")
+            progress(count / len(frames), "animation")
 
     def write(file: BinaryIO) -> None:
         rest = (Image.fromarray(i).quantize(palette=stage.palette, dither=Image.Dither.NONE) for i in images())
@@ -108,7 +109,9 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
         part = folder / "film.mp4"
         call = ["ffmpeg", "-y", "-loglevel", "error", *source, *target, str(part)]
         with subprocess.Popen(call, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-            _feed(process, first, images)
+            with suppress(BrokenPipeError), process.stdin:  # an encoder that ended early reports its own error
+                for image in itertools.chain([first], images):
+                    process.stdin.write(image.tobytes())
             said = process.stderr.read().decode(errors="replace").split("\n")[0]
         if process.returncode:
             raise OSError(f"{path.name}: ffmpeg failed: {said or process.returncode}")
@@ -116,19 +119,9 @@ def _write_mp4(path: Path, images: Iterator[np.ndarray], fps: float) -> Path:
     return path
 
 
-def _feed(process: subprocess.Popen, first: np.ndarray, images: Iterator[np.ndarray]) -> None:
-    """Write all frames to the encoder; an encoder that ended early reports its own error."""
-    with suppress(BrokenPipeError):
-        for image in itertools.chain([first], images):
-            process.stdin.write(image.tobytes())
-    with suppress(BrokenPipeError):
-        process.stdin.close()
-
-
 def _timing(t: np.ndarray, delay: float, seconds: float | None) -> tuple[np.ndarray, float]:
     """Samples to draw and the playback speed (1 = real time) for frames `delay` [s] apart."""
-    span = float(t[-1] - t[0])
-    span = span if seconds is None else min(span, seconds)
+    span = min(float(t[-1] - t[0]), np.inf if seconds is None else seconds)
     # maximum number of frames: 240 frames of about 700 x 470 pixels take 1.5 s and 1 to 3 MB
     count = max(1, min(240 - 1, round(span / delay), len(t)))
     times = t[0] + np.linspace(0.0, span, count + 1)
@@ -142,15 +135,20 @@ class _Stage:
     trail = 10
 
     def __init__(self, run: Run, frames: np.ndarray, speed: float) -> None:
-        self.t, self.run = run.t, run
-        positions = run.positions[: frames[-1] + 1]
-        self.tension = run.tension[_nearest(run.t_tension, self.t[: frames[-1] + 1])]
+        self.t = run.t
+        self.run = run
+        shown = slice(frames[-1] + 1)
+        positions = run.positions[shown]
+        self.tension = run.tension[_nearest(run.t_tension, run.t[shown])]
         self.step = int(np.ceil(np.diff(frames).max(initial=1)))
         flat = view.planar(positions)
         limits = system.limits(run, positions)
         self.figure = style.new_figure(*view.figure_size(limits, LONGEST), layout=None)
         self.axes = _axes(self.figure, limits, flat)
-        self._movers(run, flat, "real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
+        # the first buoy is more informative than the middle of the list of nodes
+        self.traced = run.buoys[0].node if run.buoys else positions.shape[1] // 2
+        self._texts("real time" if f"{speed:.2g}" == "1" else f"{speed:.2g} x real time")
+        self._movers(flat)
         system.draw_bed(self.axes, run, limits)
         self.canvas = FigureCanvasAgg(self.figure)
         self.canvas.draw()
@@ -159,43 +157,44 @@ class _Stage:
         self.background = self.canvas.copy_from_bbox(self.figure.bbox)
         self.palette = _palette()
 
-    def _movers(self, run: Run, flat: bool, speed: str) -> None:
+    def _texts(self, speed: str) -> None:
+        run = self.run
         text, colour = style.how(run)
-        norm = style.tension_norm(run.tension)
-        options = {"transform": self.axes.transData, "figure": self.figure}
-        self.links = LineCollection(
-            [], cmap=style.tension_map(), norm=norm, linewidths=3.5 * style.bold(run), capstyle="round"
-        )
-        self.surface = LineCollection([], colors=system.SURFACE, linewidths=1.2 if flat else 0.4)
-        self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=style.DARK, linewidths=0.7)
-        self.trace = Line2D([], [], color=style.FAINT, lw=1.0)
-        self.nodes = Line2D([], [], ls="", marker="o", ms=style.dot(run), mfc="white", mec=style.DARK, mew=0.9)
-        self.held = Line2D([], [], ls="", marker="s", ms=7, mfc=style.DARK, mec="white")
-        self.clock = self.figure.text(0.98, 0.905, "", ha="right", fontsize=9, animated=True)
-        style.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
-        for artist in (self.links, self.trace, self.nodes, self.held, self.surface, self.buoys):
-            artist.set(**options)
-        self.figure.text(0.02, 0.955, f"{run.scene.name}: {speed}", fontsize=10, fontweight="bold")
-        self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
-        # the first buoy is more informative than the middle of the list of nodes
-        self.traced = run.buoys[0].node if run.buoys else run.positions.shape[1] // 2
         names = {node: name for name, node in run.point_names.items()}
         what = names.get(self.traced, f"node {self.traced}")
         note = f"thin line: path of {what}, last {self.trail} frames"
-        self.figure.text(0.02, 0.012, note, color=style.FAINT, fontsize=7)
+        self.clock = self.figure.text(0.98, 0.905, "", ha="right", fontsize=9, animated=True)
+        self.figure.text(0.02, 0.955, f"{run.scene.name}: {speed}", fontsize=10, fontweight="bold")
+        self.figure.text(0.98, 0.012, text, color=colour, fontsize=7, ha="right")
+        self.figure.text(0.02, 0.012, note, color=FAINT, fontsize=7)
+
+    def _movers(self, flat: bool) -> None:
+        """The moving parts, in the order in which they are drawn."""
+        run = self.run
+        tension: dict[str, Any] = {"cmap": style.tension_map(), "norm": style.tension_norm(run.tension)}
+        self.surface = LineCollection([], colors=system.SURFACE, linewidths=1.2 if flat else 0.4)
+        self.trace = Line2D([], [], color=FAINT, lw=1.0)
+        self.links = LineCollection([], linewidths=3.5 * style.bold(run), capstyle="round", **tension)
+        self.buoys = PolyCollection([], facecolors=system.BUOY, edgecolors=DARK, linewidths=0.7)
+        self.nodes = Line2D([], [], ls="", marker="o", ms=style.dot(run), mfc="white", mec=DARK, mew=0.9)
+        self.held = Line2D([], [], ls="", marker="s", ms=7, mfc=DARK, mec="white")
+        style.tension_bar(self.figure, self.links, run.tension, cax=view.bar_axes(self.figure))
+        self.movers = (self.surface, self.trace, self.links, self.buoys, self.nodes, self.held)
+        for artist in self.movers:
+            artist.set(transform=self.axes.transData, figure=self.figure)
 
     def _surroundings(self, positions: np.ndarray, surface: np.ndarray | None, frames: np.ndarray) -> None:
         """Lines of the surface, and buoys and bodies of a system, at the frames, in screen coordinates."""
         run = self.run
         right = system.right_of(self.axes)
-        self.surfaces = {} if surface is None else dict(zip(frames, self._project(surface), strict=True))
+        self.surfaces = {}
         self.floats = {}
-        if run.buoys:
-            corners = np.stack([system.outlines(run, positions[frame], right) for frame in frames])
-            self.floats = dict(zip(frames, self._project(corners), strict=True))
-        if run.bodies is not None:
-            for frame in frames:
-                self.floats[frame] = [*self.floats.get(frame, []), *run.bodies.outlines(frame, self._project)]
+        if surface is not None:
+            self.surfaces = dict(zip(frames, self._project(surface), strict=True))
+        for frame in frames:
+            self.floats[frame] = list(self._project(system.outlines(run, positions[frame], right)))
+            if run.bodies is not None:
+                self.floats[frame] += run.bodies.outlines(frame, self._project)
 
     def _project(self, positions: np.ndarray) -> np.ndarray:
         """Project positions (..., 3) to the plane of the axes, (..., 2)."""
@@ -208,16 +207,16 @@ class _Stage:
         """One frame (height, width, 3) of bytes."""
         nodes = self.screen[frame]
         self.canvas.restore_region(self.background)
+        self.surface.set_segments(self.surfaces.get(frame, []))
         self.trace.set_data(*self.screen[max(0, frame - self.trail * self.step) : frame + 1, self.traced].T)
         self.links.set_segments(list(self.run.segments(nodes)))
         self.links.set_array(self.tension[frame])
+        self.buoys.set_verts(self.floats[frame])
         self.nodes.set_data(*nodes.T)
         self.held.set_data(*nodes[list(self.run.fixed_nodes)].T)
-        self.surface.set_segments(self.surfaces.get(frame, []))
-        self.buoys.set_verts(self.floats.get(frame, []))
         self.clock.set_text(f"t = {self.t[frame]:.2f} s")
         renderer = self.canvas.get_renderer()
-        for artist in (self.surface, self.trace, self.links, self.buoys, self.nodes, self.held, self.clock):
+        for artist in (*self.movers, self.clock):
             artist.draw(renderer)
         return np.asarray(self.canvas.buffer_rgba())[..., :3].copy()
 
@@ -226,8 +225,8 @@ def _palette() -> Image.Image:
     """The same colours for all frames: those of the style, and their mixtures with white for smooth edges."""
     tension = style.tension_map()(np.linspace(0.0, 1.0, 40))[:, :3]
     strong = np.concatenate([tension, [to_rgb(colour) for colour in SOLID]])
-    mixed = [1 - part * (1 - strong) for part in (1.0, 0.75, 0.5, 0.25)]
-    greys = np.linspace(to_rgb(style.DARK), (1.0, 1.0, 1.0), 32)
+    mixed = 1 - np.multiply.outer((1.0, 0.75, 0.5, 0.25), 1 - strong)
+    greys = np.linspace(to_rgb(DARK), (1.0, 1.0, 1.0), 32)
     colours = np.rint(255 * np.concatenate([*mixed, greys])).astype(int)
     palette = Image.new("P", (1, 1))
     palette.putpalette(colours.ravel().tolist())
@@ -236,16 +235,15 @@ def _palette() -> Image.Image:
 
 def _axes(figure: Figure, limits: np.ndarray, flat: bool) -> Axes:
     """Axes with space for the title and, on the right, for the colour bar."""
+    if not flat:
+        return view.space_axes(figure, limits, LONGEST)
     inch = 1 / figure.get_figwidth()
-    if flat:
-        axes = view.flat_axes(figure, limits)
-        axes.set_position((0.7 * inch, 0.13, 1 - 1.85 * inch, 0.76))
-        return axes
-    return view.space_axes(figure, limits, LONGEST)
+    axes = view.flat_axes(figure, limits)
+    axes.set_position((0.7 * inch, 0.13, 1 - 1.85 * inch, 0.76))
+    return axes
 
 
 def _nearest(times: np.ndarray, requested: np.ndarray) -> np.ndarray:
-    """Index of the sample of sorted times `times` nearest to each of `requested`."""
-    after = np.searchsorted(times, requested).clip(0, len(times) - 1)
-    before = (after - 1).clip(0)
-    return np.where(np.abs(times[before] - requested) <= np.abs(times[after] - requested), before, after)
+    """Index of the sample of sorted times `times` nearest to each of `requested`, the earlier one half way between."""
+    share = np.interp(requested, times, np.arange(len(times)))
+    return np.ceil(share - 0.5 - 1e-9).astype(int)

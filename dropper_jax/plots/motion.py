@@ -11,8 +11,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from dropper_jax.analysis import spectrum
 from dropper_jax.plots import panels, style, system, view
 from dropper_jax.plots.panels import DASHES, Curve, Panel, draw_panel, hides, history, legend
-from dropper_jax.plots.run import ANGLE, TRAVEL, Run, chosen_links, directions, elevations, travel
-from dropper_jax.plots.tension import ends_panel
+from dropper_jax.plots.run import ANGLE, TRAVEL, Run, directions, elevations, travel
+from dropper_jax.plots.style import CYCLE, DARK, FAINT, FIRST, SECOND
+from dropper_jax.plots.tension import ends_panel, loads_of
 
 
 @style.with_style
@@ -23,24 +24,39 @@ def motion_history(run: Run, path: str | Path) -> Path:
     long record is drawn as its envelope, with a zoom.
     """
     names = list(tracked_nodes(run))
-    return history(run, path, f"motion of {names[0]}" if len(names) == 1 else "motion", motion_panels(run))
+    what = "motion"
+    if len(names) == 1:
+        what = f"motion of {names[0]}"
+    return history(run, path, what, motion_panels(run))
 
 
 def motion_panels(run: Run) -> list[Panel]:
     """The directions that move, and the surface."""
-    paths = {name: run.positions[:, node] for name, node in tracked_nodes(run).items()}
-    alone = len(paths) == 1
+    nodes = tracked_nodes(run)
+    names = list(nodes)
+    positions = run.positions[:, list(nodes.values())]
+    moved = positions
+    labels = [""]
+    what = "[m]"
+    if len(names) > 1:
+        moved = positions - positions[0]
+        labels = names
+        what = "from its start [m]"
     least = TRAVEL * max(view.size(run.positions[:1]), 1e-300)
-    panels = []
+    found = []
     for axis, letter in enumerate("xyz"):
-        curves = []
-        for name, path in paths.items():
-            curves.append(Curve("" if alone else name, run.t, path[:, axis] - (0.0 if alone else path[0, axis])))
+        curves = [Curve(name, run.t, values) for name, values in zip(labels, moved[..., axis].T, strict=True)]
         if any(np.ptp(curve.values) > least for curve in curves):
-            panels.append(Panel(f"{letter} [m]" if alone else f"{letter} from its start [m]", curves))
-    if not panels:  # without motion the picture shows the position
-        panels = [Panel("z [m]", [Curve(name, run.t, path[:, 2]) for name, path in paths.items()], "nothing moves")]
-    return [*panels, *_surface(run, next(iter(paths.values())), next(iter(paths)))]
+            found.append(Panel(f"{letter} {what}", curves))
+    if not found:  # without motion the picture shows the position
+        heights = zip(names, positions[..., 2].T, strict=True)
+        found = [Panel("z [m]", [Curve(name, run.t, z) for name, z in heights], "nothing moves")]
+    if run.scene.sea is not None:
+        eta = elevations(run.scene, positions[:, :1].mean(axis=0), run.t)[:, 0]
+        if np.ptp(eta) > 0:
+            title = f"surface elevation above the mean position of {names[0]}"
+            found.append(Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True))
+    return found
 
 
 def tracked_nodes(run: Run) -> dict[str, int]:
@@ -54,34 +70,17 @@ def tracked_nodes(run: Run) -> dict[str, int]:
     if not wanted or (len(run.lines) == 1 and lively not in wanted.values()):
         wanted[f"node {lively}"] = lively
     # maximum number of points in one picture
-    names = sorted(wanted, key=lambda name: -way[wanted[name]])[:4]
-    return {name: wanted[name] for name in names}
-
-
-def _surface(run: Run, path: np.ndarray, name: str) -> list[Panel]:
-    """Elevation [m] over the mean position of a path (k, 3); empty without waves."""
-    position = path.mean(axis=0)
-    title = f"surface elevation above the mean position of {name}"
-    if run.scene.sea is None:
-        eta = np.zeros(1)
-    else:
-        eta = elevations(run.scene, position[None], run.t)[:, 0]
-    panel = Panel("surface [m]", [Curve("", run.t, eta, colour=system.SURFACE)], title, zero=True)
-    if np.ptp(eta) > 0:
-        return [panel]
-    return []
+    return dict(sorted(wanted.items(), key=lambda item: -way[item[1]])[:4])
 
 
 @style.with_style
 def angle_traces(run: Run, path: str | Path) -> Path:
     """Polar angle [rad] of every link against time, positive below the horizontal; in space also the azimuth."""
-    t = run.t
-    positions = run.positions
     polar, azimuth = run.angles
     columns = [("polar angle [rad]", polar)]
-    if not view.planar(positions):
+    if not view.planar(run.positions):
         columns.append(("azimuth [rad]", azimuth))
-    return panels.traces(run, path, "link angles", t, columns, ANGLE, centred=True)
+    return panels.traces(run, path, "link angles", columns)
 
 
 @style.with_style
@@ -90,21 +89,23 @@ def phase_space(run: Run, path: str | Path) -> Path:
 
     They are evenly spaced in one line; of several lines they are those that move most.
     """
-    angle = run.polar
-    rate, _ = run.angle_rates()
-    long = len(angle) > 4000
+    angles = run.polar
+    rates, _ = run.angle_rates()
+    # A long chaotic curve would fill the panel: draw it thinner.
+    width = 0.4 if len(angles) > 4000 else 0.9
 
     def draw(axes: Axes, link: int) -> None:
-        # A long chaotic curve would fill the panel: draw it thinner.
-        axes.plot(angle[:, link], rate[:, link], color=style.FIRST, lw=0.4 if long else 0.9, alpha=0.8)
-        axes.plot(*(x[0, link] for x in (angle, rate)), "o", ms=5, mfc="white", mec=style.DARK, label="start")
-        axes.plot(*(x[-1, link] for x in (angle, rate)), "o", ms=5, color=style.SECOND, label="end")
-        style.widen(angle[:, link], axes.set_xlim)
-        style.widen(rate[:, link], axes.set_ylim)
+        angle = angles[:, link]
+        rate = rates[:, link]
+        axes.plot(angle, rate, color=FIRST, lw=width, alpha=0.8)
+        axes.plot(angle[0], rate[0], "o", ms=5, mfc="white", mec=DARK, label="start")
+        axes.plot(angle[-1], rate[-1], "o", ms=5, color=SECOND, label="end")
+        style.widen(angle, axes.set_xlim)
+        style.widen(rate, axes.set_ylim)
         axes.xaxis.set_major_locator(MaxNLocator(5))
 
     labels = ("polar angle [rad]", "rate [rad/s]")
-    return panels.grid(run, path, "phase space of the links", chosen_links(run, panels.MOST), draw, labels, False)
+    return panels.grid(run, path, "phase space of the links", draw, labels, share=False)
 
 
 @style.with_style
@@ -116,54 +117,48 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
     link vector [-], since the angles of a conical motion are constant or grow without limit.
     Of a system it is that of tensions [N or kN] and of motions [m] under the surface, as in their histories.
     """
-    # height of the axis of a spectrum [decades]
-    decades = 4
     if run.scene.branched:
         return _system_spectra(run, path)
-    t = run.t
-    positions = run.positions
-    flat = view.planar(positions)
-    uniform = _uniform(t)
-    unit = directions(run)
-    if flat:
+    # height of the axis of a spectrum [decades]
+    decades = 4
+    if view.planar(run.positions):
         series = {"polar angle": run.polar}
+        what = "amplitude spectrum of the link angles"
+        unit = "rad"
     else:
-        series = {f"{x} component": unit[..., i] for i, x in enumerate("xy")}
-    if uniform < 2:
-        spectra = {name: (np.zeros(1), np.zeros((1, run.tension.shape[1]))) for name in series}
-    else:
-        spectra = {name: spectrum.amplitude_spectrum(t[:uniform], values[:uniform]) for name, values in series.items()}
-    amplitudes = np.array([a for _, a in spectra.values()])
+        unit_vectors = directions(run)
+        series = {"x component": unit_vectors[..., 0], "y component": unit_vectors[..., 1]}
+        what = "amplitude spectrum of the link directions"
+        unit = "-"
+    spectra = [(name, *_spectrum(run.t, values)) for name, values in series.items()]
+    frequency = spectra[0][1]
+    amplitudes = np.array([amplitude for _, _, amplitude in spectra])
     top = max(amplitudes.max(), ANGLE)
     floor = top * 10.0**-decades
-    last = _last_frequency(next(iter(spectra.values()))[0], amplitudes)
+    last = _last_frequency(frequency, amplitudes)
 
     def draw(axes: Axes, link: int) -> None:
-        curves = [Curve(name, frequency, amplitude[:, link]) for name, (frequency, amplitude) in spectra.items()]
-        for index, (colour, curve) in enumerate(zip(style.CYCLE, curves, strict=False)):
+        curves = [Curve(name, frequency, amplitude[:, link]) for name, _, amplitude in spectra]
+        for index, (colour, curve) in enumerate(zip(CYCLE, curves, strict=False)):
             dashes = DASHES if hides(curves, index) else "-"
             values = np.maximum(curve.values, 0.1 * floor)
-            axes.plot(curve.t, values, label=curve.name, color=colour, lw=1.2, ls=dashes)
-        if uniform < 4:
-            axes.text(0.5, 0.5, "too few samples", transform=axes.transAxes, ha="center", color=style.FAINT)
+            axes.plot(frequency, values, label=curve.name, color=colour, lw=1.2, ls=dashes)
+        if frequency[-1] == 0.0:
+            axes.text(0.5, 0.5, "too few samples", transform=axes.transAxes, ha="center", color=FAINT)
         axes.set_yscale("log")
         axes.set_ylim(floor, 2 * top)
         axes.yaxis.set_major_locator(LogLocator(numticks=decades + 2))
         axes.yaxis.minorticks_off()
         axes.set_xlim(0, last)
 
-    labels = ("frequency [Hz]", "amplitude [rad]" if flat else "amplitude [-]")
-    if flat:
-        what = "amplitude spectrum of the link angles"
-    else:
-        what = "amplitude spectrum of the link directions"
-    return panels.grid(run, path, what, chosen_links(run, panels.MOST), draw, labels, share=True)
+    labels = ("frequency [Hz]", f"amplitude [{unit}]")
+    return panels.grid(run, path, what, draw, labels, share=True)
 
 
 def _system_spectra(run: Run, path: str | Path) -> Path:
     """Spectra of the tensions at the ends of lines, of the motion and of the surface, a panel each; in waves also the
     vertical motion over the surface."""
-    spectra = [_spectra(panel) for panel in (ends_panel(run), *motion_panels(run))]
+    spectra = [_spectra(panel) for panel in (ends_panel(run, loads_of(run)), *motion_panels(run))]
     shown = [*spectra, *_heave_ratio(spectra)]
     figure = style.new_figure(8.5, 1.2 + 1.75 * len(shown))
     all_axes = style.panels(figure, len(shown), sharex=True)
@@ -181,14 +176,8 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
 
 
 def _spectra(panel: Panel) -> Panel:
-    """A panel against time as one against frequency [Hz]; zero for too few samples."""
-    curves = []
-    for curve in panel.curves:
-        count = _uniform(curve.t)
-        pair = (np.zeros(2), np.zeros(2))
-        if count >= 4:
-            pair = spectrum.amplitude_spectrum(curve.t[:count], curve.values[:count])
-        curves.append(Curve(curve.name, *pair, colour=curve.colour))
+    """A panel against time as one against frequency [Hz]."""
+    curves = [Curve(c.name, *_spectrum(c.t, c.values), colour=c.colour) for c in panel.curves]
     return Panel(panel.label.replace(" from its start", ""), curves, panel.title)
 
 
@@ -199,24 +188,27 @@ def _heave_ratio(spectra: list[Panel]) -> list[Panel]:
     """
     by_label = {panel.label: panel.curves for panel in spectra}
     band = np.full(9, 1 / 9)
-    if not {"surface [m]", "z [m]"} <= by_label.keys() or len(by_label["z [m]"][0].values) < 2 * len(band):
+    heaves = by_label.get("z [m]")
+    if heaves is None or "surface [m]" not in by_label or len(heaves[0].values) < 2 * len(band):
         return []
-    power = [np.convolve(curve.values**2, band, "same") for curve in by_label["surface [m]"] + by_label["z [m]"]]
     surface = by_label["surface [m]"][0].values
     waves = surface >= 0.1 * surface.max()
     curves = []
-    for curve, own in zip(by_label["z [m]"], power[1:], strict=True):
-        curves.append(Curve(curve.name, curve.t[waves], np.sqrt(own[waves] / power[0][waves]), colour=curve.colour))
+    for curve in heaves:
+        heave, wave = (np.convolve(values**2, band, "same")[waves] for values in (curve.values, surface))
+        curves.append(Curve(curve.name, curve.t[waves], np.sqrt(heave / wave), colour=curve.colour))
     return [Panel("ratio [m/m]", curves, "vertical motion over surface elevation, at the frequencies of the waves")]
 
 
-def _uniform(t: np.ndarray) -> int:
-    """Number of samples to use, without a shorter last step at the end of the run."""
-    if len(t) < 3:
-        return len(t)
-    if abs((t[-1] - t[-2]) - (t[1] - t[0])) < 1e-3 * (t[1] - t[0]):
-        return len(t)
-    return len(t) - 1
+def _spectrum(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (m,) [Hz] and amplitudes (m,) or (m, n) without a shorter last step of the run; zero for fewer than
+    four samples."""
+    count = len(t)
+    if count > 2 and abs((t[-1] - t[-2]) - (t[1] - t[0])) >= 1e-3 * (t[1] - t[0]):
+        count -= 1
+    if count < 4:
+        return np.zeros(2), np.zeros((2, *values.shape[1:]))
+    return spectrum.amplitude_spectrum(t[:count], values[:count])
 
 
 #: The frequency axis shows this fraction of the power.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.plots import style
-from dropper_jax.plots.run import ANGLE, Run, changing
+from dropper_jax.plots.run import ANGLE, Run, changing, chosen_links
+from dropper_jax.plots.style import CYCLE, FAINT, FIRST
 
 #: Maximum number of links with a trace; more are drawn as a map over time and link (traces) or thinned out (grid).
 MOST = 12
@@ -25,88 +26,78 @@ MOST = 12
 Columns = list[tuple[str, np.ndarray]]
 
 
-def traces(
-    run: Run,
-    path: str | Path,
-    what: str,
-    t: np.ndarray,
-    columns: Columns,
-    threshold: float = 0.0,
-    centred: bool = False,
-) -> Path:
-    """Quantities (label with unit, values (k, n)) against time (k,): a row per link, a column per quantity.
+def traces(run: Run, path: str | Path, what: str, columns: Columns) -> Path:
+    """Angles of links (label with unit, values (k, n)) against time: a row per link, a column per quantity.
 
-    The time axis spans the run for all quantities. Links whose values change by at most `threshold` have no panel, but
-    are listed. If no link changes, the values are drawn along the links. `centred`: a map of many links shows the
-    deviation from their means, since the means differ by more than the motion.
+    Links at rest have no panel, but are listed. If no link moves, the values are drawn along the links. A map of many
+    links shows the deviation from their means, since the means differ by more than the motion.
     """
-    links = columns[0][1].shape[1]
-    kept = np.flatnonzero(changing([values for _, values in columns], threshold))
-    if len(t) > 1 and not len(kept):
-        figure = _along(columns, run)
-        what = f"{what}, from start to end"
-    elif links > MOST:
-        figure = _map(t, columns, run, centred)
-    else:
-        kept = kept if len(t) > 1 else np.arange(links)
-        figure = _stack(t, columns, run, kept)
-        if len(kept) < links:
-            what = f"{what} ({', '.join(run.labels[j] for j in range(links) if j not in kept)}: at rest)"
-    return style.finish(figure, run, what, path)
+    t = run.t
+    links = len(run.labels)
+    moving = changing((values for _, values in columns), ANGLE)
+    if len(t) == 1:
+        moving[:] = True
+    if not moving.any():
+        return constants(run, path, what, columns)
+    if links > MOST:
+        return style.finish(_map(columns, run), run, what, path)
+    still = [label for label, moves in zip(run.labels, moving, strict=True) if not moves]
+    if still:
+        what = f"{what} ({', '.join(still)}: at rest)"
+    return style.finish(_stack(columns, run, np.flatnonzero(moving)), run, what, path)
 
 
-def _along(columns: Columns, run: Run) -> Figure:
+def constants(run: Run, path: str | Path, what: str, columns: Columns) -> Path:
     """Constant values, along the links; of several lines each under its name."""
     figure = style.new_figure(8.5, 0.9 + 2.4 * len(columns))
+    marked = "-o"
+    if len(run.labels) > 60:
+        marked = "-"
     for axes, (label, values) in zip(style.panels(figure, len(columns)), columns, strict=True):
         for line in run.written_lines:
             link = 1 + np.arange(line.links.start, line.links.stop)
-            axes.plot(link, values[-1, line.links], "-" if len(run.labels) > 60 else "-o", color=style.FIRST, ms=4)
+            axes.plot(link, values[-1, line.links], marked, color=FIRST, ms=4)
         axes.set_ylabel(label)
         style.widen(values[-1], axes.set_ylim)
         _link_axis(axes, run, "x")
-    return figure
+    return style.finish(figure, run, f"{what}, from start to end", path)
 
 
-def _stack(t: np.ndarray, columns: Columns, run: Run, mask: np.ndarray) -> Figure:
+def _stack(columns: Columns, run: Run, links: np.ndarray) -> Figure:
     """A panel per link and quantity."""
-    figure = style.new_figure(8.5, max(3.2, 1.3 + 0.95 * len(mask)))
-    grid = figure.subplots(len(mask), len(columns), sharex=True, squeeze=False)
-    for column, (label, values) in enumerate(columns):
-        for link, axes in zip(mask, grid[:, column], strict=True):
-            axes.plot(t, values[:, link], color=style.CYCLE[column], lw=0.9, marker=style.marker(t), ms=4)
+    figure = style.new_figure(8.5, max(3.2, 1.3 + 0.95 * len(links)))
+    grid = figure.subplots(len(links), len(columns), sharex=True, squeeze=False)
+    for colour, own, (label, values) in zip(CYCLE, grid.T, columns, strict=False):
+        for link, axes in zip(links, own, strict=True):
+            axes.plot(run.t, values[:, link], color=colour, lw=0.9, marker=style.marker(run.t), ms=4)
             style.widen(values[:, link], axes.set_ylim)
             axes.yaxis.set_major_locator(MaxNLocator(3))
-            if column == 0:
-                axes.set_ylabel(run.labels[link], rotation=0, ha="right", va="center")
-        grid[0, column].set_title(label, loc="left")
-        style.time_axis(grid[-1, column], run.t)
+        own[0].set_title(label, loc="left")
+        style.time_axis(own[-1], run.t)
+    for link, axes in zip(links, grid[:, 0], strict=True):
+        axes.set_ylabel(run.labels[link], rotation=0, ha="right", va="center")
     figure.align_ylabels()
     return figure
 
 
-def _map(t: np.ndarray, columns: Columns, run: Run, centred: bool) -> Figure:
-    """A picture per quantity, links against time, with colours for values or, if centred, for their deviation from the
-    mean."""
-    links = columns[0][1].shape[1]
+def _map(columns: Columns, run: Run) -> Figure:
+    """A picture per quantity, links against time, with colours for the deviation from the mean."""
+    t = run.t
+    links = np.arange(len(run.labels) + 1) + 0.5
     figure = style.new_figure(8.5, 1.0 + 3.0 * len(columns))
+    edges = np.array([t[0], t[0] + 1.0])
     if len(t) > 1:
-        edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]])
-    else:
-        edges = np.array([t[0], t[0] + 1.0])
+        edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
     for axes, (label, values) in zip(style.panels(figure, len(columns)), columns, strict=True):
-        look = {"cmap": "viridis"}
-        if centred:
-            values = values - values.mean(axis=0)
-            half = float(np.percentile(np.abs(values), 99.5)) or 1.0
-            look = {"cmap": "RdBu_r", "vmin": -half, "vmax": half}
-            label = label.replace(" [", " from its mean [")
-        image = axes.pcolormesh(edges, np.arange(links + 1) + 0.5, values.T, rasterized=True, **look)
-        figure.colorbar(image, ax=axes, label=label, pad=0.02)
-        _link_axis(axes, run)
+        values = values - values.mean(axis=0)
+        half = float(np.percentile(np.abs(values), 99.5)) or 1.0
+        look = {"cmap": "RdBu_r", "vmin": -half, "vmax": half}
+        image = axes.pcolormesh(edges, links, values.T, rasterized=True, **look)
+        figure.colorbar(image, ax=axes, label=label.replace(" [", " from its mean ["), pad=0.02)
+        _link_axis(axes, run, "y")
         axes.invert_yaxis()
         axes.grid(False)
-        style.time_axis(axes, run.t)
+        style.time_axis(axes, t)
     return figure
 
 
@@ -114,25 +105,22 @@ def _map(t: np.ndarray, columns: Columns, run: Run, centred: bool) -> Figure:
 MOST_NAMES = 30
 
 
-def _link_axis(axes: Axes, run: Run, letter: Literal["x", "y"] = "y") -> None:
+def _link_axis(axes: Axes, run: Run, letter: Literal["x", "y"]) -> None:
     """Numbers of the links; of several lines their names, each in the middle of its links, and edges between them."""
+    lines = run.written_lines
     axis = {"x": axes.xaxis, "y": axes.yaxis}[letter]
-    if len(run.written_lines) == 1:
+    if len(lines) == 1:
         axis.set_label_text("link")
         axis.set_major_locator(MaxNLocator(8, integer=True))
         return
-    if letter == "y":
-        edge = axes.axhline
-        colour = "white"
-    else:
-        edge = axes.axvline
-        colour = "#E3E5E8"
-    for line in run.written_lines[1:]:
-        edge(line.links.start + 0.5, color=colour, lw=1.0)
-    shown = run.written_lines[:: math.ceil(len(run.written_lines) / MOST_NAMES)]
+    shown = lines[:: math.ceil(len(lines) / MOST_NAMES)]
     axes.tick_params(axis=letter, labelsize=9 if len(shown) <= MOST else 6)
     axis.set_ticks([0.5 * (line.links.start + line.links.stop + 1) for line in shown], [line.name for line in shown])
-    if letter == "x":
+    edges = [line.links.start + 0.5 for line in lines[1:]]
+    if letter == "y":
+        axes.hlines(edges, 0.0, 1.0, transform=axes.get_yaxis_transform(), color="white", lw=1.0)
+    else:
+        axes.vlines(edges, 0.0, 1.0, transform=axes.get_xaxis_transform(), color="#E3E5E8", lw=1.0)
         axes.tick_params(axis="x", rotation=45)
         axes.grid(False, axis="x")
 
@@ -141,44 +129,32 @@ def grid(
     run: Run,
     path: str | Path,
     what: str,
-    chosen: np.ndarray,
     draw: Callable[[Axes, int], None],
     labels: tuple[str, str],
     share: bool,
 ) -> Path:
-    """A panel for each chosen link, drawn by `draw(axes, link)`; `labels` of both axes with units; `share` or not."""
-    if not len(chosen):
-        return _nothing(run, path, what)
+    """A panel for each link that moves, drawn by `draw(axes, link)`; `labels` of the axes, which panels may `share`."""
+    chosen = chosen_links(run, MOST)
+    count = len(chosen)
+    if count == 0:
+        figure = style.new_figure(6.0, 2.0)
+        figure.text(0.5, 0.45, f"no link turns by more than {ANGLE:g} rad", ha="center", color=FAINT)
+        return style.finish(figure, run, what, path)
     # A little wider than high: 7 links make 2 rows of 4, 9 make 3 of 3.
-    rows = max(1, round(0.85 * math.sqrt(len(chosen))))
-    columns = math.ceil(len(chosen) / rows)
-    if len(chosen) == 1:
-        width = 6.0
-        height = 4.5
-    else:
-        width = 2.9 * columns + 0.3
-        height = 2.4 * rows + 0.9
-    figure = style.new_figure(max(width, 6.0), height)
-    panels = style.panels(figure, len(chosen), columns, sharex=share, sharey=share)
+    rows = max(1, round(0.85 * math.sqrt(count)))
+    columns = math.ceil(count / rows)
+    size = (max(2.9 * columns + 0.3, 6.0), 2.4 * rows + 0.9)
+    if count == 1:
+        size = (6.0, 4.5)
+    figure = style.new_figure(*size)
+    panels = style.panels(figure, count, columns, sharex=share, sharey=share)
     for axes, link in zip(panels, chosen, strict=True):
         draw(axes, int(link))
         axes.set_title(run.labels[link], loc="left")
-    for index, axes in enumerate(panels):
-        if index + columns >= len(chosen):
-            axes.set_xlabel(labels[0])
-            axes.tick_params(labelbottom=True)
-        if index % columns == 0:
-            axes.set_ylabel(labels[1])
+    style.outer_labels(panels, columns, *labels)
     handles, names = panels[0].get_legend_handles_labels()
     if len(handles) > 1:
         figure.legend(handles, names, loc="outside lower left", ncols=len(names))
-    return style.finish(figure, run, what, path)
-
-
-def _nothing(run: Run, path: str | Path, what: str) -> Path:
-    """A picture with a note that there is no motion to show."""
-    figure = style.new_figure(6.0, 2.0)
-    figure.text(0.5, 0.45, f"no link turns by more than {ANGLE:g} rad", ha="center", color=style.FAINT)
     return style.finish(figure, run, what, path)
 
 
@@ -199,6 +175,20 @@ class Curve(NamedTuple):
     high: np.ndarray | None = None
     colour: str | None = None
 
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Minimum and maximum (k,) of each sample."""
+        low = self.values if self.low is None else self.low
+        high = self.values if self.high is None else self.high
+        return low, high
+
+    def part(self, start: float, end: float) -> Curve:
+        """The curve between two times, with one sample on either side, so that lines reach the edges."""
+        first, last = np.searchsorted(self.t, (start, end))
+        kept = slice(max(int(first) - 1, 0), int(last) + 2)
+        low, high = self.bounds
+        return Curve(self.name, self.t[kept], self.values[kept], low[kept], high[kept], self.colour)
+
 
 class Panel(NamedTuple):
     """Label with unit, and the series of the panel; `zero` draws the zero line."""
@@ -218,31 +208,31 @@ def history(run: Run, path: str | Path, what: str, panels: list[Panel]) -> Path:
 
     Both have the same scale, and so have panels of one unit and of similar ranges.
     """
-    if sum(turns(c.values) > MOST_TURNS for p in panels for c in p.curves) == 0:
-        zoom = None
-    else:
+    zoom = None
+    width = 8.5
+    ratios = [1.0]
+    if any(turns(curve.values) > MOST_TURNS for panel in panels for curve in panel.curves):
         zoom = zoom_of(panels)
-    figure = style.new_figure(8.5 if zoom is None else 11.5, 1.2 + 1.75 * len(panels))
-    columns = 1 if zoom is None else 2
-    ratios = [1.0] if zoom is None else [1.55, 1.0]
-    grid = figure.subplots(len(panels), columns, sharex="col", sharey="row", squeeze=False, width_ratios=ratios)
+        width = 11.5
+        ratios = [1.55, 1.0]
+    figure = style.new_figure(width, 1.2 + 1.75 * len(panels))
+    grid = figure.subplots(len(panels), len(ratios), sharex="col", sharey="row", squeeze=False, width_ratios=ratios)
+    above: list[str] = []
     for row, panel in zip(grid, panels, strict=True):
-        envelope = None
-        if zoom is not None:
-            envelope = _shortest(panel, panels)
-        draw_panel(row[0], panel, envelope=envelope)
         row[0].set_ylabel(panel.label)
-        if panel.title:
-            row[0].set_title(panel.title, loc="left", fontsize=9)
-        if zoom is not None:
-            row[0].axvspan(*zoom, color=style.FAINT, alpha=0.25, lw=0)
+        row[0].set_title(panel.title, loc="left", fontsize=9)
+        if zoom is None:
+            draw_panel(row[0], panel)
+        else:
+            draw_panel(row[0], panel, envelope=_shortest(panel, panels))
+            row[0].axvspan(*zoom, color=FAINT, alpha=0.25, lw=0)
             draw_panel(row[1], panel, part=zoom)
+        names = [curve.name for curve in panel.curves]
+        if any(names) and names != above:
+            legend(row[-1])
+        above = names
     for unit in {_unit(panel) for panel in panels}:
         style.share_scales([row[0] for row, panel in zip(grid, panels, strict=True) if _unit(panel) == unit])
-    for above, panel, row in zip([None, *panels], panels, grid, strict=False):
-        names = [curve.name for curve in panel.curves]
-        if any(names) and (above is None or names != [curve.name for curve in above.curves]):
-            legend(row[-1])
     for axes in grid[-1]:
         style.time_axis(axes, run.t)
     if zoom is not None:
@@ -267,8 +257,8 @@ def _shortest(panel: Panel, panels: list[Panel]) -> float:
 
 def legend(axes: Axes) -> None:
     """Place the legend above the right end, where there is no title."""
-    options = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
-    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **options)
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
+    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **place)
 
 
 def draw_panel(
@@ -277,21 +267,26 @@ def draw_panel(
     """Draw all curves of a panel; as an envelope with means over cycles of this length [s], or of a part of the
     time."""
     for index, curve in enumerate(panel.curves):
-        colour = curve.colour or style.CYCLE[index % len(style.CYCLE)]
-        dashes = DASHES if hides(panel.curves, index) else "-"
-        _, t, values, low, high, _ = _cut_curve(curve, part)
-        name = curve.name or None
+        if part is not None:
+            curve = curve.part(*part)
+        t = curve.t
+        values = curve.values
+        low, high = curve.bounds
+        look: dict[str, Any] = {"color": curve.colour or CYCLE[index % len(CYCLE)]}
+        line: dict[str, Any] = {
+            **look,
+            "ls": DASHES if hides(panel.curves, index) else "-",
+            "label": curve.name or None,
+        }
         if envelope is not None and len(t) > 2 * INTERVALS:
-            edges, middle, least, largest = reduce_samples(t, values, low, high)
-            middle = _without_beat(edges, middle, envelope)
-            axes.fill_between(edges, least, largest, color=colour, alpha=0.28, lw=0)
-            axes.plot(edges, middle, color=colour, lw=1.1, ls=dashes, label=name)
-            continue
-        if low is not None and high is not None:
-            axes.fill_between(t, low, high, color=colour, alpha=0.28, lw=0)
-        axes.plot(t, values, color=colour, lw=1.0, ls=dashes, marker=style.marker(t), ms=4, label=name)
+            t, values, low, high = reduce_samples(t, values, low, high)
+            axes.plot(t, _without_beat(t, values, envelope), lw=1.1, **line)
+        else:
+            axes.plot(t, values, lw=1.0, marker=style.marker(t), ms=4, **line)
+        if np.any(high > low):
+            axes.fill_between(t, low, high, alpha=0.28, lw=0, **look)
     if panel.zero:
-        axes.axhline(0.0, color=style.FAINT, lw=0.7, zorder=0.5)
+        axes.axhline(0.0, color=FAINT, lw=0.7, zorder=0.5)
     if part is None:  # a part has the scale of the whole
         style.widen(np.concatenate([curve.values for curve in panel.curves]), axes.set_ylim)
     axes.yaxis.set_major_locator(MaxNLocator(4))
@@ -303,33 +298,19 @@ def hides(curves: list[Curve], index: int) -> bool:
     this = curves[index].values
     reach = max((float(np.ptp(curve.values)) for curve in curves if np.all(np.isfinite(curve.values))), default=0.0)
     # two curves closer than this fraction of the maximum range look like one
-    return any(
-        other.values.shape == this.shape and np.max(np.abs(other.values - this), initial=0.0) < 0.01 * reach
-        for other in curves[:index]
-    )
-
-
-def _cut_curve(curve: Curve, part: tuple[float, float] | None) -> Curve:
-    if part is None:
-        return curve
-    # one sample on either side, so that lines reach the edges
-    first = max(int(np.searchsorted(curve.t, part[0])) - 1, 0)
-    last = min(int(np.searchsorted(curve.t, part[1])) + 2, len(curve.t))
-    arrays = {key: getattr(curve, key) for key in ("t", "values", "low", "high")}
-    return curve._replace(**{key: a[first:last] for key, a in arrays.items() if a is not None})
+    alike = [other.values for other in curves[:index] if other.values.shape == this.shape]
+    return any(np.max(np.abs(values - this), initial=0.0) < 0.01 * reach for values in alike)
 
 
 def reduce_samples(
-    t: np.ndarray, values: np.ndarray, low: np.ndarray | None = None, high: np.ndarray | None = None
+    t: np.ndarray, values: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Times, mean, minimum and maximum (m,) of `INTERVALS` stretches of samples (k,), k > INTERVALS."""
     starts = np.unique(np.linspace(0, len(t), INTERVALS, endpoint=False).astype(int))
-    count = np.diff(np.append(starts, len(t)))
+    count = np.diff(starts, append=len(t))
     mean = np.add.reduceat(values, starts) / count
     at = np.add.reduceat(t, starts) / count
-    least = np.minimum.reduceat(values if low is None else low, starts)
-    largest = np.maximum.reduceat(values if high is None else high, starts)
-    return at, mean, least, largest
+    return at, mean, np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
 
 
 def _without_beat(t: np.ndarray, mean: np.ndarray, period: float) -> np.ndarray:
@@ -358,13 +339,12 @@ def turns(values: np.ndarray) -> int:
 
 def zoom_of(panels: list[Panel]) -> tuple[float, float]:
     """Part of the time [s] around the maximum of the first panel, a few of its cycles long."""
-    first = max(panels[0].curves, key=lambda c: float(np.nanmax(c.values if c.high is None else c.high)))
+    first = max(panels[0].curves, key=lambda curve: float(np.nanmax(curve.bounds[1])))
     t = first.t
-    values = first.values
     span = float(t[-1] - t[0])
     period = max((cycle(c.t, c.values) for panel in panels for c in panel.curves), default=span)
     width = min(max(CYCLES * period, 20 * span / max(len(t) - 1, 1)), span / 3)
-    peak = float(t[int(np.nanargmax(values if first.high is None else first.high))])
+    peak = float(t[np.nanargmax(first.bounds[1])])
     start = min(max(peak - width / 2, float(t[0])), float(t[-1]) - width)
     return start, start + width
 

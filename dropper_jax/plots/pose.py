@@ -14,15 +14,8 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from dropper_jax.plots import style, view
 from dropper_jax.plots.run import Run
-from dropper_jax.plots.system import (
-    SURFACE,
-    WATER,
-    bare_joints,
-    draw_bed,
-    draw_solids,
-    limits,
-    surface_lines,
-)
+from dropper_jax.plots.style import CYCLE, DARK, FAINT
+from dropper_jax.plots.system import SURFACE, WATER, draw_bed, draw_solids, limits, surface_lines
 
 #: Number of past configurations in a snapshot.
 PAST = 8
@@ -43,11 +36,9 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     Returns:
         path of the picture; its suffix chooses the format.
     """
-    t = run.t
     positions = run.positions
-    now = run.peak
-    if time is not None:
-        now = int(np.argmin(np.abs(t - time)))
+    now = run.sample(time)
+    clock = run.t[now]
     flat = view.planar(positions)
     crowded = len(run.lines) > CROWDED
     past = [] if crowded else _past(positions, now)
@@ -55,38 +46,39 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
     figure = style.new_figure(*view.figure_size(drawn), layout="constrained" if flat else None)
     if flat:
         axes = view.flat_axes(figure, drawn)
+        bar = {"ax": axes, "shrink": 0.75, "pad": 0.03}
     else:
         axes = view.space_axes(figure, drawn)
+        bar = {"cax": view.bar_axes(figure)}
 
-    def draw(nodes: np.ndarray, *args: Any, **kwargs: Any) -> None:
-        axes.plot(*(nodes[:, [0, 2]] if flat else nodes).T, *args, **kwargs)
+    def draw(nodes: np.ndarray, **look: Any) -> None:
+        axes.plot(*(nodes[:, [0, 2]] if flat else nodes).T, **look)
 
-    def draw_lines(nodes: np.ndarray, label: str | None = None, **kwargs: Any) -> None:
+    def draw_lines(index: int, label: str | None = None, **look: Any) -> None:
         for line in run.lines:
-            draw(nodes[line.nodes], label=label, **kwargs)
+            draw(positions[index, line.nodes], label=label, **look)
             label = None
 
-    _surroundings(axes, run, drawn, t[now])
+    _surroundings(axes, run, drawn, clock)
     for age, index in enumerate(reversed(past), start=1):
-        draw_lines(positions[index], color=style.FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST + 1)))
+        draw_lines(index, color=FAINT, lw=1.0, alpha=0.6 * (1 - age / (PAST + 1)))
     if now > 0 and not crowded:
-        draw_lines(positions[0], f"start, t = {t[0]:g} s", color=style.CYCLE[0], lw=1.2, ls=(0, (4, 3)))
+        draw_lines(0, f"start, t = {run.t[0]:g} s", color=CYCLE[0], lw=1.2, ls=(0, (4, 3)))
     links = _bold_links(axes, run, now)
-    look = {"ls": "", "marker": "o", "ms": style.dot(run), "mfc": "white", "mec": style.DARK, "mew": 1.0}
+    draw_solids(axes, run, now)
+    nodes = positions[now]
     if style.dot(run) > 0:
-        draw(positions[now], **look, label="node")
-    held = positions[now][list(run.fixed_nodes)]
-    draw(held, ls="", marker="s", ms=7, mfc=style.DARK, mec="white", label="fixed point")
-    joints = bare_joints(run, positions[now])
-    if len(joints) and not crowded:
-        draw(joints, ls="", marker="D", ms=5, mfc=style.CYCLE[4], mec=style.DARK, label="free point")
-    if flat:
-        where = {"ax": axes, "shrink": 0.75, "pad": 0.03}
-    else:
-        where = {"cax": view.bar_axes(figure)}
-    style.tension_bar(figure, links, run.max_tension[now], **where)
+        draw(nodes, ls="", marker="o", ms=style.dot(run), mfc="white", mec=DARK, mew=1.0, label="node")
+    draw(nodes[list(run.fixed_nodes)], ls="", marker="s", ms=7, mfc=DARK, mec="white", label="fixed point")
+    joints = {*run.joints} - {buoy.node for buoy in run.buoys}
+    if joints and not crowded:
+        draw(nodes[sorted(joints)], ls="", marker="D", ms=5, mfc=CYCLE[4], mec=DARK, label="free point")
+    style.tension_bar(figure, links, run.max_tension[now], **bar)
     figure.legend(loc="outside lower left" if flat else "lower left", ncols=3, handletextpad=0.5, columnspacing=1.2)
-    return style.finish(figure, run, "position and tension" + (f" at t = {t[now]:.4g} s" if len(t) > 1 else ""), path)
+    what = "position and tension"
+    if len(run.t) > 1:
+        what = f"{what} at t = {clock:.4g} s"
+    return style.finish(figure, run, what, path)
 
 
 def _surroundings(axes: Axes, run: Run, drawn: np.ndarray, time: float) -> None:
@@ -109,19 +101,16 @@ def _bold_links(axes: Axes, run: Run, index: int) -> ScalarMappable:
     """Links of a sample coloured by their tension, the maximum of its steps."""
     tension = run.max_tension[index]
     segments = run.segments(run.positions[index])
-    look = {
+    look: dict[str, Any] = {
         "array": tension,
         "cmap": style.tension_map(),
         "norm": style.tension_norm(tension),
-        "linewidths": 4.0 * style.bold(run),
         "capstyle": "round",
     }
+    look["linewidths"] = 4.0 * style.bold(run)
     if isinstance(axes, Axes3D):
-        links = axes.add_collection(Line3DCollection(segments, **look))
-    else:
-        links = axes.add_collection(LineCollection(list(segments[..., [0, 2]]), **look), autolim=False)
-    draw_solids(axes, run, index)
-    return links
+        return axes.add_collection(Line3DCollection(segments, **look))
+    return axes.add_collection(LineCollection(list(segments[..., [0, 2]]), **look), autolim=False)
 
 
 #: Displacement between two past configurations as a fraction of the picture's size.
@@ -130,10 +119,8 @@ PAST_DISTANCE = 0.07
 
 def _past(positions: np.ndarray, now: int) -> list[int]:
     """Samples before `now` at a given distance, so that a picture does not depend on the output interval."""
-    if now == 0:
-        return []
     way = np.abs(np.diff(positions[: now + 1], axis=0)).max(axis=(1, 2))
     back = np.cumsum(way[::-1])
     marks = PAST_DISTANCE * view.size(positions) * np.arange(1, PAST + 1)
-    steps = np.searchsorted(back, marks[marks <= back[-1]]) + 1
-    return [now - int(step) for step in steps[::-1]]
+    steps = np.searchsorted(back, marks[marks <= back.max(initial=0.0)]) + 1
+    return (now - steps[::-1]).tolist()

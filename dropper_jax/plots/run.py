@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import NamedTuple
 
@@ -26,27 +26,27 @@ class Shape(NamedTuple):
     """A cylinder of a body between two positions in its axes [m], or a sphere with two equal positions."""
 
     body: int
-    start: tuple[float, ...]
-    end: tuple[float, ...]
+    start: np.ndarray
+    end: np.ndarray
     diameter: float
 
     def rings(self) -> np.ndarray:
         """Circles (rings, SIDES, 3) [m] in the body's axes whose hull is the shape."""
-        start = np.array(self.start)
-        end = np.array(self.end)
-        along = end - start
+        start = self.start
+        along = self.end - start
         length = float(np.linalg.norm(along))
-        along = along / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
-        side = np.eye(3)[int(np.argmin(np.abs(along)))]
-        one = np.cross(along, side)
-        one /= np.linalg.norm(one)
-        other = np.cross(along, one)
-        angle = np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)[:, None]
-        circle = 0.5 * self.diameter * (np.cos(angle) * one + np.sin(angle) * other)
+        radius = 0.5 * self.diameter
+        axis = np.array([0.0, 0.0, 1.0])
         if length > 0.0:
-            return np.stack([start + circle, end + circle])
-        tilt = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SIDES // 2 + 1)
-        return np.stack([start + np.cos(t) * circle + 0.5 * self.diameter * np.sin(t) * along for t in tilt])
+            axis = along / length
+        one = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        one /= np.linalg.norm(one)
+        angle = np.linspace(0.0, 2 * np.pi, SIDES, endpoint=False)[:, None]
+        circle = radius * (np.cos(angle) * one + np.sin(angle) * np.cross(axis, one))
+        if length > 0.0:
+            return start + np.stack([circle, circle + along])
+        tilt = np.linspace(-0.5 * np.pi, 0.5 * np.pi, SIDES // 2 + 1)[:, None, None]
+        return start + np.cos(tilt) * circle + radius * np.sin(tilt) * axis
 
 
 class Bodies(NamedTuple):
@@ -116,12 +116,12 @@ def chosen_links(run: Run, most: int) -> np.ndarray:
     moving = np.flatnonzero(size > ANGLE)
     if len(run.written_lines) == 1 or len(moving) <= most:
         return moving[np.unique(np.linspace(0, len(moving) - 1, min(len(moving), most)).round().astype(int))]
-    best = [line.links.start + int(np.argmax(size[line.links])) for line in run.written_lines]
-    best = [link for link in best if size[link] > ANGLE]
-    return np.sort(np.array(sorted(best, key=lambda link: -size[link])[:most], dtype=int))
+    best = np.array([line.links.start + int(np.argmax(size[line.links])) for line in run.written_lines])
+    order = np.argsort(-size[best], kind="stable")[:most]
+    return np.sort(best[order][size[best[order]] > ANGLE])
 
 
-def changing(columns: list[np.ndarray], least: float) -> np.ndarray:
+def changing(columns: Iterable[np.ndarray], least: float) -> np.ndarray:
     """Which of n series (k, n) change by more than their limit in any of the columns (n,)."""
     with np.errstate(invalid="ignore"):
         return np.any([np.nan_to_num(np.ptp(values, axis=0)) > least for values in columns], axis=0)
@@ -175,10 +175,10 @@ class Run(Samples):
         specs = self.scene.bodies
         if not specs or self.body_position is None or self.body_attitude is None:
             return None
-        cylinders = [(i, c.start, c.end, c.diameter) for i, body in enumerate(specs) for c in body.cylinders]
-        spheres = [(i, s.centre, s.centre, s.diameter) for i, body in enumerate(specs) for s in body.spheres]
-        shapes = [Shape(i, tuple(start), tuple(end), float(wide)) for i, start, end, wide in (*cylinders, *spheres)]
-        return Bodies(tuple(body.name for body in specs), tuple(shapes), self.body_position, self.body_attitude)
+        cylinders = [Shape(i, c.start, c.end, c.diameter) for i, body in enumerate(specs) for c in body.cylinders]
+        spheres = [Shape(i, s.centre, s.centre, s.diameter) for i, body in enumerate(specs) for s in body.spheres]
+        names = tuple(body.name for body in specs)
+        return Bodies(names, (*cylinders, *spheres), self.body_position, self.body_attitude)
 
     @cached_property
     def first(self) -> np.ndarray:
@@ -188,12 +188,17 @@ class Run(Samples):
     @property
     def peak(self) -> int:
         """The sample of the maximum tension, the last one if it is constant; that at the start belongs to no step."""
-        largest = np.nan_to_num(self.max_tension.max(axis=1), posinf=0.0, neginf=0.0)[
-            1:
-        ]  # a failed run may end with any value
+        # a failed run may end with any value
+        largest = np.nan_to_num(self.max_tension[1:].max(axis=1), posinf=0.0, neginf=0.0)
         if len(largest) == 0 or np.ptp(largest) <= TENSION * np.abs(largest).max():
             return len(largest)
         return 1 + int(np.argmax(largest))
+
+    def sample(self, time: float | None) -> int:
+        """The sample at a time [s], or that of the maximum tension."""
+        if time is None:
+            return self.peak
+        return int(np.argmin(np.abs(self.t - time)))
 
     def segments(self, nodes: np.ndarray) -> np.ndarray:
         """Both ends of each link (n, 2, d) from the positions of all nodes (nodes, d)."""
@@ -202,7 +207,8 @@ class Run(Samples):
     @property
     def lengths(self) -> np.ndarray:
         """Lengths of the links (n,) [m] at the first sample."""
-        return np.linalg.norm(np.diff(self.segments(self.positions[0]), axis=1)[:, 0], axis=-1)
+        start, end = np.swapaxes(self.segments(self.positions[0]), 0, 1)
+        return np.linalg.norm(end - start, axis=-1)
 
     @property
     def written_lines(self) -> tuple[WholeLine, ...]:
@@ -217,25 +223,21 @@ class Run(Samples):
         return [f"{line.name} {j + 1}" for line in self.lines for j in range(line.links.stop - line.links.start)]
 
 
-#: Arrays of a solution that pictures use with double precision.
-PRECISE = tuple(name for name in (*ARRAYS, *BODIES) if name != "step_status")
-
-
 def readable(solution: Samples) -> Run:
-    """The run until it diverged or became non-finite, with at least its first sample."""
+    """The run until it diverged or became non-finite, with at least its first sample, in double precision."""
     given = {field.name: getattr(solution, field.name) for field in dataclasses.fields(Samples)}
-    arrays = {name: given[name] for name in (*ARRAYS, *WITHIN, *BODIES) if given[name] is not None}
-    arrays |= {name: np.asarray(arrays[name], float) for name in PRECISE if name in arrays}
-    moved = [arrays[name] for name in ("positions", "velocities", "kinetic", "potential", "work")]
+    moved = [np.asarray(given[name], float) for name in ("positions", "velocities", "kinetic", "potential", "work")]
     finite = np.all([np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in moved], axis=0)
-    first = moved[0][0]
+    positions = moved[0]
     # a run has diverged if a node is farther out than this many sizes of the first configuration
-    far = 100.0 * max(float(np.ptp(first, axis=0).max()), np.finfo(float).tiny)
+    far = 100.0 * max(view.size(positions[:1]), np.finfo(float).tiny)
     with np.errstate(invalid="ignore", over="ignore"):
-        near = np.abs(moved[0] - first).max(axis=(1, 2)) <= far
-    good = np.append(finite & near, False)
-    last = max(1, int(np.argmin(good)))
-    return Run(**(given | {name: values[:last] for name, values in arrays.items()}))
+        near = np.abs(positions - positions[0]).max(axis=(1, 2)) <= far
+    last = max(1, int(np.argmin(np.append(finite & near, False))))
+    for name in (*ARRAYS, *WITHIN, *BODIES):
+        if given[name] is not None:
+            given[name] = np.asarray(given[name][:last], float)
+    return Run(**given)
 
 
 def elevations(scene: Scene, positions: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -14,8 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from numpy.typing import ArrayLike
 
 from dropper_jax.base.files import atomic_write
 from dropper_jax.plots.run import Run, readable
@@ -25,10 +26,10 @@ from dropper_jax.run.simulate import Solution
 IN_KILONEWTON = 5e3
 
 
-def force_unit(*values: np.ndarray | float | Iterable[float]) -> tuple[str, float]:
+def force_unit(values: ArrayLike) -> tuple[str, float]:
     """Unit and its size [N] for all forces [N] of a figure."""
-    known = np.concatenate([np.ravel(np.asarray(v, float)) for v in values])
-    if np.abs(known[np.isfinite(known)]).max(initial=0.0) >= IN_KILONEWTON:
+    size = np.abs(np.asarray(values, float))
+    if np.max(size, initial=0.0, where=np.isfinite(size)) >= IN_KILONEWTON:
         return ("kN", 1e3)
     return ("N", 1.0)
 
@@ -125,7 +126,7 @@ def title(figure: Figure, text: str) -> None:
     figure.suptitle(text, fontsize=12, fontweight="bold", x=0.01, ha="left")
 
 
-def panels(figure: Figure, count: int, columns: int = 1, **options: Any) -> np.ndarray:
+def panels(figure: FigureBase, count: int, columns: int = 1, **options: Any) -> np.ndarray:
     """Panels in rows of `columns`, filled row by row."""
     axes = figure.subplots(-(-count // columns), columns, squeeze=False, **options).ravel()
     for spare in axes[count:]:
@@ -133,16 +134,24 @@ def panels(figure: Figure, count: int, columns: int = 1, **options: Any) -> np.n
     return axes[:count]
 
 
+def outer_labels(panels: np.ndarray, columns: int, x: str, y: str) -> None:
+    """Labels of the axes of panels: `x` below the last ones of each column, `y` at the left of each row."""
+    for axes in panels[-columns:]:
+        axes.set_xlabel(x)
+        axes.tick_params(labelbottom=True)
+    for axes in panels[::columns]:
+        axes.set_ylabel(y)
+
+
 def finish(figure: Figure, run: Run, what: str, path: str | Path) -> Path:
     """Write the figure with its title, and integrator and step at the bottom."""
     text, colour = how(run)
     title(figure, f"{run.scene.name}: {what}")
     figure.text(0.99, 0.005, text, color=colour, fontsize=8, ha="right", va="bottom")
-    # one line of text at the bottom and one at the top, for any height of the figure
-    foot = 0.17 / figure.get_figheight()
-    head = 0.03 / figure.get_figheight()
     layout = figure.get_layout_engine()
     if isinstance(layout, ConstrainedLayoutEngine):
+        # one line of text at the bottom [inch], and space at the top
+        foot, head = np.array([0.17, 0.03]) / figure.get_figheight()
         layout.set(rect=(0.0, foot, 1.0, 1.0 - foot - head))
     return save(figure, path)
 
@@ -157,7 +166,7 @@ def time_axis(axes: Axes, t: np.ndarray) -> None:
 def widen(values: np.ndarray, limits: Callable[[float, float], object]) -> None:
     """Give constant values a readable axis (`limits` sets it) instead of one that magnifies rounding errors."""
     known = values[np.isfinite(values)]
-    if known.size and np.ptp(known) < 1e-6 * max(1.0, np.abs(known).max()):
+    if known.size and np.ptp(known) < 1e-6 * np.abs(known).max(initial=1.0):
         middle = 0.5 * (known.min() + known.max())
         half = 0.05 * max(1.0, abs(middle))
         limits(middle - half, middle + half)
@@ -169,25 +178,20 @@ SIMILAR = 4.0
 
 def share_scales(panels: Iterable[Axes]) -> None:
     """The same vertical limits for panels of similar ranges, so that curves in different panels can be compared."""
-    left = sorted(panels, key=_height, reverse=True)
+    limits = [(np.ptp(axes.get_ylim()), axes) for axes in panels]
+    left = sorted(limits, key=lambda item: -item[0])
     while left:
-        group = [axes for axes in left if _height(axes) * SIMILAR >= _height(left[0])]
-        low, high = zip(*(axes.get_ylim() for axes in group), strict=True)
+        widest = left[0][0]
+        group = [axes for height, axes in left if height * SIMILAR >= widest]
+        ends = [axes.get_ylim() for axes in group]
         for axes in group:
-            axes.set_ylim(min(low), max(high))
+            axes.set_ylim(np.min(ends), np.max(ends))
         left = left[len(group) :]
-
-
-def _height(axes: Axes) -> float:
-    low, high = axes.get_ylim()
-    return high - low
 
 
 def marker(t: np.ndarray) -> str | None:
     """Draw runs of a few samples with points, since a line of one point is invisible."""
-    if len(t) < 5:
-        return "o"
-    return None
+    return "o" if len(t) < 5 else None
 
 
 def dot(run: Run) -> float:
@@ -195,18 +199,14 @@ def dot(run: Run) -> float:
     nodes = run.positions.shape[1]
     if nodes <= 40 or len(run.lines) == 1:
         return 4.0
-    if nodes <= 200:
-        return 2.0
-    return 0.0
+    return 2.0 if nodes <= 200 else 0.0
 
 
 def bold(run: Run) -> float:
     """Fraction of the usual width of links, smaller for many lines."""
     if len(run.lines) == 1:
         return 1.0
-    if len(run.lines) <= 12:
-        return 0.75
-    return 0.4
+    return 0.75 if len(run.lines) <= 12 else 0.4
 
 
 @functools.cache
@@ -219,13 +219,13 @@ def tension_map() -> Colormap:
 def tension_bar(figure: Figure, links: ScalarMappable, tension: np.ndarray, **where: Any) -> None:
     """Colour bar of tensions (...) [N] in N or kN: pointed if they exceed `tension_norm`, the maximum in its label."""
     known = tension[np.isfinite(tension)]
-    low, high = (np.min(known), np.max(known)) if known.size else (0.0, 0.0)
     lowest, highest = tension_limits(known)
-    below = bool(low < lowest)
-    above = bool(high > highest)
-    extend = {(True, True): "both", (True, False): "min", (False, True): "max", (False, False): "neither"}[below, above]
+    above = bool(np.any(known > highest))
+    extend = ("neither", "min", "max", "both")[np.any(known < lowest) + 2 * above]
     unit, size = force_unit(known)
-    label = f"tension [{unit}]" + (f", maximum {high / size:.4g}" if above else "")
+    label = f"tension [{unit}]"
+    if above:
+        label = f"{label}, maximum {known.max() / size:.4g}"
     figure.colorbar(links, extend=extend, label=label, format=lambda value, _: f"{value / size:g}", **where)
 
 
@@ -244,8 +244,8 @@ def tension_limits(tension: np.ndarray) -> tuple[float, float]:
         return 0.0, 1.0
     # number of tensions above which 1 % may be outside the colour range
     low, high = np.percentile(known, (1, 99) if known.size >= 1000 else (0, 100))
-    if high - low <= 1e-9 * max(abs(low), abs(high)):
-        pad = 0.05 * max(abs(low), abs(high)) or 1.0
-        low = low - pad
-        high = high + pad
+    size = max(abs(low), abs(high))
+    if high - low <= 1e-9 * size:
+        pad = 0.05 * size or 1.0
+        return float(low - pad), float(high + pad)
     return float(low), float(high)

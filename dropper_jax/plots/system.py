@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,12 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from dropper_jax.base.constants import DEGREE
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import style, view
-from dropper_jax.plots.run import SIDES, Run, elevations
+from dropper_jax.plots.run import Run, elevations
+from dropper_jax.plots.style import CYCLE, DARK
 
-BUOY = style.CYCLE[4]
+BUOY = CYCLE[4]
 WATER = "#DCEBF5"
-SURFACE = style.CYCLE[5]
+SURFACE = CYCLE[5]
 BED = "#D8CBB4"
 EDGE = "#A87400"
 
@@ -28,30 +29,30 @@ def draw_solids(axes: Axes, run: Run, index: int, axis: int = 0, grow: bool = Fa
 
     With `grow` the limits of the axes are extended to include them.
     """
-    nodes = run.positions[index]
-    bodies = run.bodies
-    if isinstance(axes, Axes3D):
+    in_space = isinstance(axes, Axes3D)
+    sections = outlines(run, run.positions[index], right_of(axes) if in_space else np.eye(3)[axis])
+    if in_space:
+        look = {"facecolors": BUOY}
         if run.buoys:
-            sections = list(outlines(run, nodes, right_of(axes)))
-            axes.add_collection(Poly3DCollection(sections, facecolors=BUOY, edgecolors=style.DARK, linewidths=0.8))
-        if bodies is not None and bodies.shapes:
-            faces = [face for rings in bodies.rings(index) for face in _faces(rings)]
-            axes.add_collection(Poly3DCollection(faces, facecolors=BUOY, edgecolors=EDGE, linewidths=0.15))
+            axes.add_collection(Poly3DCollection(list(sections), edgecolors=DARK, linewidths=0.8, **look))
+        if run.bodies is not None and run.bodies.shapes:
+            faces = [face for rings in run.bodies.rings(index) for face in _faces(rings)]
+            axes.add_collection(Poly3DCollection(faces, edgecolors=EDGE, linewidths=0.15, **look))
         return
-    sections = list(outlines(run, nodes, np.eye(3)[axis])[..., [axis, 2]])
-    if bodies is not None:
-        sections += bodies.outlines(index, lambda positions: positions[:, [axis, 2]])
-    if sections:
-        solids = PolyCollection(sections, zorder=2.5, facecolors=BUOY, edgecolors=style.DARK, linewidths=0.8)
+    shapes = list(sections[..., [axis, 2]])
+    if run.bodies is not None:
+        shapes += run.bodies.outlines(index, lambda positions: positions[:, [axis, 2]])
+    if shapes:
+        solids = PolyCollection(shapes, zorder=2.5, facecolors=BUOY, edgecolors=DARK, linewidths=0.8)
         axes.add_collection(solids, autolim=grow)
 
 
-def _faces(rings: np.ndarray) -> list[np.ndarray]:
-    """Sides between rings, and both ends."""
-    found = [rings[0], rings[-1]]
-    for low, high in pairwise(rings):
-        found += [np.stack([low[i - 1], low[i], high[i], high[i - 1]]) for i in range(SIDES)]
-    return found
+def _faces(rings: np.ndarray) -> Iterator[np.ndarray]:
+    """Both ends, and sides between rings (rings, SIDES, 3)."""
+    yield from (rings[0], rings[-1])
+    following = np.roll(rings, -1, axis=1)
+    sides = np.stack([rings[:-1], following[:-1], following[1:], rings[1:]], axis=2)
+    yield from sides.reshape(-1, 4, 3)
 
 
 @style.with_style
@@ -66,15 +67,16 @@ def body_motion(run: Run, path: str | Path) -> Path:
         raise ValueError(f"solution: scene {run.scene.name!r} has no [[body]]. Use a scene with bodies")
     figure = style.new_figure(8.5, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
-    way = bodies.position[..., :2] - bodies.position[:1, :, :2]
+    x, y, heave = np.moveaxis(bodies.position, -1, 0)
+    away = np.hypot(x - x[0], y - y[0])
+    roll, pitch, _ = np.moveaxis(DEGREE * bodies.attitude, -1, 0)
     for i, name in enumerate(bodies.names):
-        colour = style.CYCLE[i % len(style.CYCLE)]
-        panels[0].plot(run.t, np.hypot(way[:, i, 0], way[:, i, 1]), color=colour, lw=1.0, label=name)
-        panels[1].plot(run.t, bodies.position[:, i, 2], color=colour, lw=1.0)
-        for j, dash in ((1, "-"), (0, "--")):
-            turn = DEGREE * bodies.attitude[:, i, j]
-            if j == 1 or np.ptp(turn) > 0.1:
-                panels[2].plot(run.t, turn, color=colour, lw=1.0, ls=dash)
+        look = {"color": CYCLE[i % len(CYCLE)], "lw": 1.0}
+        panels[0].plot(run.t, away[:, i], label=name, **look)
+        panels[1].plot(run.t, heave[:, i], **look)
+        panels[2].plot(run.t, pitch[:, i], **look)
+        if np.ptp(roll[:, i]) > 0.1:
+            panels[2].plot(run.t, roll[:, i], ls="--", **look)
     for axes, label in zip(panels, ("displacement [m]", "heave [m]", "pitch, roll dashed [deg]"), strict=True):
         axes.set_ylabel(label)
     if len(bodies.names) > 1:
@@ -97,28 +99,24 @@ def limits(run: Run, positions: np.ndarray) -> np.ndarray:
     # the surface and the seabed are in the picture if they are within this distance of the lines, in sizes of the lines
     near = 0.5 * (high - low).max()
     middle = 0.5 * (low + high)
+    levels = [] if run.scene.sea is None else [0.0]
     bed = bed_height(run.scene, middle[None])
-    for z in ([] if run.scene.sea is None else [0.0]) + ([] if bed is None else [float(bed[0])]):
+    if bed is not None:
+        levels.append(float(bed[0]))
+    for z in levels:
         if low[2] - near <= z <= high[2] + near:
-            shown.append(np.array([[middle[0], middle[1], z]]))
+            shown.append(np.array([[*middle[:2], z]]))
     return view.box(np.concatenate(shown), min_ratio=0.25)
-
-
-def bare_joints(run: Run, nodes: np.ndarray) -> np.ndarray:
-    """Positions (m, 3) of the free points without a buoy that join several lines."""
-    busy = {buoy.node for buoy in run.buoys}
-    return nodes[[node for node in run.joints if node not in busy]]
 
 
 def outlines(run: Run, nodes: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Corners (buoys, 4, 3) [m] of each buoy's upright section, seen in a view whose right is `right` (3,)."""
-    found = np.zeros((len(run.buoys), 4, 3))
-    for corners, buoy in zip(found, run.buoys, strict=True):
-        base = nodes[buoy.node] - [0.0, 0.0, buoy.attachment]
-        side = 0.5 * buoy.diameter * right
-        top = base + [0.0, 0.0, buoy.height]
-        corners[:] = base - side, base + side, top + side, top - side
-    return found
+    node, diameter, height, attachment = np.reshape(run.buoys, (-1, 4)).T
+    upwards = np.array([0.0, 0.0, 1.0])
+    base = nodes[node.astype(int)] - np.outer(attachment, upwards)
+    side = 0.5 * np.outer(diameter, right)
+    top = base + np.outer(height, upwards)
+    return np.stack([base - side, base + side, top + side, top - side], axis=1)
 
 
 def right_of(axes: Axes) -> np.ndarray:
@@ -136,34 +134,31 @@ def surface_lines(run: Run, box: np.ndarray, flat: bool, times: np.ndarray) -> n
     x = np.linspace(*box[0], 161)
     y = np.linspace(*box[1], 161)
     if flat:
-        lines = np.stack([x, np.full_like(x, box[1].mean()), np.zeros_like(x)], axis=-1)[None]
+        pairs = [(x, box[1].mean())]
     else:
-        rows = np.linspace(*box[0], 13)
-        columns = np.linspace(*box[1], 13)
-        along = [np.stack([np.full_like(y, one), y, np.zeros_like(y)], axis=-1) for one in rows]
-        lines = np.stack(along + [np.stack([x, np.full_like(x, one), np.zeros_like(x)], axis=-1) for one in columns])
+        pairs = [(one, y) for one in np.linspace(*box[0], 13)] + [(x, one) for one in np.linspace(*box[1], 13)]
+    lines = np.array([np.stack(np.broadcast_arrays(*pair, 0.0), axis=-1) for pair in pairs])
     found = np.tile(lines, (len(times), 1, 1, 1))
     found[..., 2] = elevations(run.scene, lines.reshape(-1, 3), times).reshape(found.shape[:-1])
     return found
 
 
-def bed_grid(run: Run, x: np.ndarray, y: np.ndarray) -> tuple[list[np.ndarray], np.ndarray | None]:
+def bed_grid(run: Run, x: np.ndarray, y: np.ndarray) -> tuple[Sequence[np.ndarray], np.ndarray | None]:
     """Positions of a grid and the height [m] of the seabed there; None without a seabed."""
-    grid = list(np.meshgrid(x, y, indexing="ij"))
+    grid = np.meshgrid(x, y, indexing="ij")
     return grid, bed_height(run.scene, np.stack([*grid, np.zeros_like(grid[0])], axis=-1))
 
 
 def draw_bed(axes: Axes, run: Run, box: np.ndarray) -> None:
     """The seabed: a filled strip in a plane, a faint sheet in space; nothing if no seabed is in the picture."""
+    flat = not isinstance(axes, Axes3D)
     x = np.linspace(*box[0], 41)
-    y = np.linspace(*box[1], 41)
-    if not isinstance(axes, Axes3D):
-        z = bed_height(run.scene, np.stack([x, np.full_like(x, box[1].mean()), np.zeros_like(x)], axis=-1))
-        if z is not None and z.max() > box[2, 0]:
-            axes.fill_between(x, box[2, 0], z, color=BED, lw=0, zorder=0.5)
-        return
+    y = box[1].mean(keepdims=True) if flat else np.linspace(*box[1], 41)
+    low = box[2, 0]
     grid, z = bed_grid(run, x, y)
-    if z is not None and z.max() > box[2, 0]:
-        axes.plot_surface(
-            *grid, np.maximum(z, box[2, 0]), color=BED, alpha=0.35, lw=0, shade=False, rcount=20, ccount=20
-        )
+    if z is None or z.max() <= low:
+        return
+    if flat:
+        axes.fill_between(x, low, z[:, 0], color=BED, lw=0, zorder=0.5)
+    else:
+        axes.plot_surface(*grid, np.maximum(z, low), color=BED, alpha=0.35, lw=0, shade=False, rcount=20, ccount=20)

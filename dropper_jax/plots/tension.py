@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from dropper_jax.load.scene import Scene
 from dropper_jax.plots import panels, style
 from dropper_jax.plots.panels import Curve, Panel, history
 from dropper_jax.plots.run import TENSION, Run, changing
-from dropper_jax.plots.style import force_unit
+from dropper_jax.plots.style import CYCLE, DARK, force_unit
 from dropper_jax.run.bends import curvature, held_points, point_load
 from dropper_jax.scene import whole_lines
 
@@ -33,19 +35,17 @@ def energy_balance(run: Run, path: str | Path) -> Path:
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.6, 1))
     mark = {"marker": style.marker(t), "ms": 4}
     # The sum is drawn below the others: if there is only one energy, both stay visible.
-    upper.plot(t, kinetic + potential - work.sum(axis=1), color=style.DARK, lw=2.4, label="sum", **mark)
-    upper.plot(t, kinetic, color=style.CYCLE[0], lw=0.9, label="kinetic", **mark)
-    upper.plot(t, potential, color=style.CYCLE[2], lw=0.9, label="potential, above its minimum", **mark)
-    for index, name in enumerate(run.work_names):
-        colour = style.CYCLE[1:2] + style.CYCLE[3:]
-        upper.plot(
-            t, -work[:, index], color=colour[index % len(colour)], label=f"minus work, {name.replace('_', ' ')}", **mark
-        )
+    upper.plot(t, kinetic + potential - work.sum(axis=1), color=DARK, lw=2.4, label="sum", **mark)
+    upper.plot(t, kinetic, color=CYCLE[0], lw=0.9, label="kinetic", **mark)
+    upper.plot(t, potential, color=CYCLE[2], lw=0.9, label="potential, above its minimum", **mark)
+    colours = itertools.cycle(CYCLE[1:2] + CYCLE[3:])
+    for name, done, colour in zip(run.work_names, work.T, colours, strict=False):
+        upper.plot(t, -done, color=colour, label=f"minus work, {name.replace('_', ' ')}", **mark)
     upper.set_ylabel("energy [J]")
     upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
     scale = max(np.abs(kinetic).max(), np.abs(potential).max()) or 1.0
     drift = np.maximum(np.abs(balance_drift(run)), ROUNDING * scale)
-    lower.semilogy(t, drift, color=style.DARK, lw=0.8, **mark)
+    lower.semilogy(t, drift, color=DARK, lw=0.8, **mark)
     lower.set_ylim(0.5 * drift[1:].min(initial=drift.max()), 3 * drift.max())
     lower.set_ylabel("|drift| [J]")
     style.time_axis(lower, t)
@@ -69,7 +69,7 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
     unit, size = force_unit(tension)
     figure = style.new_figure(7.5, 4.8)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    for i, (colour, line) in enumerate(zip(style.CYCLE, lines[: 2 * MOST], strict=False)):
+    for i, (colour, line) in enumerate(zip(CYCLE, lines[: 2 * MOST], strict=False)):
         mark = {"marker": "o", "ms": 2.5, "color": colour, "ls": "--" if i % 2 else "-"}  # equal lines hide each other
         arc = np.concatenate([[0.0], np.cumsum(line.spec.length)])
         upper.plot(arc[1:] - 0.5 * line.spec.length, tension[line.links] / size, label=line.name, **mark)
@@ -80,6 +80,32 @@ def along_lines(scene: Scene, positions: np.ndarray, tension: np.ndarray, path: 
     return style.save(figure, path)
 
 
+class Loads(NamedTuple):
+    """Tensions of a picture without the start, which belongs to no step.
+
+    Attributes:
+        t: times (k,) [s].
+        tension, low, high: tensions (k, n) and the range of the steps of each sample, in `unit`.
+        unit: name of the unit, and its `size` [N].
+        kept: the samples.
+    """
+
+    t: np.ndarray
+    tension: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    unit: str
+    size: float
+    kept: slice
+
+
+def loads_of(run: Run) -> Loads:
+    kept = slice(int(len(run.t) > 2), None)
+    unit, size = force_unit(run.max_tension[kept])
+    tensions = (run.tension[kept] / size, run.min_tension[kept] / size, run.max_tension[kept] / size)
+    return Loads(run.t_tension[kept], *tensions, unit, size, kept)
+
+
 @style.with_style
 def tension_history(run: Run, path: str | Path) -> Path:
     """Tension against time [N or kN]: the maximum of all links, the force on fixed points, both ends of lines.
@@ -87,97 +113,67 @@ def tension_history(run: Run, path: str | Path) -> Path:
     Of many the most loaded. The shade is the range of the steps of a sample if not every step is saved. A long record
     is drawn as its envelope, with a zoom around its maximum tension.
     """
-    kept = slice(_begin(run), None)
-    unit, size = force_unit(run.max_tension[kept])
-    least = TENSION * float(np.nanmax(np.abs(run.tension[kept]), initial=0.0))
-    if len(run.t) > 1 and not changing([run.min_tension[kept], run.max_tension[kept]], least).any():
-        return panels.traces(
-            run, path, "tension", run.t_tension, [(f"tension [{unit}]", run.tension[kept] / size)], least
-        )
-    found = [_largest(run, unit, size)]
+    loads = loads_of(run)
+    least = TENSION * float(np.nanmax(np.abs(loads.tension), initial=0.0))
+    if len(run.t) > 1 and not changing([loads.low, loads.high], least).any():
+        return panels.constants(run, path, "tension", [(f"tension [{loads.unit}]", loads.tension)])
+    found = [_largest(run, loads)]
     if len(run.written_lines) > 1:
-        found.append(_held_points_panel(run, unit, size))
-    return history(run, path, "tension", [*found, ends_panel(run)])
+        found.append(held_points_panel(run, loads))
+    return history(run, path, "tension", [*found, ends_panel(run, loads)])
 
 
 #: Fraction of the maximum force below which a fixed point has no curve: anchors on which the line lies.
 UNLOADED = 0.01
 
 
-def _begin(run: Run) -> int:
-    """First sample to draw: the tension at the start belongs to no step."""
-    if len(run.t) > 2:
-        return 1
-    return 0
+def _largest(run: Run, loads: Loads) -> Panel:
+    link = int(np.argmax(np.nan_to_num(loads.high, nan=-np.inf).max(axis=0)))
+    curve = Curve("", loads.t, loads.high.max(axis=1), colour=DARK)
+    return Panel(f"tension [{loads.unit}]", [curve], f"maximum over all links; the highest is in {run.labels[link]}")
 
 
-def _largest(run: Run, unit: str, size: float) -> Panel:
-    kept = slice(_begin(run), None)
-    largest = run.max_tension[kept]
-    link = int(np.unravel_index(np.argmax(np.nan_to_num(largest, nan=-np.inf)), largest.shape)[1])
-    curve = Curve("", run.t_tension[kept], largest.max(axis=1) / size, colour=style.DARK)
-    return Panel(f"tension [{unit}]", [curve], f"maximum over all links; the highest is in {run.labels[link]}")
-
-
-def _held_points_panel(run: Run, unit: str, size: float) -> Panel:
-    kept = slice(_begin(run), None)
-    t = run.t_tension[kept]
-    tension = run.tension[kept]
-    loads = {}
-    for name in held_points(run.scene):
-        loads[name] = np.linalg.norm(point_load(run.scene, name, run.t, run.positions, t, tension), axis=1)
-    low = {}
-    high = {}
+def held_points_panel(run: Run, loads: Loads) -> Panel:
+    """Forces on the most loaded fixed points."""
+    names = held_points(run.scene)
+    tension = run.tension[loads.kept]
+    forces = [point_load(run.scene, name, run.t, run.positions, loads.t, tension) for name in names]
+    force = np.linalg.norm(forces, axis=-1).T / loads.size
+    low = force
+    high = force
     if run.point_load_min is not None and run.point_load_max is not None:
-        low = dict(zip(loads, run.point_load_min[kept, :, 2].T, strict=True))
-        high = dict(zip(loads, run.point_load_max[kept, :, 2].T, strict=True))
-    tops = {}
-    for name, load in loads.items():
-        tops[name] = float(np.nanmax(high.get(name, load)))
-    least = UNLOADED * max(tops.values())
-    names = [name for name in sorted(tops, key=lambda name: -tops[name]) if tops[name] > least][:MOST]
-    curves = []
-    for name in names:
-        range_ = ()
-        if name in low:
-            range_ = (low[name] / size, high[name] / size)
-        curves.append(Curve(name, t, loads[name] / size, *range_))
-    title = _count_title("force on each fixed point", len(names), len(loads))
-    unloaded = sum(top <= least for top in tops.values())
+        low = run.point_load_min[loads.kept, :, 2] / loads.size
+        high = run.point_load_max[loads.kept, :, 2] / loads.size
+    tops = np.nanmax(high, axis=0)
+    loaded = tops > UNLOADED * tops.max()
+    shown = [i for i in np.argsort(-tops, kind="stable") if loaded[i]][:MOST]
+    curves = [Curve(names[i], loads.t, force[:, i], low[:, i], high[:, i]) for i in shown]
+    title = _count_title("force on each fixed point", len(shown), len(names))
+    unloaded = len(names) - int(loaded.sum())
     if unloaded:
-        more = f"; {unloaded} below {UNLOADED:.0%} of the maximum"
-    else:
-        more = ""
-    return Panel(f"force [{unit}]", curves or [Curve("", t, np.zeros(len(t)))], title + more)
+        title = f"{title}; {unloaded} below {UNLOADED:.0%} of the maximum"
+    return Panel(f"force [{loads.unit}]", curves or [Curve("", loads.t, np.zeros(len(loads.t)))], title)
 
 
-def ends_panel(run: Run) -> Panel:
+def ends_panel(run: Run, loads: Loads) -> Panel:
     """Both ends of one line; of several the more loaded end."""
-    kept = slice(_begin(run), None)
-    unit, size = force_unit(run.max_tension[kept])
-    t = run.t_tension[kept]
-    lines = sorted(run.written_lines, key=lambda line: -np.nanmax(run.max_tension[kept, line.links]))[:MOST]
-    both = len(lines) == 1
-    curves = []
+    tops = np.nanmax(loads.high, axis=0)
+    lines = sorted(run.written_lines, key=lambda line: -tops[line.links].max())[:MOST]
+    what = "more loaded end of each line"
+    ends = {}
     for line in lines:
-        ends = (("first link", line.links.start), ("last link", line.links.stop - 1))
-        if not both:
-            ends = (max(ends, key=lambda end: np.nanmax(run.max_tension[kept, end[1]])),)
-        if both:
-            stops = [line.stops[key] for key in (min(line.stops), max(line.stops))]
-            ends = tuple((f"at {stop}", link) for stop, (_, link) in zip(stops, ends, strict=True))
-        for name, link in ends:
-            values = run.tension[kept, link] / size
-            low = run.min_tension[kept, link] / size
-            high = run.max_tension[kept, link] / size
-            range_ = ()
-            if run.max_tension is not run.tension:
-                range_ = (low, high)
-            curves.append(Curve(name if both else line.name, t, values, *range_))
-    title = _count_title(
-        "ends of the line" if both else "more loaded end of each line", len(lines), len(run.written_lines)
-    )
-    return Panel(f"tension [{unit}]", curves, title, zero=True)
+        first = line.links.start
+        last = line.links.stop - 1
+        if len(lines) == 1:
+            what = "ends of the line"
+            ends = {f"at {line.stops[min(line.stops)]}": first, f"at {line.stops[max(line.stops)]}": last}
+        else:
+            ends[line.name] = last if tops[last] > tops[first] else first
+    curves = []
+    for name, link in ends.items():
+        curves.append(Curve(name, loads.t, loads.tension[:, link], loads.low[:, link], loads.high[:, link]))
+    title = _count_title(what, len(lines), len(run.written_lines))
+    return Panel(f"tension [{loads.unit}]", curves, title, zero=True)
 
 
 def _count_title(what: str, shown: int, total: int) -> str:

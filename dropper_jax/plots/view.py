@@ -105,12 +105,12 @@ def _fit(figure: Figure, axes: Axes3D, limits: np.ndarray, longest: float) -> No
     axes.apply_aspect()
     corners = np.array(np.meshgrid(*limits)).reshape(3, -1)
     seen = np.stack(proj3d.proj_transform(*corners, axes.get_proj())[:2], axis=1)
-    low, high = (
-        f(axes.transAxes.inverted().transform(axes.transData.transform(seen)), axis=0) for f in (np.min, np.max)
-    )
-    side = longest / (high - low).max()
+    seen = axes.transAxes.inverted().transform(axes.transData.transform(seen))
+    low = seen.min(axis=0)
+    extent = seen.max(axis=0) - low
+    side = longest / extent.max()
     left, right, bottom, top = SPACE_MARGINS
-    size = side * (high - low) + [left + right, bottom + top]
+    size = side * extent + [left + right, bottom + top]
     size[0] = max(size[0], 0.75 * longest)
     figure.set_size_inches(*size)
     axes.set_position((*(([left, bottom] - low * side) / size), *(side / size)))

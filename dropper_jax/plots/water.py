@@ -14,10 +14,10 @@ from matplotlib.ticker import MaxNLocator
 
 from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.checks_water import bed_height
-from dropper_jax.plots import panels, style, system, view
+from dropper_jax.plots import panels, style, view
 from dropper_jax.plots.run import ANGLE, Run, elevations, swing
-from dropper_jax.plots.style import force_unit
-from dropper_jax.plots.system import draw_solids
+from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, SECOND, force_unit
+from dropper_jax.plots.system import BED, SURFACE, WATER, draw_solids
 from dropper_jax.run.wakes import SceneWakes
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.spectrum import wave_number
@@ -37,22 +37,22 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
     depths = np.geomspace(4e-4, 0.3, 300)
     # of linear waves over g T^2
     length = 2.0 * np.pi / np.asarray(wave_number(jnp.full(depths.shape, 2.0 * np.pi), jnp.asarray(depths), 1.0))
-    limit = np.array([highest(x, d) for x, d in zip(length, depths, strict=True)])
-    linear = np.array([LINEAR / second_harmonic(1.0, x, d) for x, d in zip(length, depths, strict=True)])
+    limit = np.vectorize(highest)(length, depths)
+    linear = LINEAR / np.vectorize(second_harmonic)(1.0, length, depths)
     stokes = np.where(length < STOKES_LENGTH * depths, STOKES_HEIGHT * limit, linear)
     figure = style.new_figure(7.6, 6.2)
     axes = figure.subplots()
     low = min([1e-5, *(0.5 * h / (gravity * t**2) for _, h, t, _ in waves)])
-    axes.fill_between(depths, low, linear, color=style.CYCLE[5], alpha=0.25, label="linear", lw=0)
-    axes.fill_between(depths, linear, stokes, color=style.CYCLE[2], alpha=0.25, label="Stokes V", lw=0)
-    axes.fill_between(depths, stokes, limit, color=style.CYCLE[4], alpha=0.3, label="stream function", lw=0)
-    axes.plot(depths, limit, color=style.ALERT, lw=1.8, label="breaking (Williams 1981)")
+    axes.fill_between(depths, low, linear, color=CYCLE[5], alpha=0.25, label="linear", lw=0)
+    axes.fill_between(depths, linear, stokes, color=CYCLE[2], alpha=0.25, label="Stokes V", lw=0)
+    axes.fill_between(depths, stokes, limit, color=CYCLE[4], alpha=0.3, label="stream function", lw=0)
+    axes.plot(depths, limit, color=ALERT, lw=1.8, label="breaking (Williams 1981)")
     # depth over wavelength above which water is deep, and below which it is shallow
     for share, name in ((0.5, "deep"), (0.05, "shallow")):
         _line(axes, float(np.interp(-share, -depths[::-1] / length[::-1], depths[::-1])), f"d/L = {share:g}, {name}")
     for i, (label, height, period, depth) in enumerate(waves):
         scale = gravity * period**2
-        axes.plot(depth / scale, height / scale, "o", color=style.CYCLE[1 - i % 2], ms=8, label=label, zorder=5)
+        axes.plot(depth / scale, height / scale, "o", color=CYCLE[1 - i % 2], ms=8, label=label, zorder=5)
     axes.set(
         xscale="log",
         yscale="log",
@@ -67,7 +67,7 @@ def regimes(waves: Sequence[tuple[str, float, float, float]], gravity: float, pa
 
 
 def _line(axes: Axes, at: float, text: str) -> None:
-    axes.axvline(at, color=style.FAINT, lw=0.9, ls="--")
+    axes.axvline(at, color=FAINT, lw=0.9, ls="--")
     axes.annotate(text, (at, 0.03), (4, 0), ("data", "axes fraction"), "offset points", fontsize=8, rotation=90)
 
 
@@ -75,27 +75,23 @@ def _line(axes: Axes, at: float, text: str) -> None:
 def flow_map(name: str, found: SceneWakes, path: str | Path) -> Path:
     """Current [m/s] at the mean height of the lines, along and across it, with the lines' links [m]."""
     wakes = found.wakes
-    e = found.wakes.elements
-    weight = e.drag * e.area + 1e-12
-    height = float(np.sum(weight * e.z) / np.sum(weight))
-    size = max(float(np.ptp(e.x)), float(np.ptp(e.y)), 10.0)
+    e = wakes.elements
+    height = float(np.average(e.z, weights=e.drag * e.area + 1e-12))
+    size = max(np.ptp(e.x), np.ptp(e.y), 10.0)
     x = np.linspace(e.x.min() - 0.1 * size, e.x.max() + 0.8 * size, 90)
     y = np.linspace(e.y.min() - 0.25 * size, e.y.max() + 0.25 * size, 160)
     speed = wakes.velocity(x, y, height)
     figure = style.new_figure(9.0, 5.6)
     axes = figure.subplots()
     shown = axes.pcolormesh(x, y, speed.T, cmap="viridis", vmin=0.0, vmax=wakes.speed, shading="gouraud")
-    axes.plot(e.x, e.y, ".", color="white", ms=2.5, mec=style.DARK, mew=0.3, label="links")
+    axes.plot(e.x, e.y, ".", color="white", ms=2.5, mec=DARK, mew=0.3, label="links")
     axes.set(xlabel="along the current [m]", ylabel="across it [m]", aspect="equal")
     axes.grid(False)
     figure.colorbar(shown, ax=axes, label=f"current at z = {height:.1f} m [m/s]", shrink=0.8)
-    text = f"{name}: {wakes.speed:.2f} m/s towards {np.degrees(found.direction):.0f} degrees from x"
-    style.title(figure, text)
+    style.title(figure, f"{name}: {wakes.speed:.2f} m/s towards {np.degrees(found.direction):.0f} degrees from x")
     return style.save(figure, path)
 
 
-WATER = system.WATER
-SURFACE = system.SURFACE
 #: Number of points along the surface of a picture.
 POINTS = 240
 
@@ -119,44 +115,40 @@ def under_surface(run: Run, path: str | Path, time: float | None = None) -> Path
     """
     sea = _sea_of(run)
     scene = run.scene
-    index = run.peak
-    if time is not None:
-        index = int(np.argmin(np.abs(run.t - time)))
+    index = run.sample(time)
     nodes = run.positions[index]
     low = nodes.min(axis=0)
     high = nodes.max(axis=0)
     middle = 0.5 * (low + high)
     half = 0.55 * max((high - low).max(), 1.0)
-    low_and_long = np.ptp(nodes[:, 2]) < LOW_AND_LONG * 2 * half
+    low_and_long = (high - low)[2] < LOW_AND_LONG * 2 * half
     flat = view.planar(run.positions)
-    figure = style.new_figure(9.5, (3.0 if low_and_long else 5.6) if flat else 5.6)
-    sides = 2 - int(flat)
-    columns = sides
-    if low_and_long:
-        columns = 1
-    for axis, axes in enumerate(style.panels(figure, sides, columns, sharey=True)):
+    sides = 1 if flat else 2
+    figure = style.new_figure(9.5, 3.0 if flat and low_and_long else 5.6)
+    for axis, axes in enumerate(style.panels(figure, sides, 1 if low_and_long else sides, sharey=True)):
         along = np.linspace(middle[axis] - half, middle[axis] + half, POINTS)
         positions = np.tile(middle, (POINTS, 1))
         positions[:, axis] = along
         eta = elevations(scene, positions, run.t[index : index + 1])[0]
         bed = bed_height(scene, positions)
-        low = nodes[:, 2].min() - 0.1 * (half if bed is None else np.ptp(nodes[:, 2]))
         if bed is None:
-            low = max(low, -float(sea.depth))
-        axes.fill_between(along, eta, low, color=WATER)
-        if bed is not None and bed.max() > low:
-            axes.fill_between(along, np.maximum(bed, low), low, color=system.BED, label="seabed")
+            lowest = max(low[2] - 0.1 * half, -float(sea.depth))
+        else:
+            lowest = low[2] - 0.1 * (high - low)[2]
+        axes.fill_between(along, eta, lowest, color=WATER)
+        if bed is not None and bed.max() > lowest:
+            axes.fill_between(along, np.maximum(bed, lowest), lowest, color=BED, label="seabed")
         axes.plot(along, eta, color=SURFACE, label="surface")
-        axes.axhline(0.0, color=style.FAINT, lw=0.7, ls="--")
+        axes.axhline(0.0, color=FAINT, lw=0.7, ls="--")
         label = "line" if len(run.lines) == 1 else "lines"
         for line in run.lines:
             own = nodes[line.nodes]
-            axes.plot(own[:, axis], own[:, 2], "-o", color=style.DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
+            axes.plot(own[:, axis], own[:, 2], "-o", color=DARK, ms=max(style.dot(run) - 0.5, 0.0), label=label)
             label = None
         ends = nodes[list(run.fixed_nodes)]
-        axes.plot(ends[:, axis], ends[:, 2], "s", color=style.SECOND, ms=6, label="fixed points")
+        axes.plot(ends[:, axis], ends[:, 2], "s", color=SECOND, ms=6, label="fixed points")
         draw_solids(axes, run, index, axis, grow=True)
-        axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(low, None), aspect="equal")
+        axes.set(xlabel=f"{'xy'[axis]} [m]", xlim=(along[0], along[-1]), ylim=(lowest, None), aspect="equal")
     figure.axes[0].set_ylabel("z [m]")
     if low_and_long:
         figure.axes[-1].set_ylabel("z [m]")
@@ -188,9 +180,9 @@ def response(run: Run, path: str | Path) -> Path:
         value = angles[i][:, index]
         name = ("polar", "azimuth")[i]
         frequency, size = amplitude_spectrum(run.t, value - value.mean())
-        spectra.semilogx(frequency[1:], size[1:], color=style.CYCLE[i], label=name)
+        spectra.semilogx(frequency[1:], size[1:], color=CYCLE[i], label=name)
         space = figure.add_subplot(grid[2, row])
-        space.plot(value, np.gradient(value, run.t), color=style.CYCLE[i], lw=0.7)
+        space.plot(value, np.gradient(value, run.t), color=CYCLE[i], lw=0.7)
         space.set(xlabel=f"{name} angle [rad]", ylabel="rate [rad/s]")
     spectra.set(xlabel="frequency [Hz]", ylabel="amplitude [rad]")
     spectra.legend()
@@ -215,34 +207,29 @@ def tension_envelope(run: Run, path: str | Path) -> Path:
     _sea_of(run)
     sizes = [np.max(run.max_tension[:, line.links]) for line in run.written_lines]
     shown = [run.written_lines[i] for i in sorted(np.argsort(sizes)[::-1][: panels.MOST])]
-    columns = 1 if len(shown) == 1 else 2
+    total = len(run.written_lines)
+    what = "tension envelope"
+    if len(shown) < total:
+        what = f"{what} of the {len(shown)} most loaded lines of {total}"
+    columns = min(len(shown), 2)
     rows = -(-len(shown) // columns)
-    figure = style.new_figure(7.5 if columns == 1 else 11.0, 4.2 if rows == 1 else 1.0 + 1.9 * rows)
+    width = (7.5, 11.0)[columns - 1]
+    figure = style.new_figure(width, 4.2 if rows == 1 else 1.0 + 1.9 * rows)
     all_axes = style.panels(figure, len(shown), columns)
     unit, scale = force_unit(sizes)
-    length = run.lengths
     for axes, line in zip(all_axes, shown, strict=True):
-        own = length[line.links]
+        own = run.lengths[line.links]
         parts = (a[:, line.links] / scale for a in (run.tension, run.min_tension, run.max_tension))
         _envelope(axes, np.cumsum(own) - 0.5 * own, *parts)
         if len(shown) > 1:
             axes.set_title(line.name, loc="left")
     style.share_scales(all_axes)
-    for index, axes in enumerate(all_axes):
-        if index % columns == 0:
-            axes.set_ylabel(f"tension [{unit}]")
-        if index + columns >= len(shown):
-            axes.set_xlabel("arc length [m]")
+    style.outer_labels(all_axes, columns, "arc length [m]", f"tension [{unit}]")
     if len(shown) == 1:
         all_axes[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)
     else:
         figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower left", ncols=4)
-    total = len(run.written_lines)
-    if len(shown) == total:
-        few = ""
-    else:
-        few = f" of the {len(shown)} most loaded lines of {total}"
-    return style.finish(figure, run, f"tension envelope{few}", path)
+    return style.finish(figure, run, what, path)
 
 
 def _envelope(axes: Axes, s: np.ndarray, tension: np.ndarray, least: np.ndarray, largest: np.ndarray) -> None:
@@ -251,10 +238,17 @@ def _envelope(axes: Axes, s: np.ndarray, tension: np.ndarray, least: np.ndarray,
         tension = tension[1:]
         least = least[1:]
         largest = largest[1:]
-    axes.fill_between(s, least.min(axis=0), largest.max(axis=0), color=WATER, label="minimum to maximum")
-    for part, shade in ((5, 0.35), (25, 0.6)):
-        low, high = np.percentile(tension, (part, 100 - part), axis=0)
-        axes.fill_between(s, low, high, color=SURFACE, alpha=shade, lw=0, label=f"{part} to {100 - part} %")
-    axes.plot(s, tension.mean(axis=0), "-o", color=style.DARK, ms=3.5, label="mean")
-    axes.axhline(0.0, color=style.FAINT, lw=0.7)
+    shares = (5, 25, 75, 95)
+    percentiles = dict(zip(shares, np.percentile(tension, shares, axis=0), strict=True))
+    draw_bands(axes, s, (least.min(axis=0), largest.max(axis=0)), percentiles)
+    axes.plot(s, tension.mean(axis=0), "-o", color=DARK, ms=3.5, label="mean")
+    axes.axhline(0.0, color=FAINT, lw=0.7)
     axes.xaxis.set_major_locator(MaxNLocator(8))
+
+
+def draw_bands(axes: Axes, s: np.ndarray, full: Sequence[np.ndarray], percentiles: dict[int, np.ndarray]) -> None:
+    """Ranges of tensions (n,) at the arc lengths s (n,) [m]: minimum and maximum, and the percentiles 5, 25, 75, 95."""
+    axes.fill_between(s, full[0], full[1], color=WATER, label="minimum to maximum")
+    for low, high, shade in ((5, 95, 0.35), (25, 75, 0.6)):
+        band = (percentiles[low], percentiles[high])
+        axes.fill_between(s, *band, color=SURFACE, alpha=shade, lw=0, label=f"{low} to {high} %")

@@ -7,16 +7,18 @@ from pathlib import Path
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain, Table
+from dropper_jax.base.read import Table
+from dropper_jax.base.store import flat_items
 from dropper_jax.evaluation.extremes import line_snaps, storm_extreme
 from dropper_jax.evaluation.fatigue import line_fatigue
 from dropper_jax.evaluation.record import Record, record, spread
 from dropper_jax.evaluation.settings import Settings
 from dropper_jax.evaluation.tension import anchors, line_tensions
 from dropper_jax.load.checks_water import bed_height, surface_over
-from dropper_jax.report.motion import accelerations, line_distances, node_arc, watch_circles
+from dropper_jax.load.scene import Scene
+from dropper_jax.report.cells import Rows
+from dropper_jax.report.motion import accelerations, line_distances, node_arc, node_rows, watch_circles
 from dropper_jax.report.parts import body_motions, crops, parts
-from dropper_jax.report.sections import Rows
 from dropper_jax.run.bends import bending_moment, bending_summary, bends, curvature
 from dropper_jax.run.flow_coefficients import flow_table, follows
 from dropper_jax.run.growth import overgrown
@@ -24,8 +26,6 @@ from dropper_jax.run.line_weights import line_weights
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import BuoySpec, sliced_lines, whole_lines
 from dropper_jax.scene.data import point_nodes
-
-NO_COEFFICIENTS = {"skipped": "the scene has no flow-dependent coefficients"}
 
 
 def report_run(solution: Solution, settings: Settings | None = None) -> Table:
@@ -43,23 +43,13 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
         fatigue = line_fatigue(part, settings)
     except SceneError as error:  # the package of an extra is missing: the rest of the report is valid
         fatigue = {"skipped": str(error)}
-    if bends(part.scene):
-        bending = line_bending(part)
-    else:
-        bending = {"skipped": "the scene has no [effects.bending]"}
-    if len(part.written_lines) > 1:
-        distance = line_distances(part)
-    else:
-        distance = {"skipped": "one line"}
-    coefficients = NO_COEFFICIENTS
-    if follows(part.scene):
-        coefficients = flow_table(overgrown(part.scene))
+    damping = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
     return {
         "scene": solution.scene.name,
         "status": solution.status,
         "integrator": used.get("integrator"),
         "dt_s": used.get("dt"),
-        "internal_damping_n_s": _largest_damping(solution),
+        "internal_damping_n_s": float(max(map(np.max, damping), default=0.0)),
         "saved_every_s": part.interval,
         "from_s": float(part.t[0]),
         "to_s": float(part.t[-1]),
@@ -72,24 +62,18 @@ def report_run(solution: Solution, settings: Settings | None = None) -> Table:
         "parts": parts(tension, snap, fatigue),
         "tension": tension,
         "anchors": anchors(part) or {"skipped": "the scene has no fixed point"},
-        "bending": bending,
+        "bending": line_bending(part),
         "snap": snap,
         "fatigue": fatigue,
         "watch_circle": watch_circles(part),
         "acceleration": accelerations(part),
         "submergence": submergence(part),
-        "distance": distance,
+        "distance": line_distances(part),
         "seabed": bed_contact(part, settings),
-        "coefficients": coefficients,
+        "coefficients": flow_coefficients(part.scene),
         "bodies": body_motions(part),
         "crop": crops(part),
     }
-
-
-def _largest_damping(solution: Solution) -> float:
-    """Maximum internal damping BA of a link [N s], 0 without any."""
-    given = [line.axial_damping for line in solution.scene.lines if line.axial_damping is not None]
-    return float(max(map(np.max, given), default=0.0))
 
 
 def report_runs(solutions: dict[str, Solution], settings: Settings | None = None) -> Table:
@@ -104,7 +88,7 @@ def report_runs(solutions: dict[str, Solution], settings: Settings | None = None
     runs = {name: report_run(solution, settings) for name, solution in solutions.items()}
     return {
         "schema": 1,
-        "status": next((run["status"] for run in runs.values() if run["status"] != "ok"), None) or "ok",
+        "status": next((run["status"] for run in runs.values() if run["status"] != "ok"), "ok"),
         "settings": settings.table(),
         "runs": [{"file": Path(name).name, **run} for name, run in runs.items()],
         "spread": _spread(list(runs.values())),
@@ -155,22 +139,12 @@ def _spread(runs: list[Table]) -> Table:
 
 def _not_seeds(solutions: dict[str, Solution]) -> list[str]:
     """Paths of the scenes in which the runs differ, except texts and the seed of the sea."""
-    tables = [_flat(solution.scene.to_dict()) for solution in solutions.values()]
-    paths = sorted({path for table in tables for path in table} - {"name", "description", "sea.waves.seed"})
+    tables = [dict(flat_items(s.scene.to_dict())) | {"run.dt": s.settings.get("dt")} for s in solutions.values()]
+    paths = {path for table in tables for path in table} - {"name", "description", "sea.waves.seed"}
     found = []
-    for path in paths:
+    for path in sorted(paths):
         if any(table.get(path) != tables[0].get(path) for table in tables):
             found.append(path)
-    steps = {solution.settings.get("dt") for solution in solutions.values()}
-    return found + (["run.dt"] if len(steps) > 1 and "run.dt" not in found else [])
-
-
-def _flat(table: Plain, path: str = "") -> Table:
-    if not isinstance(table, dict):
-        return {path: table}
-    found = {}
-    for name, item in table.items():
-        found |= _flat(item, f"{path}.{name}".strip("."))
     return found
 
 
@@ -200,13 +174,12 @@ def bed_contact(record: Record, settings: Settings) -> Rows:
         return {"skipped": "the scene has no [effects.seabed]"}
     on = record.positions[..., 2] - bed <= settings.contact
     found = []
-    for where in record.written_lines:
+    for row, where in node_rows(record):
         own = on[:, where.nodes]
         length = (own[:, :-1] & own[:, 1:]) @ np.asarray(where.spec.length, float)
         found.append(
             {
-                "line": where.name,
-                "arc_length_m": node_arc(where.spec.length),
+                **row,
                 "length_m": spread(length, ("min", "mean", "max")),
                 "share_of_line": float(length.mean() / where.spec.total),
                 "share_of_time": own.mean(axis=0),
@@ -216,10 +189,19 @@ def bed_contact(record: Record, settings: Settings) -> Rows:
     return found
 
 
-def line_bending(record: Record) -> list[Table]:
+def flow_coefficients(scene: Scene) -> Rows:
+    """Coefficients that depend on the flow, per line."""
+    if follows(scene):
+        return flow_table(overgrown(scene))
+    return {"skipped": "the scene has no flow-dependent coefficients"}
+
+
+def line_bending(record: Record) -> Rows:
     """Per line the maximum moment [N m], its arc length [m] and time [s], the minimum radius [m], and the maximum and
     mean moment of each node [N m] against arc length from the first point [m]."""
     scene = record.scene
+    if not bends(scene):
+        return {"skipped": "the scene has no [effects.bending]"}
     kappa = curvature(scene, record.positions, record.t)
     moment = bending_moment(scene, record.positions, record.t, tuple(record.solution.broken))
     summary = bending_summary(scene, record.t, kappa, moment)
@@ -237,12 +219,11 @@ def submergence(record: Record) -> Table:
         return {"skipped": "the scene has no water"}
     depth = surface_over(record.scene, record.positions, record.t) - record.positions[..., 2]
     lines = []
-    for where in record.written_lines:
+    for row, where in node_rows(record):
         own = depth[:, where.nodes]
         lines.append(
             {
-                "line": where.name,
-                "arc_length_m": node_arc(where.spec.length),
+                **row,
                 "share_under_water": (own > 0).mean(axis=0),
                 "mean_depth_m": own.mean(axis=0),
                 "least_depth_m": own.min(axis=0),
@@ -266,5 +247,5 @@ def _buoy(record: Record, buoy: BuoySpec, depth: np.ndarray) -> Table:
 
 def _longest(under: np.ndarray, t: np.ndarray) -> float:
     """Longest uninterrupted time [s] in which all samples are true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], under, [False]]).astype(int)))
-    return float(max((t[b - 1] - t[a] for a, b in zip(edges[::2], edges[1::2], strict=True)), default=0.0))
+    edges = np.flatnonzero(np.diff(under.astype(int), prepend=0, append=0))
+    return float(np.max(t[edges[1::2] - 1] - t[edges[::2]], initial=0.0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -49,24 +51,28 @@ def accelerations(record: Record) -> list[Table]:
 
     Central differences of the saved velocities, which do not resolve periods below two saved intervals.
     """
-    size = record.acceleration
     found = []
-    for where in record.written_lines:
-        own = size[:, where.nodes]
-        high = np.unravel_index(np.argmax(own), own.shape)
+    for row, where in node_rows(record):
+        own = record.acceleration[:, where.nodes]
+        sample, node = np.unravel_index(np.argmax(own), own.shape)
         found.append(
             {
-                "line": where.name,
-                "arc_length_m": node_arc(where.spec.length),
+                **row,
                 "rms_m_per_s2": np.sqrt(np.mean(own**2, axis=0)),
                 "p99_m_per_s2": np.percentile(own, 99, axis=0),
                 "max_m_per_s2": own.max(axis=0),
-                "largest_m_per_s2": float(own[high]),
-                "at_m": float(node_arc(where.spec.length)[high[1]]),
-                "t_s": float(record.t[high[0]]),
+                "largest_m_per_s2": float(own[sample, node]),
+                "at_m": float(row["arc_length_m"][node]),
+                "t_s": float(record.t[sample]),
             }
         )
     return found
+
+
+def node_rows(record: Record) -> Iterator[tuple[Table, WholeLine]]:
+    """Per line: its name and the arc length [m] of its nodes, and where it is in the record."""
+    for where in record.written_lines:
+        yield {"line": where.name, "arc_length_m": node_arc(where.spec.length)}, where
 
 
 def node_arc(lengths: np.ndarray) -> np.ndarray:
@@ -84,31 +90,32 @@ class Approach(NamedTuple):
     other_link: int
 
 
-def line_distances(record: Record) -> list[Table]:
+def line_distances(record: Record) -> list[Table] | dict[str, str]:
     """Per line: the nearest line, the minimum distance of the axes [m], its time [s] and arc length along both [m].
 
     The distance is exact between straight links at the saved times (of a long record at 2000 of them). Links
     that end in a common point of both lines are left out.
     """
-    lines = range(len(record.written_lines))
-    nodes = [record.positions[:, line.nodes] for line in record.written_lines]
+    lines = record.written_lines
+    if len(lines) == 1:
+        return {"skipped": "one line"}
+    nodes = [record.positions[:, line.nodes] for line in lines]
     low = np.stack([own.min(axis=(0, 1)) for own in nodes])
     high = np.stack([own.max(axis=(0, 1)) for own in nodes])
     gap = np.linalg.norm(np.maximum(np.maximum(low[:, None] - high, low - high[:, None]), 0.0), axis=-1)
-    pairs = sorted((float(gap[a, b]), a, b) for a in lines for b in lines if a < b)
-    best: dict[int, Approach] = {}
-    for bound, a, b in pairs:
+    nearest: dict[int, Approach] = {}
+    for a, b in sorted(combinations(range(len(lines)), 2), key=lambda pair: gap[pair]):
         # boxes at this distance cannot contain a closer pair than the present one
-        if all(i in best and bound >= best[i].distance for i in (a, b)):
+        if all(i in nearest and gap[a, b] >= nearest[i].distance for i in (a, b)):
             continue
         near = _nearest(record, a, b)
         if near is None:
             continue
-        if a not in best or near.distance < best[a].distance:
-            best[a] = near
-        if b not in best or near.distance < best[b].distance:
-            best[b] = near._replace(other=a, link=near.other_link, other_link=near.link)
-    return [_describe_distance(record, i, best.get(i)) for i in lines]
+        if a not in nearest or near.distance < nearest[a].distance:
+            nearest[a] = near
+        if b not in nearest or near.distance < nearest[b].distance:
+            nearest[b] = near._replace(other=a, link=near.other_link, other_link=near.link)
+    return [_describe_distance(record, line, nearest.get(i)) for i, line in enumerate(lines)]
 
 
 #: Number of evenly spaced instants: they are close enough that no approach of lines is missed.
@@ -120,11 +127,14 @@ def looks_every(record: Record) -> int:
     return -(-len(record.t) // INSTANTS)
 
 
-def _describe_distance(record: Record, index: int, near: Approach | None) -> Table:
-    line = record.written_lines[index]
+def _describe_distance(record: Record, line: WholeLine, near: Approach | None) -> Table:
     if near is None:
         return {"line": line.name, "nearest": None, "least_distance_m": None}
     other = record.written_lines[near.other]
+    touching = None
+    if line.spec.diameter is not None and other.spec.diameter is not None:
+        # the distance of axes in contact
+        touching = float(0.5 * (np.max(line.spec.diameter) + np.max(other.spec.diameter)))
     return {
         "line": line.name,
         "nearest": other.name,
@@ -133,17 +143,8 @@ def _describe_distance(record: Record, index: int, near: Approach | None) -> Tab
         "at_m": float(arc(line.spec.length)[near.link]),
         "nearest_at_m": float(arc(other.spec.length)[near.other_link]),
         "sampled_every_s": looks_every(record) * record.interval,
-        "diameters_m": _touching(line, other),
+        "diameters_m": touching,
     }
-
-
-def _touching(line: WholeLine, other: WholeLine) -> float | None:
-    """Half the sum of the maximum diameters [m], the distance of axes in contact; None if a line has no diameter."""
-    own = line.spec.diameter
-    next_to = other.spec.diameter
-    if own is None or next_to is None:
-        return None
-    return float(0.5 * (np.max(own) + np.max(next_to)))
 
 
 #: Pairs of links and instants that are compared at once: 1e6 need some tens of MB.
@@ -185,8 +186,9 @@ def _pairs(a: WholeLine, b: WholeLine) -> tuple[np.ndarray, np.ndarray]:
 def segment_distance(p0: np.ndarray, p1: np.ndarray, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
     """Distance (...) [m] between the segments p0 p1 and q0 q1, ends (..., 3) [m].
 
-    The nearest positions are both inside the segments, or one of them is an end. The result is the minimum of the
-    common perpendicular, if its feet are inside, and of the four distances from an end to the other segment.
+    The nearest position on the line of the second segment to that on the first, both cut to the segments in turn.
+
+    Source: Ericson, Real-Time Collision Detection (2005), section 5.1.9.
     """
     u = p1 - p0
     v = q1 - q0
@@ -197,20 +199,11 @@ def segment_distance(p0: np.ndarray, p1: np.ndarray, q0: np.ndarray, q1: np.ndar
     d = _dot(u, w)
     e = _dot(v, w)
     det = a * c - b * b
-    crossed = det > 1e-12 * a * c
-    s = np.where(crossed, b * e - c * d, -1.0) / np.where(crossed, det, 1.0)
-    t = np.where(crossed, a * e - b * d, -1.0) / np.where(crossed, det, 1.0)
-    inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1)
-    across = w + s[..., None] * u - t[..., None] * v
-    ends = [_to_segment(p0, q0, v, c), _to_segment(p1, q0, v, c), _to_segment(q0, p0, u, a), _to_segment(q1, p0, u, a)]
-    return np.sqrt(np.minimum.reduce([np.where(inside, _dot(across, across), np.inf), *ends]))
-
-
-def _to_segment(position: np.ndarray, start: np.ndarray, along: np.ndarray, square: np.ndarray) -> np.ndarray:
-    """Square of the distance (...) of a position from a segment."""
-    share = np.clip(_dot(position - start, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    rest = position - start - share[..., None] * along
-    return _dot(rest, rest)
+    crossed = det > 1e-12 * a * c  # of parallel lines any position on the first one is nearest
+    s = np.clip(np.where(crossed, b * e - c * d, 0.0) / np.where(crossed, det, 1.0), 0.0, 1.0)
+    t = np.clip((b * s + e) / np.where(c > 0, c, 1.0), 0.0, 1.0)
+    s = np.clip((b * t - d) / np.where(a > 0, a, 1.0), 0.0, 1.0)
+    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -22,12 +21,12 @@ from dropper_jax.base.files import atomic_write
 from dropper_jax.base.read import Table
 from dropper_jax.plots import style
 from dropper_jax.plots.panels import cycle
-from dropper_jax.plots.run import Bodies, Run, readable
+from dropper_jax.plots.run import Bodies, Run, elevations, readable
 from dropper_jax.plots.system import bed_grid
-from dropper_jax.run.build import build_model
 from dropper_jax.run.simulate import Solution
 from dropper_jax.scene.body import rotation
-from dropper_jax.sea import Sea
+from dropper_jax.sea.make import make_current
+from dropper_jax.sea.spec import SeaSpec
 
 __all__ = ["pair_page", "view_page", "write_view"]
 
@@ -43,13 +42,13 @@ class Shown(NamedTuple):
     notes: tuple[str, ...]
 
 
-def choose_samples(run: Run, sea: Sea | None, most: int) -> Shown:
+def choose_samples(run: Run, most: int) -> Shown:
     """At most `most` evenly spaced samples; in waves at least eight per mean period.
 
     Only a part of a longer run is shown, around its maximum tension.
     """
     t = run.t
-    period = 0.0 if sea is None else wave_period(sea, run)
+    period = wave_period(run)
     first = 0
     last = len(t) - 1
     notes = []
@@ -60,46 +59,32 @@ def choose_samples(run: Run, sea: Sea | None, most: int) -> Shown:
         first = int(np.searchsorted(t, begin))
         last = int(np.searchsorted(t, begin + span, side="right")) - 1
         notes.append(f"shown: {t[first]:.4g} to {t[last]:.4g} s of {t[-1]:.4g} s, around the maximum tension")
-    frames = first + even(last - first + 1, most)
+    frames = np.unique(np.rint(np.linspace(first, last, min(last - first + 1, most))).astype(int))
     gap = float(np.diff(t[frames]).max(initial=0.0))
     if period > 0.0 and gap > 2.0 * period / IN_A_WAVE:
         notes.append(
             f"saved every {gap:.3g} s in waves of {period:.3g} s: the motion of the lines in between is not known"
         )
-    return Shown(frames, _surface_times(t[first], t[last], period), tuple(notes))
+    duration = t[last] - t[first]
+    count = 1 + int(duration > 0.0)
+    if period > 0.0 and duration > 0.0:
+        # ten frames of the surface per wave period, between which the page interpolates linearly
+        count = int(np.clip(np.ceil(duration * 10 / period) + 1, 60, 3750))
+    return Shown(frames, np.linspace(t[first], t[last], count), tuple(notes))
 
 
-def _surface_times(begin: float, end: float, period: float) -> np.ndarray:
-    """Times of the surface [s], ten per wave period."""
-    if period == 0.0 or end <= begin:
-        return np.linspace(begin, end, 2 if end > begin else 1)
-    # frames of the surface per wave period, between which the page interpolates linearly
-    count = int(np.ceil((end - begin) * 10 / period)) + 1
-    return np.linspace(begin, end, min(max(count, 60), 3750))
-
-
-def wave_period(sea: Sea, run: Run) -> float:
+def wave_period(run: Run) -> float:
     """Mean period between upward crossings of the surface over the middle of the lines [s]; 0 without waves."""
-    begin = float(run.t[0])
-    end = float(run.t[-1])
+    if run.scene.sea is None:
+        return 0.0
+    begin = run.t[0]
     # time over which the mean period of the waves is counted [s], and the number of samples
-    times = np.linspace(begin, begin + max(min(end - begin, 600.0), 60.0), 2400)
-    middle = run.positions.mean(axis=(0, 1))
-    eta = np.asarray(elevation(sea, np.array([[middle[0], middle[1], 0.0]]), times))[:, 0]
+    times = np.linspace(begin, begin + np.clip(run.t[-1] - begin, 60.0, 600.0), 2400)
+    x, y, _ = run.positions.mean(axis=(0, 1))
+    eta = elevations(run.scene, np.array([[x, y, 0.0]]), times)[:, 0]
     if np.ptp(eta) > 1e-6:
         return cycle(times, eta)
     return 0.0
-
-
-def elevation(sea: Sea, positions: np.ndarray, times: np.ndarray) -> jax.Array:
-    """Elevation (q, m) [m] over positions (m, 3) [m] at times (q,) [s]."""
-    find = jax.jit(lambda r, t: jax.lax.map(lambda one: sea.elevation(r, one), t))
-    return find(jnp.asarray(positions), jnp.asarray(times))
-
-
-def even(count: int, most: int) -> np.ndarray:
-    """At most `most` of `count` samples, evenly spaced, including the first and the last."""
-    return np.unique(np.rint(np.linspace(0, count - 1, min(count, most))).astype(int))
 
 
 #: Maximum number of frames of a page; a longer run is thinned, which keeps the file at a few MB and scrubbing smooth.
@@ -114,11 +99,10 @@ def write_view(solution: Solution, path: str | Path, other: Solution | None = No
 
 def pair_page(first: Solution, second: Solution) -> str:
     """Two runs side by side as one page: the same colours for the same tension, one clock and one camera."""
-    both = [readable(solution) for solution in (first, second)]
-    lowest, highest = zip(*(style.tension_limits(run.tension) for run in both), strict=True)
-    shared = min(lowest), max(highest)
+    limits = [style.tension_limits(readable(solution).tension) for solution in (first, second)]
+    shared = (np.min(limits), np.max(limits))
     pages = [html.escape(view_page(solution, shared)) for solution in (first, second)]
-    title = html.escape(" and ".join(dict.fromkeys(run.scene.name for run in both)))
+    title = html.escape(" and ".join(dict.fromkeys([first.scene.name, second.scene.name])))
     return _fill_page("two.html", TITLE=title, FIRST=pages[0], SECOND=pages[1])
 
 
@@ -132,7 +116,8 @@ def view_page(solution: Solution, limits: tuple[float, float] | None = None) -> 
     """
     run = readable(solution)
     # `<` would let a scene's name end the script element
-    data = json.dumps(_data(solution, run, limits), allow_nan=False).replace("<", "\\u003c")
+    data = json.dumps(_data(run, limits or style.tension_limits(run.tension)), allow_nan=False)
+    data = data.replace("<", "\\u003c")
     return _fill_page(
         "view.html", TITLE=html.escape(run.scene.name), STYLE=_part("view.css"), DATA=data, SCRIPT=_script()
     )
@@ -144,34 +129,28 @@ def _fill_page(name: str, **parts: str) -> str:
     return "".join(parts[piece] if i % 2 else piece for i, piece in enumerate(pieces))
 
 
+#: The line of `view.js` before which the other files of the program belong.
+SAMPLES = "// --- samples between frames"
+
+
 def _script() -> str:
     """The program of the page: its files in the order of their dependencies."""
-    head, body = _part("view.js").split("// --- samples between frames", 1)
-    return "\n".join(
-        [head, _part("pick.js"), _part("solid.js"), _part("pair.js"), "// --- samples between frames" + body]
-    )
+    head, body = _part("view.js").split(SAMPLES, 1)
+    return "\n".join([head, _part("pick.js"), _part("solid.js"), _part("pair.js"), SAMPLES + body])
 
 
 def _part(name: str) -> str:
     return (resources.files("dropper_jax.report") / "assets" / name).read_text(encoding="utf-8")
 
 
-def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> Table:
-    scene = solution.scene
-    sea = None
-    if scene.sea is not None:
-        sea = build_model(scene, "float64").sea
-    part = choose_samples(run, sea, FRAMES)
+def _data(run: Run, limits: tuple[float, float]) -> Table:
+    scene = run.scene
+    part = choose_samples(run, FRAMES)
     kept = part.frames
-    low, high = limits or style.tension_limits(run.tension)
     shades = style.tension_map()(np.linspace(0.0, 1.0, COLOURS))[:, :3]
-    water = None
-    flows = []
-    if sea is not None:
-        water = _water(sea, run, part.surface)
-        flows = _flows(solution, sea)
+    diameter = scene.line.diameter
     return {
-        "name": run.scene.name,
+        "name": scene.name,
         "description": scene.description,
         "how": style.how(run)[0],
         "ok": run.status == "ok",
@@ -180,10 +159,10 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         "time": _pack(run.t[kept]),
         "positions": _pack(run.positions[kept]),
         "tension": _pack(run.tension[kept]),
-        "range": [low, high],
-        "largest": float(np.max(run.max_tension, initial=high, where=np.isfinite(run.max_tension))),
+        "range": list(limits),
+        "largest": float(np.max(run.max_tension, initial=limits[1], where=np.isfinite(run.max_tension))),
         "notes": list(part.notes),
-        "diameter": None if scene.line.diameter is None else scene.line.diameter.tolist(),
+        "diameter": None if diameter is None else diameter.tolist(),
         "lines": [{"name": line.name, "node": int(line.nodes[len(line.nodes) // 2])} for line in run.written_lines],
         "colours": np.rint(255 * shades).astype(int).tolist(),
         "held": list(run.fixed_nodes),
@@ -192,10 +171,10 @@ def _data(solution: Solution, run: Run, limits: tuple[float, float] | None) -> T
         "parts": part_names(run),
         "joints": list(run.joints),
         "buoys": [buoy._asdict() for buoy in run.buoys],
-        "bodies": body_data(run.bodies, kept),
+        "bodies": _body_data(run.bodies, kept),
         "bed": _bed_grid(run),
-        "water": water,
-        "flows": flows,
+        "water": None if scene.sea is None else _water(run, scene.sea.depth, part.surface),
+        "flows": [] if scene.sea is None else _flows(scene.sea, run.t[0]),
     }
 
 
@@ -210,6 +189,13 @@ def part_names(run: Run) -> list[str]:
     return names
 
 
+def _middle_and_size(run: Run) -> tuple[np.ndarray, float]:
+    """Middle (2,) of the motion in the plan view, and its largest extent [m], at least 1 m."""
+    low = run.positions.min(axis=(0, 1))
+    high = run.positions.max(axis=(0, 1))
+    return 0.5 * (low + high)[:2], max(float((high - low).max()), 1.0)
+
+
 #: Half width of the seabed in the unit of the configuration's size.
 BED_REACH = 0.75
 
@@ -218,11 +204,10 @@ def _bed_grid(run: Run) -> Table | None:
     """Positions of a grid and the height [m] of the seabed there; None without a seabed."""
     # points of the seabed per side
     bed_points = 13
-    low = run.positions.min(axis=(0, 1))
-    high = run.positions.max(axis=(0, 1))
-    step = _round_step(2 * BED_REACH * max(float((high - low).max()), 1.0) / (bed_points - 1))
+    middle, size = _middle_and_size(run)
+    step = _round_step(2 * BED_REACH * size / (bed_points - 1))
     around = np.arange(bed_points) - bed_points // 2
-    x, y = (step * (np.rint(m / step) + around) for m in 0.5 * (low + high)[:2])
+    x, y = step * (np.rint(middle / step)[:, None] + around)
     _, z = bed_grid(run, x, y)
     if z is None:
         return None
@@ -235,79 +220,68 @@ def _round_step(lower: float) -> float:
     return float(next(n * power for n in (1, 2, 5, 10) if n * power >= lower * (1 - 1e-9)))
 
 
-def _flows(solution: Solution, sea: Sea) -> list[Table]:
+def _flows(sea: SeaSpec, start: float) -> list[Table]:
     """Waves and current for their arrows: the direction of travel [rad] at the surface, and a text with their size."""
-    spec = solution.scene.sea
     found = []
-    if spec is not None and spec.waves is not None:
-        waves = spec.waves
-        many = np.ndim(waves.amplitude) > 0
-        if many:
+    waves = sea.waves
+    if waves is not None:
+        hs = waves.hs
+        if np.ndim(waves.amplitude) > 0:
             hs = 4.0 * np.sqrt(0.5 * np.sum(np.square(waves.amplitude)))
-        else:
-            hs = waves.hs
         given = {"Hs": hs, "Tp": waves.tp, "H": waves.height, "amplitude": waves.amplitude, "T": waves.period}
         unit = {"Tp": "s", "T": "s"}
         sizes = [f"{name} {x:.3g} {unit.get(name, 'm')}" for name, x in given.items() if np.ndim(x) == 0 and x]
         course = np.angle(np.exp(1j * np.asarray(waves.direction, float)).mean())
         found.append({"text": ", ".join(["waves", *sizes]), "direction": float(course), "colour": "#0072b2"})
     if sea.current is not None:
-        u, v, _ = np.asarray(sea.current.velocity(jnp.zeros(1), jnp.asarray(solution.t[0]), sea.depth))[0]
+        current = make_current(sea.current)
+        u, v, _ = np.asarray(current.velocity(jnp.zeros(1), jnp.asarray(start), sea.depth))[0]
         if u or v:
             text = f"current {np.hypot(u, v):.2g} m/s at the surface"
             found.append({"text": text, "direction": float(np.arctan2(v, u)), "colour": "#009e73"})
     return found
 
 
-def _pack(values: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode()
+def _pack(values: np.ndarray, kind: str = "<f4") -> str:
+    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()
 
 
 #: Half width of the surface in sizes of the motion of the line.
 SURFACE_REACH = 0.9
 
 
-def _water(sea: Sea, run: Run, times: np.ndarray) -> Table:
+def _water(run: Run, depth: float, times: np.ndarray) -> Table:
     """Depth, a square grid of positions and the elevation there at times [s], in whole steps of `step` [m]."""
     # points per side of the water surface
     surface_points = 19
-    low = run.positions.min(axis=(0, 1))
-    high = run.positions.max(axis=(0, 1))
-    reach = SURFACE_REACH * max(float((high - low).max()), 1.0)
-    x, y = (np.linspace(m - reach, m + reach, surface_points) for m in 0.5 * (low + high)[:2])
-    positions = np.stack([*(a.ravel() for a in np.meshgrid(x, y, indexing="ij")), np.zeros(x.size * y.size)], axis=-1)
-    eta = np.asarray(elevation(sea, positions, times))
+    middle, size = _middle_and_size(run)
+    x, y = middle[:, None] + SURFACE_REACH * size * np.linspace(-1.0, 1.0, surface_points)
+    positions = np.stack(np.meshgrid(x, y, 0.0, indexing="ij"), axis=-1).reshape(-1, 3)
+    eta = elevations(run.scene, positions, times)
     step = max(float(np.abs(eta).max()), 1e-9) / 32767
     return {
-        "depth": float(sea.depth),
+        "depth": float(depth),
         "points": surface_points,
         "x": x.tolist(),
         "y": y.tolist(),
         "frames": len(times),
         "time": _pack(times),
-        "elevation": base64.b64encode(np.rint(eta / step).astype("<i2").tobytes()).decode(),
+        "elevation": _pack(np.rint(eta / step), "<i2"),
         "step": step,
     }
 
 
-def body_data(bodies: Bodies | None, kept: np.ndarray) -> Table | None:
+def _body_data(bodies: Bodies | None, kept: np.ndarray) -> Table | None:
     """Plain values of the bodies at the selected frames; None without any.
 
     `poses` has for each frame and body its reference point [m] and its axes, row by row: 12 numbers, float32.
     """
     if bodies is None or not bodies.shapes:
         return None
-    count = len(bodies.names)
-    poses = np.empty((len(kept), count, 12), "<f4")
-    poses[..., :3] = bodies.position[kept]
-    for k, frame in enumerate(kept):
-        for i in range(count):
-            poses[k, i, 3:] = rotation(bodies.attitude[frame, i]).ravel()
-    rings = [np.round(shape.rings(), 5) for shape in bodies.shapes]
+    attitude = bodies.attitude[kept]
+    axes = np.reshape([rotation(angles) for angles in attitude.reshape(-1, 3)], (*attitude.shape[:2], 9))
     return {
         "names": list(bodies.names),
-        "poses": base64.b64encode(np.ascontiguousarray(poses).tobytes()).decode(),
-        "shapes": [
-            {"body": shape.body, "rings": ring.tolist()} for shape, ring in zip(bodies.shapes, rings, strict=True)
-        ],
+        "poses": _pack(np.concatenate([bodies.position[kept], axes], axis=-1)),
+        "shapes": [{"body": shape.body, "rings": np.round(shape.rings(), 5).tolist()} for shape in bodies.shapes],
     }

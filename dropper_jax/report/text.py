@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dropper_jax.base.markdown import bullets, cells, markdown_table, table
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from dropper_jax.base.markdown import bullets, cells, table
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
-from dropper_jax.report.parts import bodies_text, crop_text, parts_text
-from dropper_jax.report.sections import empty_unless_rows, newton, table_of, with_position
-from dropper_jax.run.flow_coefficients import flow_cells
-from dropper_jax.run.line_weights import weight_cells
+from dropper_jax.report.cells import Columns, fill, newton, table_of
 from dropper_jax.scene import link_mass_words
 
 
@@ -20,7 +20,7 @@ def markdown(found: Table, pictures: list[dict[str, str]]) -> str:
         pictures: paths from the report's folder, by name, of each run.
     """
     runs = found["runs"]
-    parts = [f"# Report: {literal(', '.join(dict.fromkeys(run['scene'] for run in runs)))}", _overview(runs)]
+    parts = [f"# Report: {literal(', '.join(dict.fromkeys(run['scene'] for run in runs)))}", table_of(OVERVIEW, runs)]
     for number, (run, files) in enumerate(zip(runs, pictures, strict=True), start=1):
         if len(runs) > 1:
             parts.append(f"# Run {number}: {literal(run['file'])}")
@@ -37,90 +37,61 @@ def markdown(found: Table, pictures: list[dict[str, str]]) -> str:
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _overview(runs: list[Table]) -> str:
-    return table_of(
-        [
-            {
-                "run": run["file"],
-                "status": run["status"],
-                "time [s]": f"{run['from_s']:g} to {run['to_s']:g}",
-                "samples every [s]": f"{run['saved_every_s']:g}",
-                "step [s]": f"{run['dt_s']:g}",
-            }
-            for run in runs
-        ]
-    )
+OVERVIEW: Columns = {
+    "run": "{file}",
+    "status": "{status}",
+    "time [s]": "{from_s:g} to {to_s:g}",
+    "samples every [s]": "{saved_every_s:g}",
+    "step [s]": "{dt_s:g}",
+}
+
+
+class Section(NamedTuple):
+    """A section of a run: its key in the report, its heading, and the function that writes its values.
+
+    The picture, if there is one, follows the text. An `optional` section is omitted for a run without its values, any
+    other one gives the reason.
+    """
+
+    key: str
+    heading: str
+    write: Callable[[Any], str]
+    picture: str = ""
+    optional: bool = False
+
+
+SECTIONS = (
+    Section("parts", "Parts", sections.parts, optional=True),
+    Section("tension", "Tension", sections.tension, "tension_range"),
+    Section("anchors", "Fixed points", sections.anchors, "anchors"),
+    Section("bending", "Bending", sections.bending, optional=True),
+    Section("snap", "Snap loads", sections.snaps),
+    Section("fatigue", "Fatigue", sections.fatigue, "fatigue"),
+    Section("watch_circle", "Watch circles", sections.watch, "watch_circle"),
+    Section("submergence", "Water", sections.water),
+    Section("acceleration", "Accelerations", sections.acceleration),
+    Section("distance", "Distance between lines", sections.distance),
+    Section("seabed", "Seabed", sections.seabed, "along"),
+    Section("line_weights", "Weights of lines", sections.weights, optional=True),
+    Section("coefficients", "Coefficients from the flow", sections.coefficients, optional=True),
+    Section("bodies", "Bodies", sections.bodies, optional=True),
+    Section("crop", "Mussels", sections.crop, optional=True),
+)
 
 
 def _run(run: Table, files: dict[str, str]) -> list[str]:
-    def picture(name: str) -> str:
-        if name in files:
-            return f"![{name.replace('_', ' ')}]({files[name]})"
-        return ""
-
     notes = (*run["notes"], f"Mass of links: {link_mass_words(run['link_mass_nodes'])}.")
-    return [
-        bullets(map(literal, notes)),
-        *parts_text(run.get("parts")),
-        "## Tension",
-        sections.tension(run["tension"]),
-        picture("tension_range"),
-        "## Fixed points",
-        sections.section(run["anchors"], sections.anchors),
-        picture("anchors"),
-        *_bending(run.get("bending")),
-        "## Snap loads",
-        sections.snaps(run["snap"]),
-        "## Fatigue",
-        sections.section(run["fatigue"], sections.fatigue),
-        picture("fatigue"),
-        "## Watch circles",
-        sections.watch(run["watch_circle"]) if run["watch_circle"] else "No point moves.",
-        picture("watch_circle"),
-        "## Water",
-        sections.water(run["submergence"]),
-        "## Accelerations",
-        sections.acceleration(run["acceleration"]),
-        "## Distance between lines",
-        sections.section(run["distance"], sections.distance),
-        "## Seabed",
-        sections.section(run["seabed"], sections.seabed),
-        picture("along"),
-        *_weights(run["line_weights"]),
-        *_coefficients(run.get("coefficients")),
-        *bodies_text(run.get("bodies")),
-        *crop_text(run.get("crop")),
-    ]
-
-
-def _weights(rows: list[Table]) -> list[str]:
-    """Weights of lines in water; empty without water."""
-    if not rows:
-        return []
-    return ["## Weights of lines", markdown_table(weight_cells(rows))]
-
-
-@empty_unless_rows
-def _bending(found: list[Table]) -> list[str]:
-    """Moments and radii; empty if lines have no bending stiffness."""
-    rows = []
-    for line in found:
-        rows.append(
-            {
-                "line": line["line"],
-                "largest moment [N m]": with_position(line, f"{line['largest_moment_n_m']:.4g}"),
-                "smallest radius [m]": "straight"
-                if line["least_radius_m"] is None
-                else f"{line['least_radius_m']:.3g}",
-            }
-        )
-    return ["## Bending", table_of(rows)]
-
-
-@empty_unless_rows
-def _coefficients(found: list[Table]) -> list[str]:
-    """Flow-dependent coefficients; empty without any."""
-    return ["## Coefficients from the flow", markdown_table(flow_cells(found))]
+    found = [bullets(map(literal, notes))]
+    for section in SECTIONS:
+        values = run.get(section.key)
+        skipped = isinstance(values, dict) and "skipped" in values
+        if section.optional and (skipped or not values):
+            continue
+        found.append(f"## {section.heading}")
+        found.append(f"Left out: {values['skipped']}." if skipped else section.write(values))
+        if section.picture in files:
+            found.append(f"![{section.picture.replace('_', ' ')}]({files[section.picture]})")
+    return found
 
 
 #: Maximum number of runs with values side by side.
@@ -130,58 +101,53 @@ FEW_RUNS = 6
 def _spread(section: Table) -> str:
     """Minimum, mean and maximum over the runs; for a few runs also the value of each run, as needed by a sweep over
     steps."""
-    few = len(section["dt_s"]) <= FEW_RUNS
-    own = []
-    if few:
-        own = [f"run {i + 1}" for i in range(len(section["dt_s"]))]
+    count = len(section["dt_s"])
+    if count > FEW_RUNS:
+        count = 0
     rows = [
-        ["step [s]", "", "", "", *cells(section["dt_s"][: len(own)], "g")],
-        [
-            "internal damping, maximum [N s]",
-            *("", "", ""),
-            *map(newton, section["internal_damping_n_s"][: len(own)]),
-        ],
+        ["step [s]", "", "", "", *cells(section["dt_s"][:count], "g")],
+        ["internal damping, maximum [N s]", "", "", "", *map(newton, section["internal_damping_n_s"][:count])],
     ]
     for name, v in section["values"].items():
-        values = [v["min"], v["mean"], v["max"], *v["by_run"][: len(own)]]
+        label = name
         if name.startswith(("tension of", "load of")):
             label = f"largest {name}"
-        else:
-            label = name
-        rows.append([label, *cells(values, ".4g")])
-    return table(["loads in N", "least", "mean", "largest", *own], rows)
+        rows.append([label, *cells([v["min"], v["mean"], v["max"], *v["by_run"][:count]], ".4g")])
+    return table(["loads in N", "least", "mean", "largest", *(f"run {i + 1}" for i in range(count))], rows)
+
+
+#: Values of a storm with their intervals.
+STORM = ("most_probable", "mean", "percentile_90")
 
 
 def _extremes(section: Table) -> str:
     if isinstance(section.get("skipped"), str):
         return f"Left out: {section['skipped']}."
     rows = []
+    what = ""
     for name, one in section.items():
         if "skipped" in one:
-            keys = ()
-        else:
-            keys = ("most_probable", "mean", "percentile_90")
-        rows.append([name, *([_with_interval(one, key) for key in keys] or (one["skipped"], "-", "-"))])
-    level = next((one["confidence"] for one in section.values() if "confidence" in one), None)
-    what = ""
-    if level is not None:
-        what = f" [N], {100 * level:g} % interval"
+            rows.append([name, one["skipped"], "-", "-"])
+            continue
+        what = f" [N], {100 * one['confidence']:g} % interval"
+        rows.append(
+            [
+                name,
+                *(
+                    fill(f"{{{key}:newton}} ({{{key}_interval[0]:newton}} to {{{key}_interval[1]:newton}})", one)
+                    for key in STORM
+                ),
+            ]
+        )
     return table(["maximum in the storm", f"most probable{what}", f"mean{what}", f"90th percentile{what}"], rows)
 
 
-def _with_interval(one: Table, key: str) -> str:
-    low, high = one[f"{key}_interval"]
-    return f"{newton(one[key])} ({newton(low)} to {newton(high)})"
+SETTINGS: Columns = {"setting": "{key}", "meaning": "{meaning}", "value": "{value:g}{suffix}|none"}
 
 
 def _settings(settings: Table) -> str:
-    return table_of(
-        [
-            {
-                "setting": key,
-                "meaning": s["meaning"],
-                "value": "none" if s["value"] is None else f"{s['value']:g} {s['unit']}".replace(" -", ""),
-            }
-            for key, s in settings.items()
-        ]
-    )
+    rows = []
+    for key, one in settings.items():
+        suffix = "" if one["unit"] == "-" else f" {one['unit']}"
+        rows.append({**one, "key": key, "suffix": suffix})
+    return table_of(SETTINGS, rows)

@@ -14,26 +14,23 @@ from dropper_jax.decks.writing.outputs import Numbers, channel_values, numbers_o
 from dropper_jax.run.line_weights import end_forces
 from dropper_jax.scene import LineSlice
 
-DECK = (Path(__file__).parent / "chain.txt").read_text()
+FOLDER = Path(__file__).parent
+DECK = (FOLDER / "chain.txt").read_text()
 
 
-def test_depth_of_the_caller_where_the_file_has_none(tmp_path):
-    file = tmp_path / "deck.txt"
-    file.write_text("\n".join(line for line in DECK.splitlines() if "WtrDpth" not in line))
+def test_depth_of_the_caller_where_the_file_has_none(read):
+    without = "\n".join(line for line in DECK.splitlines() if "WtrDpth" not in line)
     with pytest.raises(SceneError, match="WtrDpth: missing; needed: > 0 m, in the file or as --depth"):
-        read_moordyn(file)
-    assert read_moordyn(file, 40.0)["sea"]["depth"] == 40.0
+        read(without)
+    assert read(without, 40.0)["sea"]["depth"] == 40.0
     with pytest.raises(SceneError, match="--depth: -1 is out of range"):
-        read_moordyn(file, -1.0)
-    file.write_text(DECK)
+        read(without, -1.0)
     with pytest.raises(SceneError, match="the file gives its own"):
-        read_moordyn(file, 40.0)
+        read(DECK, 40.0)
 
 
-def test_a_step_for_stability_is_not_ours(tmp_path):
-    file = tmp_path / "deck.txt"
-    file.write_text(DECK.replace("0.002         dtM", "5e-5          dtM"))
-    found = read_moordyn(file)
+def test_a_step_for_stability_is_not_ours(read):
+    found = read(DECK.replace("0.002         dtM", "5e-5          dtM"))
     assert found["run"]["dt"] == 0.01
     assert any("dtM of 5e-05 s" in note for note in found["notes"])
 
@@ -41,85 +38,31 @@ def test_a_step_for_stability_is_not_ours(tmp_path):
 BODIES = """---------------------- BODIES ---------------------------------------
 ID   Attachment  X0  Y0  Z0  r0  p0  y0  Mass  CG  I  Volume  CdA  Ca
 (#)  (-)  (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)
-1    KIND     10.0 2.0 -1.0 0 0 TURN 1e5 0 1e6 100 0 0
+1    KIND     10.0 2.0 -1.0 0 0 0 1e5 0 1e6 100 0 0
 ---------------------- POINTS"""
 
 
-def top_of(deck):
-    """Place of point 2 in a deck."""
-    row = next(line.split() for line in deck.splitlines() if line.startswith("2     Coupled"))
-    return [float(word) for word in row[2:5]]
-
-
-def test_points_on_a_coupled_body_are_held(tmp_path):
-    file = tmp_path / "deck.txt"
-    text = DECK.replace("---------------------- POINTS", BODIES.replace("TURN", "0")).replace(
-        "2     Coupled ", "2     Body1 "
-    )
-    file.write_text(text.replace("KIND", "Coupled"))
-    found = read_moordyn(file)
+def test_points_on_a_coupled_body_are_held(read):
+    text = DECK.replace("---------------------- POINTS", BODIES).replace("2     Coupled ", "2     Body1 ")
+    found = read(text.replace("KIND", "Coupled"))
     top = next(point for point in found["point"] if point["name"] == "fairlead")
     assert top.get("kind", "fixed") == "fixed"
     assert top["position"] == [10.0, 2.0, -6.0]
     assert any("on coupled body 1" in note for note in found["notes"])
-    file.write_text(text.replace("KIND", "Free"))
-    body = read_moordyn(file)["body"][0]
-    assert body["attachments"] == {"fairlead": top_of(DECK)}
+    body = read(text.replace("KIND", "Free"))["body"][0]
+    assert body["attachments"] == {"fairlead": [0.0, 0.0, -5.0]}
     assert body["position"] == [10.0, 2.0, -1.0]
     assert body["spheres"][0]["diameter"] == pytest.approx((600.0 / math.pi) ** (1 / 3))
-    file.write_text(text.replace("KIND", "Pinned"))
-    assert read_moordyn(file)["body"] == [{**body, "pinned": True}]
-    file.write_text(text.replace("KIND", "Turned"))
-    with pytest.raises(
-        SceneError, match="on body 1, 'Turned': is not supported; allowed: free, pinned, coupled or fixed"
-    ):
-        read_moordyn(file)
+    assert read(text.replace("KIND", "Pinned"))["body"] == [{**body, "pinned": True}]
+    with pytest.raises(SceneError, match="on body 1, 'Turned': is not supported; allowed: free, pinned, coupled or"):
+        read(text.replace("KIND", "Turned"))
 
 
-FLOATING = """MoorDyn v2: a ballasted float on a chain
----------------------- LINE TYPES ---------------------------------------
-Name  Diam  MassDen  EA   BA   EI  Cd  Ca  CdAx CaAx
-(-)   (m)   (kg/m)   (N)  (N-s) (N-m2) (-) (-) (-) (-)
-chain 0.05  20.0     1e6  -0.8  0   1.4 1.0 0.2 0.0
----------------------- ROD TYPES ----------------------------------------
-Name  Diam  MassDen  Cd   Ca   CdEnd CaEnd
-(-)   (m)   (kg/m)   (-)  (-)  (-)   (-)
-hull  1.0   100.0    1.0  1.0  0.0   0.0
----------------------- BODIES -------------------------------------------
-ID  Attachment  X0  Y0  Z0  r0  p0  y0  Mass CG  I   Volume CdA Ca
-(#) (-)         (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)
-1   Free        0.0 0.0 -6.0 0 6.0 0    4000 1.0 3000 0 0 0
----------------------- RODS ---------------------------------------------
-ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs
-(#) (-)    (-)        (m) (m) (m) (m) (m) (m) (-) (-)
-1  hull    Body1      0 0 0   0 0 9  18 -
----------------------- POINTS -------------------------------------------
-ID Type  X Y Z M V CdA Ca
-(#) (-) (m) (m) (m) (kg) (m3) (m2) (-)
-1  Fixed -40 0 -30 0 0 0 0
-2  Body1 0 0 0.5 0 0 0 0   ! name: eye
----------------------- LINES --------------------------------------------
-ID LineType AttachA AttachB UnstrLen NumSegs Outputs
-(#) (-)     (-)     (-)     (m)      (-)     (-)
-1  chain    1       2       50.0     10      -
----------------------- OPTIONS ------------------------------------------
-0.002 dtM
-30    WtrDpth
-1025  rho
-9.81  g
-3e6   kBot
-3e5   cBot
-0     TmaxIC
-1     disableOutput
----------------------- OUTPUTS ------------------------------------------
-END
-"""
+FLOATING = (FOLDER / "floating.txt").read_text()
 
 
-def test_a_free_body_takes_mass_and_inertia_of_the_rods_on_it(tmp_path):
-    file = tmp_path / "deck.txt"
-    file.write_text(FLOATING)
-    found = read_moordyn(file)
+def test_a_free_body_takes_mass_and_inertia_of_the_rods_on_it(read):
+    found = read(FLOATING)
     (body,) = found["body"]
     assert body["mass"] == 4900.0
     centre = (4000.0 * 1.0 + 900.0 * 4.5) / 4900.0
@@ -129,27 +72,22 @@ def test_a_free_body_takes_mass_and_inertia_of_the_rods_on_it(tmp_path):
     assert body["attitude"] == pytest.approx([0.0, math.radians(6.0), 0.0])
     assert body["attachments"] == {"eye": [0.0, 0.0, 0.5]}
     assert [point["name"] for point in found["point"]] == ["point-1"]
-    file.write_text(FLOATING.replace("-6.0 0 6.0 0 ", "-6.0 1 6.0 0 "))
     with pytest.raises(SceneError, match="body 1: is rotated about several axes"):
-        read_moordyn(file)
-    file.write_text(FLOATING.replace("0.0 0.0 -6.0 0 6.0 0    4000 ", "0.0 0.0 -6.0 0 6.0 0 -4 "))
+        read(FLOATING.replace("-6.0 0 6.0 0 ", "-6.0 1 6.0 0 "))
     with pytest.raises(SceneError, match="Mass: -4 is out of range"):
-        read_moordyn(file)
+        read(FLOATING.replace("0.0 0.0 -6.0 0 6.0 0    4000 ", "0.0 0.0 -6.0 0 6.0 0 -4 "))
 
 
-def test_a_free_rod_is_a_body_and_a_coupled_one_holds_its_ends(tmp_path):
-    file = tmp_path / "deck.txt"
+def test_a_free_rod_is_a_body_and_a_coupled_one_holds_its_ends(read):
     alone = FLOATING.replace("1  hull    Body1      0 0 0   0 0 9 ", "1  hull    Free      0 0 -6   0 3 -2 ")
-    file.write_text(alone.replace("1  chain    1       2  ", "1  chain    1       R1A "))
-    found = read_moordyn(file)
+    found = read(alone.replace("1  chain    1       2  ", "1  chain    1       R1A "))
     (body,) = found["body"]  # the free body itself carries no line
     assert body["mass"] == pytest.approx(500.0)
     assert body["position"] == [0.0, 0.0, -6.0]
     assert body["attachments"] == {"point-R1A": [0.0, 0.0, 0.0]}
     assert found["line"][0]["to"] == "point-R1A"
     coupled = alone.replace("Free      0 0 -6", "Coupled   0 0 -6")
-    file.write_text(coupled.replace("1  chain    1       2  ", "1  chain    1       R1A "))
-    found = read_moordyn(file)
+    found = read(coupled.replace("1  chain    1       2  ", "1  chain    1       R1A "))
     assert {"name": "point-R1A", "position": [0.0, 0.0, -6.0]} in found["point"]
     assert any("rod 1 is coupled: its ends are fixed" in note for note in found["notes"])
 
@@ -160,15 +98,12 @@ PINNED = FLOATING.replace("1  hull    Body1      0 0 0   0 0 9 ", "1  hull    KI
 )
 
 
-def test_a_pinned_rod_is_a_pinned_body(tmp_path):
-    file = tmp_path / "deck.txt"
-    file.write_text(PINNED.replace("KIND", "Pinned"))
-    (body,) = read_moordyn(file)["body"]
+def test_a_pinned_rod_is_a_pinned_body(read):
+    (body,) = read(PINNED.replace("KIND", "Pinned"))["body"]
     assert body["pinned"] is True
     assert body["position"] == [0.0, 0.0, -10.0]
     assert body["attachments"] == {"point-R1B": [3.0, 0.0, 8.0]}
-    file.write_text(PINNED.replace("KIND", "CoupledPinned"))
-    found = read_moordyn(file)
+    found = read(PINNED.replace("KIND", "CoupledPinned"))
     assert found["body"] == [body]
     assert any("rod 1 is coupled and pinned: it is pinned at its position" in note for note in found["notes"])
 
@@ -187,10 +122,9 @@ print(json.dumps(found))
 
 
 @pytest.mark.check
-def test_a_float_that_pitches_goes_as_in_moordyn(tmp_path, monkeypatch):
+def test_a_float_that_pitches_goes_as_in_moordyn(tmp_path, monkeypatch, deck):
     pytest.importorskip("moordyn")
-    file = tmp_path / "deck.txt"
-    file.write_text(FLOATING)
+    file = deck(FLOATING)
     monkeypatch.chdir(tmp_path)
     ours = simulate(read_moordyn(file), dt=0.02, duration=10.0)
     # MoorDyn 2.7.2 in this process, after a hundred other tests, ends in `Create` with a segmentation fault
@@ -204,34 +138,7 @@ def test_a_float_that_pitches_goes_as_in_moordyn(tmp_path, monkeypatch):
 
 
 #: A cable of 10 m with EI on the end B of a rod along x.
-CANTILEVER = """--- MoorDyn input ---
----------------------- LINE TYPES ----------------------------------
-TypeName   Diam    Mass/m     EA     BA/-zeta    EI    Cd    Ca   CdAx  CaAx
-(name)     (m)     (kg/m)     (N)    (N-s/-)  (N-m^2)  (-)   (-)  (-)   (-)
-cable      0.05    1.0      1e6    -0.8      1e5   1.2   1.0  0.1   0.0
----------------------- ROD TYPES -----------------------------------
-TypeName Diam Mass/m Cd Ca CdEnd CaEnd
-(name) (m) (kg/m) (-) (-) (-) (-)
-con 0.05 1.0 1.0 1.0 0.0 0.0
----------------------- RODS ----------------------------------------
-ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs
-(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)
-1 con Fixed -1 0 0 0 0 0 4 -
----------------------- POINTS --------------------------------------
-ID Attachment X Y Z Mass Volume CdA Ca
-(#) (word/ID) (m) (m) (m) (kg) (m^3) (m^2) (-)
-1 Free 10 0 0 0 0 0 0
----------------------- LINES ---------------------------------------
-ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs
-(#) (name) (ID) (ID) (m) (-) (-)
-1 cable R1B 1 10.0 40 -
----------------------- OPTIONS -------------------------------------
-9.81 g
-0 rho
-500 WtrDpth
----------------------- OUTPUTS -------------------------------------
-END
-"""
+CANTILEVER = (FOLDER / "cantilever.txt").read_text()
 
 
 @pytest.mark.check
@@ -244,55 +151,52 @@ END
         ((("0 0 0 4 -", "0 0 0 0 -"), ("1 Free 10 ", "1 Free 9 ")), -1.0),  # a connector: its length is 0
     ],
 )
-def test_a_line_with_bending_stiffness_is_clamped_along_the_rod_that_it_ends_at(pairs, root, tmp_path):
+def test_a_line_with_bending_stiffness_is_clamped_along_the_rod_that_it_ends_at(pairs, root, read):
     text = CANTILEVER
     for old, new in pairs:
         assert old in text
         text = text.replace(old, new)
-    file = tmp_path / "deck.txt"
-    file.write_text(text)
-    nodes = equilibrium(load_scene(read_moordyn(file))).positions
+    nodes = equilibrium(load_scene(read(text))).positions
     held = nodes[np.argmax(nodes[:, 2])]
     assert held[0] == root
     sag = 9.81 * 1.0 * 10.0**4 / (8.0 * 1e5)  # a beam of Euler and Bernoulli
     assert np.ptp(nodes[:, 2]) == pytest.approx(sag, rel=0.01)
 
 
-def test_a_line_that_cannot_be_clamped_as_in_moordyn_is_reported(tmp_path):
-    file = tmp_path / "deck.txt"
-    file.write_text(CANTILEVER.replace("con Fixed", "con Pinned"))
-    assert any("line 'line-1' is pinned on R1B, which moves" in note for note in read_moordyn(file)["notes"])
+def test_a_line_that_cannot_be_clamped_as_in_moordyn_is_reported(read):
+    assert any(
+        "line 'line-1' is pinned on R1B, which moves" in note
+        for note in read(CANTILEVER.replace("con Fixed", "con Pinned"))["notes"]
+    )
     second = "1 cable R1B 1 10.0 40 -\n2 cable R1B 1 10.0 40 -"
-    file.write_text(CANTILEVER.replace("1 cable R1B 1 10.0 40 -", second))
-    assert any("line 'line-2' is pinned on R1B, where others end" in note for note in read_moordyn(file)["notes"])
+    assert any(
+        "line 'line-2' is pinned on R1B, where others end" in note
+        for note in read(CANTILEVER.replace("1 cable R1B 1 10.0 40 -", second))["notes"]
+    )
 
 
-def test_a_connector_on_a_body_has_no_mass_and_no_length(tmp_path):
-    file = tmp_path / "deck.txt"
+def test_a_connector_on_a_body_has_no_mass_and_no_length(read):
     rod = next(line for line in FLOATING.splitlines() if "Body1      0 0 0   0 0 9" in line)
     pin = "2  hull    Body1      0 0 0.5   0 0 1.5   0   -"
     deck = FLOATING.replace(rod, f"{rod}\n{pin}").replace("1  chain    1       2  ", "1  chain    1       R2B ")
-    file.write_text(deck)
-    (body,) = read_moordyn(file)["body"]
+    (body,) = read(deck)["body"]
     assert body["mass"] == 4900.0
     assert len(body["cylinders"]) == 1
     assert body["attachments"] == {"point-R2B": [0.0, 0.0, 0.5]}
 
 
-def test_a_deck_with_a_float_has_the_note_on_its_volume_that_writing_gives(tmp_path):
-    file = tmp_path / "deck.txt"
+def test_a_deck_with_a_float_has_the_note_on_its_volume_that_writing_gives(tmp_path, deck):
     fairlead = next(line for line in DECK.splitlines() if line.split()[:1] == ["2"] and len(line.split()) > 4)
     words = fairlead.split()
     afloat = " ".join([words[0], "Free", *words[2:5], "30", "0.5", "0.3", "0.5"])
-    file.write_text(DECK.replace(fairlead, afloat))
-    scene = load_scene(file)
+    scene = load_scene(deck(DECK.replace(fairlead, afloat)))
     written = write_moordyn(scene, tmp_path / "again.txt")
     (note,) = [text for text in written if "full volume" in text]
-    assert f"{file.name}: {note}" in scene.notes
+    assert f"mooring.txt: {note}" in scene.notes
     assert not any("full volume" in text for text in load_scene(JOINED).notes)
 
 
-JOINED = Path(__file__).parent / "decks" / "joined_by_rods.txt"
+JOINED = FOLDER / "decks" / "joined_by_rods.txt"
 
 
 def test_lines_joined_by_massless_rods_are_one_line_of_sections():
@@ -315,22 +219,18 @@ def test_lines_joined_by_massless_rods_are_one_line_of_sections():
     assert any("are the sections of line 'line-1'" in note for note in found.notes)
 
 
-def test_a_joint_of_three_lines_is_a_free_point(tmp_path):
-    file = tmp_path / "deck.txt"
+def test_a_joint_of_three_lines_is_a_free_point(deck):
     text = JOINED.read_text().replace("2   Fixed  112.0", "3   Fixed  35.0 20.0 -60.0 0 0 0 0\n2   Fixed  112.0")
-    file.write_text(
-        text.replace("3   cable    R2B ", "4   cable    3       R1B     60.0     10      -\n3   cable    R2B ")
-    )
-    found = load_scene(file)
+    more = "4   cable    3       R1B     60.0     10      -\n3   cable    R2B "
+    found = load_scene(deck(text.replace("3   cable    R2B ", more)))
     assert {line.name: line.links for line in found.lines} == {"line-1": 12, "line-2": 20, "line-4": 10}
     assert found.point("point-R1").is_free
 
 
-def test_outputs_and_failures_of_a_joined_line_are_those_of_its_part(tmp_path, made):
-    file = tmp_path / "deck.txt"
+def test_outputs_and_failures_of_a_joined_line_are_those_of_its_part(made, deck):
     failure = "--------- FAILURE ---------\nID Point Lines Time Ten\n- - - - -\n1 R1B 2 4.0 0\n"
     options = "---------------------- OPTIONS"
-    file.write_text(JOINED.read_text().replace(options, f"{failure}{options}"))
+    file = deck(JOINED.read_text().replace(options, f"{failure}{options}"))
     scene = load_scene(file)
     assert [(f.line, f.link) for f in scene.failures] == [("line-1", 13)]  # the first link after the joint
     rng = np.random.default_rng(0)
@@ -350,11 +250,9 @@ def test_outputs_and_failures_of_a_joined_line_are_those_of_its_part(tmp_path, m
     np.testing.assert_array_equal(channel_values(solution, "AnchTen2", numbers)[0], both[:, 1])
 
 
-def test_friction_of_a_deck_is_moordyns_law(tmp_path):
-    file = tmp_path / "deck.txt"
+def test_friction_of_a_deck_is_moordyns_law(tmp_path, deck):
     more = "0.4 FrictionCoefficient\n350 FricDamp\n1.5 StatDynFricScale"
-    file.write_text(DECK.replace("50            WtrDpth", f"50            WtrDpth\n{more}"))
-    scene = load_scene(file)
+    scene = load_scene(deck(DECK.replace("50            WtrDpth", f"50            WtrDpth\n{more}")))
     friction = scene.effects["seabed_friction"]
     assert {key: friction[key] for key in ("law", "kinetic", "damping")} == {
         "law": "moordyn",
@@ -370,16 +268,14 @@ def test_friction_of_a_deck_is_moordyns_law(tmp_path):
     assert any("creeps" in lost for lost in write_moordyn(sticking, again))
 
 
-def test_components_of_a_series_that_hardly_count_are_left_out(tmp_path):
+def test_components_of_a_series_that_hardly_count_are_left_out(tmp_path, deck):
     # nearly whole periods: one wave, and what the Fourier series makes of half a sample; broken ones: a jump at the end
     t = np.arange(0.0, 288.05, 0.1)
     height, period = 5.0, 8.33
     rows = "\n".join(f"{a:.6f} {b:.9f}" for a, b in zip(t, height * np.cos(2 * np.pi * t / period), strict=True))
     for series, most in ((t[: round(24 * period / 0.1)], 3), (t, 1300)):
         (tmp_path / "wave_elevation.txt").write_text("\n".join(rows.splitlines()[: len(series)]))
-        file = tmp_path / "deck.txt"
-        file.write_text(DECK.replace("50            WtrDpth", "50            WtrDpth\n3 WaveKin\n0.1 dtWave"))
-        scene = load_scene(file)
+        scene = load_scene(deck(DECK.replace("50            WtrDpth", "50            WtrDpth\n3 WaveKin\n0.1 dtWave")))
         waves = scene.sea.waves
         assert len(waves.amplitude) <= most
         assert any("components are omitted, 0.01% of the variance" in note for note in scene.notes)

@@ -6,42 +6,11 @@ import pytest
 
 from dropper_jax import SceneError, read_moordyn
 
-DECK = (Path(__file__).parent / "chain.txt").read_text()
+FOLDER = Path(__file__).parent
+DECK = (FOLDER / "chain.txt").read_text()
 SAME = ("line_type", "point", "line", "effects", "sea")
 
-VERSION_1 = """--------------------- MoorDyn Input File ------------------------------------
-MoorDyn input of an OpenFAST case
-FALSE    Echo      - echo the input file data (flag)
------------------------ LINE TYPES ------------------------------------------
-1        NTypes    - number of LineTypes
-Name     Diam     MassDen       EA      BA/-zeta   Can    Cat   Cdn   Cdt
-(-)       (m)      (kg/m)       (N)     (N-s/-)     (-)   (-)   (-)   (-)
-Chain     0.1      30.0        1e8      -0.8        1     0.5   1.6   0.1
----------------------- CONNECTION PROPERTIES --------------------------------
-2        NConnects - number of connections including anchors and fairleads
-Node    Type       X        Y       Z       M       V       FX      FY      FZ    CdA   CA
-(-)     (-)       (m)      (m)     (m)     (kg)   (m^3)    (kN)    (kN)    (kN)   (m^2) (-)
-1       Fixed    -80.0      0     -50.0     0       0       0       0       0      0     0
-2       Vessel     0.0      0      -5.0     0       0       0       0       0      0     0   ! name: fairlead
----------------------- LINE PROPERTIES --------------------------------------
-1        NLines    - number of line objects
-Line    LineType  UnstrLen  NumSegs   NodeAnch  NodeFair  Flags/Outputs
-(-)      (-)       (m)        (-)        (-)       (-)       (-)
-1       Chain      100        20          1         2         p
----------------------- SOLVER OPTIONS ---------------------------------------
-0.002    dtM       - time step to use in mooring integration (s)
-3.0e6    kbot      - bottom stiffness (Pa/m)
-3.0e5    cbot      - bottom damping (Pa-s/m)
-50       WtrDpth   - water depth (m)
-1.0      dtIC      - time interval for analyzing convergence during IC gen (s)
-60.0     TmaxIC    - max time for ic gen (s)
-4.0      CdScaleIC - factor by which to scale drag coefficients during dynamic relaxation (-)
-0.01     threshIC  - threshold for IC convergence (-)
--------------------------- OUTPUTS ------------------------------------------
-FairTen1
-END
---------------------- need this line ----------------------------------------
-"""
+VERSION_1 = (FOLDER / "version_1.txt").read_text()
 
 
 def swapped(*pairs: tuple[str, str]) -> str:
@@ -74,11 +43,10 @@ KINDS = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_one_mooring_in_many_ways_is_one_scene(kind, tmp_path):
-    (tmp_path / "base.txt").write_text(DECK)
+def test_one_mooring_in_many_ways_is_one_scene(kind, tmp_path, read):
     file = tmp_path / "deck.dat"
     file.write_bytes(KINDS[kind].encode())
-    base, found = read_moordyn(tmp_path / "base.txt"), read_moordyn(file)
+    base, found = read(DECK), read_moordyn(file)
     for key in SAME:
         assert found[key] == base[key], key
 
@@ -97,10 +65,8 @@ def test_a_seafloor_file_stands_beside_its_deck(tmp_path, monkeypatch):
         read_moordyn(file)
 
 
-def test_a_line_of_one_segment_between_held_points_has_two_links_and_a_note(tmp_path):
-    file = tmp_path / "deck.txt"
-    file.write_text(swapped(("100       20       p", "100       1       p")))
-    found = read_moordyn(file)
+def test_a_line_of_one_segment_between_held_points_has_two_links_and_a_note(read):
+    found = read(swapped(("100       20       p", "100       1       p")))
     assert [line["links"] for line in found["line"]] == [2]
     assert any("NumSegs 1 between fixed points: 2 links are used" in note for note in found["notes"])
 

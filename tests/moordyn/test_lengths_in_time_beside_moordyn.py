@@ -10,33 +10,8 @@ import dropper_jax as dj
 moordyn = pytest.importorskip("moordyn")
 #: Rest before hauling, and whole run [s]; time between changes of MoorDyn's rate [s].
 REST, SPAN, CALL = 60.0, 15.0, 0.02
-DECK = """\
---- LINE TYPES ---
-TypeName Diam Mass/m EA BA/-zeta EI Cd Ca CdAx CaAx
-(name) (m) (kg/m) (N) (N-s/-) (N-m^2) (-) (-) (-) (-)
-chain 0.1 30.0 1e7 -0.8 0 1.6 1 0.1 0.5
-wire  0.03 0.9 4e6 -0.8 0 1.2 1 0.0 0.0
-rope  0.15 20.0 4e6 -0.8 0 1.6 1 0.1 0.0
---- POINTS ---
-ID Attachment X Y Z Mass Volume CdA Ca
-(#) (word/ID) (m) (m) (m) (kg) (m^3) (m^2) (-)
-{points}
---- LINES ---
-ID LineType AttachA AttachB UnstrLen NumSegs LineOutputs
-(#) (name) (ID) (ID) (m) (-) (-)
-{lines}
---- OPTIONS ---
-0.0002 dtM
-1e5 kbot
-1e4 cbot
-{depth} WtrDpth
-0.5 dtIC
-60 TmaxIC
-1e-4 threshIC
---- OUTPUTS ---
-FairTen1
---- need this line ---
-"""
+#: A deck without its points, lines and depth.
+DECK = Path(__file__).with_name("hauled.txt").read_text()
 FIXED = "1 Fixed -80 0 -50 0 0 0 0\n2 Fixed 0 0 -5 0 0 0 0"
 #: Points, lines, depth [m]; the line that is hauled, its length [m] and how much of it [m]. Light lines are hauled:
 #: MoorDyn takes the mass of hauled rope off the line, here it stays.

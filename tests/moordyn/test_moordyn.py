@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -18,19 +17,6 @@ REST = 60.0
 FOLDER = Path(__file__).parent
 INPUTS = ("chain", "float", "current")
 CHAIN, FLOAT = ((FOLDER / f"{name}.txt").read_text() for name in ("chain", "float"))
-
-
-@pytest.fixture
-def deck(tmp_path):
-    """`deck(text)`: a file of that text, or of an input of that name, with a current file beside it."""
-
-    def make(text: str) -> Path:
-        shutil.copy(FOLDER / "current_profile.txt", tmp_path)
-        path = tmp_path / "mooring.txt"
-        path.write_text((FOLDER / f"{text}.txt").read_text() if text in INPUTS else text)
-        return path
-
-    return make
 
 
 def statics_of_moordyn(path: Path) -> list[np.ndarray]:

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import re
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -33,47 +34,16 @@ from dropper_jax.scene import (
 )
 from dropper_jax.sea.spec import CurrentSpec, LevelSpec, SeaSpec, WaveSpec
 
-ROPE = {"name": "rope", "mass": 5.0, "diameter": 0.05, "EA": 1e6, "cdn": 1.2, "cdt": 0.1, "can": 1.0, "cat": 0.0}
 GROWTH = {"depth": [0.0, 20.0], "thickness": [0.02, 0.03], "density": 1200.0}
 SEASON = {"lines": ["leg"], "month": 2.0, "months": [0.0, 4.0], "depth": [0.0, 20.0], "density": 1200.0}
 SEASON |= {"thickness": [[0.0, 0.0], [0.04, 0.05]]}
 TABLE = {"law": "tabulated", "strain": [0.0, 0.1], "tension": [0.0, 1e4]}
 RAO = {"frequency": [0.5, 1.0], "headings": [0.0, 1.0], "phases": "lead", "heave": [[1.0, 0.5], [1.0, 0.5]]}
-WAVES = {"regular": {"kind": "regular", "amplitude": 0.5, "period": 6.0}}
-WAVES["components"] = {"kind": "components", "amplitude": [0.5, 0.2], "period": [6.0, 4.0]}
-WAVES["spectrum"] = {"kind": "spectrum", "hs": 1.0, "tp": 6.0, "count": 4, "directions": 2, "spreading": 5.0}
-WAVES["stream"] = {"kind": "regular", "height": 1.0, "period": 6.0, "theory": "stream"}
-TIMES = {"time": [0.0, 1.0], "motion": [[0.0] * 6, [1.0] + [0.0] * 5]}
+SPECTRUM = {"kind": "spectrum", "hs": 1.0, "tp": 6.0, "count": 4, "directions": 2, "spreading": 5.0}
+STREAM = {"kind": "regular", "height": 1.0, "period": 6.0, "theory": "stream"}
 
 #: A scene with one of each thing; each case below changes it first, and then one value.
-BASE: dict[str, Any] = {
-    "name": "all",
-    "run": {"dt": 0.1, "duration": 1.0},
-    "line_type": [ROPE],
-    "point": [
-        {"name": "anchor", "position": [0.0, 0.0, -20.0]},
-        {"name": "float", "position": [20.0, 0.0, -2.0], "kind": "free", "mass": 10.0, "volume": 0.1},
-        {"name": "mooring", "position": [45.0, 0.0, 0.0], "kind": "free"},
-    ],
-    "line": [
-        {"name": "leg", "from": "anchor", "to": "float", "type": "rope", "length": 30.0, "links": 4},
-        {"name": "bridle", "from": "float", "to": "fairlead", "type": "rope", "length": 20.0, "links": 3},
-        {"name": "tail", "from": "float", "to": "eye", "type": "rope", "length": 20.0, "links": 3},
-        {"name": "tether", "from": "anchor", "to": "mooring", "type": "rope", "length": 55.0, "links": 3},
-    ],
-    "buoy": [{"name": "can", "point": "mooring", "mass": 200.0, "diameter": 0.6, "height": 1.5}],
-    "body": [
-        {"name": "raft", "position": [30.0, 5.0, -1.0], "mass": 500.0, "centre_of_mass": [0.0, 0.0, 0.0]}
-        | {"inertia": [100.0, 100.0, 50.0], "attachments": {"eye": [0.0, 0.0, 0.0]}}
-        | {"cylinders": [{"from": [0.0, 0.0, -0.5], "to": [0.0, 0.0, 1.0], "diameter": 1.0}]}
-        | {"spheres": [{"centre": [0.0, 0.0, 0.0], "diameter": 0.5}]}
-    ],
-    "vessel": [{"name": "barge", "position": [40.0, 0.0, 0.0], "attachments": {"fairlead": [-2.0, 0.0, 0.0]}, **TIMES}],
-    "sea": {"depth": 20.0, "waves": WAVES["regular"], "current": {"speed": 1.0}},
-    "effects": {name: {} for name in ("weight", "buoyancy", "morison_drag", "morison_inertia", "seabed")},
-    "anchor": [{"point": "anchor", "weight": 1e4, "friction": 0.5}],
-    "failure": [{"line": "leg", "link": 1, "time": 0.5}],
-}
+BASE: dict[str, Any] = tomllib.loads(Path(__file__).with_name("all.toml").read_text())
 #: A line given by the link, in place of the lines by the metre.
 BY_LINK = {"links": 4, "length": 7.5, "mass": 40.0, "diameter": 0.05, "axial": {"law": "rope", "EA": 1e6}}
 PLAIN_LINES = [
@@ -122,7 +92,7 @@ def values_of(cls: type) -> list[tuple[str, str, Any, dict[str, Any]]]:
             "line_type.0", damping_ratio=0.1, breaking_load=1e5, outer_diameter=0.07, cdn=1.3, cdt=0.2, can=0.9, cat=0.1
         )
         found += rows("line_type.0", {"effects.bending": {}, "line_type.0.EI": 40.0}, EI=50.0)
-        tabulated = {"line_type.0": {**ROPE, **TABLE}, "line_type.0.EA": None}
+        tabulated = {"line_type.0": {**BASE["line_type"][0], **TABLE}, "line_type.0.EA": None}
         return [*found, *rows("line_type.0", tabulated, strain=[0.0, 0.2], tension=[0.0, 2e4])]
     if cls is LineSpec:
         found = rows("line.0", {"failure": []}, name="foot")
@@ -192,13 +162,13 @@ def values_of(cls: type) -> list[tuple[str, str, Any, dict[str, Any]]]:
         return [*found, *rows("sea", waves=None, current=None)]
     if cls is WaveSpec:
         found = rows("sea.waves", amplitude=0.6, period=7.0, phase=0.5, direction=0.5, theory="stokes5", kind="regular")
-        found[-1] = ("kind", "sea.waves", WAVES["spectrum"], {})
+        found[-1] = ("kind", "sea.waves", SPECTRUM, {})
         for key, value, less in (("height", 1.2, "amplitude"), ("length", 40.0, "period")):
             found.append((key, "", {f"sea.waves.{less}": None, f"sea.waves.{key}": value}, {}))
-        drawn = {"sea.waves": WAVES["spectrum"]}
+        drawn = {"sea.waves": SPECTRUM}
         found += rows("sea.waves", drawn, spectrum="pierson_moskowitz", hs=1.1, tp=7.0, gamma=2.0, count=5, seed=1)
         found += rows("sea.waves", drawn, frequencies="even", spreading=6.0, directions=3)
-        return [*found, *rows("sea.waves", {"sea.waves": WAVES["stream"]}, order=6, current_criterion="stokes")]
+        return [*found, *rows("sea.waves", {"sea.waves": STREAM}, order=6, current_criterion="stokes")]
     if cls is CurrentSpec:
         found = rows("sea.current", speed=1.1, direction=0.5, veer=0.01)
         power = {"sea.current": {"kind": "power", "speed": 1.0, "exponent": 0.2, "reference": -1.0}}

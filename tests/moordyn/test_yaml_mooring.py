@@ -65,23 +65,19 @@ def test_a_file_that_names_a_moordyn_file_is_that(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (
-            "endA: anchor west",
-            "endA: anchr west",
-            "lines.0.endA: 'anchr west' is not in the file; did you mean",
-        ),
+        ("endA: anchor west", "endA: anchr west", "lines.0.endA: 'anchr west' is not in the file; did you mean"),
         ("type: wire", "type: wird", "lines.2.type: 'wird' is not in the file; did you mean 'wire'"),
-        ("length: 795.0", "length: long", "lines.0.length: 'long' is out of range or not a number; allowed: a number"),
+        ("length: 795.0", "length: long", "lines.0.length: 'long' is not a number; allowed: a number > 0"),
         ("length: 795.0", "length: -1", "lines.0.length: -1 is out of range"),
         ("stiffness: 7.536e8, ", "", "line_types.0.stiffness: missing"),
-        ("diameter: 0.10,", "diameter: .nan,", "line_types.1.diameter: nan is out of range"),
+        ("diameter: 0.10,", "diameter: .nan,", "line_types.1.diameter: nan is not finite"),
         ("type: free", "type: body1", "points.3.type: 'body1' is on a body"),
         ("type: free", "type: swivel", "points.3.type: 'swivel' is unknown; allowed: fixed, vessel, free"),
         ("[750.0, 100.0, -200.0]", "[750.0, 100.0]", r"points.2.location: \[750.0, 100.0\] is not a position"),
         ("name: clump, ", "name: anchor east, ", "points.3.name: 'anchor east' is duplicate"),
         ("  lines:", "  lines: []\n  rows:", "lines: missing; needed: a list"),
         ("settings:", "settings: [", "line [0-9]+: YAML syntax"),
-        ("water_depth: 200\n  points", "water_depth: deep\n  points", "water_depth: 'deep' is out of range"),
+        ("water_depth: 200\n  points", "water_depth: deep\n  points", "water_depth: 'deep' is not a number"),
     ],
 )
 def test_refusals_name_file_place_and_what_is_allowed(tmp_path, old, new, message):

@@ -12,8 +12,8 @@ from PIL import Image
 import dropper_jax as dj
 from dropper_jax import plots, report_run
 from dropper_jax.plots.run import readable
+from dropper_jax.report import sections
 from dropper_jax.report.page import view_page
-from dropper_jax.report.parts import bodies_text
 
 CYLINDER = {"from": [0.0, 0.0, 0.0], "to": [0.0, 0.0, 4.0], "diameter": 0.8, "slices": 2}
 SCENE = {
@@ -88,8 +88,4 @@ def test_the_report_has_the_motion_in_degrees(solution):
     assert rows[0]["tilt_deg"]["max"] == pytest.approx(np.degrees(0.5))
     assert rows[0]["heave_m"]["mean"] == pytest.approx(-1.0)
     assert rows[0]["surge_m"]["std"] == pytest.approx(0.0, abs=1e-12)
-    assert r"| spar | pitch \[deg\] | 28.648 | 0.000 |" in bodies_text(rows)[1]
-
-
-def test_without_bodies_there_are_none():
-    assert bodies_text({"skipped": "the scene has no rigid bodies"}) == []
+    assert r"| spar | pitch \[deg\] | 28.648 | 0.000 |" in sections.bodies(rows)

@@ -18,7 +18,7 @@ from dropper_jax.run.bends import end_tensions, held_points, point_load
 def test_envelope_of_a_long_record_holds_every_sample():
     t = np.linspace(0.0, 3600.0, 50001)
     values = np.sin(t) + 5.0 * np.exp(-((t - 1234.5) ** 2))  # one short peak
-    at, mean, least, largest = panels.reduce_samples(t, values)
+    at, mean, least, largest = panels.reduce_samples(t, values, values, values)
     assert len(at) == panels.INTERVALS
     assert (largest.max(), least.min()) == (values.max(), values.min())
     assert np.all((least <= mean) & (mean <= largest))
@@ -28,7 +28,7 @@ def test_envelope_of_a_long_record_holds_every_sample():
 def test_mean_of_a_long_record_has_no_beat_with_its_waves():
     t = np.linspace(0.0, 3600.0, 36001)
     values = 2.0 + np.sin(2 * np.pi * t / 8.33)
-    at, mean, _, _ = panels.reduce_samples(t, values)
+    at, mean, _, _ = panels.reduce_samples(t, values, values, values)
     assert np.ptp(mean) > 0.2  # stretches of 11 s beat with waves of 8.33 s
     assert np.ptp(panels._without_beat(at, mean, 8.33)[20:-20]) < 0.05
     slow = np.linspace(0.0, 1.0, 320)
@@ -158,7 +158,8 @@ def test_a_snapshot_shows_the_peak_and_unloaded_anchors_have_no_curve(longline):
     others = [line.name for line in solution.scene.lines if line is not lazy and names[0] in (line.start, line.end)]
     assert not others
     solution.tension[:, next(w.links for w in solution.lines if w.name == lazy.name)] = 0.0
-    panel = tension._held_points_panel(readable(solution), "N", 1.0)
+    run = readable(solution)
+    panel = tension.held_points_panel(run, tension.loads_of(run))
     assert names[0] not in [curve.name for curve in panel.curves]
     assert "1 below 1% of the maximum" in panel.title
 

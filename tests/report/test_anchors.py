@@ -99,14 +99,8 @@ def test_the_report_has_utilisation_and_factor():
 @pytest.mark.parametrize(
     ("anchor", "start"),
     [
-        (
-            {"point": "float", "weight": 1.0, "friction": 0.5},
-            "anchor.0.point: 'float' is not a fixed point",
-        ),
-        (
-            {"point": "anchor", "weight": 1.0},
-            "anchor.0.friction: missing; kind 'dead_weight' takes weight",
-        ),
+        ({"point": "float", "weight": 1.0, "friction": 0.5}, "anchor.0.point: 'float' is not a fixed point"),
+        ({"point": "anchor", "weight": 1.0}, "anchor.0.friction: missing; kind 'dead_weight' takes weight"),
         ({"point": "anchor", "kind": "tested", "weight": 1.0}, "anchor.0.weight: is not used; kind 'tested' takes"),
         ({"point": "anchor", "kind": "tested", "capacity": -1.0}, "anchor.0.capacity: -1.0 is out of range"),
         ({"point": "anchor", "kind": "scew"}, "anchor.0.kind: 'scew' is unknown"),

@@ -3,8 +3,9 @@
 import numpy as np
 
 from dropper_jax import report_runs
-from dropper_jax.report.parts import parts, parts_text
-from dropper_jax.report.sections import SECTION_ROWS, watch
+from dropper_jax.report import sections
+from dropper_jax.report.cells import SECTION_ROWS
+from dropper_jax.report.parts import parts
 from dropper_jax.report.text import markdown
 
 
@@ -20,12 +21,12 @@ def point(i):
 
 
 def test_of_many_points_the_ones_that_move_most_are_shown():
-    text = watch([point(i) for i in range(1400)])
+    text = sections.watch([point(i) for i in range(1400)])
     assert "| p1399 |" in text
     assert "| p1369 |" not in text
     assert text.count("\n| p") == SECTION_ROWS
     assert text.endswith(f"The largest {SECTION_ROWS} of 1400 points; report.json has all.")
-    assert "report.json" not in watch([point(i) for i in range(SECTION_ROWS)])
+    assert "report.json" not in sections.watch([point(i) for i in range(SECTION_ROWS)])
 
 
 def loaded(name, largest, mean, used, events, yearly):
@@ -64,8 +65,7 @@ def test_loops_are_one_part_with_the_worst_of_them_by_name():
     assert loops["fatigue"] == {"line": "loop-11", "damage_per_year": 0.11}
     assert found[0]["utilisation"] is None
     assert found[0]["fatigue"] is None
-    head, text = parts_text(found)
-    assert head == "## Parts"
+    text = sections.parts(found)
     row = next(row for row in text.splitlines() if "loop-" in row)
     for words in ("loop-4: 900 at 3.0 m, 10.90 s", "loop-8: 70.0 %", "loop-2: 6", "loop-11: 0.11"):
         assert words in row
@@ -86,7 +86,6 @@ def test_ten_lines_and_lines_unlike_each_other_have_no_parts():
     unlike = [loaded(name, 1.0, 1.0, None, 0, None) for name in "abcdefghijk"]
     found = parts(*map(list, zip(*unlike, strict=True)))
     assert found == {"skipped": "no lines whose names differ only in their numbers"}
-    assert parts_text(found) == []
 
 
 def test_parts_stand_before_tensions_where_there_are_many_lines(made):

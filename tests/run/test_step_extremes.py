@@ -8,7 +8,7 @@ import pytest
 import dropper_jax as dj
 from dropper_jax.cli.run_text import text, with_gaps
 from dropper_jax.report.build import report_run
-from dropper_jax.report.sections import largest_table
+from dropper_jax.report.cells import largest_table
 from dropper_jax.run.step_extremes import STEP_EXTREMES
 from dropper_jax.run.step_facts import step_facts
 
@@ -99,7 +99,7 @@ def test_rows_keep_the_order_of_the_scene_with_a_count_of_hidden_lines():
         ("(2 lines not shown)", ""),
     ]
     lines = [{"line": f"sock-{i}", "n": 1.0 + (i != 3)} for i in range(1, 32)]
-    table = largest_table(lines, lambda line: line["n"], lambda line: {"line": line["line"], "n": str(line["n"])})
+    table = largest_table(lines, lambda line: line["n"], {"line": "{line}", "n": "{n}"})
     names = [row.split("|")[1].strip() for row in table.splitlines()[2:6]]
     assert names == ["sock-1", "sock-2", "(1 not shown)", "sock-4"]
 

@@ -7,105 +7,108 @@ of the body itself becomes a sphere about the centre of mass. A free rod becomes
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.read import Table
-from dropper_jax.decks.reading.sections import Deck, Row
-from dropper_jax.decks.reading.spars import rod_type
+from dropper_jax.decks.reading.sections import Row
+from dropper_jax.decks.reading.spars import rod_values
 
 
-def free_body(deck: Deck, row: Row, rods: list[Row], notes: list[str]) -> Table:
+class Solid(NamedTuple):
+    """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m^2]."""
+
+    mass: float
+    centre: np.ndarray
+    inertia: np.ndarray
+
+
+def free_body(row: Row, rods: list[Row]) -> Table:
     """`[[body]]` of a free body and the rods on it; its attachments are added with the points."""
     row.need(13, "body")
-    where = row.values(2, 5, "X0, Y0, Z0")
-    turned = [math.radians(angle) for angle in row.values(5, 8, "r0, p0, y0")]
-    if sum(angle != 0.0 for angle in turned) > 1:
-        row.refuse(f"body {row.words[0]}: is rotated about several axes; allowed: about one of x, y and z")
-    mass = row.value(8, "Mass", 0.0)
+    what = f"body {row.words[0]}"
+    turned = np.radians(row.values(5, 8, "r0, p0, y0")).tolist()
+    if np.count_nonzero(turned) > 1:
+        row.refuse(f"{what}: is rotated about several axes; allowed: about one of x, y and z")
     centre = row.parts(9, "CG")
-    centre = np.array(centre if len(centre) == 3 else [0.0, 0.0, centre[0]])
-    moments = row.parts(10, "I")
-    parts = [(mass, centre, np.diag(moments if len(moments) == 3 else moments * 3))]
-    pairs = [_cylinder(deck, rod) for rod in rods]
-    found = _together(row, f"body {row.words[0]}", [*parts, *(part for _, part in pairs)])
-    found |= {"name": row.name or f"body-{row.words[0]}", "position": where}
+    if len(centre) != 3:
+        centre = [0.0, 0.0, centre[0]]
+    moments = np.broadcast_to(row.parts(10, "I"), 3)
+    own = Solid(row.value(8, "Mass", 0.0), np.array(centre), np.diag(moments))
+    cylinders = [_cylinder(rod) for rod in rods]
+    found: Table = {"name": row.name("body"), "row": row.number, "position": row.values(2, 5, "X0, Y0, Z0")}
+    found |= _together(row, what, [own, *(_solid(rod, shape) for rod, shape in zip(rods, cylinders, strict=True))])
     if any(turned):
         found["attitude"] = turned
-    cylinders = [cylinder for cylinder, _ in pairs]
-    spheres = _spheres(row, found["centre_of_mass"] if mass == 0.0 else centre.tolist(), notes)
-    return found | {key: shapes for key, shapes in (("cylinders", cylinders), ("spheres", spheres)) if shapes}
+    if cylinders:
+        found["cylinders"] = cylinders
+    if row.value(11, "Volume", 0.0):
+        found["spheres"] = [_sphere(row, centre if own.mass else found["centre_of_mass"])]
+    elif any(row.parts(12, "CdA")):
+        row.note(f"CdA of {what} is not represented, because the body has no volume")
+    return found
 
 
-def free_rod(deck: Deck, row: Row) -> Table:
+def free_rod(row: Row) -> Table:
     """`[[body]]` of a free rod: its axes are the scene's, its reference point is its end A."""
-    cylinder, (mass, centre, inertia) = _cylinder(deck, row)
-    start = np.array(cylinder["from"])
-    found = _together(row, f"rod {row.words[0]}", [(mass, centre - start, inertia)])
-    shape = {**cylinder, "from": [0.0, 0.0, 0.0], "to": (np.array(cylinder["to"]) - start).tolist()}
-    return {**found, "name": row.name or f"rod-{row.words[0]}", "position": start.tolist(), "cylinders": [shape]}
+    shape = _cylinder(row)
+    start = shape["from"]
+    shape |= {"from": [0.0, 0.0, 0.0], "to": np.subtract(shape["to"], start).tolist()}
+    found = {"name": row.name("rod"), "row": row.number, "position": start, "cylinders": [shape]}
+    return found | _together(row, f"rod {row.words[0]}", [_solid(row, shape)])
 
 
-def _cylinder(deck: Deck, row: Row) -> tuple[Table, tuple[float, np.ndarray, np.ndarray]]:
-    """A rod as a cylinder, and its mass [kg], centre of mass [m] and inertia about it [kg m^2]."""
+def _cylinder(row: Row) -> Table:
+    """A rod as a cylinder of a body."""
     row.need(10, "rod")
-    kind = rod_type(deck, row)
-    diameter, each, cdn, can, cdt, cat = kind.values(1, 7, "rod type", 0.0)
-    a = np.array(row.values(3, 6, "Xa to Zb"))
-    b = np.array(row.values(6, 9, "Xa to Zb"))
-    length = float(np.linalg.norm(b - a))
+    _, shape = rod_values(row)
+    ends = {"from": row.values(3, 6, "Xa to Zb"), "to": row.values(6, 9, "Xa to Zb")}
+    return {**ends, **shape, "slices": max(row.integer(9, "NumSegs", 0), 1)}
+
+
+def _solid(row: Row, shape: Table) -> Solid:
+    """Mass and inertia of a rod, a solid cylinder."""
+    start = np.array(shape["from"])
+    end = np.array(shape["to"])
+    length = float(np.linalg.norm(end - start))
     if not length > 0.0:
         row.refuse(f"rod {row.words[0]}: has no length; allowed: two ends")
-    mass = each * length
-    along = (b - a) / length
-    own = mass * diameter**2 / 8.0
-    across = mass * (diameter**2 / 16.0 + length**2 / 12.0)
+    along = (end - start) / length
+    mass = rod_values(row)[0] * length
+    own = mass * shape["diameter"] ** 2 / 8.0
+    across = mass * (shape["diameter"] ** 2 / 16.0 + length**2 / 12.0)
     inertia = across * np.eye(3) + (own - across) * np.outer(along, along)
-    shape = {"from": a.tolist(), "to": b.tolist(), "diameter": diameter, "cdn": cdn, "can": can, "cdt": cdt, "cat": cat}
-    shape["slices"] = max(row.integer(9, "NumSegs", 0), 1)
-    return shape, (mass, 0.5 * (a + b), inertia)
+    return Solid(mass, 0.5 * (start + end), inertia)
 
 
-def _together(row: Row, what: str, parts: list[tuple[float, np.ndarray, np.ndarray]]) -> Table:
+def _together(row: Row, what: str, parts: list[Solid]) -> Table:
     """Mass, centre of mass and inertia about it of several parts."""
-    mass = sum(m for m, _, _ in parts)
+    mass = sum(part.mass for part in parts)
     if not mass > 0.0:
         row.refuse(f"{what}: has no mass, with what is on it; allowed: > 0 kg")
-    centre = sum(m * c for m, c, _ in parts) / mass
+    centre = np.sum([part.mass * part.centre for part in parts], axis=0) / mass
     inertia = np.zeros((3, 3))
-    for m, c, own in parts:
-        away = c - centre
-        inertia += own + m * (away @ away * np.eye(3) - np.outer(away, away))
-    xx, yy, zz, xy, xz, yz = (float(inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
-    if max(map(abs, (xy, xz, yz))) > 1e-12 * max(xx, yy, zz):
-        products = [xy, xz, yz]
-    else:
-        products = []
-    return {"mass": mass, "centre_of_mass": centre.tolist(), "inertia": [xx, yy, zz, *products]}
+    for part in parts:
+        away = part.centre - centre
+        inertia += part.inertia + part.mass * (away @ away * np.eye(3) - np.outer(away, away))
+    found = np.diag(inertia)
+    products = inertia[[0, 0, 1], [1, 2, 2]]
+    if np.max(np.abs(products)) > 1e-12 * np.max(found):
+        found = np.concatenate([found, products])
+    return {"mass": mass, "centre_of_mass": centre.tolist(), "inertia": found.tolist()}
 
 
-def _spheres(row: Row, centre: list[float], notes: list[str]) -> list[Table]:
+def _sphere(row: Row, centre: list[float]) -> Table:
     """A body's own volume, with the mean of its drag areas and added masses."""
-    volume = row.value(11, "Volume", 0.0)
     area = row.parts(12, "CdA")
+    added = [0.0]
     if len(row.words) > 13:
         added = row.parts(13, "Ca")
-    else:
-        added = [0.0]
-    if not volume:
-        if any(area):
-            notes.append(
-                f"line {row.number}: CdA of body {row.words[0]} is not represented, because the body has no volume"
-            )
-        return []
+    of = f"body {row.words[0]}"
     if len({*area[:3]}) > 1 or len({*added[:3]}) > 1 or any(area[3:]) or any(added[3:]):
-        notes.append(
-            f"line {row.number}: the means of CdA and Ca of body {row.words[0]} are used; rotational values are ignored"
-        )
-    notes.append(
-        f"line {row.number}: the volume of body {row.words[0]} is a sphere about its centre of mass, which can leave "
-        "the water; MoorDyn's stays wet"
-    )
-    diameter = (6.0 * volume / math.pi) ** (1.0 / 3.0)
+        row.note(f"the means of CdA and Ca of {of} are used; rotational values are ignored")
+    row.note(f"the volume of {of} is a sphere about its centre of mass, which can leave the water; MoorDyn's stays wet")
+    diameter = (6.0 * row.value(11, "Volume") / math.pi) ** (1.0 / 3.0)
     cd = float(np.mean(area[:3])) / (0.25 * math.pi * diameter**2)
-    return [{"centre": centre, "diameter": diameter, "cd": cd, "ca": float(np.mean(added[:3]))}]
+    return {"centre": centre, "diameter": diameter, "cd": cd, "ca": float(np.mean(added[:3]))}

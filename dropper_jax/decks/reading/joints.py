@@ -26,7 +26,8 @@ class Part(NamedTuple):
 
 @dataclass
 class DeckLine:
-    """A line of a deck: its name, the points at its ends A and B, its type, length [m] and number of links."""
+    """A line of a deck: its name, the points at its ends A and B, its type, length [m], number of links, and its row in
+    the file."""
 
     name: str
     start: str
@@ -34,15 +35,24 @@ class DeckLine:
     type: str
     length: float
     links: int
+    row: int
+
+
+class Step(NamedTuple):
+    """A line and whether it is passed from its end B to its end A."""
+
+    line: DeckLine
+    turned: bool
 
     @property
-    def section(self) -> Table:
-        """Its values as a section of a line of the scene."""
-        return {"type": self.type, "length": self.length, "links": self.links}
+    def start(self) -> str:
+        """The point before the line."""
+        return self.line.end if self.turned else self.line.start
 
-
-#: A line and whether it is passed from its end B to its end A.
-Step = tuple[DeckLine, bool]
+    @property
+    def end(self) -> str:
+        """The point after the line."""
+        return self.line.start if self.turned else self.line.end
 
 
 def join_lines(lines: list[DeckLine], joints: Collection[str]) -> tuple[list[Table], dict[str, Part]]:
@@ -71,40 +81,34 @@ def join_lines(lines: list[DeckLine], joints: Collection[str]) -> tuple[list[Tab
         for own, turned in steps:
             parts[own.name] = Part(line.name, first, own.links, turned)
             first += own.links
-        joined.append(_table(line.name, steps))
+        joined.append(_table(line, steps))
     return joined, parts
 
 
 def _chain(line: DeckLine, pairs: dict[str, list[DeckLine]]) -> list[Step]:
     """A line with those before and after it; a closed ring stays in pieces."""
-    after = list(_lines_beyond(line, False, pairs))
-    if any(other is line for other, _ in after):
-        return [(line, False)]
-    before = list(_lines_beyond(line, True, pairs))
-    return [*((own, not turned) for own, turned in reversed(before)), (line, False), *after]
+    after = list(_lines_beyond(Step(line, False), pairs))
+    if any(step.line is line for step in after):
+        return [Step(line, False)]
+    before = list(_lines_beyond(Step(line, True), pairs))
+    return [*(Step(own, not turned) for own, turned in reversed(before)), Step(line, False), *after]
 
 
-def _lines_beyond(line: DeckLine, turned: bool, pairs: dict[str, list[DeckLine]]) -> Iterator[Step]:
+def _lines_beyond(step: Step, pairs: dict[str, list[DeckLine]]) -> Iterator[Step]:
     """The lines that follow a line past its last end, or past its first end if it is turned."""
-    start = line
-    end = line.start if turned else line.end
-    while end in pairs:
-        line = next(other for other in pairs[end] if other is not line)
-        turned = line.end == end
-        yield line, turned
+    start = step.line
+    while step.end in pairs:
+        line = next(other for other in pairs[step.end] if other is not step.line)
+        step = Step(line, line.end == step.end)
+        yield step
         if line is start:
             return
-        end = line.start if turned else line.end
 
 
-def _table(name: str, steps: list[Step]) -> Table:
-    """The `[[line]]` of lines one after another."""
-    first, first_turned = steps[0]
-    last, last_turned = steps[-1]
-    sections = [own.section for own, _ in steps]
-    return {
-        "name": name,
-        "from": first.end if first_turned else first.start,
-        "to": last.start if last_turned else last.end,
-        **(sections[0] if len(steps) == 1 else {"sections": sections}),
-    }
+def _table(line: DeckLine, steps: list[Step]) -> Table:
+    """The `[[line]]` of lines one after another, with the name of `line`."""
+    sections = [{"type": own.type, "length": own.length, "links": own.links} for own, _ in steps]
+    found = {"name": line.name, "row": line.row, "from": steps[0].start, "to": steps[-1].end}
+    if len(steps) == 1:
+        return found | sections[0]
+    return found | {"sections": sections}

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import SceneError, nearest
@@ -17,8 +19,8 @@ FIRST = ("can", "cat", "cdn", "cdt")
 SECOND = ("cdn", "can", "cdt", "cat")
 
 
-def read_types(deck: Deck, notes: list[str]) -> dict[str, Table]:
-    """Line types by name; properties without a counterpart in a scene are added to the notes.
+def read_types(deck: Deck) -> dict[str, Table]:
+    """Line types by name, each with its line of the file under `row`.
 
     Version 1 has nine columns, version 2 ten or more, with EI in the sixth.
     """
@@ -28,42 +30,44 @@ def read_types(deck: Deck, notes: list[str]) -> dict[str, Table]:
         name = row.words[0]
         if name in found:
             row.refuse(f"line type {name!r} is given twice")
-        second = _second_version(deck, row)
         kind: Table = {
             "name": name,
+            "row": row.number,
             "diameter": row.value(1, "Diam", 0.0, open_low=True),
             "mass": row.value(2, "Mass/m", 0.0, open_low=True),
-            **_stiffness(row, notes),
-            **_damping(row, notes),
+            **_stiffness(row),
+            **_damping(row),
         }
+        second = _second_version(row)
         for i, key in enumerate(SECOND if second else FIRST, 5 + second):
             kind[key] = row.value(i, key, 0.0)
         if second:
-            kind.update(_bending(row, notes))
+            kind |= _bending(row)
         if len(row.words) > 10 and row.value(10, "Cl", 0.0) > 0.0:
-            notes.append(f"line {row.number}: Cl of {name!r} is not represented: no vortex-induced forces")
+            row.note(f"Cl of {name!r} is not represented: no vortex-induced forces")
         found[name] = kind
     return found
 
 
-def _second_version(deck: Deck, row: Row) -> bool:
+def _second_version(row: Row) -> bool:
     """Whether a row has EI and the order of version 2, by the column names; without these by their number."""
-    names = [word.lower() for word in deck.columns.get("line types", ())]
+    names = {*row.deck.columns("line types")}
     if "ei" in names:
         row.need(10, "line type")
         return True
-    if any(word in names for word in ("cdax", "caax")):
-        deck.refuse(deck.first["line types"] + 1, "LINE TYPES: columns CdAx CaAx without EI; needed: EI before Cd")
-    if any(word in names for word in ("can", "cat", "cdt")) and len(row.words) > 9:
+    if names & {"cdax", "caax"}:
+        at = row.deck.first["line types"] + 1
+        row.deck.refuse(at, "LINE TYPES: columns CdAx CaAx without EI; needed: EI before Cd")
+    if names & {"can", "cat", "cdt"} and len(row.words) > 9:
         row.refuse(f"line type: has {len(row.words)} values under a header of version 1; allowed: 9")
     return len(row.words) >= 10
 
 
-def _bending(row: Row, notes: list[str]) -> dict[str, float]:
+def _bending(row: Row) -> dict[str, float]:
     """`EI` [N m^2] if there is any; a table of moments is ignored, with a note."""
     text = row.words[5]
     if not is_number(text):
-        notes.append(f"line {row.number}: EI {text} of {row.words[0]!r} is not represented: lines bend freely")
+        row.note(f"EI {text} of {row.words[0]!r} is not represented: lines bend freely")
         return {}
     value = row.read(text, "EI", 0.0)
     if value:
@@ -71,12 +75,12 @@ def _bending(row: Row, notes: list[str]) -> dict[str, float]:
     return {}
 
 
-def _stiffness(row: Row, notes: list[str]) -> Table:
+def _stiffness(row: Row) -> Table:
     """`EA` [N], or the table of a file; for a viscoelastic rope its static part, with a note."""
     text = row.words[3]
     if "|" in text:
         static = text.split("|")[0]
-        notes.append(f"line {row.number}: EA {text} is not represented: the static part {static} is used")
+        row.note(f"EA {text} is not represented: the static part {static} is used")
         if static.upper().startswith("SYROPE:"):
             row.refuse("EA: working curves (SYROPE) are not represented; allowed: a number or a table")
         text = static
@@ -87,18 +91,14 @@ def _stiffness(row: Row, notes: list[str]) -> Table:
 
 def _table(row: Row, text: str) -> dict[str, list[float]]:
     """Strain and tension [N] of a file with three header lines; `force_table` interpolates its rows smoothly."""
-    file = find_referenced(text, f"{row.path.name}:{row.number}: EA", row.path.parent)
+    file = find_referenced(text, f"{row.deck.path.name}:{row.number}: EA", row.deck.path.parent)
     try:
         lines = file.read_text(encoding="utf-8").splitlines()[3:]
-        rows = []
-        for line in lines:
-            if line.strip():
-                rows.append([float(word) for word in line.split()[:2]])
-        strain = [float(row[0]) for row in rows]
-        tension = [float(row[1]) for row in rows]
+        table = np.array([line.split()[:2] for line in lines if line.strip()], float)
+        strain, tension = table.T.tolist()
     except OSError as error:
         row.refuse(f"EA: {text!r} is neither a number nor a readable file: {error.strerror}")
-    except (ValueError, IndexError):
+    except ValueError:
         row.refuse(f"EA: {text!r} is not a table of strain and tension after three header lines")
     try:
         ForceTable.read(strain, tension, text)
@@ -107,11 +107,11 @@ def _table(row: Row, text: str) -> dict[str, list[float]]:
     return {"strain": strain, "tension": tension}
 
 
-def _damping(row: Row, notes: list[str]) -> dict[str, float]:
+def _damping(row: Row) -> dict[str, float]:
     """BA [N s] or, if negative, the ratio of critical damping."""
     text = row.words[4]
     if "|" in text:
-        notes.append(f"line {row.number}: BA {text} is not represented: the static part is used")
+        row.note(f"BA {text} is not represented: the static part is used")
         text = text.split("|")[0]
     value = row.read(text, "BA/-zeta")
     if value < 0.0:
@@ -127,9 +127,7 @@ def read_seafloor(path: Path) -> dict[str, list[float]]:
     try:
         x = sorted(map(float, lines[1]))
         y = sorted(map(float, lines[2]))
-        positions = {}
-        for a, b, z in (line[:3] for line in lines[3:]):
-            positions[(float(a), float(b))] = abs(float(z))
+        positions = {(float(a), float(b)): abs(float(z)) for a, b, z, *_ in lines[3:]}
         depths = [positions[a, b] for a in x for b in y]
     except (ValueError, IndexError):
         raise SceneError(
@@ -206,35 +204,32 @@ class Options:
         texts: those with text values.
         lines: line number of each option that the file gives.
         left: names of options without a counterpart in a scene.
-        missed: one line for each of those that affect the results.
     """
 
     values: dict[str, float] = field(default_factory=lambda: dict(NUMBERS))
     texts: dict[str, str] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)
-    missed: list[str] = field(default_factory=list)
 
 
 def read_options(deck: Deck) -> Options:
-    """The options section.
+    """The options section; those that affect the results and have no counterpart in a scene are added to the notes.
 
     Raises:
         SceneError: an option that MoorDyn does not have, or a value that is not a number, with its line.
     """
     found = Options()
-    for row in deck.rows.get("options", []):
+    for row in deck.rows["options"]:
         if len(row.words) < 2:
             row.refuse(f"{' '.join(row.words)!r} is not an option; allowed: a value and a name")
-        value = row.words[0]
-        given = row.words[1]
+        value, given = row.words[:2]
         name = OTHER_NAMES.get(given.lower(), given.lower())
         found.lines[name] = row.number
         if name in WITHOUT:
             found.left.append(given)
         elif name in MISSED:
             if value.lower() not in NOTHING:
-                found.missed.append(f"line {row.number}: {given} {value} is not represented: {MISSED[name]}")
+                row.note(f"{given} {value} is not represented: {MISSED[name]}")
         elif name in TEXTS:
             found.texts[name] = value
         elif name not in NUMBERS:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+
+import numpy as np
 
 from dropper_jax.base.errors import LocatedValues, SceneError, nearest
 from dropper_jax.base.files import find_referenced
@@ -13,7 +16,7 @@ from dropper_jax.base.read import Plain, Table
 from dropper_jax.base.toml_text import parsed_toml
 from dropper_jax.decks.reading.joints import DeckLine, Part, join_lines
 from dropper_jax.decks.reading.options import Options, read_options, read_seafloor, read_types
-from dropper_jax.decks.reading.points import Ends, first_version, read_ends, wet_floats_note
+from dropper_jax.decks.reading.points import Ends, line_columns, read_ends, wet_floats_note
 from dropper_jax.decks.reading.sections import Deck, read_input, split_file
 from dropper_jax.decks.reading.water import read_current, read_waves
 
@@ -53,83 +56,81 @@ def read_moordyn(path: str | Path, depth: float | None = None) -> Table:
     options = read_options(deck)
     if depth is not None:
         _check_depth(deck, options, depth)
-    notes = [*options.missed]
-    types = read_types(deck, notes)
-    ends = read_ends(deck, notes)
+    types = read_types(deck)
+    ends = read_ends(deck)
     own_lines = _lines(deck, types, ends.names)
     _check_outputs(deck)
     held = {point["name"] for point in ends.points if point.get("kind") != "free"}
     if not ends.bodies and all(line.links == 1 and {line.start, line.end} <= held for line in own_lines):
         for line in own_lines:  # MoorDyn's only stretch; here at least one node must be free
             line.links = 2
-            notes.append(f"line {line.name!r}: NumSegs 1 between fixed points: 2 links are used")
+            deck.notes.append(f"line {line.name!r}: NumSegs 1 between fixed points: 2 links are used")
     used = {line.type for line in own_lines}
-    bending = _bending(own_lines, types, ends, notes)
-    broken = _failures(deck, own_lines, ends.names, notes)
+    bending = _bending(own_lines, types, ends, deck.notes)
+    broken = _failures(deck, own_lines, ends.names)
     lines, parts = join_lines(own_lines, ends.joints)
     for failure in broken:
-        failure |= _link_of(parts[failure["line"]], failure["link"])
-    notes += _joint_notes(lines, parts, options.values["tmaxic"] == 0.0)
+        part = parts[failure["line"]]
+        link = failure["link"]
+        if part.turned:
+            link = part.links + 1 - link
+        failure |= {"line": part.line, "link": part.first + link}
+    as_given = options.values["tmaxic"] == 0.0
+    deck.notes += _joint_notes(lines, parts, as_given)
     at_ends = {line[key] for line in lines for key in ("from", "to")}
-    inside = {name for name in ends.joints if name not in at_ends}
-    left = [point["name"] for point in ends.points if point["name"] not in {*at_ends, *inside}]
-    notes += [f"point {name!r} is not represented: no line ends there" for name in left]
+    for point in ends.points:
+        if point["name"] not in {*at_ends, *ends.joints}:
+            deck.notes.append(f"point {point['name']!r} is not represented: no line ends there")
+    seafloor = _seafloor(options, path.parent)
     scene: Table = {
         "name": path.stem,
         "description": "",
-        "run": _run(options, notes),
-        "line_type": [types[name] for name in types if name in used],
+        "run": _run(options, deck.notes),
+        "line_type": [kind for name, kind in types.items() if name in used],
         "point": [point for point in ends.points if point["name"] in at_ends],
         "line": lines,
         "buoy": ends.buoys,
         "body": ends.bodies,
-        "effects": _effects(options, path.parent, bending),
+        "effects": _effects(options, seafloor, bending),
         "failure": broken,
-        **_sea(deck, options, notes),
+        **_sea(deck, options, seafloor),
     }
     scene = {key: value for key, value in scene.items() if value or key not in ("buoy", "body", "failure")}
-    if options.values["tmaxic"] == 0.0:
+    if as_given:
         scene["start"] = {"kind": "points"}
     density = options.values["rho"]
     floats = [p["name"] for p in scene["point"] if density * p.get("volume", 0.0) > p.get("mass", 0.0)]
     if floats:
-        notes.append(wet_floats_note(floats))
-    without = [section for section in WITHOUT if deck.rows.get(section)]
-    notes += [f"line {deck.first[section]}: section {section.upper()} is not represented" for section in without]
+        deck.notes.append(wet_floats_note(floats))
+    for section in WITHOUT:
+        if deck.rows[section]:
+            deck.notes.append(f"line {deck.first[section]}: section {section.upper()} is not represented")
     if options.left:
-        notes.append(f"options without a counterpart: {', '.join(options.left)}")
+        deck.notes.append(f"options without a counterpart: {', '.join(options.left)}")
+    numbers = _line_numbers(deck, scene, options)
     _apply_free_text(deck, scene)
     if "duration" not in scene["run"]:
         scene["run"]["duration"] = max(DEFAULT_DURATION, scene["run"]["dt"])
-        notes.append(f"the file has no duration: {scene['run']['duration']:g} s are used")
-    all_notes = [f"{path.name}: {note}" for note in notes]
+        deck.notes.append(f"the file has no duration: {scene['run']['duration']:g} s are used")
+    notes = [f"{path.name}: {note}" for note in deck.notes]
     earlier = scene.get("notes")  # of the source file of the scene
     if isinstance(earlier, list):
-        all_notes = earlier + all_notes
-    numbers = _lines_of(deck, scene, ends, options)
-    if all_notes:
-        scene["notes"] = all_notes
+        notes = earlier + notes
+    if notes:
+        scene["notes"] = notes
     return LocatedValues(scene, str(path), numbers)
 
 
-def _lines_of(deck: Deck, scene: Table, ends: Ends, options: Options) -> dict[str, int]:
-    """The line number in the file of each item of the scene, by path."""
-    found = {key: deck.noted[key] for key in deck.given}
-    found |= {key: options.lines[name] for key, name in OPTION_OF.items() if name in options.lines}
-    of = {row.words[0]: row.number for row in deck.rows.get("line types", [])}
-    found |= {f"line_type.{i}": of[kind["name"]] for i, kind in enumerate(scene["line_type"])}
-    rows = {row.name or f"line-{row.words[0]}": row.number for row in deck.rows["lines"]}
-    found |= {f"line.{i}": rows[line["name"]] for i, line in enumerate(scene["line"]) if line["name"] in rows}
-    at: dict[str, int] = {}
-    for section, kinds, suffixes in (("points", (), ("",)), ("bodies", ("body",), ()), ("rods", ("rod", "buoy"), "AB")):
-        for row in deck.rows.get(section, []):
-            words = [f"R{row.words[0]}{end}" if section == "rods" else row.words[0] for end in suffixes]
-            own = [ends.names[word] for word in words if word in ends.names]
-            for name in (*own, row.name, *(f"{kind}-{row.words[0]}" for kind in kinds)):
-                at.setdefault(name, row.number)
-    for key in ("point", "buoy", "body"):
-        found |= {f"{key}.{i}": at[item["name"]] for i, item in enumerate(scene.get(key, [])) if item["name"] in at}
-    return found | ({"failure": deck.first["failure"]} if "failure" in deck.first else {})
+def _line_numbers(deck: Deck, scene: Table, options: Options) -> dict[str, int]:
+    """The line number in the file of each item of the scene, by path; removes `row` from the items."""
+    found = {**deck.noted}
+    found |= {path: options.lines[name] for path, name in OPTION_OF.items() if name in options.lines}
+    for key in ("line_type", "line", "point", "buoy", "body"):
+        for i, item in enumerate(scene.get(key, [])):
+            found[f"{key}.{i}"] = item.pop("row")
+    if "failure" in deck.first:
+        found["failure"] = deck.first["failure"]
+    return found
 
 
 def _check_depth(deck: Deck, options: Options, depth: float) -> None:
@@ -144,83 +145,73 @@ def _check_depth(deck: Deck, options: Options, depth: float) -> None:
 
 def _lines(deck: Deck, types: Table, names: dict[str, str]) -> list[DeckLine]:
     found: dict[str, DeckLine] = {}
-    by_upper = {key.upper(): name for key, name in names.items()}
-    order = (4, 5, 2, 3) if first_version(deck) else (2, 3, 4, 5)
+    start_column, end_column, length, links = line_columns(deck)
     for row in deck.require("lines"):
-        row.need(6, "line")
-        start, end = (row.words[i] for i in order[:2])
-        if row.words[0] in found:
-            row.refuse(f"line {row.words[0]} is given twice")
-        if row.words[1] not in types:
-            row.refuse(f"line type {row.words[1]!r} is not in the file; {nearest(row.words[1], types)}")
-        for end_word in (start, end):
-            if end_word.upper() not in by_upper:
-                row.refuse(f"{end_word!r} is not a point of the file; {nearest(end_word, names)}")
+        key, kind = row.words[:2]
+        start = row.words[start_column]
+        end = row.words[end_column]
+        if key in found:
+            row.refuse(f"line {key} is given twice")
+        if kind not in types:
+            row.refuse(f"line type {kind!r} is not in the file; {nearest(kind, types)}")
+        for word in (start, end):
+            if word.upper() not in names:
+                row.refuse(f"{word!r} is not a point of the file; {nearest(word, names)}")
         if start.upper() == end.upper():
-            row.refuse(f"line {row.words[0]} starts and ends at {start}; allowed: two different points")
-        found[row.words[0]] = DeckLine(
-            name=row.name or f"line-{row.words[0]}",
-            start=by_upper[start.upper()],
-            end=by_upper[end.upper()],
-            type=row.words[1],
-            length=row.value(order[2], "UnstrLen", 0.0, open_low=True),
-            links=row.integer(order[3], "NumSegs"),
+            row.refuse(f"line {key} starts and ends at {start}; allowed: two different points")
+        found[key] = DeckLine(
+            name=row.name("line"),
+            start=names[start.upper()],
+            end=names[end.upper()],
+            type=kind,
+            length=row.value(length, "UnstrLen", 0.0, open_low=True),
+            links=row.integer(links, "NumSegs"),
+            row=row.number,
         )
     return list(found.values())
 
 
 def line_parts(deck: Deck) -> dict[str, Part]:
     """Where each line of a deck is in the lines of its scene, by its name."""
-    ends = read_ends(deck, [])
-    return join_lines(_lines(deck, read_types(deck, []), ends.names), ends.joints)[1]
+    ends = read_ends(deck)
+    return join_lines(_lines(deck, read_types(deck), ends.names), ends.joints)[1]
 
 
-def _joint_notes(lines: list[Table], parts: dict[str, Part], as_given: bool) -> list[str]:
+def _joint_notes(lines: list[Table], parts: dict[str, Part], as_given: bool) -> Iterator[str]:
     """A note for each line that is joined of several, whose start may be `as_given` by the positions of points."""
-    joined = [line["name"] for line in lines if "sections" in line]
-    own = {}
-    for name in joined:
-        own[name] = [key for key, part in parts.items() if part.line == name]
+    start = ""
     if as_given:
         start = "; it starts straight, without the rods' positions"
-    else:
-        start = ""
-    found = []
-    for name, keys in own.items():
-        found.append(
-            f"lines {', '.join(keys)}, joined by rods without mass and length, are the sections of line {name!r}{start}"
-        )
-    return found
-
-
-def _link_of(part: Part, link: int) -> Table:
-    """Line and link of the scene of a line's link, from 1."""
-    own = part.links + 1 - link if part.turned else link
-    return {"line": part.line, "link": part.first + own}
+    for line in lines:
+        if "sections" in line:
+            names = ", ".join(key for key, part in parts.items() if part.line == line["name"])
+            yield (
+                f"lines {names}, joined by rods without mass and length, are the sections of line "
+                f"{line['name']!r}{start}"
+            )
 
 
 def _check_outputs(deck: Deck) -> None:
     """Reject an output of a line that is not in the file."""
-    known = [row.words[0] for row in deck.rows.get("lines", [])]
-    for row in deck.rows.get("outputs", []):
+    known = [row.words[0] for row in deck.rows["lines"]]
+    for row in deck.rows["outputs"]:
         for word in row.words:
             found = OUTPUT.fullmatch(word.strip(',"'))
             if found and (found[1] or found[2]) not in known:
                 row.refuse(f"output {word!r}: there is no such line; allowed: {', '.join(known)}")
 
 
-def _failures(deck: Deck, lines: list[DeckLine], names: dict[str, str], notes: list[str]) -> list[Table]:
+def _failures(deck: Deck, lines: list[DeckLine], names: dict[str, str]) -> list[Table]:
     """`[[failure]]` entries: the first or last link of each line that detaches from a point."""
     found: list[Table] = []
-    by_upper = {key.upper(): name for key, name in names.items()}
     by_number = {row.words[0]: line for row, line in zip(deck.rows["lines"], lines, strict=True)}
-    for row in deck.rows.get("failure", []):
+    for row in deck.rows["failure"]:
         row.need(5, "failure")
-        point = by_upper.get(row.words[1].upper(), "")
-        time = row.value(3, "FailTime", 0.0)
-        load = row.value(4, "FailTen", 0.0)
-        given = {key: value for key, value in (("time", time), ("load", load)) if value > 0.0}
-        for word in row.words[2].split(","):
+        point = names.get(row.words[1].upper(), "")
+        given = {"time": row.value(3, "FailTime", 0.0), "load": row.value(4, "FailTen", 0.0)}
+        given = {key: value for key, value in given.items() if value}
+        words = row.words[2].split(",")
+        for word in words:
             line = by_number.get(word)
             if line is None or point not in (line.start, line.end):
                 row.refuse(f"line {word} does not end at point {row.words[1]}")
@@ -229,8 +220,8 @@ def _failures(deck: Deck, lines: list[DeckLine], names: dict[str, str], notes: l
                 if line.start != point:
                     link = line.links
                 found.append({"line": line.name, "link": link, **given})
-        if load > 0.0 and "," in row.words[2]:
-            notes.append(f"line {row.number}: the lines of a failure detach one by one, each at its own tension")
+        if "load" in given and len(words) > 1:
+            row.note("the lines of a failure detach one by one, each at its own tension")
     return found
 
 
@@ -245,10 +236,11 @@ def _run(options: Options, notes: list[str]) -> Table:
             "another step"
         )
         dt = DEFAULT_STEP
-    every = max(1, round(options.values["dtout"] / dt))
+    run = {"dt": dt}
+    every = round(options.values["dtout"] / dt)
     if every > 1:
-        return {"dt": dt, "save_every": every}
-    return {"dt": dt}
+        run["save_every"] = every
+    return run
 
 
 def _bending(lines: list[DeckLine], types: Table, ends: Ends, notes: list[str]) -> Table | None:
@@ -272,63 +264,63 @@ def _bending(lines: list[DeckLine], types: Table, ends: Ends, notes: list[str]) 
     return {}
 
 
-def _effects(options: Options, folder: Path, bending: Table | None) -> Table:
+def _effects(options: Options, seafloor: Table, bending: Table | None) -> Table:
     values = options.values
-    bed: Table = {"stiffness": values["kbot"], "damping": values["cbot"]}
-    if "seafloorfile" in options.texts:
-        bed.update(read_seafloor(_seafloor(options, folder)))
-    elif not values["rho"]:
-        bed["depth"] = values["wtrdpth"]
     found: Table = {"weight": {"gravity": values["g"]}}
+    bed = {"stiffness": values["kbot"], "damping": values["cbot"], **seafloor}
     if values["rho"]:
         found |= {"buoyancy": {}, "morison_drag": {}, "morison_inertia": {}}
-    if values["wtrdpth"] or "bed_x" in bed:
-        kinetic = values["frictioncoefficient"]
-        friction = {"law": "moordyn", "kinetic": kinetic, "damping": values["fricdamp"]}
-        found |= {"seabed": bed} | ({"seabed_friction": friction} if kinetic else {})
-        if values["statdynfricscale"] > 1.0:
-            friction["static"] = kinetic * values["statdynfricscale"]
-    if bending is None:
-        return found
-    return {**found, "bending": bending}
+    elif not seafloor:
+        bed["depth"] = values["wtrdpth"]
+    kinetic = values["frictioncoefficient"]
+    if values["wtrdpth"] or seafloor:
+        found["seabed"] = bed
+        if kinetic:
+            found["seabed_friction"] = {"law": "moordyn", "kinetic": kinetic, "damping": values["fricdamp"]}
+            if values["statdynfricscale"] > 1.0:
+                found["seabed_friction"]["static"] = kinetic * values["statdynfricscale"]
+    if bending is not None:
+        found["bending"] = bending
+    return found
 
 
-def _seafloor(options: Options, folder: Path) -> Path:
-    """The seabed file: in the input's folder or, as in MoorDyn, relative to the working folder."""
-    text = options.texts["seafloorfile"]
+def _seafloor(options: Options, folder: Path) -> Table:
+    """The seabed file: in the input's folder or, as in MoorDyn, relative to the working folder; empty without one."""
+    text = options.texts.get("seafloorfile")
+    if text is None:
+        return {}
     elsewhere = not (folder / text).exists() and Path(text).exists()
-    return find_referenced(text, "SeafloorFile", None if elsewhere else folder)
+    return read_seafloor(find_referenced(text, "SeafloorFile", None if elsewhere else folder))
 
 
-def _sea(deck: Deck, options: Options, notes: list[str]) -> Table:
-    """`[sea]`; None if the water has no density."""
+def _sea(deck: Deck, options: Options, seafloor: Table) -> Table:
+    """`[sea]`; empty if the water has no density."""
     values = options.values
     folder = deck.path.parent
     if not values["rho"]:
         return {}
     depth = values["wtrdpth"]
-    if "seafloorfile" in options.texts and not depth:
-        depths = read_seafloor(_seafloor(options, folder))["bed_depth"]
-        depth = sum(depths) / len(depths)
+    if seafloor and not depth:
+        depth = float(np.mean(seafloor["bed_depth"]))
     if depth <= 0.0:
         at = options.lines.get("wtrdpth", deck.first.get("options", 1))
         deck.refuse(at, "WtrDpth: missing; needed: > 0 m, in the file or as --depth")
     sea: Table = {"depth": depth, "density": values["rho"], "gravity": values["g"]}
     waves = values["wavekin"]
-    current = values["currents"]
     if waves in (2.0, 3.0, 7.0):
-        sea["waves"] = read_waves(folder, int(waves), values["dtwave"], notes)
+        sea["waves"] = read_waves(folder, int(waves), values["dtwave"], deck.notes)
         if waves == 2.0:
-            notes.append("WaveKin 2: components are summed as listed, not interpolated to even frequencies")
+            deck.notes.append("WaveKin 2: components are summed as listed, not interpolated to even frequencies")
+        if values["wavekin_rampt"]:
+            sea["ramp"] = values["wavekin_rampt"]
+            deck.notes.append("waveKin_rampT: MoorDyn's ramp is linear; here it is sin^2 of the same length")
     elif waves:
-        notes.append(f"WaveKin {waves:g} is not represented: the water has no waves")
-    if values["wavekin_rampt"] and "waves" in sea:
-        sea["ramp"] = values["wavekin_rampt"]
-        notes.append("waveKin_rampT: MoorDyn's ramp is linear; here it is sin^2 of the same length")
+        deck.notes.append(f"WaveKin {waves:g} is not represented: the water has no waves")
+    current = values["currents"]
     if current == 1.0:
         sea["current"] = read_current(folder)
     elif current:
-        notes.append(f"Currents {current:g} is not represented: the water has no current")
+        deck.notes.append(f"Currents {current:g} is not represented: the water has no current")
     return {"sea": sea}
 
 
@@ -353,15 +345,10 @@ def _apply_free_text(deck: Deck, scene: Table) -> None:
 
 def _join_pieces(lines: list[Table], given: Plain) -> None:
     """Set the line from which each piece was cut; a list of anything else is a remark of the user."""
-    if isinstance(given, list):
-        lists = [names for names in given if isinstance(names, list)]
-    else:
-        lists = []
     whole = {}
-    for names in lists:
-        if all(isinstance(name, str) for name in names):
-            for name in names[1:]:
-                whole[name] = names[0]
+    for names in given if isinstance(given, list) else []:
+        if isinstance(names, list) and all(isinstance(name, str) for name in names):
+            whole |= dict.fromkeys(names[1:], names[0])
     for line in lines:
         if line["name"] in whole:
             line["piece_of"] = whole[line["name"]]

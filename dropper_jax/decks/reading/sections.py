@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.files import read_lines
 from dropper_jax.base.read import MOST
 
 #: Headers of both versions, and the section that they start.
@@ -46,8 +48,7 @@ HEADERS = {
     "OUTPUT": "outputs",
 }
 #: Sections whose first two lines are column names and units.
-TABLES = {"line types", "rod types", "bodies", "rods", "points", "lines", "failure", "control", "external loads"}
-TABLES |= {"syrope ic"}
+TABLES = {*HEADERS.values()} - {"options", "outputs"}
 #: Headers that end the file.
 LAST = ("NEED THIS LINE", "END")
 _HEADER = re.compile(r"^\s*-{3,}\s*(.*?)\s*-*\s*$")
@@ -55,49 +56,96 @@ _COUNT = re.compile(r"^\s*\d+\s+N[A-Z]\w*\b")  # `3  NLines - number of line obj
 _NOTE = re.compile(r"^\s*!\s*([A-Za-z_][\w.]*)\s*=\s*(.+?)\s*$")
 
 
-@dataclass(frozen=True)
+@dataclass
+class Deck:
+    """A file in sections.
+
+    Attributes:
+        path: path of the file.
+        rows: rows of each section.
+        first: line of the header of each section that the file has.
+        heads: words of the lines of column names and of units of each table.
+        given: values of the free text, by key.
+        noted: their lines.
+        notes: what the scene lacks or has otherwise, one line each.
+    """
+
+    path: Path
+    rows: dict[str, list[Row]] = field(default_factory=lambda: defaultdict(list))
+    first: dict[str, int] = field(default_factory=dict)
+    heads: dict[str, list[tuple[str, ...]]] = field(default_factory=lambda: defaultdict(list))
+    given: dict[str, str] = field(default_factory=dict)
+    noted: dict[str, int] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def refuse(self, number: int, text: str) -> NoReturn:
+        """Raise an error for a line of this file."""
+        raise SceneError(f"{self.path}:{number}: {text}")
+
+    def require(self, section: str) -> list[Row]:
+        """Rows of a required section."""
+        if section not in self.first:
+            self.refuse(1, f"section {section.upper()!r} is missing")
+        if not self.rows[section]:
+            self.refuse(self.first[section], f"section {section.upper()!r} is empty")
+        return self.rows[section]
+
+    def columns(self, section: str) -> list[str]:
+        """Column names of a table, in small letters."""
+        return [word.lower() for words in self.heads[section][:1] for word in words]
+
+
+@dataclass(frozen=True, eq=False)
 class Row:
     """One line of a table: its number in the file, its words, and the comment that follows them.
 
     Its numbers are read by their position among the words; every error has the file and the line.
     """
 
-    path: Path
+    deck: Deck
     number: int
     words: tuple[str, ...]
     comment: str = ""
 
     @property
-    def name(self) -> str:
+    def given_name(self) -> str:
         """The name given by a comment `name: NAME`, or an empty text; MoorDyn itself only numbers its objects."""
-        label, colon, name = self.comment.partition(":")
-        if colon and label.strip() == "name":
+        label, _, name = self.comment.partition(":")
+        if label.strip() == "name":
             return name.strip()
         return ""
 
+    def name(self, kind: str) -> str:
+        """The given name, by default `KIND-ID`."""
+        return self.given_name or f"{kind}-{self.words[0]}"
+
+    def note(self, text: str) -> None:
+        """Add a note on this line."""
+        self.deck.notes.append(f"line {self.number}: {text}")
+
     def refuse(self, text: str) -> NoReturn:
         """Raise an error for this line."""
-        raise SceneError(f"{self.path}:{self.number}: {text}")
+        self.deck.refuse(self.number, text)
 
     def need(self, least: int, what: str) -> None:
         """Reject a row with too few words."""
         if len(self.words) < least:
             self.refuse(f"{what}: has {len(self.words)} values; allowed: {least}")
 
-    def read(self, text: str, what: str, low: float | None = None, open_low: bool = False) -> float:
+    def read(self, text: str, what: str, low: float = -math.inf, open_low: bool = False) -> float:
         """The finite number of a text, at least (or above) `low`."""
         value = float(text) if is_number(text) else math.nan
         if not math.isfinite(value):
             self.refuse(f"{what}: {text!r} is not a number")
-        if low is not None and (value < low or (open_low and value == low)):
+        if value < low or (open_low and value == low):
             self.refuse(f"{what}: {text} is out of range; allowed: {'>' if open_low else '>='} {low:g}")
         return value
 
-    def value(self, at: int, what: str, low: float | None = None, open_low: bool = False) -> float:
+    def value(self, at: int, what: str, low: float = -math.inf, open_low: bool = False) -> float:
         """The number of a word."""
         return self.read(self.words[at], what, low, open_low)
 
-    def values(self, first: int, end: int, what: str, low: float | None = None) -> list[float]:
+    def values(self, first: int, end: int, what: str, low: float = -math.inf) -> list[float]:
         """The numbers of several words."""
         return [self.read(word, what, low) for word in self.words[first:end]]
 
@@ -115,46 +163,12 @@ class Row:
         return int(value)
 
 
-@dataclass
-class Deck:
-    """A file in sections.
-
-    Attributes:
-        path: path of the file.
-        rows: rows of each section that the file has.
-        first: line of each section's header.
-        columns: words of the line of column names of each table.
-        given: values of the free text, by key.
-        noted: their lines.
-    """
-
-    path: Path
-    rows: dict[str, list[Row]] = field(default_factory=dict)
-    first: dict[str, int] = field(default_factory=dict)
-    columns: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    given: dict[str, str] = field(default_factory=dict)
-    noted: dict[str, int] = field(default_factory=dict)
-
-    def refuse(self, number: int, text: str) -> NoReturn:
-        """Raise an error for a line of this file."""
-        raise SceneError(f"{self.path}:{number}: {text}")
-
-    def require(self, section: str) -> list[Row]:
-        """Rows of a required section."""
-        if not self.rows.get(section):
-            self.refuse(
-                self.first.get(section, 1),
-                f"section {section.upper()!r} is {'empty' if section in self.first else 'missing'}",
-            )
-        return self.rows[section]
-
-
 def header(line: str) -> str | None:
     """Words of a header line in capitals; None if the line is not a header."""
     found = _HEADER.match(line)
     if found is None:
         return None
-    return " ".join(found.group(1).strip("- ").upper().split())
+    return " ".join(found[1].strip("- ").upper().split())
 
 
 def _name(words: str) -> str | None:
@@ -168,13 +182,8 @@ def _name(words: str) -> str | None:
 
 
 def read_input(path: Path) -> str:
-    """The text of an input file."""
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SceneError(f"scene: cannot read {str(path)!r}: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise SceneError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
+    """The text of an input file, without a byte order mark."""
+    return "\n".join(read_lines(path)).removeprefix("\ufeff")
 
 
 def looks_like_moordyn(text: str) -> bool:
@@ -190,7 +199,6 @@ def split_file(path: str | Path, text: str) -> Deck:
     """
     deck = Deck(Path(path))
     section = None
-    skip = 0
     for number, line in enumerate(text.splitlines(), start=1):
         words = header(line)
         if words is not None:
@@ -199,25 +207,22 @@ def split_file(path: str | Path, text: str) -> Deck:
             name = _name(words)
             if name is None and section is not None and words:  # not a rule without words
                 deck.refuse(number, f"section {words!r} is unknown; {nearest(words, HEADERS)}")
-            if name in deck.rows:
+            if name in deck.first:
                 deck.refuse(number, f"section {words!r} is given twice, first in line {deck.first[name]}")
             if name is not None:
                 section = name
-                skip = 2 if name in TABLES else 0
-                deck.rows[name], deck.first[name] = [], number
+                deck.first[name] = number
             continue
         if section is None:
             if note := _NOTE.match(line):
                 deck.given[note[1]] = note[2]
                 deck.noted[note[1]] = number
             continue
-        row = _row(deck.path, number, line)
-        if skip:
-            if skip == 2 and _COUNT.match(line):
-                continue  # older files give the number of rows
-            if skip == 2:
-                deck.columns[section] = row.words
-            skip -= 1
+        row = _row(deck, number, line)
+        heads = deck.heads[section]
+        if section in TABLES and len(heads) < 2:
+            if heads or not _COUNT.match(line):  # older files give the number of rows
+                heads.append(row.words)
         elif section == "outputs" and row.words[:1] == ("END",):
             break
         elif row.words:
@@ -225,10 +230,10 @@ def split_file(path: str | Path, text: str) -> Deck:
     return deck
 
 
-def _row(path: Path, number: int, line: str) -> Row:
+def _row(deck: Deck, number: int, line: str) -> Row:
     """Words up to a comment, which starts with `!`, `#` or `%` (a `#` inside a word is part of it)."""
-    words, comment = (*re.split(r"(?:^|\s)[!#%]", line, maxsplit=1), "")[:2]
-    return Row(path, number, tuple(words.split()), comment.strip())
+    words, *comment = re.split(r"(?:^|\s)[!#%]", line, maxsplit=1)
+    return Row(deck, number, tuple(words.split()), "".join(comment))
 
 
 def is_number(text: str) -> bool:

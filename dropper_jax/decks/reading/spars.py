@@ -7,46 +7,36 @@ that the rod stays upright. It has three translations, as a `[[buoy]]` does.
 from __future__ import annotations
 
 from dropper_jax.base.read import Table
-from dropper_jax.decks.reading.sections import Deck, Row
+from dropper_jax.decks.reading.sections import Row
 
 #: Moment of inertia [kg m^2] above which a body counts as one that does not rotate.
 UPRIGHT = 1e10
 #: Number of segments of a rod that represents a buoy.
 SEGMENTS = 10
+#: Coefficients in the order of a rod type.
+COEFFICIENTS = ("cdn", "can", "cdt", "cat")
 
 
-def rod_type(deck: Deck, rod: Row) -> Row:
-    """The row of a rod's type."""
-    types = {row.words[0]: row for row in deck.rows.get("rod types", [])}
-    if rod.words[1] not in types:
-        rod.refuse(f"rod type {rod.words[1]!r} is not in the file")
-    types[rod.words[1]].need(7, "rod type")
-    return types[rod.words[1]]
+def rod_values(rod: Row) -> tuple[float, Table]:
+    """Mass per length [kg/m] of a rod by its type, and its diameter [m] and coefficients by their names in a scene."""
+    for row in rod.deck.rows["rod types"]:
+        if row.words[0] == rod.words[1]:
+            row.need(7, "rod type")
+            diameter, mass, *coefficients = row.values(1, 7, "rod type", 0.0)
+            return mass, {"diameter": diameter, **dict(zip(COEFFICIENTS, coefficients, strict=True))}
+    rod.refuse(f"rod type {rod.words[1]!r} is not in the file")
 
 
-def spar(deck: Deck, body: Row, rod: Row, name: str) -> Table | None:
-    """`[[buoy]]` of a body and its rod, with the position of its base under `position`; None if they are not a spar."""
+def spar(body: Row, rod: Row) -> Table | None:
+    """`[[buoy]]` of a body and its rod, at the position of the body; None if they are not a spar."""
     body.need(14, "body")
     rod.need(9, "rod")
-    kind = rod_type(deck, rod)
-    turned = body.values(5, 8, "r0, p0, y0")
+    mass, shape = rod_values(rod)
     inertia = min(body.parts(10, "I"))
-    loads = [x for i in (11, 12) for x in body.parts(i, "Volume, CdA")]
-    a = rod.values(3, 6, "Xa, Ya, Za")
-    b = rod.values(6, 9, "Xb, Yb, Zb")
-    diameter, mass, cdn, can, cdt, cat = kind.values(1, 7, "rod type")
-    upright = a == [0.0, 0.0, 0.0] and b[:2] == [0.0, 0.0] and b[2] > 0.0
+    loads = [*body.values(5, 8, "r0, p0, y0"), *body.parts(11, "Volume"), *body.parts(12, "CdA"), mass]
+    *base, height = rod.values(3, 9, "Xa to Zb")
     free = body.words[1].lower() == "free"
-    if not (free and upright and mass == 0.0 and inertia >= UPRIGHT and not any(turned) and not any(loads)):
+    if not free or inertia < UPRIGHT or any(loads) or any(base) or height <= 0.0:
         return None
-    return {
-        "position": body.values(2, 5, "X0, Y0, Z0"),
-        "name": name,
-        "mass": body.value(8, "Mass", 0.0, open_low=True),
-        "diameter": diameter,
-        "height": b[2],
-        "cdn": cdn,
-        "cdt": cdt,
-        "can": can,
-        "cat": cat,
-    }
+    own = {"mass": body.value(8, "Mass", 0.0, open_low=True), "height": height}
+    return {"name": rod.name("buoy"), "row": rod.number, **own, **shape}

@@ -33,11 +33,11 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> Table:
         SceneError: a missing file or a line that is not a row of numbers.
     """
     if kind == 3:
-        t, eta = np.array([row[:2] for _, row in _rows(folder / ELEVATION, 2, 0)]).T
+        t, eta = np.array([row[:2] for row in _rows(folder / ELEVATION, 2, 0)]).T
         even = np.arange(t[0], t[-1] + 1e-9 * step, step)
         found = _largest(elevation_components(even, np.interp(even, t, eta)), notes)
         return {"kind": "components", "direction": 0.0, **{key: value.tolist() for key, value in found.items()}}
-    rows = [row for _, row in _rows(folder / FREQUENCIES, 3, 0) if row[0] > 0.0 and (row[1] or row[2])]
+    rows = [row for row in _rows(folder / FREQUENCIES, 3, 0) if row[0] > 0.0 and (row[1] or row[2])]
     if not rows:
         raise SceneError(f"{folder / FREQUENCIES}: holds no component above 0 rad/s")
     omega, real, imaginary = np.array([row[:3] for row in rows]).T
@@ -57,7 +57,7 @@ def read_waves(folder: Path, kind: int, step: float, notes: list[str]) -> Table:
 
 def read_current(folder: Path) -> Table:
     """`[sea.current]` of Currents 1: a steady profile over height."""
-    rows = sorted(row for _, row in _rows(folder / CURRENT, 4, 3))
+    rows = sorted(_rows(folder / CURRENT, 4, 3))
     if len(rows) == 1:
         rows = [[rows[0][0] - 1.0, *rows[0][1:]], rows[0]]
     return {"kind": "table", "heights": [row[0] for row in rows], "velocities": [row[1:4] for row in rows]}
@@ -86,8 +86,8 @@ def _short(values: np.ndarray) -> list[float]:
     return [float(f"{x:.12g}") for x in values]
 
 
-def _rows(path: Path, least: int, skip: int) -> list[tuple[int, list[float]]]:
-    """Rows of numbers with their line numbers."""
+def _rows(path: Path, least: int, skip: int) -> list[list[float]]:
+    """Rows of numbers after the first `skip` lines."""
     found = []
     for at, line in enumerate(read_lines(path), start=1):
         if at <= skip or not line.strip():
@@ -98,7 +98,7 @@ def _rows(path: Path, least: int, skip: int) -> list[tuple[int, list[float]]]:
             raise SceneError(f"{path}:{at}: {line.strip()!r} is not all numbers") from None
         if len(row) < least or not np.all(np.isfinite(row)):
             raise SceneError(f"{path}:{at}: needs at least {least} finite numbers")
-        found.append((at, row))
+        found.append(row)
     if not found:
         raise SceneError(f"{path}: has no rows of numbers")
     return found

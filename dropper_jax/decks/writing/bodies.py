@@ -14,7 +14,7 @@ from dropper_jax.scene import BodySpec
 
 def body_numbers(scene: Scene) -> dict[str, int]:
     """Number of each `[[body]]` among MoorDyn's bodies, by name; those of the buoys come first."""
-    return {body.name: len(scene.buoys) + i + 1 for i, body in enumerate(scene.bodies)}
+    return {body.name: i for i, body in enumerate(scene.bodies, start=len(scene.buoys) + 1)}
 
 
 @raises_first
@@ -47,8 +47,10 @@ def rule(words: str) -> str:
 
 
 def section(title: str, head: str, units: str, rows: list[str]) -> list[str]:
-    """A section of a table."""
-    return [rule(title), head, units, *rows]
+    """A section of a table; empty without rows."""
+    if rows:
+        return [rule(title), head, units, *rows]
+    return []
 
 
 def body_tables(scene: Scene) -> list[str]:
@@ -56,52 +58,43 @@ def body_tables(scene: Scene) -> list[str]:
     types = []
     bodies = []
     rods = []
-    for i, b in enumerate(scene.buoys):
-        types.append(words_of(f"buoy{i + 1}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
+    for i, b in enumerate(scene.buoys, start=1):
+        types.append(words_of(f"buoy{i}", b.diameter, 0.0, b.cdn, b.can, b.cdt, b.cat))
         base = scene.point(b.point).position  # in MoorDyn lines end at the base
-        bodies.append(
-            words_of(i + 1, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0", f" ! name: {b.point}")
-        )
-        rods.append(
-            words_of(i + 1, f"buoy{i + 1}", f"Body{i + 1}", "0 0 0 0 0", b.height, SEGMENTS, "-", f" ! name: {b.name}")
-        )
-    for body, number in zip(scene.bodies, body_numbers(scene).values(), strict=True):
+        bodies.append(words_of(i, "Free", *base, "0 0 0", b.mass, "0", 100 * UPRIGHT, "0 0 0", f" ! name: {b.point}"))
+        rods.append(words_of(i, f"buoy{i}", f"Body{i}", "0 0 0 0 0", b.height, SEGMENTS, "-", f" ! name: {b.name}"))
+    for number, body in enumerate(scene.bodies, start=len(bodies) + 1):
         bodies.append(_body(number, body))
         for c in body.cylinders:
             key = f"rod{len(rods) + 1}"
             types.append(words_of(key, c.diameter, 0.0, c.cdn, c.can, c.cdt, c.cat))
             rods.append(words_of(len(rods) + 1, key, f"Body{number}", *c.start, *c.end, c.slices, "-"))
-    found = (
-        ("ROD TYPES", "TypeName Diam Mass/m Cd Ca CdEnd CaEnd", "(name) (m) (kg/m) (-) (-) (-) (-)", types),
-        (
+    return [
+        *section("ROD TYPES", "TypeName Diam Mass/m Cd Ca CdEnd CaEnd", "(name) (m) (kg/m) (-) (-) (-) (-)", types),
+        *section(
             "BODIES",
             "ID Attachment X0 Y0 Z0 r0 p0 y0 Mass CG I Volume CdA Ca",
             "(#) (word) (m) (m) (m) (deg) (deg) (deg) (kg) (m) (kg-m^2) (m^3) (m^2) (-)",
             bodies,
         ),
-        (
+        *section(
             "RODS",
             "ID RodType Attachment Xa Ya Za Xb Yb Zb NumSegs RodOutputs",
             "(#) (name) (word/ID) (m) (m) (m) (m) (m) (m) (-) (-)",
             rods,
         ),
-    )
-    return [row for title, head, units, rows in found if rows for row in section(title, head, units, rows)]
+    ]
 
 
 def _body(number: int, body: BodySpec) -> str:
     """A body with its mass, including that of its cylinders, which are written as massless rods."""
-    centre = "|".join(repr(float(x)) for x in body.centre_of_mass[:3])
-    moments = "|".join(repr(float(x)) for x in body.inertia[:3])
-    volume = 0.0
-    area = 0.0
-    added = 0.0
+    centre = "|".join(map(repr, body.centre_of_mass.tolist()))
+    moments = "|".join(map(repr, body.inertia[:3].tolist()))
+    sphere = (0.0, 0.0, 0.0)
     for s in body.spheres:
-        volume = np.pi * s.diameter**3 / 6.0
-        area = s.cd * np.pi * s.diameter**2 / 4.0
-        added = s.ca
+        sphere = (np.pi * s.diameter**3 / 6.0, s.cd * np.pi * s.diameter**2 / 4.0, s.ca)
     pose = ("Pinned" if body.pinned else "Free", *body.position, *np.degrees(body.attitude))
-    return words_of(number, *pose, body.mass, centre, moments, volume, area, added, f" ! name: {body.name}")
+    return words_of(number, *pose, body.mass, centre, moments, *sphere, f" ! name: {body.name}")
 
 
 def words_of(*values: str | int | float) -> str:

@@ -20,9 +20,9 @@ from dropper_jax.run.simulate import Solution
 from dropper_jax.scene import LineSlice
 from dropper_jax.scene.data import point_nodes
 
-_END = re.compile(r"^(?P<end>FAIR|ANCH)TEN(?P<line>\d+)$")
+#: Other names of the tensions at ends A and B of a line.
+ALIASES = ((r"^ANCHTEN(\d+)$", r"L\1NAT"), (r"^FAIRTEN(\d+)$", r"L\1NBT"), (r"^L(?:INE)?(\d+)TEN([AB])$", r"L\1N\2T"))
 _LINE = re.compile(r"^L(?:INE)?(?P<line>\d+)N(?P<node>\d+|A|B)(?P<what>P[XYZ]|V[XYZ]|T|TEN)$")
-_LINE_END = re.compile(r"^L(?:INE)?(?P<line>\d+)TEN(?P<end>[AB])$")
 _POINT = re.compile(r"^(?:POINT|CON|P)(?P<point>\d+)(?P<what>P[XYZ]|V[XYZ])$")
 ALLOWED = "FairTen1, AnchTen1, Line1TenA, L1N3T, L1N3px, L1N3vx, Point2px, Con2vz"
 
@@ -31,28 +31,22 @@ def channels_of(path: str | Path) -> list[str]:
     """Channels requested by the OUTPUTS section of a MoorDyn input; none for another kind of file or no file."""
     deck = _deck_of(Path(path))
     if deck is None:
-        words = []
-    else:
-        words = [word for row in deck.rows.get("outputs", []) for word in row.words]
-    return [part for word in words for part in word.replace(",", " ").replace('"', " ").split()]
+        return []
+    return [part for row in deck.rows["outputs"] for word in row.words for part in re.findall(r'[^,"]+', word)]
 
 
 def _deck_of(path: Path) -> Deck | None:
     """The sections of a MoorDyn input; None for another kind of file or no file."""
     if path.is_file():
         text = path.read_text(encoding="utf-8-sig", errors="replace")
-    else:
-        text = ""
-    if looks_like_moordyn(text):
-        return split_file(path, text)
+        if looks_like_moordyn(text):
+            return split_file(path, text)
     return None
 
 
 class Numbers(NamedTuple):
-    """Numbers by which channels refer to points and lines, and their names.
-
-    `parts` are those of lines of the scene that several lines of a deck make up, by the names of these.
-    """
+    """Numbers by which channels refer to points and lines, and their names; `parts` are where lines of these names are
+    in the lines of the scene."""
 
     points: Mapping[int, str]
     lines: Mapping[int, str]
@@ -61,8 +55,10 @@ class Numbers(NamedTuple):
     @classmethod
     def of_scene(cls, solution: Solution) -> Numbers:
         """From 1 in the order of the scene."""
-        points = {i + 1: point.name for i, point in enumerate(solution.scene.points)}
-        return cls(points, {i + 1: line.name for i, line in enumerate(solution.lines)}, {})
+        points = enumerate((point.name for point in solution.scene.points), start=1)
+        lines = enumerate((line.name for line in solution.scene.lines), start=1)
+        parts = {line.name: Part(line.name, 0, line.links, False) for line in solution.scene.lines}
+        return cls(dict(points), dict(lines), parts)
 
 
 def numbers_of(path: str | Path) -> Numbers | None:
@@ -70,8 +66,8 @@ def numbers_of(path: str | Path) -> Numbers | None:
     deck = _deck_of(Path(path))
     if deck is None:
         return None
-    points = {int(key): name for key, name in read_ends(deck, []).names.items() if key.isdecimal()}
-    lines = {int(row.words[0]): row.name or f"line-{row.words[0]}" for row in deck.require("lines")}
+    points = {int(key): name for key, name in read_ends(deck).names.items() if key.isdecimal()}
+    lines = {int(row.words[0]): row.name("line") for row in deck.require("lines")}
     return Numbers(points, lines, line_parts(deck))
 
 
@@ -111,20 +107,24 @@ def write_out(
     """
     if channels is None:
         channels = default_channels(solution)
-    else:
-        channels = list(channels)
-    columns = [("Time", solution.t, "(s)")]
+    names = ["Time"]
+    units = ["(s)"]
+    columns = [solution.t]
     left = []
     for channel in channels:
         try:
-            columns.append((channel, *channel_values(solution, channel, numbers)))
+            values, unit = channel_values(solution, channel, numbers)
         except SceneError:
             if not skip:
                 raise
             left.append(channel)
-    names, values, units = zip(*columns, strict=True)
-    rows = [names, units, *([f"{float(x):.9g}" for x in row] for row in zip(*values, strict=True))]
-    atomic_write(path, "\n".join("\t".join(row) for row in rows) + "\n")
+            continue
+        names.append(channel)
+        units.append(unit)
+        columns.append(values)
+    head = "\t".join(names) + "\n" + "\t".join(units)
+    table = np.stack(columns, axis=1)
+    atomic_write(path, lambda file: np.savetxt(file, table, "%.9g", "\t", header=head, comments="", encoding="utf-8"))
     return left
 
 
@@ -132,10 +132,8 @@ def channel_values(solution: Solution, channel: str, numbers: Numbers | None = N
     """Values (k,) of a channel over the saved times, and their unit."""
     name = channel.upper()
     numbers = numbers or Numbers.of_scene(solution)
-    if found := _END.match(name):
-        return _end_tension(solution, *_line(solution, channel, found["line"], numbers), found["end"] == "FAIR"), "(N)"
-    if found := _LINE_END.match(name):
-        return _end_tension(solution, *_line(solution, channel, found["line"], numbers), found["end"] == "B"), "(N)"
+    for other, own in ALIASES:
+        name = re.sub(other, own, name)
     if found := _LINE.match(name):
         return _node(solution, channel, *_line(solution, channel, found["line"], numbers), found["node"], found["what"])
     if found := _POINT.match(name):
@@ -157,47 +155,41 @@ def _name_of_number(channel: str, what: str, number: str, names: Mapping[int, st
 def _line(solution: Solution, channel: str, number: str, numbers: Numbers) -> tuple[LineSlice, bool]:
     """The nodes and links of a line by its number, and whether its end A is its last node there."""
     name = _name_of_number(channel, "lines", number, numbers.lines)
-    part = numbers.parts.get(name)
+    part = numbers.parts[name]
     for line in solution.lines:
-        if part is not None and line.name == part.line:
+        if line.name == part.line:
             node = line.nodes.start + part.first
             link = line.links.start + part.first
-            own = LineSlice(name, slice(node, node + part.links + 1), slice(link, link + part.links))
-            return own, part.turned
-        if line.name == name:
-            return line, False
+            return LineSlice(name, slice(node, node + part.links + 1), slice(link, link + part.links)), part.turned
     raise _refuse(channel, f"line {name!r} is not in the run")
 
 
-def _end_tension(solution: Solution, line: LineSlice, turned: bool, last: bool) -> np.ndarray:
-    forces = end_forces(solution.scene, solution.positions, solution.tension, [line], solution.t)
-    return forces[line.name][:, int(last != turned)]
-
-
 def _axis(solution: Solution, node: int, what: str) -> tuple[np.ndarray, str]:
+    axis = "XYZ".index(what[1])
     if what[0] == "P":
-        array = solution.positions
-        unit = "(m)"
-    else:
-        array = solution.velocities
-        unit = "(m/s)"
-    return array[:, node, "XYZ".index(what[1])], unit
+        return solution.positions[:, node, axis], "(m)"
+    return solution.velocities[:, node, axis], "(m/s)"
 
 
 def _node(
     solution: Solution, channel: str, where: LineSlice, turned: bool, text: str, what: str
 ) -> tuple[np.ndarray, str]:
     links = where.links.stop - where.links.start
-    node = {"A": 0, "B": links}.get(text, int(text) if text.isdecimal() else 0)
+    node = {"A": 0, "B": links}.get(text)
+    if node is None:
+        node = int(text)
     if node > links:
         raise _refuse(channel, f"line {where.name!r} has the nodes 0 to {links}")
-    node = links - node if turned else node
+    if turned:
+        node = links - node
     if what[0] != "T":
         return _axis(solution, where.nodes.start + node, what)
     if node in (0, links):
-        return _end_tension(solution, where, False, node == links), "(N)"
-    positions = solution.positions[:, where.nodes.start + node - 1 : where.nodes.start + node + 2]
-    along = np.diff(positions, axis=1)
+        forces = end_forces(solution.scene, solution.positions, solution.tension, [where], solution.t)
+        return forces[where.name][:, int(node == links)], "(N)"
+    first = where.nodes.start + node - 1
+    along = np.diff(solution.positions[:, first : first + 3], axis=1)
     along = along / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-300)
-    pulls = solution.tension[:, where.links.start + node - 1 : where.links.start + node + 1, None] * along
+    first = where.links.start + node - 1
+    pulls = solution.tension[:, first : first + 2, None] * along
     return np.linalg.norm(np.mean(pulls, axis=1), axis=1), "(N)"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from dropper_jax.axial.force_table import ForceTable
 from dropper_jax.base.read import Plain
 from dropper_jax.effects.buoyancy import displaced_diameter
 from dropper_jax.load.scene import Scene
-from dropper_jax.scene import FailureSpec
+from dropper_jax.scene import FailureSpec, LineSpec, sliced_lines
 
 #: Digits of a value per metre that was stored per link: dividing by the link's length rounds the last ones.
 DIGITS = 12
@@ -25,71 +25,80 @@ COEFFICIENTS = (
 )
 
 
-#: Rows (strain, tension [N]) of a tabulated law.
-Rows = tuple[tuple[float, float], ...]
-#: Values and table of a line type.
-Kind = tuple[tuple[float, ...], Rows | None]
+class Kind(NamedTuple):
+    """What stretches of one line type share: its values, and the rows (strain, tension [N]) of a tabulated law.
 
-
-@dataclass(frozen=True)
-class Piece:
-    """A stretch of equal links: the values of its line type, its number of links and its length [m].
-
-    `table` holds the rows (strain, tension [N]) of a tabulated law; the EA of the type is then not used.
+    With a table the EA of the values is not used.
     """
 
-    type: tuple[float, ...]
+    values: tuple[float, ...]
+    table: tuple[tuple[float, float], ...] | None
+
+
+class Stretch(NamedTuple):
+    """A stretch of equal links.
+
+    Attributes:
+        name: of MoorDyn's line.
+        line: the line of the scene.
+        start, end: names of the points at its ends; joints between stretches of a line are named after these.
+        first, links: its first link in the line, and its number of links.
+        length: [m].
+        kind: of its line type.
+    """
+
+    name: str
+    line: LineSpec
+    start: str
+    end: str
+    first: int
     links: int
     length: float
-    table: Rows | None = None
-
-    @property
-    def kind(self) -> Kind:
-        """What two stretches of the same line type share."""
-        return self.type, self.table
+    kind: Kind
 
 
-def pieces(scene: Scene, index: int) -> list[Piece]:
-    """Stretches of equal links of a line."""
-    line = scene.lines[index]
-    first = sum(other.links for other in scene.lines[:index])
-    span = slice(first, first + line.links)
-    total = scene.line.links
+def stretches(scene: Scene) -> list[Stretch]:
+    """Stretches of equal links of all lines."""
 
     def each(value: Plain) -> np.ndarray:
-        return np.broadcast_to(np.asarray(0.0 if value is None else value, float), (total,))[span]
+        return np.broadcast_to(np.asarray(0.0 if value is None else value, float), scene.line.links)
 
-    coefficients = [each(scene.effects.get(effect, {}).get(key)) for effect, key in COEFFICIENTS]
-    if line.axial_damping is None:
-        damping = np.zeros(line.links)
-    else:
-        damping = line.axial_damping
     diameter = each(displaced_diameter(scene.line, scene))
-    rows = np.stack([diameter, line.mass / line.length, line.EA, damping, *coefficients, line.length], axis=1)
-    if line.tables is not None:
-        tables = [_rows(table) for table in line.tables]
-    else:
-        tables = [None] * line.links
-    same = np.all(np.abs(rows[1:] - rows[:-1]) <= 10.0**-DIGITS * np.abs(rows[1:]), axis=1)
-    same = same & np.array([a == b for a, b in pairwise(tables)], bool)
-    cuts = [0, *(np.flatnonzero(~same) + 1), line.links]
-    rows[:, 1] = [short(mass) for mass in rows[:, 1]]
+    coefficients = [each(scene.effects.get(effect, {}).get(key)) for effect, key in COEFFICIENTS]
     found = []
-    for a, b in pairwise(cuts):
-        found.append(Piece(tuple(rows[a, :-1].tolist()), int(b - a), short(np.sum(line.length[a:b])), tables[a]))
+    for line, where in sliced_lines(scene):
+        damping = np.zeros(line.links)
+        if line.axial_damping is not None:
+            damping = line.axial_damping
+        own = [values[where.links] for values in coefficients]
+        columns = [diameter[where.links], line.mass / line.length, line.EA, damping, *own, line.length]
+        rows = np.stack(columns, axis=1)
+        tables = [None] * line.links
+        if line.tables is not None:
+            tables = [_rows(table) for table in line.tables]
+        same = np.all(np.abs(rows[1:] - rows[:-1]) <= 10.0**-DIGITS * np.abs(rows[1:]), axis=1)
+        same = same & np.array([a == b for a, b in pairwise(tables)], bool)
+        cuts = [0, *(np.flatnonzero(~same) + 1).tolist(), line.links]
+        names = [line.name]
+        if len(cuts) > 2:
+            names = [f"{line.name}-{i}" for i in range(1, len(cuts))]
+        ends = [line.start, *names[: len(cuts) - 2], line.end]
+        rows[:, 1] = [short(mass) for mass in rows[:, 1]]
+        for i, (a, b) in enumerate(pairwise(cuts)):
+            kind = Kind(tuple(rows[a, :-1].tolist()), tables[a])
+            length = short(np.sum(line.length[a:b]))
+            found.append(Stretch(names[i], line, ends[i], ends[i + 1], a, b - a, length, kind))
     return found
 
 
-def _rows(table: ForceTable) -> Rows:
+def _rows(table: ForceTable) -> tuple[tuple[float, float], ...]:
     return tuple(zip(table.strain.tolist(), table.tension.tolist(), strict=True))
 
 
-def line_types(parts: list[list[Piece]]) -> dict[Kind, str]:
+def line_types(parts: Sequence[Stretch]) -> dict[Kind, str]:
     """Names of the line types."""
-    kinds: dict[Kind, str] = {}
-    for piece in (piece for part in parts for piece in part):
-        kinds.setdefault(piece.kind, f"type{len(kinds) + 1}")
-    return kinds
+    kinds = dict.fromkeys(part.kind for part in parts)
+    return {kind: f"type{i}" for i, kind in enumerate(kinds, start=1)}
 
 
 def short(x: float) -> float:
@@ -97,20 +106,17 @@ def short(x: float) -> float:
 
 
 class Detachment(NamedTuple):
-    """Where MoorDyn detaches a line from a point: the stretch of the line, and whether at its first end."""
+    """Where MoorDyn detaches a line from a point: number of the line, from 1, and name of the point."""
 
-    stretch: int
-    first: bool
+    number: int
+    point: str
 
 
-def detachment(scene: Scene, failure: FailureSpec) -> Detachment | None:
+def detachment(parts: Sequence[Stretch], failure: FailureSpec) -> Detachment | None:
     """Where a failure's link ends at a point of the file; None for other links, and if no link is specified."""
-    if failure.link is None:
-        return None
-    names = [line.name for line in scene.lines]
-    begin = 0
-    for i, piece in enumerate(pieces(scene, names.index(failure.line))):
-        if failure.link in (begin + 1, begin + piece.links):
-            return Detachment(i, failure.link == begin + 1)
-        begin += piece.links
+    for number, part in enumerate(parts, start=1):
+        if part.line.name == failure.line and failure.link == part.first + 1:
+            return Detachment(number, part.start)
+        if part.line.name == failure.line and failure.link == part.first + part.links:
+            return Detachment(number, part.end)
     return None

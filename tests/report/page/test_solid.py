@@ -7,7 +7,6 @@ import re
 import numpy as np
 import pytest
 
-from dropper_jax import build_model
 from dropper_jax.plots.run import readable
 from dropper_jax.report.page import IN_A_WAVE, choose_samples, pair_page, view_page, wave_period
 
@@ -28,11 +27,11 @@ def page(solution):
 
 def test_waves_are_met_by_enough_frames_and_a_long_run_is_shown_in_part(longline):
     solution = longline(samples=601)  # 60 s of waves of 6 s
-    run, sea = readable(solution), build_model(solution.scene, "float64").sea
-    assert wave_period(sea, run) == pytest.approx(6.0, rel=0.01)
-    whole = choose_samples(run, sea, 3000)
+    run = readable(solution)
+    assert wave_period(run) == pytest.approx(6.0, rel=0.01)
+    whole = choose_samples(run, 3000)
     assert (whole.frames[0], whole.frames[-1], whole.notes) == (0, 600, ())
-    part = choose_samples(run, sea, 40)
+    part = choose_samples(run, 40)
     assert np.diff(run.t[part.frames]).max() <= 1.4 * 6.0 / IN_A_WAVE  # whole samples of 0.1 s
     assert np.diff(part.surface).max() <= 6.0 / IN_A_WAVE
     assert run.t[part.frames[0]] <= run.t[np.argmax(run.max_tension.max(axis=1))] <= run.t[part.frames[-1]]
@@ -43,7 +42,7 @@ def test_frames_saved_too_far_apart_for_the_waves_are_told(longline):
     solution = longline(samples=601)
     for name in ("t", "positions", "velocities", "tension", "t_tension", "kinetic", "potential", "work", "step_status"):
         setattr(solution, name, getattr(solution, name)[::40])
-    told = choose_samples(readable(solution), build_model(solution.scene, "float64").sea, 3000).notes
+    told = choose_samples(readable(solution), 3000).notes
     assert "saved every 4 s in waves of 6" in told[0]
 
 

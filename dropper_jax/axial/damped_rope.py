@@ -6,7 +6,7 @@ import jax
 
 from dropper_jax.axial.elastic import Elastic, StretchStep
 from dropper_jax.axial.law import LinkStart
-from dropper_jax.axial.rope import Rope, taut_or_slack
+from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
 
@@ -23,9 +23,8 @@ class DampedRope(Rope):
     ) -> jax.Array:
         step = StretchStep.of(self, start, length, h)
         size = safe_norm(self.unstretch_broken(d1, length))
-        spring = lambda x: length / self.EA * self._unclipped_spring(step, x)  # noqa: E731
-        damper = self._damper_over(step, size, spring(size))
-        return taut_or_slack(spring, size, length, length / self.EA * (tension - damper))
+        damper = self._damper_over(step, size, size)
+        return self._taut_or_slack(lambda x: self._unclipped_spring(step, x), d1, tension - damper, length)
 
     def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
         d, stretching = self._stretching(d, rate, length)

@@ -70,34 +70,32 @@ class Rope(Elastic):
     ) -> jax.Array:
         step = StretchStep.of(self, start, length, h)
 
-        def elastic_elongation(size: jax.Array) -> jax.Array:
+        def pull(size: jax.Array) -> jax.Array:
             spring = self._unclipped_spring(step, size)
-            return length / self.EA * (spring + jnp.minimum(self._damper_of(step, size), spring))
+            return spring + jnp.minimum(self._damper_of(step, size), spring)
 
-        return taut_or_slack(
-            elastic_elongation,
-            safe_norm(self.unstretch_broken(d1, length)),
-            self._slack(length),
-            length * tension / self.EA,
-        )
+        return self._taut_or_slack(pull, d1, tension, length)
+
+    def _taut_or_slack(
+        self, pull: Callable[[jax.Array], jax.Array], d: jax.Array, tension: jax.Array, length: jax.Array
+    ) -> jax.Array:
+        """`max(pull(size), 0) = T` of links d, as elongations (n,) [m]."""
+        size = safe_norm(self.unstretch_broken(d, length))
+        elongation = length * tension / self.EA
+        return taut_or_slack(lambda x: length / self.EA * pull(x), size, self._slack(length), elongation)
 
     def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        size = safe_norm(self.unstretch_broken(d, length))
-        spring = lambda x: length / self.EA * self.spring(x, length)  # noqa: E731
-        return taut_or_slack(spring, size, self._slack(length), length * tension / self.EA)
+        return self._taut_or_slack(lambda size: self.spring(size, length), d, tension, length)
 
     def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        d, stretching = self._stretching(d, rate, length)
+        _, stretching = self._stretching(d, rate, length)
+        damper = 0.0 if self.damping is None else self.damping / length * stretching
 
-        def elastic_elongation(size: jax.Array) -> jax.Array:
+        def pull(size: jax.Array) -> jax.Array:
             spring = self.spring(size, length)
-            if self.damping is None:
-                damper = 0.0
-            else:
-                damper = self.damping / length * stretching
-            return length / self.EA * (spring + jnp.minimum(damper, spring))
+            return spring + jnp.minimum(damper, spring)
 
-        return taut_or_slack(elastic_elongation, safe_norm(d), self._slack(length), length * tension / self.EA)
+        return self._taut_or_slack(pull, d, tension, length)
 
     def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
         size = safe_norm(d)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.base.numerics import dot, safe_norm, trace_once
+from dropper_jax.base.numerics import dot, safe_norm, trace_once, upright
 from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView
@@ -42,11 +42,8 @@ class BodyBed(Effect):
         along = ends[:, 1] - ends[:, 0]
         tilt = along[:, :2] / safe_norm(along)[:, None]
         reach = self.pieces.radius * (jnp.sqrt(jnp.sum(tilt**2, axis=1) + LEVEL**2) - LEVEL) / LYING
-        positions = jnp.concatenate([ends[:, 0], ends[:, 1]])
-        below = jnp.concatenate([reach, reach])
-        if self.pieces.sphere_of:
-            positions = jnp.concatenate([positions, self.pieces.centres(model, r)])
-            below = jnp.concatenate([below, self.pieces.ball])
+        positions = self.pieces.points(model, r)
+        below = jnp.concatenate([reach, reach, self.pieces.ball])
         return (self.bed.bed_height(positions) - positions[:, 2] + below) * self.bed.upward(positions)[..., 2]
 
     def _rates(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
@@ -88,30 +85,21 @@ class BodyBedFriction(BodyBed):
 
     def slips(self, model: ModelView, r: jax.Array, v: jax.Array) -> jax.Array:
         """Velocities (2 c + s, 3) [m/s] along the seabed of the contact points; linear in v (free nodes, 3)."""
-        ends = self.pieces.axes(model, r)
-        moved = self.pieces.axes(model, v)
+        pieces = self.pieces
+        ends = pieces.axes(model, r)
         along = ends[:, 1] - ends[:, 0]
         along = along / safe_norm(along)[:, None]
         # from the centre of the circle down along its plane, to its edge
         down = along * along[:, 2:] - jnp.array([0.0, 0.0, 1.0], r.dtype)
-        arm = self.pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL**2)[:, None]
-        turned = self._rotation_velocity(model, r, v, self.pieces.cylinder_of, arm)
-        positions = [ends[:, 0], ends[:, 1]]
-        found = [moved[:, 0] + turned, moved[:, 1] + turned]
-        if self.pieces.sphere_of:
-            positions.append(self.pieces.centres(model, r))
-            arm = -self.pieces.ball[:, None] * jnp.array([0.0, 0.0, 1.0], r.dtype)
-            turned = self._rotation_velocity(model, r, v, self.pieces.sphere_of, arm)
-            found.append(self.pieces.centres(model, v) + turned)
-        up = self.bed.upward(jnp.concatenate(positions))
-        velocity = jnp.concatenate(found)
+        arm = pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL**2)[:, None]
+        turned = self._rotation_velocity(model, r, v, jnp.concatenate([arm, upright(-pieces.ball)]))
+        velocity = pieces.points(model, v) + turned[pieces.piece_of_point]
+        up = self.bed.upward(pieces.points(model, r))
         return velocity - dot(velocity, up)[:, None] * up
 
-    def _rotation_velocity(
-        self, model: ModelView, r: jax.Array, v: jax.Array, of: tuple[int, ...], arm: jax.Array
-    ) -> jax.Array:
-        """`w x arm` (items, 3) of the bodies `of`, from three of their edges E: `E'(E^-1 arm)`."""
-        corners = self.pieces.body_nodes(model, of)
+    def _rotation_velocity(self, model: ModelView, r: jax.Array, v: jax.Array, arm: jax.Array) -> jax.Array:
+        """`w x arm` (c + s, 3) of the pieces' bodies, from three of their edges E: `E'(E^-1 arm)`."""
+        corners = self.pieces.body_nodes(model, self.pieces.owners)
         edges = r[corners[:, 1:]] - r[corners[:, :1]]
         rates = v[corners[:, 1:]] - v[corners[:, :1]]
         own = jnp.linalg.solve(jnp.swapaxes(edges, -1, -2), arm[..., None])[..., 0]

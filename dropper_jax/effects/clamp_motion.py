@@ -10,7 +10,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.base.read import Values, rises
-from dropper_jax.effects.bending import Bending
+from dropper_jax.effects.bending import Bending, link_at_point
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.model.slots import Force
@@ -59,13 +59,12 @@ class ClampMotion(Effect):
         scene.check_line_end(values["point"], path)
         if values["point"] in scene.effects["bending"]["clamped"]:
             raise SceneError(f"{path}: {values['point']!r} is in effects.bending.clamped too; allowed: one of the two")
-        time = np.asarray(values["time"])
-        if not rises(time, 2):
+        if not rises(values["time"], 2):
             raise SceneError("effects.clamp_motion.time: needs at least 2 increasing times, one per direction")
         turned = values["quaternion"] is not None
         if turned == (values["direction"] is not None) or turned != (values["along"] is not None):
             raise SceneError("effects.clamp_motion: give either `direction`, or `quaternion` and `along`")
-        _check_rows(values, len(time), turned)
+        _check_rows(values, turned)
 
     @property
     def corners(self) -> jax.Array:
@@ -89,12 +88,12 @@ class ClampMotion(Effect):
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """The point and the other node of the link there (1, 2)."""
         graph = model.geometry
-        link, at_start = self._link(model)
+        link, leaves = link_at_point(model, self.point)
         nodes = [graph.first[link], graph.last[link]]
-        return np.array([nodes if at_start else nodes[::-1]])
+        return np.array([nodes if leaves else nodes[::-1]])
 
     def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
-        link, _ = self._link(k.model)
+        link, _ = link_at_point(k.model, self.point)
         bending = next(effect for effect in k.model.having(Force) if isinstance(effect, Bending))
         stiffness = jnp.broadcast_to(bending.EI, k.line.length.shape)[link] / k.line.length[link]
         intact = k.line.axial.intact
@@ -109,39 +108,34 @@ class ClampMotion(Effect):
 
         return -jax.grad(energy)(r)
 
-    def _link(self, model: ModelView) -> tuple[int, bool]:
-        """The link at the point, and whether it is the first of its line."""
-        for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
-            if model.points[member.start].name == self.point:
-                return span.start, True
-            if model.points[member.end].name == self.point:
-                return span.stop - 1, False
-        raise SceneError(f"effects.clamp_motion.point: {self.point!r} has no line")
-
 
 def turned_by(quaternion: jax.Array, vector: jax.Array) -> jax.Array:
     """The vector (3,) turned by quaternions (k, 4), w first: `v + 2 s x (s x v + w v)`, s their vector part, (k, 3)."""
-    w, s = quaternion[:, :1], quaternion[:, 1:]
+    w = quaternion[:, :1]
+    s = quaternion[:, 1:]
     unit = vector / safe_norm(vector)
     return unit + 2.0 * jnp.cross(s, jnp.cross(s, unit) + w * unit)
 
 
-def _check_rows(values: Values, rows: int, turned: bool) -> None:
+def _check_rows(values: Values, turned: bool) -> None:
     """Refuse tables of another length, rows that are no unit vectors or quaternions, and frames that jump."""
-    key = "quaternion" if turned else "direction"
-    table = np.asarray(values[key], float).reshape(-1, 4 if turned else 3)
-    path = f"effects.clamp_motion.{key}"
+    path = "effects.clamp_motion.direction"
+    table = values["direction"]
+    if turned:
+        path = "effects.clamp_motion.quaternion"
+        table = values["quaternion"].reshape(-1, 4)
+    rows = len(values["time"])
     if len(table) != rows:
         raise SceneError(f"{path}: has {len(table)} rows; allowed: {rows}, one per time")
-    for i, row in enumerate(table):
-        size = float(np.linalg.norm(row))
-        if abs(size - 1.0) > UNIT:
-            raise SceneError(f"{path}.{i}: has the length {size:.4g}; allowed: 1, within {UNIT:g}")
+    sizes = np.linalg.norm(table, axis=1)
+    wrong = np.flatnonzero(np.abs(sizes - 1.0) > UNIT)
+    if wrong.size:
+        raise SceneError(f"{path}.{wrong[0]}: has the length {sizes[wrong[0]]:.4g}; allowed: 1, within {UNIT:g}")
     directions = table
     if turned:
-        if not np.linalg.norm(values["along"]) > 0.0:
+        if not np.any(values["along"]):
             raise SceneError(f"effects.clamp_motion.along: {list(values['along'])} has no direction")
-        directions = np.asarray(turned_by(jnp.asarray(table), jnp.asarray(values["along"], float)))
+        directions = np.asarray(turned_by(jnp.asarray(table), jnp.asarray(values["along"])))
     cosines = np.sum(directions[1:] * directions[:-1], axis=1)
     turns = np.arccos(np.clip(cosines, -1.0, 1.0))
     worst = int(np.argmax(turns))

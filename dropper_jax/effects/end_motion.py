@@ -42,9 +42,9 @@ class EndMotion(HeldMotion):
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
         cls.check_points(values, scene)
-        harmonic = values["amplitude"] is not None and values["period"] is not None
-        table = values["time"] is not None and values["displacement"] is not None
-        if harmonic == table:
+        given = {key for key, value in values.items() if value is not None}
+        table = given >= {"time", "displacement"}
+        if table == (given >= {"amplitude", "period"}):
             raise SceneError(EITHER)
         if table and (len(values["time"]) != len(values["displacement"]) or not rises(values["time"], 2)):
             raise SceneError("effects.end_motion.time: needs at least 2 increasing times, one per displacement")
@@ -69,9 +69,7 @@ class EndMotion(HeldMotion):
         """Time [s] from which the point moves."""
         if self.time is not None:
             return self.time[0]
-        if self.period is None:
-            raise SceneError(EITHER)
-        return jnp.zeros_like(self.period)
+        return jnp.zeros_like(jnp.asarray(self.period))
 
     @property
     def kinks(self) -> jax.Array | None:
@@ -106,28 +104,24 @@ def interpolate_quintic(t: jax.Array, time: jax.Array, values: jax.Array) -> jax
     t = jnp.clip(t, time[0], time[-1])
     slopes, bends = _derivatives(time, values)
     i = jnp.clip(jnp.searchsorted(time, t, side="right") - 1, 0, time.shape[0] - 2)
-    width = time[i + 1] - time[i]
-    s = (t - time[i]) / width
-    q = 1 - s
-    # the three basis functions of the left row at s equal those of the right row at 1 - s, except for the slope's sign
-    left = _position(s, q) * values[i] + width * _slope(s, q) * slopes[i] + width**2 * _bend(s, q) * bends[i]
     after = i + 1
-    right = (
-        _position(q, s) * values[after] - width * _slope(q, s) * slopes[after] + width**2 * _bend(q, s) * bends[after]
+    width = time[after] - time[i]
+    s = (t - time[i]) / width
+    left = quintic_of_end(s, width, values[i], slopes[i], bends[i])
+    return left + quintic_of_end(1 - s, -width, values[after], slopes[after], bends[after])
+
+
+def quintic_of_end(s: jax.Array, width: jax.Array, value: jax.Array, slope: jax.Array, bend: jax.Array) -> jax.Array:
+    """Part of a quintic Hermite interpolation due to one end of an interval, at the distance s of it (0 to 1).
+
+    The width of the interval is negative at its last end.
+    """
+    fall = (1 - s) ** 3
+    return (
+        fall * (1 + 3 * s + 6 * s * s) * value
+        + width * fall * s * (1 + 3 * s) * slope
+        + (width**2 * (0.5 * fall * s * s) * bend)
     )
-    return left + right
-
-
-def _position(s: jax.Array, q: jax.Array) -> jax.Array:
-    return q**3 * (1 + 3 * s + 6 * s * s)
-
-
-def _slope(s: jax.Array, q: jax.Array) -> jax.Array:
-    return q**3 * s * (1 + 3 * s)
-
-
-def _bend(s: jax.Array, q: jax.Array) -> jax.Array:
-    return 0.5 * q**3 * s * s
 
 
 def _derivatives(time: jax.Array, values: jax.Array) -> tuple[jax.Array, jax.Array]:

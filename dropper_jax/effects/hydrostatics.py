@@ -25,6 +25,8 @@ import numpy as np
 #: Gauss-Legendre points and weights on 0 to 1.
 POINTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0
 WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
+#: A function of the depth and the half height of sections.
+SectionValue = Callable[[jax.Array, jax.Array], jax.Array]
 
 
 def _cut(t: jax.Array, b: jax.Array) -> tuple[jax.Array, ...]:
@@ -50,6 +52,11 @@ def _h(t: jax.Array, b: jax.Array) -> jax.Array:
     return first + second + 0.25 * jnp.pi * x * x - third + jnp.pi / 16.0
 
 
+def _chord(t: jax.Array, b: jax.Array) -> jax.Array:
+    """d^2u/dt^2: the length of the chord at the surface over a half height."""
+    return _pieces(t, b, 2.0 * _cut(t, b)[2] / b, jnp.zeros_like(t))
+
+
 @jax.custom_jvp
 def _width(t: jax.Array, b: jax.Array) -> jax.Array:
     """du/dt: the submerged part of the section's area."""
@@ -57,12 +64,10 @@ def _width(t: jax.Array, b: jax.Array) -> jax.Array:
     return _pieces(t, b, x * root + arc + 0.5 * jnp.pi, jnp.full_like(t, jnp.pi))
 
 
-@_width.defjvp
-def _width_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    t, b = at
-    x, _, root = _cut(t, b)
-    chord = _pieces(t, b, 2.0 * root / b, jnp.zeros_like(t))
-    return _width(t, b), chord * (dot[0] - x * dot[1])
+_width.defjvps(
+    lambda dt, _, t, b: _chord(t, b) * dt,
+    lambda db, _, t, b: -_chord(t, b) * _cut(t, b)[0] * db,
+)
 
 
 @jax.custom_jvp
@@ -71,12 +76,10 @@ def _tilt(t: jax.Array, b: jax.Array) -> jax.Array:
     return _pieces(t, b, _k(t, b) - _cut(t, b)[0] * _width(t, b), jnp.zeros_like(t))
 
 
-@_tilt.defjvp
-def _tilt_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    t, b = at
-    x, _, root = _cut(t, b)
-    chord = _pieces(t, b, 2.0 * root / b, jnp.zeros_like(t))
-    return _tilt(t, b), -chord * x * (dot[0] - x * dot[1])
+_tilt.defjvps(
+    lambda dt, _, t, b: -_chord(t, b) * _cut(t, b)[0] * dt,
+    lambda db, _, t, b: _chord(t, b) * _cut(t, b)[0] ** 2 * db,
+)
 
 
 @jax.custom_jvp
@@ -85,9 +88,7 @@ def section(t: jax.Array, b: jax.Array) -> jax.Array:
     return _pieces(t, b, b * _k(t, b), jnp.pi * t)
 
 
-@section.defjvp
-def _section_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    return section(*at), _width(*at) * dot[0] + _tilt(*at) * dot[1]
+section.defjvps(lambda dt, _, t, b: _width(t, b) * dt, lambda db, _, t, b: _tilt(t, b) * db)
 
 
 @jax.custom_jvp
@@ -96,9 +97,7 @@ def _along(t: jax.Array, b: jax.Array) -> jax.Array:
     return _pieces(t, b, b * b * _h(t, b), jnp.pi * (0.5 * t * t + 0.125 * b * b))
 
 
-@_along.defjvp
-def _along_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    return _along(*at), section(*at) * dot[0] + _along_tilt(*at) * dot[1]
+_along.defjvps(lambda dt, _, t, b: section(t, b) * dt, lambda db, _, t, b: _along_tilt(t, b) * db)
 
 
 @jax.custom_jvp
@@ -107,12 +106,14 @@ def _along_tilt(t: jax.Array, b: jax.Array) -> jax.Array:
     return _pieces(t, b, 2.0 * b * _h(t, b) - t * _k(t, b), 0.25 * jnp.pi * b)
 
 
-@_along_tilt.defjvp
-def _along_tilt_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    t, b = at
+def _along_bend(t: jax.Array, b: jax.Array) -> jax.Array:
+    """d^2w/db^2/a^2."""
     x = _cut(t, b)[0]
-    turned = _pieces(t, b, 2.0 * _h(t, b) - 2.0 * x * _k(t, b) + x * x * _width(t, b), jnp.full_like(t, 0.25 * jnp.pi))
-    return _along_tilt(t, b), _tilt(t, b) * dot[0] + turned * dot[1]
+    cut = 2.0 * _h(t, b) - 2.0 * x * _k(t, b) + x * x * _width(t, b)
+    return _pieces(t, b, cut, jnp.full_like(t, 0.25 * jnp.pi))
+
+
+_along_tilt.defjvps(lambda dt, _, t, b: _tilt(t, b) * dt, lambda db, _, t, b: _along_bend(t, b) * db)
 
 
 #: Minimum half height of a section divided by its radius: an upright cylinder has level sections.
@@ -153,46 +154,48 @@ class Cylinders(NamedTuple):
         change = jnp.where(flat, 1.0, last - first)
         return cls(first, last, half, across, radius, radius**2 * length, change, flat)
 
-    def quadrature(self) -> tuple[jax.Array, jax.Array]:
-        """Gauss points from 0 to 1 and their weights, in the precision of the cylinders."""
-        return jnp.asarray(POINTS, self.first.dtype), jnp.asarray(WEIGHTS, self.first.dtype)
+    @property
+    def shares(self) -> jax.Array:
+        """Gauss points from 0 to 1 along the axes, in the precision of the cylinders."""
+        return jnp.asarray(POINTS, self.first.dtype)
 
-    def at_points(self) -> tuple[jax.Array, jax.Array]:
-        """Depths and half heights of sections (n, points)."""
-        depths = self.first[:, None] + (self.last - self.first)[:, None] * self.quadrature()[0]
-        return depths, jnp.broadcast_to(self.half[:, None], depths.shape)
+    def _at_points(self, of: SectionValue) -> jax.Array:
+        """A function of depth and half height at the Gauss points (n, points)."""
+        depths = self.first[:, None] + (self.last - self.first)[:, None] * self.shares
+        return of(depths, jnp.broadcast_to(self.half[:, None], depths.shape))
 
-    def at_ends(self, of: Callable[[jax.Array, jax.Array], jax.Array]) -> tuple[jax.Array, jax.Array]:
-        """A function of depth and half height at both ends, each (n,)."""
-        return tuple(of(jnp.stack([self.first, self.last]), jnp.stack([self.half, self.half])))
+    def _at_ends(self, of: SectionValue) -> jax.Array:
+        """A function of depth and half height at both ends (2, n)."""
+        return of(jnp.stack([self.first, self.last]), jnp.stack([self.half, self.half]))
 
-    def _rise(self, of: Callable[[jax.Array, jax.Array], jax.Array]) -> jax.Array:
+    def _mean_slope(self, of: SectionValue) -> jax.Array:
         """Mean slope of a function between the ends (n,)."""
-        first, last = self.at_ends(of)
+        first, last = self._at_ends(of)
         return (last - first) / self.change
+
+    def _mean(self, of: SectionValue, antiderivative: SectionValue) -> jax.Array:
+        """Mean of a function along the axes (n,)."""
+        weights = jnp.asarray(WEIGHTS, self.first.dtype)
+        return jnp.where(self.flat, self._at_points(of) @ weights, self._mean_slope(antiderivative))
 
     def energy(self) -> jax.Array:
         """U/(rho g) (n,) [m^4]."""
-        _, weights = self.quadrature()
-        return self.size * jnp.where(self.flat, section(*self.at_points()) @ weights, self._rise(_along))
+        return self.size * self._mean(section, _along)
 
     def volume(self) -> jax.Array:
         """Submerged volume (n,) [m^3]."""
-        _, weights = self.quadrature()
-        return self.size * jnp.where(self.flat, _width(*self.at_points()) @ weights, self._rise(section))
+        return self.size * self._mean(_width, section)
 
     def push(self) -> jax.Array:
         """Buoyancy divided by rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""
-        share, weights = self.quadrature()
-        points = self.at_points()
-        mean = self._rise(_along)
-        first, last = self.at_ends(section)
-        width = _width(*points)
-        by_first = jnp.where(self.flat, width @ (weights * (1 - share)), (mean - first) / self.change)
-        by_last = jnp.where(self.flat, width @ (weights * share), (last - mean) / self.change)
-        by_half = jnp.where(self.flat, _tilt(*points) @ weights, self._rise(_along_tilt))
+        weights = jnp.asarray(WEIGHTS, self.first.dtype)
+        mean = self._mean_slope(_along)
+        first, last = self._at_ends(section)
+        width = self._at_points(_width)
+        by_first = jnp.where(self.flat, width @ (weights * (1 - self.shares)), (mean - first) / self.change)
+        by_last = jnp.where(self.flat, width @ (weights * self.shares), (last - mean) / self.change)
         # d half/d across = a^2 across/half, and d across of a displaced end is 1/L: with a^2 L before, a^4/across/half
-        aside = (self.radius**4 / self.half * by_half)[:, None] * self.across
+        aside = (self.radius**4 / self.half * self._mean(_tilt, _along_tilt))[:, None] * self.across
         up = self.size[:, None, None] * jnp.stack([by_first, by_last], axis=1)[..., None]
         return jnp.concatenate([jnp.stack([aside, -aside], axis=1), up], axis=-1)
 

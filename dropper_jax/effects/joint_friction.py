@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
@@ -46,7 +47,7 @@ class JointFriction(Law):
         if values["viscous"] is None and values["dry"] is None:
             raise SceneError("effects.joint_friction: give `viscous`, `dry` or both; both are missing")
         axis = values["axis"]
-        if axis is not None and not sum(x * x for x in axis) > 0:
+        if axis is not None and not np.any(axis):
             raise SceneError(f"effects.joint_friction.axis: {list(axis)} has no direction; give a non-zero 3-vector")
 
     @property
@@ -78,18 +79,11 @@ class JointFriction(Law):
         after = jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])[:links]
         return -k.model.gather(cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None])
 
-    def _per_joint(self, value: jax.Array | None, joints: int) -> jax.Array:
-        if value is None:
-            return jnp.zeros(joints)
-        if value.ndim == 0:
-            return jnp.broadcast_to(value, (joints,))
-        return value[:joints]
-
     def force(self, k: Kinematics) -> jax.Array:
         if self.viscous is None:
             return jnp.zeros_like(k.r)
         rates = self.relative_rates(k)
-        return self.torque_force(k, -self._per_joint(self.viscous, len(rates))[:, None] * rates)
+        return self.torque_force(k, -_per_joint(self.viscous, len(rates)) * rates)
 
     def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
         return self.torque_force(k, z)
@@ -98,7 +92,7 @@ class JointFriction(Law):
         limit = self._limit(z)
         rate = self.relative_rates(k)
         rho = self._rho(k, h)
-        exact = z - self._project(z - 2 * rho * rate, limit)
+        exact = z - _project(z - 2 * rho * rate, limit)
         if easing is None:
             return exact
         blur = easing * limit / rho
@@ -107,7 +101,7 @@ class JointFriction(Law):
         return jnp.where(easing > 0, weight * (size * z + limit * rate), exact)
 
     def admissible(self, z: jax.Array) -> jax.Array:
-        return self._project(z, self._limit(z))
+        return _project(z, self._limit(z))
 
     def rates(self, k: Kinematics) -> jax.Array:
         return self.relative_rates(k)
@@ -116,20 +110,27 @@ class JointFriction(Law):
         return _size(z - 2 * self._rho(k, h) * self.relative_rates(k)) < self._limit(z)
 
     def _limit(self, z: jax.Array) -> jax.Array:
-        return self._per_joint(self.dry, len(z))[:, None]
+        return _per_joint(jnp.asarray(self.dry), len(z))
 
     def _rho(self, k: Kinematics, h: jax.Array) -> jax.Array:
         return jnp.min(k.line.mass * k.line.length**2) / h
 
-    @staticmethod
-    def _project(z: jax.Array, limit: jax.Array) -> jax.Array:
-        """The nearest torques with |z| <= limit."""
-        size = _size(z)
-        return jnp.where(size > limit, limit / size * z, z)
-
     def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
         """The torque of a link's weight [N m]."""
         return jnp.mean(line.mass * line.length) * GRAVITY
+
+
+def _per_joint(value: jax.Array, joints: int) -> jax.Array:
+    """One number for all joints, or one for each, as a column (joints, 1)."""
+    if value.ndim == 0:
+        return jnp.broadcast_to(value, (joints, 1))
+    return value[:joints, None]
+
+
+def _project(z: jax.Array, limit: jax.Array) -> jax.Array:
+    """The nearest torques with |z| <= limit."""
+    size = _size(z)
+    return jnp.where(size > limit, limit / size * z, z)
 
 
 def _size(z: jax.Array) -> jax.Array:

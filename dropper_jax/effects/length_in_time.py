@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,8 +18,38 @@ from dropper_jax.model import Effect, Kinematics, Line, Model, ModelView
 from dropper_jax.scene import SceneData
 
 
+class ChangingLinks:
+    """Base of what changes the total length of some links over time; winches have a state, which a run carries."""
+
+    @property
+    def links(self) -> tuple[int, ...]:
+        """The links, from 0, among those of all lines."""
+        raise NotImplementedError
+
+    @property
+    def corners(self) -> jax.Array | None:
+        """Times (k,) [s] at which the length is not smooth; None: never."""
+        return None
+
+    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
+        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
+        raise NotImplementedError
+
+    def begin(self, initial: jax.Array) -> WinchState | None:
+        """The state at the start of a run."""
+        return None
+
+    def entered(self, now: WinchState | None) -> ChangingLinks:
+        """The same in this state."""
+        return self
+
+    def advance(self, t: jax.Array, tension: jax.Array, h: jax.Array) -> WinchState | None:
+        """The state after a step of h [s] that ended at t [s] with these tensions (n,) [N]."""
+        return None
+
+
 @component
-class LengthTable:
+class LengthTable(ChangingLinks):
     """Total length of some links over time; before and after the table it is constant."""
 
     time: jax.Array = parameter("times of the rows", unit="s", shape="table")
@@ -28,28 +58,24 @@ class LengthTable:
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
 
     def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
-        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
         if self.smooth:
             return interpolate_quintic(t, self.time, self.length[:, None])[0]
         return jnp.interp(t, self.time, self.length)
 
     @property
     def corners(self) -> jax.Array | None:
-        """Times (k,) [s] at which it is not smooth."""
         return self.time
 
 
 @component
-class LengthFunction:
+class LengthFunction(ChangingLinks):
     """Total length of some links as a JAX function of time and of parameters."""
 
     parameters: Any
     function: Callable[[jax.Array, Any], jax.Array] = option("length [m] of (time [s], parameters)")
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
-    corners: ClassVar[jax.Array | None] = None
 
     def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
-        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
         return jnp.asarray(self.function(t, self.parameters), t.dtype)
 
 
@@ -64,7 +90,7 @@ class WinchState:
 
 
 @component
-class Winch:
+class Winch(ChangingLinks):
     """A proportional-integral winch on the tension T of the end link, set once per step:
 
         dL/dt = k_p (T - T*) + k_i int (T - T*) dt,    within the limits of rate and length
@@ -79,21 +105,23 @@ class Winch:
     now: WinchState | None = None
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
     measured: int = option("link whose tension is measured", default=0)
-    corners: ClassVar[jax.Array | None] = None
 
     def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
-        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
         if self.now is None:
             return initial
         return jnp.clip(self.now.length + self.now.rate * (t - self.now.t), self.range[0], self.range[1])
 
     def begin(self, initial: jax.Array) -> WinchState:
-        """Its state at the start of a run."""
         zero = jnp.zeros_like(initial)
         return WinchState(zero, initial, zero, zero)
 
-    def advance(self, now: WinchState, t: jax.Array, tension: jax.Array, h: jax.Array) -> WinchState:
-        """Its state after a step of h [s] that ended at t [s] with these tensions (n,) [N]."""
+    def entered(self, now: WinchState | None) -> Winch:
+        return replace(self, now=now)
+
+    def advance(self, t: jax.Array, tension: jax.Array, h: jax.Array) -> WinchState | None:
+        now = self.now
+        if now is None:
+            return None
         error = tension[self.measured] - self.target
         integral = now.integral + h * error
         wanted = self.gain[0] * error + self.gain[1] * integral
@@ -103,9 +131,6 @@ class Winch:
         rate = jnp.where(at_end, 0.0, rate)
         integral = jnp.where(rate == wanted, integral, now.integral)
         return WinchState(t, length, rate, integral)
-
-
-ChangingLinks = LengthTable | LengthFunction | Winch
 
 
 @component
@@ -141,23 +166,16 @@ class ControlledLength(LengthInTime):
     """The same with winches, whose states a run carries."""
 
     def begin(self, model: ModelView) -> tuple[WinchState | None, ...]:
-        line = model.line
-        return tuple(entry.begin(_total(line, entry)) if isinstance(entry, Winch) else None for entry in self.entries)
+        return tuple(entry.begin(_total(model.line, entry)) for entry in self.entries)
 
     def entered(self, state: tuple[WinchState | None, ...]) -> ControlledLength:
         pairs = zip(self.entries, state, strict=True)
-        return replace(self, entries=tuple(entry if now is None else replace(entry, now=now) for entry, now in pairs))
+        return replace(self, entries=tuple(entry.entered(now) for entry, now in pairs))
 
     def advance(
         self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array
     ) -> tuple[WinchState | None, ...]:
-        found = []
-        for entry in self.entries:
-            if isinstance(entry, Winch) and entry.now is not None:
-                found.append(entry.advance(entry.now, after.t, tension, h))
-            else:
-                found.append(None)
-        return tuple(found)
+        return tuple(entry.advance(after.t, tension, h) for entry in self.entries)
 
 
 def _total(line: Line, entry: ChangingLinks) -> jax.Array:
@@ -168,34 +186,31 @@ def _total(line: Line, entry: ChangingLinks) -> jax.Array:
 def changing_lengths(scene: SceneData) -> list[Effect]:
     """The effect of all `[[line.length_in_time]]` of a scene, in a list that is empty without any."""
     entries: list[ChangingLinks] = []
+    kind = LengthInTime
     start = 0
     for line in scene.lines:
         for spec in line.length_in_time:
-            own = spec.numbers(line.links)
-            links = tuple(start + i for i in own)
-            if spec.control is None:
+            links = tuple(start + i for i in spec.numbers(line.links))
+            control = spec.control
+            if control is None:
                 table = LengthTable(as_array(spec.time), as_array(spec.length), spec.between == "smooth", links)
                 _check_between_rows(line.name, table)
                 entries.append(table)
             else:
-                control = spec.control
-                measured = links[0 if spec.end == "from" else -1]
-                entries.append(
-                    Winch(
-                        as_array(control.target),
-                        as_array(control.gain),
-                        as_array(control.limits),
-                        as_array(control.lengths),
-                        links=links,
-                        measured=measured,
-                    )
+                winch = Winch(
+                    as_array(control.target),
+                    as_array(control.gain),
+                    as_array(control.limits),
+                    as_array(control.lengths),
+                    links=links,
+                    measured=links[0 if spec.end == "from" else -1],
                 )
+                entries.append(winch)
+                kind = ControlledLength
         start += line.links
     if not entries:
         return []
-    if any(isinstance(entry, Winch) for entry in entries):
-        return [ControlledLength(tuple(entries))]
-    return [LengthInTime(tuple(entries))]
+    return [kind(tuple(entries))]
 
 
 #: Samples between two rows of a table, whose quintics have few turning points there.
@@ -206,8 +221,8 @@ def _check_between_rows(name: str, table: LengthTable) -> None:
     """Reject a smooth table whose quintics pass zero between its rows."""
     if not table.smooth:
         return
-    rows = np.arange(len(table.time))
-    t = np.interp(np.linspace(0.0, rows[-1], SAMPLES_PER_ROW * rows[-1] + 1), rows, table.time)
+    last = len(table.time) - 1
+    t = np.interp(np.linspace(0.0, last, SAMPLES_PER_ROW * last + 1), np.arange(last + 1), table.time)
     found = np.asarray(jax.vmap(lambda at: table.total(at, at))(jnp.asarray(t)))
     lowest = int(np.argmin(found))
     if found[lowest] <= 0.0:
@@ -255,8 +270,9 @@ def with_length_in_time(
     if model.line.axial.rigid(model.line.links)[list(chosen)].any():
         raise SceneError(f"line: the links of {line!r} are rigid. Use a line that stretches, such as a rope")
     entry = LengthFunction(jax.tree.map(jnp.asarray, parameters), function, chosen)
-    known = next(iter(model.having(LengthInTime)), None)
-    if known is None:
-        return replace(model, effects=(*model.effects, LengthInTime((entry,))))
-    more = replace(known, entries=(*known.entries, entry))
-    return replace(model, effects=tuple(more if effect is known else effect for effect in model.effects))
+    effects = list(model.effects)
+    for i, effect in enumerate(effects):
+        if isinstance(effect, LengthInTime):
+            effects[i] = replace(effect, entries=(*effect.entries, entry))
+            return replace(model, effects=tuple(effects))
+    return replace(model, effects=(*effects, LengthInTime((entry,))))

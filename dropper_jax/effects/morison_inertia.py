@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.read import Values
+from dropper_jax.base.read import Table, Values
 from dropper_jax.effects.cylinder import SOURCES, check_source
 from dropper_jax.effects.submerged import split, wet_share
 from dropper_jax.model import Effect, Kinematics, LinkEnd
@@ -95,22 +95,18 @@ class MorisonInertia(_InertiaForce):
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
-        source = values["coefficients"]
-        values = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
-        if source != "given":  # until the flow is known
-            values["can"] = np.ones(scene.line.links)
-        if values["can"] is None and values["cat"] is None:
+        kept = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
+        if values["coefficients"] != "given":  # until the flow is known
+            kept["can"] = np.ones(scene.line.links)
+        given = {key: value for key, value in kept.items() if value is not None}
+        if not {"can", "cat"} & given.keys():
             return FroudeKrylov(fluid_acceleration=values["fluid_acceleration"])
-        for key in ("can", "cat"):
-            if values[key] is None:
-                values[key] = 0.0
-        return cls(**values)
+        coefficients: Table = {"can": 0.0, "cat": 0.0, **given}
+        return cls(**coefficients)
 
     @property
     def reach(self) -> int:
-        if self.added_mass == "morison":
-            return 0
-        return 1
+        return int(self.added_mass == "lagrangian")
 
     @property
     def turns(self) -> bool:
@@ -151,7 +147,8 @@ class MorisonInertia(_InertiaForce):
         middle = k.links / length
         turn = 0.5 * h * k.link_velocities / length
         dot = lambda p, q: jnp.sum(p * q, axis=-1, keepdims=True)  # noqa: E731
-        start, end = middle - turn, middle + turn
+        start = middle - turn
+        end = middle + turn
         total = jnp.zeros_like(a)
         can, cat = self._coefficients(k)
         for part in k.line.parts():

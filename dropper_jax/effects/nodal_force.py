@@ -44,22 +44,24 @@ class NodalForce(Effect):
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
         links = scene.lines[0].links
-        for node in values["nodes"]:
+        nodes = values["nodes"]
+        for node in nodes:
             if not 1 <= node <= links:
                 raise SceneError(f"effects.nodal_force.nodes: {node} is not a node of the line; allowed: 1 to {links}")
-        if len(values["nodes"]) != len(values["force_n"]):
+        forces = len(values["force_n"])
+        if len(nodes) != forces:
             raise SceneError(
-                f"effects.nodal_force.force_n: {len(values['force_n'])} forces for {len(values['nodes'])} nodes; "
-                "give one 3-vector per node"
+                f"effects.nodal_force.force_n: {forces} forces for {len(nodes)} nodes; give one 3-vector per node"
             )
-        table = (values["time"], values["scale"])
-        if (table[0] is None) != (table[1] is None):
+        given = {key for key, value in values.items() if value is not None}
+        table = given & {"time", "scale"}
+        if len(table) == 1:
             raise SceneError("effects.nodal_force: `time` and `scale` belong together, one of them is missing")
-        if table[0] is None:
+        if not table:
             return
-        if len(table[0]) != len(table[1]) or not rises(table[0], 2):
+        if len(values["time"]) != len(values["scale"]) or not rises(values["time"], 2):
             raise SceneError("effects.nodal_force.time: needs at least 2 increasing times, as many as `scale`")
-        if any(values[key] is not None for key in ("start", "rise", "release")):
+        if given & {"start", "rise", "release"}:
             raise SceneError("effects.nodal_force: a table excludes `start`, `rise` and `release`; give one of the two")
 
     def factor(self, t: jax.Array) -> jax.Array:
@@ -79,12 +81,12 @@ class NodalForce(Effect):
     def corners(self) -> jax.Array | None:
         if self.time is not None:
             return self.time
-        if self.start is None:
-            begin = jnp.zeros((), self.force_n.dtype)
-        else:
-            begin = self.start
-        found = [begin, None if self.rise is None else begin + self.rise, self.release]
-        return jnp.stack([t for t in found if t is not None])
+        found = [jnp.zeros((), self.force_n.dtype) if self.start is None else self.start]
+        if self.rise is not None:
+            found.append(found[0] + self.rise)
+        if self.release is not None:
+            found.append(self.release)
+        return jnp.stack(found)
 
     def force(self, k: Kinematics) -> jax.Array:
         index = np.array(self.nodes) - 1

@@ -9,7 +9,8 @@ import numpy as np
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.indexed_sums import scatter_add
-from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.numerics import safe_norm, upright
+from dropper_jax.effects.submerged import submerged_fraction
 from dropper_jax.model import Effect, Kinematics, ModelView
 
 
@@ -39,25 +40,28 @@ class PointBodies(Effect):
         smallest = 1e-2
         return jnp.maximum(jnp.cbrt(6.0 * self.volume / jnp.pi + smallest**3), smallest)
 
+    def _at_bodies(self, model: ModelView, per_body: jax.Array) -> jax.Array:
+        """Values of the bodies on the free nodes."""
+        return scatter_add(self.nodes(model), per_body, model.free_nodes)
+
     def point_mass(self, model: ModelView) -> jax.Array:
-        return scatter_add(self.nodes(model), self.mass, model.free_nodes)
+        return self._at_bodies(model, self.mass)
 
     def contact_area(self, model: ModelView) -> jax.Array:
         """Plan area on the seabed (nodes,) [m^2]: that of a sphere of the same volume."""
-        return scatter_add(self.nodes(model), 0.25 * jnp.pi * self._diameter() ** 2, model.free_nodes)
+        return self._at_bodies(model, 0.25 * jnp.pi * self._diameter() ** 2)
 
     def _wet_mass(self, k: Kinematics, elevation: jax.Array) -> jax.Array:
         """Mass of the displaced water (bodies,) [kg] under a surface at the bodies (bodies,) [m]."""
-        s = jnp.clip(0.5 + (elevation - k.r[self.nodes(k.model), 2]) / self._diameter(), 0.0, 1.0)
-        return k.sea.density * self.volume * s * s * (3.0 - 2.0 * s)
+        wet = submerged_fraction(elevation - k.r[self.nodes(k.model), 2], self._diameter())
+        return k.sea.density * self.volume * wet
 
-    def _loads(self, k: Kinematics, nodes: np.ndarray) -> jax.Array:
+    def _loads(self, k: Kinematics) -> jax.Array:
         """Forces on the bodies (bodies, 3) [N]."""
-        return (self.mass * self.gravity)[:, None] * jnp.array([0.0, 0.0, -1.0], k.r.dtype)
+        return upright(-self.mass * self.gravity)
 
     def force(self, k: Kinematics) -> jax.Array:
-        nodes = self.nodes(k.model)
-        return scatter_add(nodes, self._loads(k, nodes), k.free)
+        return self._at_bodies(k.model, self._loads(k))
 
 
 @component
@@ -66,15 +70,15 @@ class WetPointBodies(PointBodies):
 
     needs_water = True
 
-    def _loads(self, k: Kinematics, nodes: np.ndarray) -> jax.Array:
-        down = jnp.array([0.0, 0.0, -1.0], k.r.dtype)
+    def _loads(self, k: Kinematics) -> jax.Array:
+        nodes = self.nodes(k.model)
         water = k.water.motion
         displaced = self._wet_mass(k, water.elevation[nodes])
         share = displaced / jnp.where(self.volume > 0, k.sea.density * self.volume, 1.0)
         share = jnp.where(self.volume > 0, share, 1.0)
         u = water.velocity[nodes] - k.v[nodes]
         drag = 0.5 * k.sea.density * self.drag_area * share * safe_norm(u)
-        total = super()._loads(k, nodes) - (displaced * k.sea.gravity)[:, None] * down + drag[:, None] * u
+        total = super()._loads(k) + upright(displaced * k.sea.gravity) + drag[:, None] * u
         return total + ((1.0 + self.added_mass) * displaced)[:, None] * water.acceleration[nodes]
 
 
@@ -85,7 +89,7 @@ class PointBodiesWithAddedMass(WetPointBodies):
     def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
         nodes = self.nodes(k.model)
         mass = self.added_mass * self._wet_mass(k, k.water.motion.elevation[nodes])
-        return scatter_add(nodes, mass[:, None] * a[nodes], k.free)
+        return self._at_bodies(k.model, mass[:, None] * a[nodes])
 
     def kinetic(self, k: Kinematics) -> jax.Array:
         nodes = self.nodes(k.model)

@@ -34,21 +34,21 @@ class RecordedMotion(Effect):
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
         path = f"effects.{cls.name}"
-        for i, name in enumerate(values["points"]):
+        points = values["points"]
+        for i, name in enumerate(points):
             scene.check_fixed(name, f"{path}.points.{i}")
-            if name in values["points"][:i]:
+            if name in points[:i]:
                 raise SceneError(f"{path}.points.{i}: {name!r} is a duplicate point; allowed: each point once")
-        if not values["points"]:
+        if not points:
             raise SceneError(
                 f"{path}.points: is empty; allowed: names of fixed points: {', '.join(scene.fixed_points)}"
             )
         if not rises(values["time"], 2):
             raise SceneError(f"{path}.time: needs at least 2 increasing times")
-        rows = len(values["time"]) * len(values["points"])
-        if len(values["positions"]) != rows:
-            raise SceneError(
-                f"{path}.positions: has {len(values['positions'])} rows; allowed: {rows}, one per point and time"
-            )
+        rows = len(values["positions"])
+        needed = len(values["time"]) * len(points)
+        if rows != needed:
+            raise SceneError(f"{path}.positions: has {rows} rows; allowed: {needed}, one per point and time")
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
@@ -59,10 +59,8 @@ class RecordedMotion(Effect):
 
     def of(self, name: str) -> Effect:
         i = self.points.index(name)
-        count = self.time.shape[0]
-        return replace(
-            self, points=(name,), home=self.home[i : i + 1], positions=self.positions[i * count : (i + 1) * count]
-        )
+        own = self.positions.reshape(len(self.points), -1, 3)[i]
+        return replace(self, points=(name,), home=self.home[i : i + 1], positions=own)
 
     def displace(self, t: jax.Array) -> jax.Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""

@@ -18,7 +18,8 @@ from dropper_jax.model import HolonomicConstraint, Kinematics, ModelView
 FIRST, SECOND = np.triu_indices(4, 1)
 #: Pairs of axes of the six moments and products of inertia.
 MOMENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
+#: Index of each entry of the matrix of inertia among them.
+MATRIX = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 #: Fraction of a body's mass carried by each node on it: a node without a line must not be without inertia.
 NODE_SHARE = 1e-3
@@ -72,12 +73,22 @@ class RigidBodies(HolonomicConstraint):
     def seats(self, model: ModelView) -> np.ndarray:
         return model.geometry.point_node[np.array(self.points, int)]
 
+    @property
+    def _owners(self) -> np.ndarray:
+        """Body of each attached point (seats,)."""
+        return np.array(self.owner, int)
+
+    def _nodes_and_bodies(self, model: ModelView) -> tuple[np.ndarray, np.ndarray]:
+        """All nodes of bodies, corners first, and their bodies."""
+        nodes = np.concatenate([self.body_nodes(model).ravel(), self.seats(model)])
+        return nodes, np.concatenate([np.repeat(np.arange(self.count), 4), self._owners])
+
     def _seat_shares(self) -> jax.Array:
         """Weights of the attached points in the corners of their body (seats, 4)."""
-        return shares(self.affine[np.array(self.owner, int)], self.seat)
+        return shares(self.affine[self._owners], self.seat)
 
     def seat_shares(self) -> jax.Array:
-        one = np.eye(self.count)[np.array(self.owner, int)]
+        one = np.eye(self.count)[self._owners]
         return (one[:, :, None] * self._seat_shares()[:, None, :]).reshape(len(self.owner), -1)
 
     @trace_once
@@ -96,16 +107,11 @@ class RigidBodies(HolonomicConstraint):
     def initial_velocities(self, model: ModelView, r: jax.Array) -> jax.Array:
         """Initial velocities (free nodes, 3) [m/s] of the bodies' corners and attached points, at positions r."""
         _, axes = self.pose(model, r)
-
-        def body_velocity(body: np.ndarray, local: jax.Array) -> jax.Array:
-            turning = cross(self.spin[body], local - self.centre_of_mass[body])
-            return self.velocity[body] + jnp.einsum("bck,bk->bc", axes[body], turning)
-
-        corners = body_velocity(np.repeat(np.arange(self.count), 4), self.corner.reshape(-1, 3))
-        found = scatter_add(self.body_nodes(model).ravel(), corners, model.free_nodes)
-        return found + scatter_add(
-            self.seats(model), body_velocity(np.array(self.owner, int), self.seat), model.free_nodes
-        )
+        nodes, body = self._nodes_and_bodies(model)
+        local = jnp.concatenate([self.corner.reshape(-1, 3), self.seat])
+        turning = cross(self.spin[body], local - self.centre_of_mass[body])
+        velocity = self.velocity[body] + jnp.einsum("bck,bk->bc", axes[body], turning)
+        return scatter_add(nodes, velocity, model.free_nodes)
 
     def lengths(self) -> jax.Array:
         """Edges (bodies, 6) [m]."""
@@ -121,13 +127,10 @@ class RigidBodies(HolonomicConstraint):
         corners = r[self.body_nodes(model)]
         length = self.lengths()
         edge = corners[:, SECOND] - corners[:, FIRST]
-        gaps = [((dot(edge, edge) - length**2) / (2.0 * length)).ravel()]
-        if self.owner:
-            own = corners[np.array(self.owner)]
-            gaps.append((r[self.seats(model)] - jnp.sum(self._seat_shares()[..., None] * own, axis=1)).ravel())
-        if self.pinned:
-            gaps.append((self.references(corners)[np.array(self.pinned)] - self.pin).ravel())
-        return jnp.concatenate(gaps)
+        edges = (dot(edge, edge) - length**2) / (2.0 * length)
+        seats = r[self.seats(model)] - jnp.sum(self._seat_shares()[..., None] * corners[self._owners], axis=1)
+        pins = self.references(corners)[np.array(self.pinned, int)] - self.pin
+        return jnp.concatenate([edges.ravel(), seats.ravel(), pins.ravel()])
 
     def gap_size(self, model: ModelView) -> jax.Array:
         # rounding of positions a kilometre away allows no finer tolerance
@@ -146,36 +149,26 @@ class RigidBodies(HolonomicConstraint):
         """M_ij (bodies, 4, 4) [kg], without the mass carried by the attached points."""
         if self.matrix is not None:
             return self.matrix
-        products = jnp.zeros((self.count, 3, 3), self.mass.dtype)
-        for number, (i, j) in enumerate(MOMENTS):
-            value = self.moments[:, number]
-            products = products.at[:, i, j].set(value)
-            products = products.at[:, j, i].set(value)
         trace = self.moments[:, 0] + self.moments[:, 1] + self.moments[:, 2]
-        second = 0.5 * trace[:, None, None] * jnp.eye(3, dtype=trace.dtype) - products
+        second = 0.5 * trace[:, None, None] * jnp.eye(3, dtype=trace.dtype) - self.moments[:, MATRIX]
         homogeneous = jnp.concatenate([self.centre_of_mass, jnp.ones_like(self.mass)[:, None]], axis=1)
         moments = self.mass[:, None, None] * homogeneous[:, :, None] * homogeneous[:, None, :]
         moments = moments + jnp.pad(second, ((0, 0), (0, 1), (0, 1)))
         total = jnp.einsum("bji,bjk,bkl->bil", self.affine, moments, self.affine)
-        if not self.owner:
-            return total
         own = self._seat_shares()
         carried = self._carried_mass()[:, None, None] * own[:, :, None] * own[:, None, :]
-        flat = scatter_add(np.array(self.owner), carried.reshape(len(self.owner), -1), self.count)
-        return total - flat.reshape(total.shape)
+        return total - scatter_add(self._owners, carried, self.count)
 
     def at_hand(self) -> RigidBodies:
         return replace(self, matrix=self.mass_matrix())
 
     def _carried_mass(self) -> jax.Array:
-        return NODE_SHARE * self.mass[np.array(self.owner, int)]
+        return NODE_SHARE * self.mass[self._owners]
 
     def point_mass(self, model: ModelView) -> jax.Array:
         own = jnp.diagonal(self.mass_matrix(), axis1=1, axis2=2).ravel()
-        found = scatter_add(self.body_nodes(model).ravel(), own, model.free_nodes)
-        if self.owner:
-            return found + scatter_add(self.seats(model), self._carried_mass(), model.free_nodes)
-        return found
+        mass = jnp.concatenate([own, self._carried_mass()])
+        return scatter_add(self._nodes_and_bodies(model)[0], mass, model.free_nodes)
 
     def coupled(self, model: ModelView, a: jax.Array) -> jax.Array:
         corners = self.body_nodes(model)
@@ -184,9 +177,8 @@ class RigidBodies(HolonomicConstraint):
         return scatter_add(corners.ravel(), force.reshape(-1, 3), model.free_nodes)
 
     def node_size(self, model: ModelView) -> jax.Array:
-        size = GAP_SHARE * jnp.max(self.lengths(), axis=1)
-        found = scatter_add(self.body_nodes(model).ravel(), jnp.repeat(size, 4), model.free_nodes)
-        return found + scatter_add(self.seats(model), size[np.array(self.owner, int)], model.free_nodes)
+        nodes, bodies = self._nodes_and_bodies(model)
+        return scatter_add(nodes, (GAP_SHARE * jnp.max(self.lengths(), axis=1))[bodies], model.free_nodes)
 
     def _weights(self) -> jax.Array:
         """Weight on each corner (4 bodies,) [N]."""

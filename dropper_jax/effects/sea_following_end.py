@@ -43,12 +43,11 @@ class SeaFollowingEnd(HeldMotion):
         cls.check_points(values, scene)
         if scene.needed_sea.waves is None or scene.needed_sea.ramp is None:
             raise SceneError(f"{path}: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`")
-        count = 1
-        if values["omega"] is not None:
-            count = len(values["omega"])
+        count = np.size(values["omega"])
         for key in ("heave", "surge"):
-            if np.size(values[key]) not in (1, count):
-                raise SceneError(f"{path}.{key}: has {np.size(values[key])} values; allowed: 1, or {count} as `omega`")
+            size = np.size(values[key])
+            if size not in (1, count):
+                raise SceneError(f"{path}.{key}: has {size} values; allowed: 1, or {count} as `omega`")
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
@@ -66,9 +65,8 @@ class SeaFollowingEnd(HeldMotion):
 
     def displace(self, t: jax.Array, sea: Sea) -> jax.Array:
         """Displacement (3,) [m] at time t [s]."""
-        if sea.waves is None:
-            return jnp.zeros_like(self.home)
         waves = sea.waves
-        heave = self._factor(self.heave, waves.omega)
-        surge = self._factor(self.surge, waves.omega)
+        if waves is None:
+            return jnp.zeros_like(self.home)
+        heave, surge = (self._factor(value, waves.omega) for value in (self.heave, self.surge))
         return waves.excursion(self.home, t, sea.depth, heave, surge)

@@ -37,15 +37,13 @@ class Seabed(Effect):
 
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
-        grid = [values[key] is not None for key in ("bed_x", "bed_y", "bed_depth")]
-        if any(grid) and not all(grid):
+        grid = [values[key] for key in ("bed_x", "bed_y", "bed_depth") if values[key] is not None]
+        if len(grid) in (1, 2):
             raise SceneError("effects.seabed: `bed_x`, `bed_y` and `bed_depth` belong together, one of them is missing")
-        if all(grid):
-            wanted = len(values["bed_x"]) * len(values["bed_y"])
-            if len(values["bed_depth"]) != wanted:
-                raise SceneError(
-                    f"effects.seabed.bed_depth: has {len(values['bed_depth'])} entries; allowed: {wanted}, x by x"
-                )
+        if grid:
+            x, y, depth = map(len, grid)
+            if depth != x * y:
+                raise SceneError(f"effects.seabed.bed_depth: has {depth} entries; allowed: {x * y}, x by x")
             for key in ("bed_x", "bed_y"):
                 if not rises(values[key], 2):
                     raise SceneError(f"effects.seabed.{key}: needs at least 2 increasing numbers")
@@ -75,10 +73,8 @@ class Seabed(Effect):
         """Unit normals (nodes, 3) of the seabed at positions r (nodes, 3), or (3,) of a flat one."""
         if self.bed_x is None:
             return jnp.array([0.0, 0.0, 1.0], r.dtype)
-        x, y = (
-            jax.jvp(self.bed_height, (r,), (jnp.broadcast_to(jnp.eye(3, dtype=r.dtype)[i], r.shape),))[1]
-            for i in (0, 1)
-        )
+        along = jnp.eye(3, dtype=r.dtype)
+        x, y = (jax.jvp(self.bed_height, (r,), (jnp.broadcast_to(along[i], r.shape),))[1] for i in (0, 1))
         n = jnp.stack([-x, -y, jnp.ones_like(x)], axis=-1)
         return n / jnp.sqrt(dot(n, n))[:, None]
 

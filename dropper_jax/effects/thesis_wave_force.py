@@ -46,25 +46,26 @@ class ThesisWaveForce(Effect):
     def build(cls, values: Values, scene: SceneData) -> Effect:
         if values["velocity"] == "absolute":
             return cls(**values)
-        # without added mass every scheme supports it
-        return (RelativeThesisWaveForce if values["c_a"] is None else RelativeThesisWaveForceWithAddedMass)(**values)
+        if values["c_a"] is None:  # without added mass every scheme supports it
+            return RelativeThesisWaveForce(**values)
+        return RelativeThesisWaveForceWithAddedMass(**values)
 
     def prepare(self, k: Kinematics) -> Motion:
         """The water at the origin."""
         return k.sea.at(jnp.zeros((1, 3), k.r.dtype), k.t)
 
     def force(self, k: Kinematics) -> jax.Array:
-        inertia, drag = self._coefficients(k)
-        u = k.prepared(self).velocity[0]
-        change = k.prepared(self).acceleration[0]
-        return inertia * change + drag * (jnp.abs(u) * u)
+        water = k.prepared(self)
+        return self._force(k, water, water.velocity)
 
-    def _coefficients(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
-        """Mass [kg] by the acceleration and drag [kg/m] by the squared velocity of the water, each (nodes, 1)."""
+    def _drag(self, k: Kinematics) -> jax.Array:
+        """Drag over the squared velocity of the water (nodes, 1) [kg/m]."""
         line = k.line
-        density = k.sea.density
-        inertia = line.node_share(density * line.volume * self.c_m)
-        return inertia[:, None], line.node_share(0.5 * density * line.needed_diameter * line.length * self.c_d)[:, None]
+        return line.node_share(0.5 * k.sea.density * line.needed_diameter * line.length * self.c_d)[:, None]
+
+    def _force(self, k: Kinematics, water: Motion, velocity: jax.Array) -> jax.Array:
+        inertia = k.line.node_share(k.sea.density * k.line.volume * self.c_m)[:, None]
+        return inertia * water.acceleration + self._drag(k) * jnp.abs(velocity) * velocity
 
 
 @component
@@ -81,10 +82,9 @@ class RelativeThesisWaveForce(ThesisWaveForce):
 
     def force(self, k: Kinematics) -> jax.Array:
         water = k.prepared(self)
-        inertia, drag = self._coefficients(k)
-        decay = 2.0 * drag * jnp.abs(water.velocity - (k.v if k.before is None else k.before))
+        decay = 2.0 * self._drag(k) * jnp.abs(water.velocity - (k.v if k.before is None else k.before))
         relative = water.velocity - drag_velocity(k, decay / k.model.node_mass[:, None])
-        return inertia * water.acceleration + drag * jnp.abs(relative) * relative
+        return self._force(k, water, relative)
 
 
 @component

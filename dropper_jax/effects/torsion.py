@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -69,7 +68,7 @@ class Torsion(Effect):
         for i, name in enumerate(values["lines"]):
             if name not in names:
                 raise SceneError(f"effects.torsion.lines.{i}: {name!r} is not a line; {nearest(name, names)}")
-        check_joined(SimpleNamespace(**values), scene)
+        check_joined(values, scene)
         for key, last, other in (("torque", "free", "held"), ("turn", "held", "free")):
             if values[key] != 0.0 and values["last"] == other:
                 what = f"{values[key]:g} only applies to last points that are {last}"
@@ -86,9 +85,12 @@ class Torsion(Effect):
     def entered(self, state: Twist) -> Torsion:
         return replace(self, twist=state)
 
+    def _shafts(self, model: ModelView) -> Shafts:
+        return Shafts(model.geometry, self.lines, self.joined, (self.first == "held", self.last == "held"))
+
     def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Twist:
         model = after.model
-        shafts = Shafts(model.geometry, self)
+        shafts = self._shafts(model)
         phi, rate = map(shafts.of_lines, self.twist or self.begin(model))
         inertia, stiffness, damping = self._along(model)
         load = self.torque * shafts.last + shafts.at_nodes(-self._strain_torque(before, after))
@@ -101,21 +103,22 @@ class Torsion(Effect):
 
     def at_rest(self, model: ModelView) -> jax.Array:
         """Twist (nodes,) [rad] at the start, under the moments at the ends."""
-        shafts = Shafts(model.geometry, self)
+        shafts = self._shafts(model)
         _, stiffness, _ = self._along(model)
         zero = jnp.zeros(shafts.held.shape, stiffness.dtype)
         goal = self._turned_at(zero[0]) * shafts.turned
         return shafts.on_lines(shafts.solve(zero, stiffness, self.torque * shafts.last, goal))
 
     def _turned_at(self, t: jax.Array) -> jax.Array:
-        share = jnp.where(self.turn_time > 0.0, t / jnp.where(self.turn_time > 0.0, self.turn_time, 1.0), 1.0)
+        lasting = self.turn_time > 0.0
+        share = jnp.where(lasting, t / jnp.where(lasting, self.turn_time, 1.0), 1.0)
         return self.turn * jnp.clip(share, 0.0, 1.0)
 
     def _along(self, model: ModelView) -> tuple[jax.Array, jax.Array, jax.Array]:
         """Inertia of nodes (nodes,) [kg m^2], stiffness and damping of links (n,) [N m/rad], [N m s/rad]."""
         length = model.line.length
         half = 0.5 * self.polar_inertia * length
-        return Shafts(model.geometry, self).sums(half, half), self.GJ / length, self.damping / length
+        return self._shafts(model).sums(half, half), self.GJ / length, self.damping / length
 
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> jax.Array:
         """Torque (n,) [N m] due to the strain, over the step."""
@@ -129,12 +132,12 @@ class CoupledTorsion(Torsion):
     def _strain_torque(self, before: Kinematics, after: Kinematics) -> jax.Array:
         length = after.line.length
         strain = 0.5 * (safe_norm(before.links) + safe_norm(after.links)) / length - 1.0
-        return self.coupling * Shafts(after.model.geometry, self).twists * strain
+        return self.coupling * self._shafts(after.model).twists * strain
 
     def twist_tension(self, model: ModelView) -> jax.Array:
         """Tension (n,) [N] due to the twist."""
         phi = self.at_rest(model) if self.twist is None else self.twist[0]
-        shafts = Shafts(model.geometry, self)
+        shafts = self._shafts(model)
         return self.coupling * shafts.twists * shafts.differences(shafts.of_lines(phi)) / model.line.length
 
     def force(self, k: Kinematics) -> jax.Array:

@@ -119,7 +119,10 @@ SHAPES = ("jonswap", "pierson_moskowitz", "tma")
 
 
 class Components(NamedTuple):
-    """Wave components: amplitude [m], angular frequency [rad/s], phase [rad], direction of travel [rad], each (c,)."""
+    """Wave components: amplitude [m], angular frequency [rad/s], phase [rad], direction of travel [rad], each (c,).
+
+    Long-crested components may have one direction, a number.
+    """
 
     amplitude: jax.Array
     omega: jax.Array
@@ -215,14 +218,13 @@ def components(
     x = np.repeat(x, directions)
     share = np.repeat(share / directions, directions)
     phase = rng.uniform(0.0, 2 * np.pi, x.size)
-    if spreading is None:
-        offset = np.zeros(x.size)
-    else:
-        offset = spread(spreading, x.size, rng)
+    course = jnp.asarray(direction)
+    if spreading is not None:
+        course = course + spread(spreading, x.size, rng)
     omega = 2 * jnp.pi / jnp.asarray(tp) * x
     energy = jnp.asarray(share)
     if spectrum == "tma":
         energy = energy * depth_factor(omega, jnp.asarray(depth), gravity)
         energy = energy / jnp.sum(energy)
     amplitude = jnp.asarray(hs) / 4.0 * jnp.sqrt(2.0 * energy)
-    return Components(amplitude, omega, jnp.asarray(phase), jnp.asarray(direction) + offset)
+    return Components(amplitude, omega, jnp.asarray(phase), course)

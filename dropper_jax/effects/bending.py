@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
@@ -41,8 +42,8 @@ class Bending(Effect):
     name = "bending"
     reach = 2
     parts = True
-    EI: jax.Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
-    directions: jax.Array | None = parameter(
+    EI: Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
+    directions: Array | None = parameter(
         "directions of lines at their clamped points", unit="-", shape="vectors", default=None
     )
     clamped: tuple[str, ...] = option("fixed points at which a line is clamped", type=list, default=())
@@ -79,13 +80,13 @@ class Bending(Effect):
                     raise SceneError(f"effects.bending.joined.{i}: {name!r} is not a line; {nearest(name, list(ends))}")
             common_ends(pair, ends)
 
-    def potential(self, k: Kinematics) -> jax.Array:
+    def potential(self, k: Kinematics) -> Array:
         return self._energy(k, at_pieces(k, self.piece_nodes(k.model))[0])
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return sum_of_pieces(self, k)
 
-    def _stiffness(self, k: Kinematics, first: np.ndarray, last: np.ndarray) -> jax.Array:
+    def _stiffness(self, k: Kinematics, first: np.ndarray, last: np.ndarray) -> Array:
         """`EI/(2 l)` (joints,) [J] of the joints between two links each, or between a link and the wall."""
         length = 0.5 * (k.line.length[first] + k.line.length[last])
         length = 0.5 * length if first is last else length
@@ -128,10 +129,10 @@ class Bending(Effect):
         walls = np.stack([graph.first[at], graph.first[at], graph.last[at]], axis=1)
         return np.concatenate([self._joints(model)[2], walls])
 
-    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+    def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         return -jax.grad(partial(self._energy, k))(r)
 
-    def _energy(self, k: Kinematics, r: jax.Array) -> jax.Array:
+    def _energy(self, k: Kinematics, r: Array) -> Array:
         """Energy [J] of the joints with nodes at positions r (joints, 3, 3)."""
         first, second, _ = self._joints(k.model)
         stiffness = self._stiffness(k, first, second)

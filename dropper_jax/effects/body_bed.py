@@ -6,6 +6,7 @@ import math
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.fields import component, parameter
 from dropper_jax.base.numerics import dot, safe_norm, trace_once, upright
@@ -36,7 +37,7 @@ class BodyBed(Effect):
     pieces: Pieces
 
     @trace_once
-    def depths(self, model: ModelView, r: jax.Array) -> jax.Array:
+    def depths(self, model: ModelView, r: Array) -> Array:
         """Depth of the points (2 c + s,) below the seabed along its normal [m], negative above it."""
         ends = self.pieces.axes(model, r)
         along = ends[:, 1] - ends[:, 0]
@@ -46,24 +47,24 @@ class BodyBed(Effect):
         below = jnp.concatenate([reach, reach, self.pieces.ball])
         return (self.bed.bed_height(positions) - positions[:, 2] + below) * self.bed.upward(positions)[..., 2]
 
-    def _rates(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
+    def _rates(self, k: Kinematics) -> tuple[Array, Array]:
         """Depths [m] and their rates of increase [m/s]."""
         return jax.jvp(lambda r: self.depths(k.model, r), (k.r,), (k.v,))
 
-    def prepare(self, k: Kinematics) -> jax.Array:
+    def prepare(self, k: Kinematics) -> Array:
         """Downward speed of the points at the start of the step (2 c + s,) [m/s]."""
         return self._rates(k)[1]
 
-    def normal(self, k: Kinematics) -> jax.Array:
+    def normal(self, k: Kinematics) -> Array:
         """Contact forces of the points (2 c + s,) [N]."""
         half = self.pieces.radius * self.pieces.length
         area = jnp.concatenate([half, half, jnp.pi * self.pieces.ball**2])
         return area * self.bed.pressure(k, self, *self._rates(k))
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return self._contact_force(k, self.normal(k))
 
-    def _contact_force(self, k: Kinematics, normal: jax.Array) -> jax.Array:
+    def _contact_force(self, k: Kinematics, normal: Array) -> Array:
         _, back = jax.vjp(lambda r: self.depths(k.model, r), k.r)
         return -back(normal)[0]
 
@@ -81,9 +82,9 @@ class BodyBedFriction(BodyBed):
     for creep below s0.
     """
 
-    friction: jax.Array = parameter("coefficient of each point", unit="-", low=0.0, shape="table")
+    friction: Array = parameter("coefficient of each point", unit="-", low=0.0, shape="table")
 
-    def slips(self, model: ModelView, r: jax.Array, v: jax.Array) -> jax.Array:
+    def slips(self, model: ModelView, r: Array, v: Array) -> Array:
         """Velocities (2 c + s, 3) [m/s] along the seabed of the contact points; linear in v (free nodes, 3)."""
         pieces = self.pieces
         ends = pieces.axes(model, r)
@@ -97,7 +98,7 @@ class BodyBedFriction(BodyBed):
         up = self.bed.upward(pieces.points(model, r))
         return velocity - dot(velocity, up)[:, None] * up
 
-    def _rotation_velocity(self, model: ModelView, r: jax.Array, v: jax.Array, arm: jax.Array) -> jax.Array:
+    def _rotation_velocity(self, model: ModelView, r: Array, v: Array, arm: Array) -> Array:
         """`w x arm` (c + s, 3) of the pieces' bodies, from three of their edges E: `E'(E^-1 arm)`."""
         corners = self.pieces.body_nodes(model, self.pieces.owners)
         edges = r[corners[:, 1:]] - r[corners[:, :1]]
@@ -105,7 +106,7 @@ class BodyBedFriction(BodyBed):
         own = jnp.linalg.solve(jnp.swapaxes(edges, -1, -2), arm[..., None])[..., 0]
         return jnp.sum(rates * own[..., None], axis=1)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         normal = self.normal(k)
         slip, back = jax.vjp(lambda v: self.slips(k.model, k.r, v), k.v)
         rub = (self.friction * normal / jnp.sqrt(dot(slip, slip) + CREEP_SPEED**2))[:, None] * slip

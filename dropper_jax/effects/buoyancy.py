@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
@@ -26,7 +26,7 @@ class Buoyancy(Effect):
 
     name = "buoyancy"
     needs_water = True
-    wet_weight: jax.Array | None = parameter(
+    wet_weight: Array | None = parameter(
         "weight in water per link, from which the volume follows", unit="N", shape="link", default=None
     )
 
@@ -39,11 +39,11 @@ class Buoyancy(Effect):
             )
         check_volume(scene, values["wet_weight"])
 
-    def per_link(self, model: ModelView) -> jax.Array:
+    def per_link(self, model: ModelView) -> Array:
         """Buoyancy of each link under water (n,) [N]."""
         return model.needed_sea.density * model.needed_sea.gravity * model.line.volume
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         water = k.water
         lift = self.per_link(k.model)
         up = jnp.zeros_like(k.r[:, 2])

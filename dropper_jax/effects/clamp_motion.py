@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -38,17 +39,17 @@ class ClampMotion(Effect):
     name = "clamp_motion"
     reach = 1
     needs = ("bending",)
-    time: jax.Array = parameter("times of the table", unit="s", shape="table")
-    direction: jax.Array | None = parameter(
+    time: Array = parameter("times of the table", unit="s", shape="table")
+    direction: Array | None = parameter(
         "direction (unit vector) in which the line leaves the point, at those times",
         unit="-",
         shape="vectors",
         default=None,
     )
-    quaternion: jax.Array | None = parameter(
+    quaternion: Array | None = parameter(
         "turn of the clamp at those times, w, x, y, z of each row in one list", unit="-", shape="table", default=None
     )
-    along: jax.Array | None = parameter(
+    along: Array | None = parameter(
         "direction of the line in the frame that the quaternions turn", unit="-", shape="vector", default=None
     )
     point: str = option("name of the fixed point where the line is clamped", type=str, default="")
@@ -67,22 +68,22 @@ class ClampMotion(Effect):
         _check_rows(values, turned)
 
     @property
-    def corners(self) -> jax.Array:
+    def corners(self) -> Array:
         return self.time
 
     @property
-    def directions(self) -> jax.Array:
+    def directions(self) -> Array:
         """Directions (k, 3) of the table, from vectors or quaternions."""
         if self.quaternion is not None and self.along is not None:
             return turned_by(self.quaternion.reshape(-1, 4), self.along)
         return jnp.asarray(self.direction)
 
-    def leaving(self, t: jax.Array) -> jax.Array:
+    def leaving(self, t: Array) -> Array:
         """Direction (3,) in which the line leaves the point at time t [s]."""
         found = interpolate_quintic(t, self.time, self.directions)
         return found / safe_norm(found)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return sum_of_pieces(self, k)
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
@@ -92,7 +93,7 @@ class ClampMotion(Effect):
         nodes = [graph.first[link], graph.last[link]]
         return np.array([nodes if leaves else nodes[::-1]])
 
-    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+    def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         link, _ = link_at_point(k.model, self.point)
         bending = next(effect for effect in k.model.having(Force) if isinstance(effect, Bending))
         stiffness = jnp.broadcast_to(bending.EI, k.line.length.shape)[link] / k.line.length[link]
@@ -101,7 +102,7 @@ class ClampMotion(Effect):
             stiffness = stiffness * intact[link]
         direction = self.leaving(k.t)
 
-        def energy(r: jax.Array) -> jax.Array:
+        def energy(r: Array) -> Array:
             away = r[:, 1] - r[:, 0]
             bent = away / safe_norm(away)[:, None] - direction
             return stiffness * jnp.sum(dot(bent, bent))
@@ -109,7 +110,7 @@ class ClampMotion(Effect):
         return -jax.grad(energy)(r)
 
 
-def turned_by(quaternion: jax.Array, vector: jax.Array) -> jax.Array:
+def turned_by(quaternion: Array, vector: Array) -> Array:
     """The vector (3,) turned by quaternions (k, 4), w first: `v + 2 s x (s x v + w v)`, s their vector part, (k, 3)."""
     w = quaternion[:, :1]
     s = quaternion[:, 1:]

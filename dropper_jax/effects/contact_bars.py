@@ -7,6 +7,7 @@ from functools import lru_cache
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
@@ -20,9 +21,9 @@ Group = tuple[int, ...]
 class ContactPairs:
     """Lines that may touch each other, and lines with bars; a negative owner of a bar is a buoy's point."""
 
-    axis: jax.Array = parameter("axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors")
-    radius: jax.Array = parameter("their radii", unit="m", shape="table")
-    mixed: jax.Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors")
+    axis: Array = parameter("axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors")
+    radius: Array = parameter("their radii", unit="m", shape="table")
+    mixed: Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors")
     corner: int = option("number of the first body's first corner among the points", type=int, default=0)
     beside: tuple[tuple[Group, Group], ...] = option("pairs of lines", type=tuple, default=())
     along: tuple[tuple[Group, int], ...] = option("lines and the owner of each bar", type=tuple, default=())
@@ -66,7 +67,7 @@ class Bars:
         spread: see `segments.nearest_points`, (pieces,) [m^2].
     """
 
-    def __init__(self, pairs: ContactPairs, radius: jax.Array, model: ModelView) -> None:
+    def __init__(self, pairs: ContactPairs, radius: Array, model: ModelView) -> None:
         length = model.line.length
         radius = jnp.broadcast_to(radius, length.shape)
         first, second = _links(model.geometry, pairs.beside)
@@ -80,7 +81,7 @@ class Bars:
         self.shares = pairs.mixed[bar] if pairs.rigid else None
         self.offset = jnp.where((pairs.owners[bar] < 0)[:, None, None], axis, 0.0)
 
-    def axes(self, r: jax.Array) -> jax.Array:
+    def axes(self, r: Array) -> Array:
         """Ends of both axes (pieces, 4, 3) [m] of pieces whose nodes are at r (pieces, m, 3)."""
         p = self.mix_velocities(r)
         if not len(self.offset):
@@ -88,14 +89,14 @@ class Bars:
         more = jnp.concatenate([jnp.zeros_like(self.offset), self.offset], axis=1)
         return p + jnp.concatenate([jnp.zeros((self.pairs, 4, 3), p.dtype), more])
 
-    def mix_velocities(self, v: jax.Array) -> jax.Array:
+    def mix_velocities(self, v: Array) -> Array:
         """The same for velocities."""
         if self.shares is None:
             return v
         other = jnp.sum(self.shares[..., None] * v[self.pairs :, None, 2:], axis=-2)
         return jnp.concatenate([v[:, :2], jnp.concatenate([v[: self.pairs, 2:4], other])], axis=1)
 
-    def spread_out(self, force: jax.Array) -> jax.Array:
+    def spread_out(self, force: Array) -> Array:
         """Forces on the ends of the axes (pieces, 4, 3), distributed to the nodes of their pieces (pieces, m, 3)."""
         if self.shares is None:
             return force

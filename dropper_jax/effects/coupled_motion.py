@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import as_array
@@ -20,14 +21,12 @@ class CoupledMotion(Effect):
     """
 
     name = "coupled_motion"
-    begin: jax.Array = parameter("first instant", unit="s")
-    width: jax.Array = parameter("time to the second one", unit="s")
-    home: jax.Array = parameter("positions of the points in the scene (c, 3)", unit="m", shape="vectors")
-    positions: jax.Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
-    velocities: jax.Array = parameter("at both instants (2, c, 3)", unit="m/s", shape="vectors")
-    accelerations: jax.Array | None = parameter(
-        "at both instants (2, c, 3)", unit="m/s^2", shape="vectors", default=None
-    )
+    begin: Array = parameter("first instant", unit="s")
+    width: Array = parameter("time to the second one", unit="s")
+    home: Array = parameter("positions of the points in the scene (c, 3)", unit="m", shape="vectors")
+    positions: Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
+    velocities: Array = parameter("at both instants (2, c, 3)", unit="m/s", shape="vectors")
+    accelerations: Array | None = parameter("at both instants (2, c, 3)", unit="m/s^2", shape="vectors", default=None)
     points: tuple[str, ...] = option("names of the points", type=list, default=())
 
     def moves(self, name: str) -> bool:
@@ -39,7 +38,7 @@ class CoupledMotion(Effect):
         own = jax.tree.map(lambda rows: rows[:, i : i + 1], given)
         return CoupledMotion(self.begin, self.width, self.home[i : i + 1], *own, points=(name,))
 
-    def displace(self, t: jax.Array) -> jax.Array:
+    def displace(self, t: Array) -> Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
         h = self.width
         s = (t - self.begin) / h

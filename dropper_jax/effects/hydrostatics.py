@@ -21,30 +21,31 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 #: Gauss-Legendre points and weights on 0 to 1.
 POINTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0
 WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
 #: A function of the depth and the half height of sections.
-SectionValue = Callable[[jax.Array, jax.Array], jax.Array]
+SectionValue = Callable[[Array, Array], Array]
 
 
-def _cut(t: jax.Array, b: jax.Array) -> tuple[jax.Array, ...]:
+def _cut(t: Array, b: Array) -> tuple[Array, ...]:
     """T clipped to -1 to 1, its arc sine and (1 - T^2)^(1/2)."""
     ratio = jnp.clip(t / b, -1.0, 1.0)
     return ratio, jnp.arcsin(ratio), jnp.sqrt(jnp.maximum(1.0 - ratio * ratio, 0.0))
 
 
-def _pieces(t: jax.Array, b: jax.Array, cut: jax.Array, under: jax.Array) -> jax.Array:
+def _pieces(t: Array, b: Array, cut: Array, under: Array) -> Array:
     return jnp.where(t >= b, under, jnp.where(t <= -b, 0.0, cut))
 
 
-def _k(t: jax.Array, b: jax.Array) -> jax.Array:
+def _k(t: Array, b: Array) -> Array:
     ratio, arc, root = _cut(t, b)
     return ratio * arc + root + 0.5 * jnp.pi * ratio - root**3 / 3.0
 
 
-def _h(t: jax.Array, b: jax.Array) -> jax.Array:
+def _h(t: Array, b: Array) -> Array:
     x, arc, root = _cut(t, b)
     first = 0.5 * x * x * arc - 0.25 * arc + 0.25 * x * root
     second = 0.5 * (x * root + arc)
@@ -52,13 +53,13 @@ def _h(t: jax.Array, b: jax.Array) -> jax.Array:
     return first + second + 0.25 * jnp.pi * x * x - third + jnp.pi / 16.0
 
 
-def _chord(t: jax.Array, b: jax.Array) -> jax.Array:
+def _chord(t: Array, b: Array) -> Array:
     """d^2u/dt^2: the length of the chord at the surface over a half height."""
     return _pieces(t, b, 2.0 * _cut(t, b)[2] / b, jnp.zeros_like(t))
 
 
 @jax.custom_jvp
-def _width(t: jax.Array, b: jax.Array) -> jax.Array:
+def _width(t: Array, b: Array) -> Array:
     """du/dt: the submerged part of the section's area."""
     x, arc, root = _cut(t, b)
     return _pieces(t, b, x * root + arc + 0.5 * jnp.pi, jnp.full_like(t, jnp.pi))
@@ -71,7 +72,7 @@ _width.defjvps(
 
 
 @jax.custom_jvp
-def _tilt(t: jax.Array, b: jax.Array) -> jax.Array:
+def _tilt(t: Array, b: Array) -> Array:
     """du/db."""
     return _pieces(t, b, _k(t, b) - _cut(t, b)[0] * _width(t, b), jnp.zeros_like(t))
 
@@ -83,7 +84,7 @@ _tilt.defjvps(
 
 
 @jax.custom_jvp
-def section(t: jax.Array, b: jax.Array) -> jax.Array:
+def section(t: Array, b: Array) -> Array:
     """u/a^2 of sections whose axis is t below the surface and whose half height is b."""
     return _pieces(t, b, b * _k(t, b), jnp.pi * t)
 
@@ -92,7 +93,7 @@ section.defjvps(lambda dt, _, t, b: _width(t, b) * dt, lambda db, _, t, b: _tilt
 
 
 @jax.custom_jvp
-def _along(t: jax.Array, b: jax.Array) -> jax.Array:
+def _along(t: Array, b: Array) -> Array:
     """w/a^2."""
     return _pieces(t, b, b * b * _h(t, b), jnp.pi * (0.5 * t * t + 0.125 * b * b))
 
@@ -101,12 +102,12 @@ _along.defjvps(lambda dt, _, t, b: section(t, b) * dt, lambda db, _, t, b: _alon
 
 
 @jax.custom_jvp
-def _along_tilt(t: jax.Array, b: jax.Array) -> jax.Array:
+def _along_tilt(t: Array, b: Array) -> Array:
     """dw/db/a^2."""
     return _pieces(t, b, 2.0 * b * _h(t, b) - t * _k(t, b), 0.25 * jnp.pi * b)
 
 
-def _along_bend(t: jax.Array, b: jax.Array) -> jax.Array:
+def _along_bend(t: Array, b: Array) -> Array:
     """d^2w/db^2/a^2."""
     x = _cut(t, b)[0]
     cut = 2.0 * _h(t, b) - 2.0 * x * _k(t, b) + x * x * _width(t, b)
@@ -134,17 +135,17 @@ class Cylinders(NamedTuple):
         flat: whether sections are integrated numerically.
     """
 
-    first: jax.Array
-    last: jax.Array
-    half: jax.Array
-    across: jax.Array
-    radius: jax.Array
-    size: jax.Array
-    change: jax.Array
-    flat: jax.Array
+    first: Array
+    last: Array
+    half: Array
+    across: Array
+    radius: Array
+    size: Array
+    change: Array
+    flat: Array
 
     @classmethod
-    def of(cls, ends: jax.Array, level: jax.Array, radius: jax.Array, length: jax.Array) -> Cylinders:
+    def of(cls, ends: Array, level: Array, radius: Array, length: Array) -> Cylinders:
         """From both ends of their axes (n, 2, 3), the level of the surface over each, radius and length (n,) [m]."""
         across = (ends[:, 1, :2] - ends[:, 0, :2]) / length[:, None]
         half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + LEAST_SECTION**2)
@@ -155,38 +156,38 @@ class Cylinders(NamedTuple):
         return cls(first, last, half, across, radius, radius**2 * length, change, flat)
 
     @property
-    def shares(self) -> jax.Array:
+    def shares(self) -> Array:
         """Gauss points from 0 to 1 along the axes, in the precision of the cylinders."""
         return jnp.asarray(POINTS, self.first.dtype)
 
-    def _at_points(self, of: SectionValue) -> jax.Array:
+    def _at_points(self, of: SectionValue) -> Array:
         """A function of depth and half height at the Gauss points (n, points)."""
         depths = self.first[:, None] + (self.last - self.first)[:, None] * self.shares
         return of(depths, jnp.broadcast_to(self.half[:, None], depths.shape))
 
-    def _at_ends(self, of: SectionValue) -> jax.Array:
+    def _at_ends(self, of: SectionValue) -> Array:
         """A function of depth and half height at both ends (2, n)."""
         return of(jnp.stack([self.first, self.last]), jnp.stack([self.half, self.half]))
 
-    def _mean_slope(self, of: SectionValue) -> jax.Array:
+    def _mean_slope(self, of: SectionValue) -> Array:
         """Mean slope of a function between the ends (n,)."""
         first, last = self._at_ends(of)
         return (last - first) / self.change
 
-    def _mean(self, of: SectionValue, antiderivative: SectionValue) -> jax.Array:
+    def _mean(self, of: SectionValue, antiderivative: SectionValue) -> Array:
         """Mean of a function along the axes (n,)."""
         weights = jnp.asarray(WEIGHTS, self.first.dtype)
         return jnp.where(self.flat, self._at_points(of) @ weights, self._mean_slope(antiderivative))
 
-    def energy(self) -> jax.Array:
+    def energy(self) -> Array:
         """U/(rho g) (n,) [m^4]."""
         return self.size * self._mean(section, _along)
 
-    def volume(self) -> jax.Array:
+    def volume(self) -> Array:
         """Submerged volume (n,) [m^3]."""
         return self.size * self._mean(_width, section)
 
-    def push(self) -> jax.Array:
+    def push(self) -> Array:
         """Buoyancy divided by rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""
         weights = jnp.asarray(WEIGHTS, self.first.dtype)
         mean = self._mean_slope(_along)
@@ -200,7 +201,7 @@ class Cylinders(NamedTuple):
         return jnp.concatenate([jnp.stack([aside, -aside], axis=1), up], axis=-1)
 
 
-def sphere_energy(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax.Array:
+def sphere_energy(centre: Array, level: Array, radius: Array) -> Array:
     """U/(rho g) of spheres (n,) [m^4], with centres (n, 3) [m]."""
     deep = level - centre[:, 2]
     d = jnp.clip(deep, -radius, radius)
@@ -208,7 +209,7 @@ def sphere_energy(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax
     return cut + 4.0 / 3.0 * jnp.pi * radius**3 * jnp.maximum(deep - radius, 0.0)
 
 
-def sphere_volume(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax.Array:
+def sphere_volume(centre: Array, level: Array, radius: Array) -> Array:
     """Submerged volume of spheres (n,) [m^3]."""
     d = jnp.clip(level - centre[:, 2], -radius, radius)
     return jnp.pi * (radius**2 * d - d**3 / 3.0 + 2.0 / 3.0 * radius**3)

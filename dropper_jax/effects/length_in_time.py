@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
@@ -27,15 +28,15 @@ class ChangingLinks:
         raise NotImplementedError
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         """Times (k,) [s] at which the length is not smooth; None: never."""
         return None
 
-    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
+    def total(self, t: Array, initial: Array) -> Array:
         """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
         raise NotImplementedError
 
-    def begin(self, initial: jax.Array) -> WinchState | None:
+    def begin(self, initial: Array) -> WinchState | None:
         """The state at the start of a run."""
         return None
 
@@ -43,7 +44,7 @@ class ChangingLinks:
         """The same in this state."""
         return self
 
-    def advance(self, t: jax.Array, tension: jax.Array, h: jax.Array) -> WinchState | None:
+    def advance(self, t: Array, tension: Array, h: Array) -> WinchState | None:
         """The state after a step of h [s] that ended at t [s] with these tensions (n,) [N]."""
         return None
 
@@ -52,18 +53,18 @@ class ChangingLinks:
 class LengthTable(ChangingLinks):
     """Total length of some links over time; before and after the table it is constant."""
 
-    time: jax.Array = parameter("times of the rows", unit="s", shape="table")
-    length: jax.Array = parameter("total length at those times", unit="m", shape="table")
+    time: Array = parameter("times of the rows", unit="s", shape="table")
+    length: Array = parameter("total length at those times", unit="m", shape="table")
     smooth: bool = option("quintics between the rows (as `end_motion`), not straight lines", default=False)
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
 
-    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
+    def total(self, t: Array, initial: Array) -> Array:
         if self.smooth:
             return interpolate_quintic(t, self.time, self.length[:, None])[0]
         return jnp.interp(t, self.time, self.length)
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         return self.time
 
 
@@ -72,10 +73,10 @@ class LengthFunction(ChangingLinks):
     """Total length of some links as a JAX function of time and of parameters."""
 
     parameters: Any
-    function: Callable[[jax.Array, Any], jax.Array] = option("length [m] of (time [s], parameters)")
+    function: Callable[[Array, Any], Array] = option("length [m] of (time [s], parameters)")
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
 
-    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
+    def total(self, t: Array, initial: Array) -> Array:
         return jnp.asarray(self.function(t, self.parameters), t.dtype)
 
 
@@ -83,10 +84,10 @@ class LengthFunction(ChangingLinks):
 class WinchState:
     """Time [s] at which a winch was last set, total length [m] then, rate since [m/s], integral of the error [N s]."""
 
-    t: jax.Array
-    length: jax.Array
-    rate: jax.Array
-    integral: jax.Array
+    t: Array
+    length: Array
+    rate: Array
+    integral: Array
 
 
 @component
@@ -98,27 +99,27 @@ class Winch(ChangingLinks):
     The integral stops while the rate or the length is at a limit. First order in the step.
     """
 
-    target: jax.Array = parameter("tension T*", unit="N", low=0.0)
-    gain: jax.Array = parameter("k_p [m/s/N] and k_i [m/s^2/N]", unit="-", shape="table", low=0.0)
-    limits: jax.Array = parameter("lowest and highest rate", unit="m/s", shape="table")
-    range: jax.Array = parameter("shortest and longest total length", unit="m", shape="table", low=0.0)
+    target: Array = parameter("tension T*", unit="N", low=0.0)
+    gain: Array = parameter("k_p [m/s/N] and k_i [m/s^2/N]", unit="-", shape="table", low=0.0)
+    limits: Array = parameter("lowest and highest rate", unit="m/s", shape="table")
+    range: Array = parameter("shortest and longest total length", unit="m", shape="table", low=0.0)
     now: WinchState | None = None
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
     measured: int = option("link whose tension is measured", default=0)
 
-    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
+    def total(self, t: Array, initial: Array) -> Array:
         if self.now is None:
             return initial
         return jnp.clip(self.now.length + self.now.rate * (t - self.now.t), self.range[0], self.range[1])
 
-    def begin(self, initial: jax.Array) -> WinchState:
+    def begin(self, initial: Array) -> WinchState:
         zero = jnp.zeros_like(initial)
         return WinchState(zero, initial, zero, zero)
 
     def entered(self, now: WinchState | None) -> Winch:
         return replace(self, now=now)
 
-    def advance(self, t: jax.Array, tension: jax.Array, h: jax.Array) -> WinchState | None:
+    def advance(self, t: Array, tension: Array, h: Array) -> WinchState | None:
         now = self.now
         if now is None:
             return None
@@ -144,7 +145,7 @@ class LengthInTime(Effect):
     name = "length_in_time"
     entries: tuple[ChangingLinks, ...] = ()
 
-    def unstretched_lengths(self, line: Line, t: jax.Array) -> jax.Array:
+    def unstretched_lengths(self, line: Line, t: Array) -> Array:
         """Unstretched lengths of all links at time t [s], (n,) [m]."""
         found = line.length
         for entry in self.entries:
@@ -154,7 +155,7 @@ class LengthInTime(Effect):
         return found
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         times = [entry.corners for entry in self.entries if entry.corners is not None]
         if times:
             return jnp.concatenate(times)
@@ -172,13 +173,11 @@ class ControlledLength(LengthInTime):
         pairs = zip(self.entries, state, strict=True)
         return replace(self, entries=tuple(entry.entered(now) for entry, now in pairs))
 
-    def advance(
-        self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array
-    ) -> tuple[WinchState | None, ...]:
+    def advance(self, before: Kinematics, after: Kinematics, tension: Array, h: Array) -> tuple[WinchState | None, ...]:
         return tuple(entry.advance(after.t, tension, h) for entry in self.entries)
 
 
-def _total(line: Line, entry: ChangingLinks) -> jax.Array:
+def _total(line: Line, entry: ChangingLinks) -> Array:
     """Total length [m] of the links of an entry in the scene."""
     return jnp.sum(line.length[np.array(entry.links)])
 
@@ -234,7 +233,7 @@ def _check_between_rows(name: str, table: LengthTable) -> None:
 
 def with_length_in_time(
     model: Model,
-    function: Callable[[jax.Array, Any], jax.Array],
+    function: Callable[[Array, Any], Array],
     parameters: Any = (),
     line: str | None = None,
     end: str = "to",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import field
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
@@ -39,13 +39,13 @@ class LineContact(Effect):
 
     name = "line_contact"
     reach = 2
-    stiffness: jax.Array = parameter("contact force per depth at first touch", unit="N/m", low=0.0, open_low=True)
-    damping: jax.Array = parameter("contact force per speed of approach", unit="N s/m", low=0.0, default=0.0)
-    friction: jax.Array = parameter("coefficient of dry friction", unit="-", low=0.0, default=0.0)
-    slip: jax.Array = parameter(
+    stiffness: Array = parameter("contact force per depth at first touch", unit="N/m", low=0.0, open_low=True)
+    damping: Array = parameter("contact force per speed of approach", unit="N s/m", low=0.0, default=0.0)
+    friction: Array = parameter("coefficient of dry friction", unit="-", low=0.0, default=0.0)
+    slip: Array = parameter(
         "sliding speed at which friction is 0.7 of its value", unit="m/s", low=0.0, open_low=True, default=0.01
     )
-    radius: jax.Array = parameter(
+    radius: Array = parameter(
         "radius of the links; half the diameter if not given", unit="m", shape="link", low=0.0, default=None
     )
     pairs: tuple[tuple[str, str], ...] = option("lines that may touch each other", type=Pairs, default=())
@@ -129,10 +129,10 @@ class LinksInContact(LineContact):
     def _bars(self, model: ModelView) -> Bars:
         return Bars(self.touching, self.radius, model)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return sum_of_pieces(self, k)
 
-    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+    def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         bars = self._bars(k.model)
         p = bars.axes(r)
         speed = bars.mix_velocities(v)
@@ -143,16 +143,16 @@ class LinksInContact(LineContact):
             force = force + self._correct_push(bars, p, k.h * speed, force)
         return bars.spread_out(force + self._dissipative_force(near, push, speed))
 
-    def contact_energy(self, k: Kinematics) -> jax.Array:
+    def contact_energy(self, k: Kinematics) -> Array:
         """Energy of compressed contacts, scalar [J]."""
         bars = self._bars(k.model)
         return jnp.sum(self._energy(bars, bars.axes(at_pieces(k, self.piece_nodes(k.model))[0])))
 
-    def _energy(self, bars: Bars, p: jax.Array) -> jax.Array:
+    def _energy(self, bars: Bars, p: Array) -> Array:
         distance = nearest_points(p, bars.reach, bars.spread).distance
         return contact_force(distance, bars.reach, self.stiffness)[0]
 
-    def _correct_push(self, bars: Bars, p: jax.Array, displacement: jax.Array, force: jax.Array) -> jax.Array:
+    def _correct_push(self, bars: Bars, p: Array, displacement: Array, force: Array) -> Array:
         """Contact force over a step minus that at its middle, along the motion (pieces, 4, 3) [N]."""
         gained = self._energy(bars, p + 0.5 * displacement) - self._energy(bars, p - 0.5 * displacement)
         lacking = gained + jnp.sum(force * displacement, axis=(-2, -1))
@@ -160,7 +160,7 @@ class LinksInContact(LineContact):
         size = jnp.sum(own**2, axis=(-2, -1)) + (SMALL_MOTION * bars.reach) ** 2
         return -(lacking / size)[..., None, None] * own
 
-    def _dissipative_force(self, near: Nearest, push: jax.Array, speed: jax.Array) -> jax.Array:
+    def _dissipative_force(self, near: Nearest, push: Array, speed: Array) -> Array:
         """Damping and friction (pieces, 4, 3) [N]."""
         relative = jnp.sum(near.shares[..., None] * speed, axis=-2)
         unit = near.separation / jnp.sqrt(dot(near.separation, near.separation) + 1e-30)[..., None]
@@ -170,7 +170,7 @@ class LinksInContact(LineContact):
         rub = self.friction * push / jnp.sqrt(dot(sliding, sliding) + self.slip**2)
         return near.shares[..., None] * (damper[..., None] * unit - rub[..., None] * sliding)[..., None, :]
 
-    def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
+    def too_far(self, before: Kinematics, after: Kinematics) -> Array:
         bars = self._bars(before.model)
         nodes = self.piece_nodes(before.model)
         start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
@@ -183,10 +183,10 @@ class LinksInContact(LineContact):
 class LinksPushed(LinksInContact):
     """Contact without damping and friction: conservative."""
 
-    def _dissipative_force(self, near: Nearest, push: jax.Array, speed: jax.Array) -> jax.Array:
+    def _dissipative_force(self, near: Nearest, push: Array, speed: Array) -> Array:
         return jnp.zeros((), speed.dtype)
 
-    def potential(self, k: Kinematics) -> jax.Array:
+    def potential(self, k: Kinematics) -> Array:
         return self.contact_energy(k)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -35,19 +35,19 @@ class MorisonDrag(Effect):
 
     name = "morison_drag"
     needs_water = True
-    cdn: jax.Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
-    cdt: jax.Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
-    shelter: jax.Array | None = parameter(
+    cdn: Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
+    cdt: Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
+    shelter: Array | None = parameter(
         "factor on the current that reaches the link", unit="-", shape="link", low=0.0, default=None
     )
-    roughness: jax.Array | None = parameter(
+    roughness: Array | None = parameter(
         "height k of the roughness, for rough_cylinder", unit="m", shape="link", low=0.0, default=None
     )
-    table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
-    table_cdn: jax.Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, default=None)
-    table_re: jax.Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
+    table_kc: Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
+    table_cdn: Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, default=None)
+    table_re: Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
     tangents: str = option("directions of the links", choices=("frozen", "implicit"), default="frozen")
-    turbulence: jax.Array | None = parameter(
+    turbulence: Array | None = parameter(
         "turbulence intensity of the undisturbed current (rms over mean), for wakes",
         unit="-",
         low=0.0,
@@ -83,14 +83,14 @@ class MorisonDrag(Effect):
     def reach(self) -> int:
         return int(self.tangents == "implicit")
 
-    def _decay(self, k: Kinematics, skin: jax.Array) -> jax.Array:
+    def _decay(self, k: Kinematics, skin: Array) -> Array:
         """Rate at which drag alone would stop nodes (nodes, 1) [1/s], from the relative speed at the start of the
         step."""
         speed = safe_norm(k.water.motion.velocity - (k.v if k.before is None else k.before))
         coefficient = k.line.node_share(skin * jnp.maximum(self.cdn, jnp.pi * self.cdt))
         return (2.0 * coefficient * speed / k.model.node_mass)[:, None]
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         water = k.water
         line = k.line
         tangents = k.tangents

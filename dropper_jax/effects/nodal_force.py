@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -29,14 +29,12 @@ class NodalForce(Effect):
     name = "nodal_force"
     single_line = True
     constant = True
-    force_n: jax.Array = parameter("force on each named node", unit="N", shape="vectors")
-    start: jax.Array | None = parameter("when the ramp starts", unit="s", low=0.0, default=None)
-    rise: jax.Array | None = parameter(
-        "time from zero to the full force", unit="s", low=0.0, open_low=True, default=None
-    )
-    release: jax.Array | None = parameter("when the force is released", unit="s", low=0.0, default=None)
-    time: jax.Array | None = parameter("times of the table", unit="s", shape="table", default=None)
-    scale: jax.Array | None = parameter("factor at those times", unit="-", shape="table", default=None)
+    force_n: Array = parameter("force on each named node", unit="N", shape="vectors")
+    start: Array | None = parameter("when the ramp starts", unit="s", low=0.0, default=None)
+    rise: Array | None = parameter("time from zero to the full force", unit="s", low=0.0, open_low=True, default=None)
+    release: Array | None = parameter("when the force is released", unit="s", low=0.0, default=None)
+    time: Array | None = parameter("times of the table", unit="s", shape="table", default=None)
+    scale: Array | None = parameter("factor at those times", unit="-", shape="table", default=None)
     nodes: tuple[int, ...] = option(
         "node numbers, counted from 1 at the node next to the first point", type=tuple, default=()
     )
@@ -64,7 +62,7 @@ class NodalForce(Effect):
         if given & {"start", "rise", "release"}:
             raise SceneError("effects.nodal_force: a table excludes `start`, `rise` and `release`; give one of the two")
 
-    def factor(self, t: jax.Array) -> jax.Array:
+    def factor(self, t: Array) -> Array:
         """s(t), dimensionless."""
         if self.time is not None and self.scale is not None:
             return jnp.interp(t, self.time, self.scale)
@@ -78,7 +76,7 @@ class NodalForce(Effect):
         return jnp.where(t < self.release, s, 0.0)
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         if self.time is not None:
             return self.time
         found = [jnp.zeros((), self.force_n.dtype) if self.start is None else self.start]
@@ -88,7 +86,7 @@ class NodalForce(Effect):
             found.append(self.release)
         return jnp.stack(found)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         index = np.array(self.nodes) - 1
         movable = index < k.free  # a force on a fixed node has no effect
         return scatter_add(index[movable], self.factor(k.t) * self.force_n[np.flatnonzero(movable)], k.free)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import field, replace
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -26,9 +26,9 @@ class RecordedMotion(Effect):
     """
 
     name = "recorded_motion"
-    time: jax.Array = parameter("times of the rows", unit="s", shape="table")
-    positions: jax.Array = parameter("point after point", unit="m", shape="vectors")
-    home: jax.Array = field(kw_only=True)  # positions of the points in the scene (points, 3) [m]
+    time: Array = parameter("times of the rows", unit="s", shape="table")
+    positions: Array = parameter("point after point", unit="m", shape="vectors")
+    home: Array = field(kw_only=True)  # positions of the points in the scene (points, 3) [m]
     points: tuple[str, ...] = option("names of the points that move", type=list, default=())
 
     @classmethod
@@ -62,15 +62,15 @@ class RecordedMotion(Effect):
         own = self.positions.reshape(len(self.points), -1, 3)[i]
         return replace(self, points=(name,), home=self.home[i : i + 1], positions=own)
 
-    def displace(self, t: jax.Array) -> jax.Array:
+    def displace(self, t: Array) -> Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
         return interpolate_quintic(t, self.time, self.positions[: self.time.shape[0]]) - self.home[0]
 
     @property
-    def kinks(self) -> jax.Array | None:
+    def kinks(self) -> Array | None:
         return self.time[jnp.array([0, -1])]
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         """All rows, at which the third derivative jumps."""
         return self.time

@@ -6,9 +6,9 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.errors import SceneError, nearest
@@ -90,32 +90,32 @@ class Shafts:
         """Whether every shaft is one line: nodes of shafts are those of lines."""
         return len(self.line_node) == len(self.node)
 
-    def of_lines(self, phi: jax.Array) -> jax.Array:
+    def of_lines(self, phi: Array) -> Array:
         """Twist of shafts from that of lines, both ends of each included."""
         if self.one_line_each:
             return phi
         return phi[self.line_node] * self.sign[self.line_node]
 
-    def on_lines(self, phi: jax.Array) -> jax.Array:
+    def on_lines(self, phi: Array) -> Array:
         """Twist of lines, both ends of each included, from that of shafts."""
         if self.one_line_each:
             return phi
         return phi[self.node] * self.sign
 
-    def differences(self, phi: jax.Array) -> jax.Array:
+    def differences(self, phi: Array) -> Array:
         """Over the links (n,)."""
         return phi[self.before + 1] - phi[self.before]
 
-    def sums(self, before: jax.Array, after: jax.Array) -> jax.Array:
+    def sums(self, before: Array, after: Array) -> Array:
         """Values of links (n,) for the nodes before and after them, summed on the nodes (nodes,)."""
         empty = jnp.zeros(len(self.held), before.dtype)
         return empty.at[self.before].add(before) + empty.at[self.before + 1].add(after)
 
-    def at_nodes(self, torque: jax.Array) -> jax.Array:
+    def at_nodes(self, torque: Array) -> Array:
         """Sums of torques (n,) that act on the nodes after links, and with the opposite sign on those before."""
         return self.sums(-torque, torque)
 
-    def solve(self, diagonal: jax.Array, between: jax.Array, right: jax.Array, goal: jax.Array) -> jax.Array:
+    def solve(self, diagonal: Array, between: Array, right: Array, goal: Array) -> Array:
         """x of `(diagonal + K) x = right`, K of springs `between` the nodes of links (n,), with x = goal at prescribed
         nodes."""
         between = between * self.twists

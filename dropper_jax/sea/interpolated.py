@@ -16,6 +16,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.sea.current import Scalar
@@ -39,14 +40,14 @@ class GridWaves(Waves):
         error: maximum error of velocity and of acceleration over their rms, (2,), measured at 400 positions and times.
     """
 
-    origin: jax.Array = parameter("first grid point", unit="m", shape="table", default=None)
-    step: jax.Array = parameter("grid step", unit="m", shape="table", default=None)
-    shapes: jax.Array = parameter("velocities of the shapes", unit="m/s", shape="table", default=None)
-    surface: jax.Array = parameter("elevations of the shapes", unit="m", shape="table", default=None)
-    projection: jax.Array = parameter("components to shapes", unit="-", shape="table", default=None)
-    error: jax.Array = parameter("relative error", unit="-", shape="table", default=None)
+    origin: Array = parameter("first grid point", unit="m", shape="table", default=None)
+    step: Array = parameter("grid step", unit="m", shape="table", default=None)
+    shapes: Array = parameter("velocities of the shapes", unit="m/s", shape="table", default=None)
+    surface: Array = parameter("elevations of the shapes", unit="m", shape="table", default=None)
+    projection: Array = parameter("components to shapes", unit="-", shape="table", default=None)
+    error: Array = parameter("relative error", unit="-", shape="table", default=None)
 
-    def _amplitudes(self, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def _amplitudes(self, t: Array) -> tuple[Array, Array]:
         """c(t) and c'(t), (m,) each."""
         angle = self.phase - self.omega * t
         cos = jnp.cos(angle)
@@ -54,25 +55,25 @@ class GridWaves(Waves):
         both = jnp.stack([jnp.concatenate([cos, sin]), jnp.concatenate([self.omega * sin, -self.omega * cos])])
         return tuple(both @ self.projection.T)
 
-    def _along(self, x: jax.Array, y: jax.Array) -> jax.Array:
+    def _along(self, x: Array, y: Array) -> Array:
         return x * jnp.cos(self.direction) + y * jnp.sin(self.direction)
 
-    def _locate(self, x: jax.Array, axis: int, count: int) -> tuple[jax.Array, jax.Array]:
+    def _locate(self, x: Array, axis: int, count: int) -> tuple[Array, Array]:
         """First of the 4 grid points around x (n,) and their weights (n, 4); constant outside the grid."""
         cell = jnp.clip((x - self.origin[axis]) / self.step[axis], 1.0, count - 2.0)
         first = jnp.clip(jnp.floor(cell).astype(jnp.int32) - 1, 0, count - 4)
         return first, _cubic(cell - first)
 
-    def _elevation(self, s: jax.Array, c: jax.Array) -> jax.Array:
+    def _elevation(self, s: Array, c: Array) -> Array:
         first, weight = self._locate(s, 0, self.surface.shape[0])
         near = (self.surface @ c)[first[:, None] + jnp.arange(4)]
         return jnp.sum(near * weight, axis=1)
 
-    def elevation(self, x: jax.Array, y: jax.Array, t: jax.Array) -> jax.Array:
+    def elevation(self, x: Array, y: Array, t: Array) -> Array:
         """Surface elevation (n,) [m]."""
         return self.rise(t)[0] * self._elevation(self._along(x, y), self._amplitudes(t)[0])
 
-    def _vectors(self, s: jax.Array, z: jax.Array, c: jax.Array) -> jax.Array:
+    def _vectors(self, s: Array, z: Array, c: Array) -> Array:
         """Sums over the shapes with amplitudes c (q, m) at s, z (n,): (q, n, 3)."""
         ns, nz, width = self.shapes.shape
         i, wi = self._locate(s, 0, ns)
@@ -87,7 +88,7 @@ class GridWaves(Waves):
         sin = jnp.sin(self.direction)
         return jnp.stack([level * cos, level * sin, rising], axis=-1)
 
-    def motion(self, r: jax.Array, t: jax.Array, depth: Scalar) -> Motion:
+    def motion(self, r: Array, t: Array, depth: Scalar) -> Motion:
         """The water at positions r (n, 3) [m]."""
         s = self._along(r[:, 0], r[:, 1])
         c, change = self._amplitudes(t)
@@ -98,7 +99,7 @@ class GridWaves(Waves):
         return Motion(elevation, rise * velocity, rise * acceleration + rate * velocity)
 
 
-def _cubic(a: jax.Array) -> jax.Array:
+def _cubic(a: Array) -> Array:
     """Weights of the points 0, 1, 2, 3 at a (n,), Lagrange: (n, 4)."""
     b = a - 1.0
     c = a - 2.0
@@ -145,7 +146,7 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     return replace(made, error=_measure_error(waves, made, depth, asked, high))
 
 
-def _measure_error(exact: Waves, found: GridWaves, depth: float, low: np.ndarray, high: np.ndarray) -> jax.Array:
+def _measure_error(exact: Waves, found: GridWaves, depth: float, low: np.ndarray, high: np.ndarray) -> Array:
     """Maximum error of velocity and of acceleration over their rms, (2,), from 20 times at 20 positions."""
     rng = np.random.default_rng(0)
     s, z = np.moveaxis(rng.uniform(low, high, (20, 20, 2)), -1, 0)
@@ -159,7 +160,7 @@ def _measure_error(exact: Waves, found: GridWaves, depth: float, low: np.ndarray
 
 
 @jax.jit
-def _motions(waves: Waves, positions: jax.Array, times: jax.Array, depth: float) -> jax.Array:
+def _motions(waves: Waves, positions: Array, times: Array, depth: float) -> Array:
     """Velocities and accelerations (2, q, n, 3) at positions (q, n, 3) and times (q,)."""
     return jnp.stack(jax.vmap(lambda r, t: waves.motion(r, t, depth))(positions, times)[1:])
 
@@ -179,10 +180,10 @@ class BoundWaves(Waves):
         flow, head: U and Bernoulli's constant in the frame of the wave (`steady.SteadyWave`).
     """
 
-    speed: jax.Array = parameter("velocity of the harmonics", unit="m/s", shape="table", default=None)
-    drift: jax.Array | None = parameter("uniform flow of the wave", unit="m/s", default=None)
-    flow: jax.Array = parameter("mean speed in the frame of the wave", unit="m/s", default=None)
-    head: jax.Array = parameter("Bernoulli's constant", unit="m^2/s^2", default=None)
+    speed: Array = parameter("velocity of the harmonics", unit="m/s", shape="table", default=None)
+    drift: Array | None = parameter("uniform flow of the wave", unit="m/s", default=None)
+    flow: Array = parameter("mean speed in the frame of the wave", unit="m/s", default=None)
+    head: Array = parameter("Bernoulli's constant", unit="m^2/s^2", default=None)
     theory: str = option("theory of the wave", type=str, default="stream")
 
     @property
@@ -190,31 +191,31 @@ class BoundWaves(Waves):
         return True
 
     @property
-    def speeds(self) -> jax.Array:
+    def speeds(self) -> Array:
         return self.speed
 
     @property
-    def shortest(self) -> jax.Array:
+    def shortest(self) -> Array:
         """Length of the wave [m] (not of its harmonics)."""
         return 2.0 * jnp.pi / self.wave_number[0]
 
     @property
-    def height(self) -> jax.Array:
+    def height(self) -> Array:
         """From trough to crest [m]."""
         return 2.0 * jnp.sum(self.amplitude[::2])
 
-    def heights(self, z: jax.Array, elevation: jax.Array, depth: Scalar) -> jax.Array:
+    def heights(self, z: Array, elevation: Array, depth: Scalar) -> Array:
         """Height at which the kinematics of z are evaluated (n,) [m]: z limited to the range from seabed to surface."""
         return jnp.maximum(jnp.minimum(z, elevation), -depth)
 
-    def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: Scalar) -> tuple[jax.Array, jax.Array]:
+    def _orbit(self, z: Array, cos: Array, sin: Array, depth: Scalar) -> tuple[Array, Array]:
         velocity, acceleration = super()._orbit(z, cos, sin, depth)
         if self.drift is None:
             return velocity, acceleration
         course = jnp.stack([jnp.cos(self.direction), jnp.sin(self.direction), jnp.zeros_like(self.direction)])
         return velocity + self.drift * course, acceleration
 
-    def pressure(self, r: jax.Array, t: jax.Array, depth: Scalar, density: Scalar) -> jax.Array:
+    def pressure(self, r: Array, t: Array, depth: Scalar, density: Scalar) -> Array:
         """Pressure (n,) [Pa] minus the hydrostatic one, by Bernoulli: zero at a surface of height `rho g eta`."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         elevation = jnp.sum(self.amplitude * cos, axis=-1)

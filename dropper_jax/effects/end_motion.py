@@ -73,11 +73,12 @@ class EndMotion(HeldMotion):
 
     @property
     def kinks(self) -> Array | None:
-        if self.time is not None:
-            return self.time[jnp.array([0, -1] if self.ramp is None else [-1])]
+        found = []
         if self.ramp is None:
-            return jnp.ravel(self._begin)
-        return None
+            found.append(self._begin)
+        if self.time is not None:
+            found.append(self.time[-1])
+        return jnp.stack(found) if found else None
 
     @property
     def corners(self) -> Array | None:

@@ -50,13 +50,13 @@ class GridWaves(Waves):
     def _amplitudes(self, t: Array) -> tuple[Array, Array]:
         """c(t) and c'(t), (m,) each."""
         angle = self.phase - self.omega * t
-        cos = jnp.cos(angle)
-        sin = jnp.sin(angle)
-        both = jnp.stack([jnp.concatenate([cos, sin]), jnp.concatenate([self.omega * sin, -self.omega * cos])])
-        return tuple(both @ self.projection.T)
+        parts = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        rates = jnp.stack([self.omega * parts[1], -self.omega * parts[0]])
+        return tuple(jnp.stack([parts.ravel(), rates.ravel()]) @ self.projection.T)
 
     def _along(self, x: Array, y: Array) -> Array:
-        return x * jnp.cos(self.direction) + y * jnp.sin(self.direction)
+        cos, sin = self.course
+        return x * cos + y * sin
 
     def _locate(self, x: Array, axis: int, count: int) -> tuple[Array, Array]:
         """First of the 4 grid points around x (n,) and their weights (n, 4); constant outside the grid."""
@@ -84,8 +84,7 @@ class GridWaves(Waves):
         weight = wi[:, :, None] * wj[:, None, :]
         local = jnp.einsum("nijm,nij->nm", patch, weight).reshape(-1, 2, width // 2)
         level, rising = jnp.einsum("ndm,qm->dqn", local, c)
-        cos = jnp.cos(self.direction)
-        sin = jnp.sin(self.direction)
+        cos, sin = self.course
         return jnp.stack([level * cos, level * sin, rising], axis=-1)
 
     def motion(self, r: Array, t: Array, depth: Scalar) -> Motion:
@@ -212,7 +211,7 @@ class BoundWaves(Waves):
         velocity, acceleration = super()._orbit(z, cos, sin, depth)
         if self.drift is None:
             return velocity, acceleration
-        course = jnp.stack([jnp.cos(self.direction), jnp.sin(self.direction), jnp.zeros_like(self.direction)])
+        course = jnp.stack([*self.course, jnp.zeros_like(self.direction)])
         return velocity + self.drift * course, acceleration
 
     def pressure(self, r: Array, t: Array, depth: Scalar, density: Scalar) -> Array:

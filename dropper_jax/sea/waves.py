@@ -71,11 +71,15 @@ class Waves:
         angle = jnp.pi * jnp.clip(t / self.ramp, 0.0, 1.0)
         return 0.5 * (1.0 - jnp.cos(angle)), 0.5 * jnp.pi / self.ramp * jnp.sin(angle)
 
+    @property
+    def course(self) -> tuple[Array, Array]:
+        """Cosine and sine of the direction."""
+        return jnp.cos(self.direction), jnp.sin(self.direction)
+
     def phases(self, x: Array, y: Array, t: Array) -> Array:
         """p of each component (n, c) [rad] at x, y (n,) [m]."""
         rest = self.phase - self.omega * t
-        cos = jnp.cos(self.direction)
-        sin = jnp.sin(self.direction)
+        cos, sin = self.course
         if self.direction.ndim == 0:
             return (x * cos + y * sin)[:, None] * self.wave_number + rest
         return x[:, None] * (self.wave_number * cos) + y[:, None] * (self.wave_number * sin) + rest
@@ -123,14 +127,12 @@ class Waves:
     def _vector(self, level: Array, size: Array, rising: Array) -> Array:
         """Sum over the components of level and vertical parts (n, c) times size (c,), as (n, 3)."""
         vertical = jnp.sum(rising * size, axis=-1)
-        cos = jnp.cos(self.direction)
-        sin = jnp.sin(self.direction)
+        cos, sin = self.course
         if self.direction.ndim == 0:
             total = jnp.sum(level * size, axis=-1)
             return jnp.stack([total * cos, total * sin, vertical], axis=-1)
-        return jnp.stack(
-            [jnp.sum(level * (size * cos), axis=-1), jnp.sum(level * (size * sin), axis=-1), vertical], axis=-1
-        )
+        along = (jnp.sum(level * (size * part), axis=-1) for part in (cos, sin))
+        return jnp.stack([*along, vertical], axis=-1)
 
     def airy_velocity(self, r: Array, t: Array, depth: Scalar) -> Array:
         """Velocity (n, 3) [m/s] at positions r with mapped heights, for gradients."""
@@ -141,8 +143,7 @@ class Waves:
         """Displacement (3,) [m] of a particle at the mean surface, its parts times `heave` and `surge`."""
         phases = self.phases(position[:1], position[1:2], t)[0]
         across = self.speeds / (self.omega * jnp.tanh(self.wave_number * depth)) * surge * -jnp.sin(phases)
-        cos = jnp.cos(self.direction)
-        sin = jnp.sin(self.direction)
+        cos, sin = self.course
         up = self.amplitude * heave * jnp.cos(phases)
         return self.rise(t)[0] * jnp.stack([jnp.sum(across * cos), jnp.sum(across * sin), jnp.sum(up)])
 

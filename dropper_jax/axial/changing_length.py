@@ -7,6 +7,7 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent
 from dropper_jax.base.fields import component
@@ -32,9 +33,9 @@ class ChangingLength(AxialLaw):
     """
 
     law: AxialLaw
-    before: jax.Array
-    after: jax.Array
-    rate: jax.Array
+    before: Array
+    after: Array
+    rate: Array
 
     @property
     def elastic(self) -> bool:
@@ -45,7 +46,7 @@ class ChangingLength(AxialLaw):
         return self.law.condensable
 
     @property
-    def intact(self) -> jax.Array | None:
+    def intact(self) -> Array | None:
         return self.law.intact
 
     @property
@@ -53,19 +54,19 @@ class ChangingLength(AxialLaw):
         return self.law.work_names
 
     @property
-    def _middle(self) -> jax.Array:
+    def _middle(self) -> Array:
         return 0.5 * (self.before + self.after)
 
-    def axial_stiffness(self) -> jax.Array:
+    def axial_stiffness(self) -> Array:
         return self.law.axial_stiffness()
 
     def rigid(self, links: int) -> np.ndarray:
         return self.law.rigid(links)
 
-    def stiffness(self, length: jax.Array) -> jax.Array:
+    def stiffness(self, length: Array) -> Array:
         return self.law.stiffness(self.after)
 
-    def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
+    def springs(self, EA: Array, pushes: bool = False) -> AxialLaw:
         return replace(self, law=self.law.springs(EA, pushes))
 
     def soften(self, share: float) -> AxialLaw:
@@ -74,50 +75,48 @@ class ChangingLength(AxialLaw):
     def with_tangent(self, tangent: SlackTangent) -> AxialLaw:
         return replace(self, law=self.law.with_tangent(tangent))
 
-    def with_broken_links(self, intact: jax.Array) -> AxialLaw:
+    def with_broken_links(self, intact: Array) -> AxialLaw:
         return replace(self, law=self.law.with_broken_links(intact))
 
-    def residual(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
+    def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         return self.law.residual(self._start(start), self._end(d1), tension, self._middle, h)
 
-    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
         return self.law.at_rest(d, tension, self.after)
 
-    def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
+    def direction(self, d0: Array, d1: Array, mean: Array, length: Array) -> Array:
         return self.law.direction(d0, d1, mean, length)
 
-    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+    def tension(self, d: Array, rate: Array, length: Array) -> Array:
         return self.law.tension(d, self._elongating(d, rate), self.after)
 
-    def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def instant(self, d: Array, rate: Array, tension: Array, length: Array) -> Array:
         return self.law.instant(d, self._elongating(d, rate), tension, self.after)
 
-    def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
+    def energy(self, d: Array, length: Array) -> Array:
         return self.law.energy(d, self.after)
 
-    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+    def works(self, start: LinkStart, d1: Array, length: Array, h: Array) -> dict[str, Array]:
         return self.law.works(self._start(start), self._end(d1), self._middle, h)
 
-    def drum_works(self, d0: jax.Array, d1: jax.Array, tension: jax.Array) -> dict[str, jax.Array]:
+    def drum_works(self, d0: Array, d1: Array, tension: Array) -> dict[str, Array]:
         law = self.law
         middle = self._middle
         stored = law.energy(d1, self.after) - law.energy(d0, self.before)
         by_elongation = law.energy(self._end(d1), middle) - law.energy(_lengthened(d0, middle - self.before), middle)
         return {LENGTH_IN_TIME: stored - by_elongation - jnp.sum(tension * (self.after - self.before))}
 
-    def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
+    def powers(self, d: Array, rate: Array, tension: Array, length: Array) -> dict[str, Array]:
         now = self.after
 
-        def energy(longer: jax.Array) -> jax.Array:
+        def energy(longer: Array) -> Array:
             return self.law.energy(_lengthened(d, longer), now + longer)
 
         constant_elongation = jax.jvp(energy, (jnp.zeros_like(now),), (self.rate,))[1]
         own = self.law.powers(d, self._elongating(d, rate), tension, now)
         return {**own, LENGTH_IN_TIME: constant_elongation - jnp.sum(tension * self.rate)}
 
-    def _elongating(self, d: jax.Array, rate: jax.Array) -> jax.Array:
+    def _elongating(self, d: Array, rate: Array) -> Array:
         """Rates (n, 3) [m/s] whose part along the links is the rate of their elongation."""
         return rate - (self.rate / safe_norm(d))[:, None] * d
 
@@ -127,10 +126,10 @@ class ChangingLength(AxialLaw):
         moved = _lengthened(start.d, self._middle - self.before)
         return start._replace(d=moved, rate=self._elongating(start.d, start.rate))
 
-    def _end(self, d1: jax.Array) -> jax.Array:
+    def _end(self, d1: Array) -> Array:
         return _lengthened(d1, self._middle - self.after)
 
 
-def _lengthened(d: jax.Array, longer: jax.Array) -> jax.Array:
+def _lengthened(d: Array, longer: Array) -> Array:
     """Link vectors (n, 3) [m] whose lengths are greater by `longer` (n,) [m]."""
     return d + (longer / safe_norm(d))[:, None] * d

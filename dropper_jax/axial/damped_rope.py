@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import jax
+from jax import Array
 
 from dropper_jax.axial.elastic import Elastic, StretchStep
 from dropper_jax.axial.law import LinkStart
-from dropper_jax.axial.rope import Rope, taut_or_slack
+from dropper_jax.axial.rope import Rope
 from dropper_jax.base.fields import component
 from dropper_jax.base.numerics import safe_norm
 
@@ -18,26 +18,23 @@ class DampedRope(Rope):
     For comparisons: oscillations of slack lines then decay quickly, whereas those of a `Rope` chatter.
     """
 
-    def residual(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
+    def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         step = StretchStep.of(self, start, length, h)
         size = safe_norm(self.unstretch_broken(d1, length))
-        spring = lambda x: length / self.EA * self._unclipped_spring(step, x)  # noqa: E731
-        damper = self._damper_over(step, size, spring(size))
-        return taut_or_slack(spring, size, length, length / self.EA * (tension - damper))
+        damper = self._damper_over(step, size, size)
+        return self._taut_or_slack(lambda x: self._unclipped_spring(step, x), d1, tension - damper, length)
 
-    def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def instant(self, d: Array, rate: Array, tension: Array, length: Array) -> Array:
         d, stretching = self._stretching(d, rate, length)
         if self.damping is not None:
             tension = tension - self.damping / length * stretching
         return self.at_rest(d, tension, length)
 
-    def _link_tension(self, size: jax.Array, stretching: jax.Array, length: jax.Array) -> jax.Array:
+    def _link_tension(self, size: Array, stretching: Array, length: Array) -> Array:
         spring = self.spring(size, length)
         if self.damping is None:
             return spring
         return spring + self.damping / length * stretching
 
-    def _damper_over(self, step: StretchStep, size: jax.Array, spring: jax.Array) -> jax.Array:
+    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
         return Elastic._damper_over(self, step, size, spring)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.axial.law import AxialLaw, LinkStart
 from dropper_jax.base.fields import component, parameter
@@ -34,9 +34,9 @@ class Elastic(AxialLaw):
     """
 
     elastic = True
-    EA: jax.Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
-    damping: jax.Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, default=None)
-    intact: jax.Array | None = None  # (n,): 0 if the link has broken (see `failure`), else 1
+    EA: Array = parameter("axial stiffness", unit="N", shape="link", low=0.0, open_low=True)
+    damping: Array | None = parameter("internal damping BA", unit="N s", shape="link", low=0.0, default=None)
+    intact: Array | None = None  # (n,): 0 if the link has broken (see `failure`), else 1
 
     @property
     def work_names(self) -> tuple[str, ...]:
@@ -44,37 +44,35 @@ class Elastic(AxialLaw):
             return (AXIAL_RINGING,)
         return (INTERNAL_DAMPING, AXIAL_RINGING)
 
-    def stiffness(self, length: jax.Array) -> jax.Array:
+    def stiffness(self, length: Array) -> Array:
         return self.EA / length
 
-    def axial_stiffness(self) -> jax.Array:
+    def axial_stiffness(self) -> Array:
         return self.EA
 
     def soften(self, share: float) -> AxialLaw:
         return replace(self, EA=share * self.EA)
 
-    def with_broken_links(self, intact: jax.Array) -> AxialLaw:
+    def with_broken_links(self, intact: Array) -> AxialLaw:
         return replace(self, intact=intact)
 
-    def unstretch_broken(self, d: jax.Array, length: jax.Array) -> jax.Array:
+    def unstretch_broken(self, d: Array, length: Array) -> Array:
         """Link vectors (n, 3) [m] as the law uses them: a broken link is unstretched."""
         if self.intact is None:
             return d
         return jnp.where(self.intact[:, None] > 0.0, d, length[:, None] * jnp.eye(1, 3, dtype=d.dtype))
 
-    def zero_broken(self, per_link: jax.Array) -> jax.Array:
+    def zero_broken(self, per_link: Array) -> Array:
         """Values (n,) of links, zero for broken ones."""
         if self.intact is None:
             return per_link
         return self.intact * per_link
 
-    def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def spring(self, size: Array, length: Array) -> Array:
         """Tension (n,) [N] of links of length `size` (n,) [m], without damping."""
         return self.EA / length * (size - length)
 
-    def residual(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
+    def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         """`L/EA (S + R + D - T)` (n,) [m]: mean force of the spring over the step, ringing force, and damper force.
 
         `S (|d1| - |d0|)` is the change of the stored energy. The rigid limit is EA -> infinity.
@@ -84,22 +82,22 @@ class Elastic(AxialLaw):
         spring = self._spring_over(step, size)
         return length / self.EA * (spring + self._damper_over(step, size, spring) - tension)
 
-    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
         return safe_norm(self.unstretch_broken(d, length)) - length - length * tension / self.EA
 
-    def _mean(self, step: StretchStep, size: jax.Array) -> jax.Array:
+    def _mean(self, step: StretchStep, size: Array) -> Array:
         """Tension (n,) [N] whose work over a step is exactly the change of the stored energy."""
         return self.spring(0.5 * (step.size + size), step.length)
 
-    def _spring_over(self, step: StretchStep, size: jax.Array) -> jax.Array:
+    def _spring_over(self, step: StretchStep, size: Array) -> Array:
         """Spring tension (n,) [N] over a step that ends with links of length `size` (n,) [m]."""
         return self._mean(step, size) + self._ringing(step, size)
 
-    def _stiffness(self, step: StretchStep) -> jax.Array:
+    def _stiffness(self, step: StretchStep) -> Array:
         """Stiffness (n,) [N/m] at the start of a step."""
         return self.EA / step.length
 
-    def _ringing(self, step: StretchStep, size: jax.Array) -> jax.Array:
+    def _ringing(self, step: StretchStep, size: Array) -> Array:
         """Ringing force `R = w EA/L h^2 (a1/16 + a0/24)` (n,) [N], a1 and a0 the accelerations of the length in this
         step and in the last one.
 
@@ -109,43 +107,43 @@ class Elastic(AxialLaw):
         inertia = 2.0 * RINGING_INERTIA * (size - step.expected)
         return self._stiffness(step) * step.weight * (inertia + RINGING_MEMORY * step.memory)
 
-    def _damper_over(self, step: StretchStep, size: jax.Array, spring: jax.Array) -> jax.Array:
+    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
         """Damper tension (n,) [N] over a step, in addition to the spring tension."""
         if self.damping is None:
             return jnp.zeros_like(spring)
         return self.damping / step.length * (size - step.size) / step.h
 
-    def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
+    def direction(self, d0: Array, d1: Array, mean: Array, length: Array) -> Array:
         """`d_mid / ((|d0| + |d1|)/2)`: only this direction gives exactly the work `T (|d1| - |d0|)`."""
         return mean / (0.5 * (safe_norm(d0) + safe_norm(d1)))[:, None]
 
-    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+    def tension(self, d: Array, rate: Array, length: Array) -> Array:
         size = safe_norm(d)
         tension = self.EA * (size - length) / length
         if self.damping is not None:
             tension = tension + self.damping / length * dot(d, rate) / size
         return self.zero_broken(tension)
 
-    def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def instant(self, d: Array, rate: Array, tension: Array, length: Array) -> Array:
         d, stretching = self._stretching(d, rate, length)
         law = safe_norm(d) - length - length * tension / self.EA
         if self.damping is None:
             return law
         return law + self.damping / self.EA * stretching
 
-    def _stretching(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def _stretching(self, d: Array, rate: Array, length: Array) -> tuple[Array, Array]:
         """Link vectors as the law uses them, and rates of length (n,) [m/s]."""
         return self.unstretch_broken(d, length), self.zero_broken(dot(d, rate) / safe_norm(d))
 
-    def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
+    def energy(self, d: Array, length: Array) -> Array:
         """Stored energy, scalar [J]: `EA (|d| - L)^2 / (2 L)`."""
         return jnp.sum(self._stored_energy(safe_norm(self.unstretch_broken(d, length)), length))
 
-    def _stored_energy(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def _stored_energy(self, size: Array, length: Array) -> Array:
         """Stored energy of each link (n,) [J]."""
         return 0.5 * self.EA / length * (size - length) ** 2
 
-    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+    def works(self, start: LinkStart, d1: Array, length: Array, h: Array) -> dict[str, Array]:
         """Work over a step by name, scalars [J]: of the damper, never positive, and of the ringing force, which also
         stores and returns energy."""
         step = StretchStep.of(self, start, length, h)
@@ -157,16 +155,14 @@ class Elastic(AxialLaw):
             found[INTERNAL_DAMPING] = -jnp.sum(self._damper_over(step, size, spring) * longer)
         return found
 
-    def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
+    def powers(self, d: Array, rate: Array, tension: Array, length: Array) -> dict[str, Array]:
         if self.damping is None:
             return {}
         stretching = jnp.sum(d * rate, axis=-1) / safe_norm(d)
         damper = self._damper(self.damping, d, stretching, tension, length)
         return {INTERNAL_DAMPING: -jnp.sum(damper * stretching)}
 
-    def _damper(
-        self, damping: jax.Array, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array
-    ) -> jax.Array:
+    def _damper(self, damping: Array, d: Array, stretching: Array, tension: Array, length: Array) -> Array:
         """Part of the tension (n,) [N] due to the internal damping."""
         return self.zero_broken(damping / length * stretching)
 
@@ -177,15 +173,15 @@ class StretchStep(NamedTuple):
     `weight` is that of the ringing force, and `memory` `h^2` times the acceleration of the length in the last step [m].
     """
 
-    size: jax.Array
-    expected: jax.Array
-    length: jax.Array
-    h: jax.Array
-    weight: jax.Array | float
-    memory: jax.Array | float
+    size: Array
+    expected: Array
+    length: Array
+    h: Array
+    weight: Array | float
+    memory: Array | float
 
     @classmethod
-    def of(cls, law: Elastic, start: LinkStart, length: jax.Array, h: jax.Array) -> StretchStep:
+    def of(cls, law: Elastic, start: LinkStart, length: Array, h: Array) -> StretchStep:
         if start.rate is None:
             raise ValueError("start.rate: missing; links that stretch need the rates of their vectors")
         d, stretching = law._stretching(start.d, start.rate, length)

@@ -29,12 +29,8 @@ class ForceTable:
                 negative, the first tension is not 0, tension falls, or does not rise at the end.
         """
 
-        def column(values: Plain, where: str, unit: str) -> np.ndarray:
-            items = read_list(values, where, None, ROWS)
-            return np.array([read_number(x, f"{where}.{i}", {"unit": unit}) for i, x in enumerate(items)], float)
-
-        e = column(strain, f"{path}.strain", "-")
-        force = column(tension, f"{path}.tension", "N")
+        e = _read_column(strain, f"{path}.strain", "-")
+        force = _read_column(tension, f"{path}.tension", "N")
         if len(e) < 2:
             raise refuse(f"{path}.strain", plain(e), "has too few rows", ROWS)
         if len(force) != len(e):
@@ -76,10 +72,16 @@ class ForceTable:
         return np.concatenate([secant[:1], inner, secant[-1:]])
 
     def __eq__(self, other: object) -> bool:
-        same = isinstance(other, ForceTable) and len(self.strain) == len(other.strain)
-        return same and np.array_equal(self.strain, other.strain) and np.array_equal(self.tension, other.tension)
+        if not isinstance(other, ForceTable):
+            return False
+        return np.array_equal(self.strain, other.strain) and np.array_equal(self.tension, other.tension)
 
     __hash__ = None
+
+
+def _read_column(values: Plain, path: str, unit: str) -> np.ndarray:
+    items = read_list(values, path, None, ROWS)
+    return np.array([read_number(x, f"{path}.{i}", {"unit": unit}) for i, x in enumerate(items)], float)
 
 
 def read_tables(table: Values, path: str, links: int) -> tuple[ForceTable, ...]:
@@ -111,15 +113,12 @@ def tables_of(tables: Sequence[ForceTable]) -> Table:
 def stack_tables(tables: Sequence[ForceTable]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Strain, tension and slope, each (n, k), of tables extended to equal numbers of rows along their last slope."""
     rows = max(len(t.strain) for t in tables)
-    found = []
-    for table in tables:
-        more = np.arange(1, rows - len(table.strain) + 1)
-        slope = table.slopes()
-        found.append(
-            (
-                np.concatenate([table.strain, table.strain[-1] + more]),
-                np.concatenate([table.tension, table.tension[-1] + slope[-1] * more]),
-                np.concatenate([slope, np.full(len(more), slope[-1])]),
-            )
-        )
-    return tuple(map(np.stack, zip(*found, strict=True)))
+    found = np.empty((3, len(tables), rows))
+    for i, table in enumerate(tables):
+        count = len(table.strain)
+        found[:, i, :count] = table.strain, table.tension, table.slopes()
+        more = np.arange(1, rows - count + 1)
+        slope = found[2, i, count - 1]
+        found[:, i, count:] = table.strain[-1] + more, table.tension[-1] + slope * more, slope + 0 * more
+    strain, tension, slope = found
+    return strain, tension, slope

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent
 from dropper_jax.base.fields import component, option
@@ -36,20 +38,28 @@ class Groups(AxialLaw):
         return all(law.condensable for law in self.laws)
 
     @property
-    def intact(self) -> jax.Array | None:
+    def intact(self) -> Array | None:
         if all(law.intact is None for law in self.laws):
             return None
-        return self._together([jnp.ones(len(m)) if law.intact is None else law.intact for law, m in self._each()])
+        return self._together(jnp.ones(len(m)) if law.intact is None else law.intact for law, m in self._each())
 
-    def axial_stiffness(self) -> jax.Array:
-        return self._together([jnp.broadcast_to(law.axial_stiffness(), len(m)) for law, m in self._each()])
+    def axial_stiffness(self) -> Array:
+        return self._together(jnp.broadcast_to(law.axial_stiffness(), len(m)) for law, m in self._each())
 
     def _each(self) -> Iterator[tuple[AxialLaw, np.ndarray]]:
         return zip(self.laws, map(np.array, self.members), strict=True)
 
-    def _together(self, found: list[jax.Array]) -> jax.Array:
+    def _together(self, found: Iterable[Array]) -> Array:
         """Values of the groups in the order of the links."""
-        return jnp.concatenate(found)[np.argsort(np.concatenate(self.members))]
+        return jnp.concatenate(list(found))[np.argsort(np.concatenate(self.members))]
+
+    def _results(self, method: str, *of_links: Any, h: tuple[Array, ...] = ()) -> list[Any]:
+        """Results of a method of each law for its own links, with the step where it takes one."""
+        found = []
+        for law, m in self._each():
+            own = jax.tree.map(operator.itemgetter(m), of_links)
+            found.append(getattr(law, method)(*own, *h))
+        return found
 
     def _change_each(self, change: Callable[[AxialLaw, np.ndarray], AxialLaw]) -> Groups:
         return replace(self, laws=tuple(change(law, m) for law, m in self._each()))
@@ -60,10 +70,10 @@ class Groups(AxialLaw):
             found[m] = law.rigid(len(m))
         return found
 
-    def stiffness(self, length: jax.Array) -> jax.Array:
-        return self._together([law.stiffness(length[m]) for law, m in self._each()])
+    def stiffness(self, length: Array) -> Array:
+        return self._together(self._results("stiffness", length))
 
-    def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
+    def springs(self, EA: Array, pushes: bool = False) -> AxialLaw:
         return self._change_each(lambda law, m: law.springs(EA[m], pushes))
 
     def soften(self, share: float) -> AxialLaw:
@@ -72,45 +82,39 @@ class Groups(AxialLaw):
     def with_tangent(self, tangent: SlackTangent) -> AxialLaw:
         return self._change_each(lambda law, _: law.with_tangent(tangent))
 
-    def with_broken_links(self, intact: jax.Array) -> AxialLaw:
+    def with_broken_links(self, intact: Array) -> AxialLaw:
         return self._change_each(lambda law, m: law.with_broken_links(intact[m]))
 
     @property
     def work_names(self) -> tuple[str, ...]:
         return tuple(dict.fromkeys(name for law in self.laws for name in law.work_names))
 
-    def residual(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
-        return self._together([law.residual(_of(start, m), d1[m], tension[m], length[m], h) for law, m in self._each()])
+    def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
+        return self._together(self._results("residual", start, d1, tension, length, h=(h,)))
 
-    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        return self._together([law.at_rest(d[m], tension[m], length[m]) for law, m in self._each()])
+    def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
+        return self._together(self._results("at_rest", d, tension, length))
 
-    def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
-        return self._together([law.direction(d0[m], d1[m], mean[m], length[m]) for law, m in self._each()])
+    def direction(self, d0: Array, d1: Array, mean: Array, length: Array) -> Array:
+        return self._together(self._results("direction", d0, d1, mean, length))
 
-    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
-        return self._together([law.tension(d[m], rate[m], length[m]) for law, m in self._each()])
+    def tension(self, d: Array, rate: Array, length: Array) -> Array:
+        return self._together(self._results("tension", d, rate, length))
 
-    def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        return self._together([law.instant(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
+    def instant(self, d: Array, rate: Array, tension: Array, length: Array) -> Array:
+        return self._together(self._results("instant", d, rate, tension, length))
 
-    def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
-        return sum((law.energy(d[m], length[m]) for law, m in self._each()), jnp.zeros((), d.dtype))
+    def energy(self, d: Array, length: Array) -> Array:
+        return sum(self._results("energy", d, length), jnp.zeros((), d.dtype))
 
-    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
-        return self._add_tables([law.works(_of(start, m), d1[m], length[m], h) for law, m in self._each()])
+    def works(self, start: LinkStart, d1: Array, length: Array, h: Array) -> dict[str, Array]:
+        return self._add_tables(self._results("works", start, d1, length, h=(h,)))
 
-    def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
-        return self._add_tables([law.powers(d[m], rate[m], tension[m], length[m]) for law, m in self._each()])
+    def powers(self, d: Array, rate: Array, tension: Array, length: Array) -> dict[str, Array]:
+        return self._add_tables(self._results("powers", d, rate, tension, length))
 
-    def _add_tables(self, tables: list[dict[str, jax.Array]]) -> dict[str, jax.Array]:
+    def _add_tables(self, tables: list[dict[str, Array]]) -> dict[str, Array]:
         found = {}
         for name in self.work_names:
             found[name] = functools.reduce(operator.add, [table[name] for table in tables if name in table])
         return found
-
-
-def _of(start: LinkStart, members: np.ndarray) -> LinkStart:
-    return jax.tree.map(lambda values: values[members], start)

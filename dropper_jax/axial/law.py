@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 
 class LinkStart(NamedTuple):
@@ -22,10 +22,10 @@ class LinkStart(NamedTuple):
             without `acceleration`.
     """
 
-    d: jax.Array
-    rate: jax.Array | None
-    acceleration: jax.Array | None = None
-    lightness: jax.Array | None = None
+    d: Array
+    rate: Array | None
+    acceleration: Array | None = None
+    lightness: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,11 @@ class AxialLaw(ABC):
         return True
 
     @property
-    def intact(self) -> jax.Array | None:
+    def intact(self) -> Array | None:
         """(n,): 0 if the link has broken, else 1; None if no link can break."""
         return None
 
-    def axial_stiffness(self) -> jax.Array:
+    def axial_stiffness(self) -> Array:
         """EA (n,) [N], or one number; only if all links stretch."""
         raise NotImplementedError
 
@@ -72,11 +72,11 @@ class AxialLaw(ABC):
         """Which of the links (n,) are inextensible."""
         return np.full(links, not self.elastic)
 
-    def stiffness(self, length: jax.Array) -> jax.Array:
+    def stiffness(self, length: Array) -> Array:
         """`EA/L` (n,) [N/m] of taut links, zero for inextensible ones."""
         return jnp.zeros_like(length)
 
-    def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
+    def springs(self, EA: Array, pushes: bool = False) -> AxialLaw:
         """The same law where it stretches; ropes, or springs that also push, of stiffness EA (n,) [N] in place of rigid
         links."""
         return self
@@ -89,7 +89,7 @@ class AxialLaw(ABC):
         """The law whose derivatives are those of `tangent` where a rope is slack."""
         return self
 
-    def with_broken_links(self, intact: jax.Array) -> AxialLaw:
+    def with_broken_links(self, intact: Array) -> AxialLaw:
         """The law with broken links: `intact` (n,) is 0 for these, else 1."""
         return self
 
@@ -99,41 +99,39 @@ class AxialLaw(ABC):
         return ()
 
     @abstractmethod
-    def residual(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
+    def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         """Residual of the law over a step, (n,) [m]: zero if the law holds. It depends on d1 through its length
         only."""
 
     @abstractmethod
-    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
         """Residual of the law for links at rest, (n,) [m]."""
 
     @abstractmethod
-    def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
+    def direction(self, d0: Array, d1: Array, mean: Array, length: Array) -> Array:
         """Force direction of a unit tension over a step, (n, 3), whose work is exactly `T (|d1| - |d0|)`."""
 
     @abstractmethod
-    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+    def tension(self, d: Array, rate: Array, length: Array) -> Array:
         """Tension (n,) [N] of links d stretching at d' = `rate`; zero for inextensible ones."""
 
-    def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def instant(self, d: Array, rate: Array, tension: Array, length: Array) -> Array:
         """The law at one instant, (n,) [m]: of links d that stretch at d' = `rate` (n, 3) [m/s]."""
         raise NotImplementedError
 
-    def energy(self, d: jax.Array, length: jax.Array) -> jax.Array:
+    def energy(self, d: Array, length: Array) -> Array:
         """Stored energy, scalar [J]."""
         return jnp.zeros((), d.dtype)
 
-    def works(self, start: LinkStart, d1: jax.Array, length: jax.Array, h: jax.Array) -> dict[str, jax.Array]:
+    def works(self, start: LinkStart, d1: Array, length: Array, h: Array) -> dict[str, Array]:
         """Work over a step by name, scalars [J]; of a damper never positive."""
         return {}
 
-    def drum_works(self, d0: jax.Array, d1: jax.Array, tension: jax.Array) -> dict[str, jax.Array]:
+    def drum_works(self, d0: Array, d1: Array, tension: Array) -> dict[str, Array]:
         """Work over a step by name, scalars [J], of drums that change the unstretched lengths of links under a tension
         (n,) [N]."""
         return {}
 
-    def powers(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> dict[str, jax.Array]:
+    def powers(self, d: Array, rate: Array, tension: Array, length: Array) -> dict[str, Array]:
         """Power at one instant by name, scalars [W], of links stretching at `rate` (n, 3) [m/s] under a tension."""
         return {}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.axial.elastic import Elastic
 from dropper_jax.axial.law import AxialLaw, LinkStart
@@ -18,24 +18,22 @@ class Rigid(AxialLaw):
 
     elastic = False
 
-    def springs(self, EA: jax.Array, pushes: bool = False) -> AxialLaw:
+    def springs(self, EA: Array, pushes: bool = False) -> AxialLaw:
         # springs that push would keep a line straight between points that are close together
         if pushes:
             return Elastic(EA=EA)
         return Rope(EA=EA)
 
-    def residual(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
+    def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         return self.at_rest(d1, tension, length)
 
-    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
         """`(|d|^2 - L^2)/(2 L)` (n,) [m]: to first order the link's elongation."""
         return (dot(d, d) - length**2) / (2 * length)
 
-    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+    def tension(self, d: Array, rate: Array, length: Array) -> Array:
         return jnp.zeros_like(length)
 
-    def direction(self, d0: jax.Array, d1: jax.Array, mean: jax.Array, length: jax.Array) -> jax.Array:
+    def direction(self, d0: Array, d1: Array, mean: Array, length: Array) -> Array:
         """Unit force of a tension over a step, (n, 3): the work of `d_mid / L` is exactly `T (|d1| - |d0|)` = 0."""
         return mean / length[:, None]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.axial.elastic import Elastic, StretchStep
 from dropper_jax.axial.law import AxialLaw, LinkStart, SlackTangent
@@ -22,9 +22,7 @@ STEEPEST = 10.0
 STRETCH_WEIGHT = 1e-3
 
 
-def taut_or_slack(
-    stretch: Callable[[jax.Array], jax.Array], size: jax.Array, slack: jax.Array, held: jax.Array
-) -> jax.Array:
+def taut_or_slack(stretch: Callable[[Array], Array], size: Array, slack: Array, held: Array) -> Array:
     """`max(stretch(size), 0) = held` (n,) [m] by active sets; `stretch` rises and has a kink at the length `slack` [m].
 
     The side of the kink on which a link lies follows from its tension (`held`) rather than from its stretch
@@ -54,74 +52,66 @@ class Rope(Elastic):
             return self
         return TangentRope(self.EA, self.damping, self.intact, tangent)
 
-    def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def spring(self, size: Array, length: Array) -> Array:
         return self.EA / length * positive_part(size - length)
 
-    def _slack(self, length: jax.Array) -> jax.Array:
+    def _slack(self, length: Array) -> Array:
         """Maximum length (n,) [m] of slack links."""
         return length
 
-    def _elongation(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def _elongation(self, size: Array, length: Array) -> Array:
         """Elongation (n,) [m] of taut links."""
         return positive_part(size - self._slack(length))
 
-    def residual(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
+    def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         step = StretchStep.of(self, start, length, h)
 
-        def elastic_elongation(size: jax.Array) -> jax.Array:
+        def pull(size: Array) -> Array:
             spring = self._unclipped_spring(step, size)
-            return length / self.EA * (spring + jnp.minimum(self._damper_of(step, size), spring))
+            return spring + jnp.minimum(self._damper_of(step, size), spring)
 
-        return taut_or_slack(
-            elastic_elongation,
-            safe_norm(self.unstretch_broken(d1, length)),
-            self._slack(length),
-            length * tension / self.EA,
-        )
+        return self._taut_or_slack(pull, d1, tension, length)
 
-    def at_rest(self, d: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
+    def _taut_or_slack(self, pull: Callable[[Array], Array], d: Array, tension: Array, length: Array) -> Array:
+        """`max(pull(size), 0) = T` of links d, as elongations (n,) [m]."""
         size = safe_norm(self.unstretch_broken(d, length))
-        spring = lambda x: length / self.EA * self.spring(x, length)  # noqa: E731
-        return taut_or_slack(spring, size, self._slack(length), length * tension / self.EA)
+        elongation = length * tension / self.EA
+        return taut_or_slack(lambda x: length / self.EA * pull(x), size, self._slack(length), elongation)
 
-    def instant(self, d: jax.Array, rate: jax.Array, tension: jax.Array, length: jax.Array) -> jax.Array:
-        d, stretching = self._stretching(d, rate, length)
+    def at_rest(self, d: Array, tension: Array, length: Array) -> Array:
+        return self._taut_or_slack(lambda size: self.spring(size, length), d, tension, length)
 
-        def elastic_elongation(size: jax.Array) -> jax.Array:
+    def instant(self, d: Array, rate: Array, tension: Array, length: Array) -> Array:
+        _, stretching = self._stretching(d, rate, length)
+        damper = 0.0 if self.damping is None else self.damping / length * stretching
+
+        def pull(size: Array) -> Array:
             spring = self.spring(size, length)
-            if self.damping is None:
-                damper = 0.0
-            else:
-                damper = self.damping / length * stretching
-            return length / self.EA * (spring + jnp.minimum(damper, spring))
+            return spring + jnp.minimum(damper, spring)
 
-        return taut_or_slack(elastic_elongation, safe_norm(d), self._slack(length), length * tension / self.EA)
+        return self._taut_or_slack(pull, d, tension, length)
 
-    def tension(self, d: jax.Array, rate: jax.Array, length: jax.Array) -> jax.Array:
+    def tension(self, d: Array, rate: Array, length: Array) -> Array:
         size = safe_norm(d)
         return self.zero_broken(self._link_tension(size, dot(d, rate) / size, length))
 
-    def _link_tension(self, size: jax.Array, stretching: jax.Array, length: jax.Array) -> jax.Array:
+    def _link_tension(self, size: Array, stretching: Array, length: Array) -> Array:
         """Tension (n,) [N] of links of length `size` that stretch at that rate (n,) [m/s]."""
         spring = self.spring(size, length)
         if self.damping is None:
             return spring
         return spring + never_more(self.damping / length * stretching, spring)
 
-    def _damper(
-        self, damping: jax.Array, d: jax.Array, stretching: jax.Array, tension: jax.Array, length: jax.Array
-    ) -> jax.Array:
+    def _damper(self, damping: Array, d: Array, stretching: Array, tension: Array, length: Array) -> Array:
         return tension - self.zero_broken(self.spring(safe_norm(d), length))
 
-    def _stored_energy(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def _stored_energy(self, size: Array, length: Array) -> Array:
         return 0.5 * self.EA / length * jnp.maximum(size - length, 0.0) ** 2
 
-    def _mean(self, step: StretchStep, size: jax.Array) -> jax.Array:
+    def _mean(self, step: StretchStep, size: Array) -> Array:
         return self.EA / step.length * mean_positive_part(step.size - step.length, size - step.length)
 
-    def _unclipped_spring(self, step: StretchStep, size: jax.Array) -> jax.Array:
+    def _unclipped_spring(self, step: StretchStep, size: Array) -> Array:
         """Spring tension over a step, zero if it ends slack; the ringing force may make it negative.
 
         A mean over the step alone would leave a force in a link that was taut and ends slack, so that its tension did
@@ -134,17 +124,17 @@ class Rope(Elastic):
         spring = mean + jnp.minimum(ringing, mean)
         return jnp.minimum(spring, STEEPEST * self.spring(size, step.length))
 
-    def _spring_over(self, step: StretchStep, size: jax.Array) -> jax.Array:
+    def _spring_over(self, step: StretchStep, size: Array) -> Array:
         return jnp.maximum(self._unclipped_spring(step, size), 0.0)
 
-    def _damper_of(self, step: StretchStep, size: jax.Array) -> jax.Array:
+    def _damper_of(self, step: StretchStep, size: Array) -> Array:
         """Tension (n,) [N] of a dashpot alone; it acts on taut links."""
         if self.damping is None:
             return jnp.zeros_like(size)
         longer = self._elongation(size, step.length) - self._elongation(step.size, step.length)
         return self.damping / step.length * longer / step.h
 
-    def _damper_over(self, step: StretchStep, size: jax.Array, spring: jax.Array) -> jax.Array:
+    def _damper_over(self, step: StretchStep, size: Array, spring: Array) -> Array:
         return never_more(self._damper_of(step, size), spring)
 
 
@@ -154,9 +144,7 @@ class TangentRope(Rope):
 
     tangent: SlackTangent = option("law of derivatives", default=SlackTangent())
 
-    def residual(
-        self, start: LinkStart, d1: jax.Array, tension: jax.Array, length: jax.Array, h: jax.Array
-    ) -> jax.Array:
+    def residual(self, start: LinkStart, d1: Array, tension: Array, length: Array, h: Array) -> Array:
         before = safe_norm(self.unstretch_broken(start.d, length))
         size = safe_norm(self.unstretch_broken(d1, length))
         elongation = 0.5 * (before + size) - length + self.tangent.time * (size - before) / h

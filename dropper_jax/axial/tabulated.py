@@ -6,6 +6,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.axial.elastic import StretchStep
 from dropper_jax.axial.law import AxialLaw
@@ -30,46 +31,46 @@ class Tabulated(Rope):
     residuals.
     """
 
-    strain: jax.Array = dataclasses.field(kw_only=True)  # (n, k)
-    force: jax.Array = dataclasses.field(kw_only=True)  # (n, k) [N]
-    slope: jax.Array = dataclasses.field(kw_only=True)  # (n, k) [N]
+    strain: Array = dataclasses.field(kw_only=True)  # (n, k)
+    force: Array = dataclasses.field(kw_only=True)  # (n, k) [N]
+    slope: Array = dataclasses.field(kw_only=True)  # (n, k) [N]
 
     def soften(self, share: float) -> AxialLaw:
         return dataclasses.replace(self, EA=share * self.EA, force=share * self.force, slope=share * self.slope)
 
-    def _shares(self, size: jax.Array, length: jax.Array) -> tuple[jax.Array, ...]:
+    def _shares(self, size: Array, length: Array) -> tuple[Array, ...]:
         """Passed fraction of each interval (n, k - 1), the strain beyond each, and widths of the intervals."""
         width = self.strain[:, 1:] - self.strain[:, :-1]
         beyond = (size / length - 1.0)[:, None] - self.strain
         return jnp.clip(beyond[:, :-1] / width, 0.0, 1.0), jnp.maximum(beyond[:, 1:], 0.0), width
 
-    def _cubics(self, width: jax.Array) -> tuple[jax.Array, ...]:
+    def _cubics(self, width: Array) -> tuple[Array, ...]:
         """Rise and coefficients of s, s^2, s^3 of each interval's cubic (n, k - 1), s from 0 to 1."""
         rise = self.force[:, 1:] - self.force[:, :-1]
         first = width * self.slope[:, :-1]
         last = width * self.slope[:, 1:]
         return rise, first, 3 * rise - 2 * first - last, first + last - 2 * rise
 
-    def spring(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def spring(self, size: Array, length: Array) -> Array:
         s, beyond, width = self._shares(size, length)
         _, a, b, c = self._cubics(width)
         return jnp.sum(s * (a + s * (b + s * c)), axis=-1) + self.slope[:, -1] * beyond[:, -1]
 
-    def _stored_energy(self, size: jax.Array, length: jax.Array) -> jax.Array:
+    def _stored_energy(self, size: Array, length: Array) -> Array:
         """The integral of the curve, times the length."""
         s, beyond, width = self._shares(size, length)
         rise, a, b, c = self._cubics(width)
         within = width * s**2 * (a / 2 + s * (b / 3 + s * c / 4)) + rise * beyond
         return length * (jnp.sum(within, axis=-1) + 0.5 * self.slope[:, -1] * beyond[:, -1] ** 2)
 
-    def _slack(self, length: jax.Array) -> jax.Array:
+    def _slack(self, length: Array) -> Array:
         return length * (1.0 + self.strain[:, 0])
 
-    def _stiffness(self, step: StretchStep) -> jax.Array:
+    def _stiffness(self, step: StretchStep) -> Array:
         at = jnp.maximum(step.size, self._slack(step.length) + JUST_TAUT * step.length)
         return jax.jvp(lambda size: self.spring(size, step.length), (at,), (jnp.ones_like(at),))[1]
 
-    def _mean(self, step: StretchStep, size: jax.Array) -> jax.Array:
+    def _mean(self, step: StretchStep, size: Array) -> Array:
         length = step.length
         longer = size - step.size
         little = jnp.abs(longer) < SHORT_CHANGE * length

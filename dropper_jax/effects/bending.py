@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
@@ -41,8 +42,8 @@ class Bending(Effect):
     name = "bending"
     reach = 2
     parts = True
-    EI: jax.Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
-    directions: jax.Array | None = parameter(
+    EI: Array = parameter("bending stiffness", unit="N m^2", shape="link", low=0.0)
+    directions: Array | None = parameter(
         "directions of lines at their clamped points", unit="-", shape="vectors", default=None
     )
     clamped: tuple[str, ...] = option("fixed points at which a line is clamped", type=list, default=())
@@ -54,23 +55,23 @@ class Bending(Effect):
     def check(cls, values: Values, scene: SceneData) -> None:
         if all(line.links < 2 for line in scene.lines) and not values["clamped"] and not values["joined"]:
             raise SceneError("effects.bending: needs a line of at least 2 links. Use more links, or remove the effect")
-        given = ()
-        if values["directions"] is not None:
-            given = values["directions"]
-        if len(given) != len(values["clamped"]):
+        clamped = values["clamped"]
+        given = values["directions"]
+        if given is None:
+            given = ()
+        if len(given) != len(clamped):
             raise SceneError(
                 f"effects.bending.directions: has {len(given)} entries; allowed: one for each of the "
-                f"{len(values['clamped'])} points that `clamped` names"
+                f"{len(clamped)} points that `clamped` names"
             )
-        for i, direction in enumerate(given):
-            if not np.linalg.norm(direction) > 0.0:
+        for i, (name, direction) in enumerate(zip(clamped, given, strict=True)):
+            if not np.any(direction):
                 raise SceneError(
                     f"effects.bending.directions.{i}: {list(direction)} has no direction; allowed: a non-zero vector"
                 )
-        for i, name in enumerate(values["clamped"]):
             path = f"effects.bending.clamped.{i}"
             scene.check_line_end(name, path)
-            if name in values["clamped"][:i]:
+            if name in clamped[:i]:
                 raise SceneError(f"{path}: {name!r} is listed twice; allowed: each point once")
         ends = {line.name: (line.start, line.end) for line in scene.lines}
         for i, pair in enumerate(values["joined"]):
@@ -79,13 +80,13 @@ class Bending(Effect):
                     raise SceneError(f"effects.bending.joined.{i}: {name!r} is not a line; {nearest(name, list(ends))}")
             common_ends(pair, ends)
 
-    def potential(self, k: Kinematics) -> jax.Array:
+    def potential(self, k: Kinematics) -> Array:
         return self._energy(k, at_pieces(k, self.piece_nodes(k.model))[0])
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return sum_of_pieces(self, k)
 
-    def _stiffness(self, k: Kinematics, first: np.ndarray, last: np.ndarray) -> jax.Array:
+    def _stiffness(self, k: Kinematics, first: np.ndarray, last: np.ndarray) -> Array:
         """`EI/(2 l)` (joints,) [J] of the joints between two links each, or between a link and the wall."""
         length = 0.5 * (k.line.length[first] + k.line.length[last])
         length = 0.5 * length if first is last else length
@@ -98,12 +99,9 @@ class Bending(Effect):
 
     def _clamps(self, model: ModelView) -> tuple[np.ndarray, np.ndarray]:
         """Links at clamped points (clamps,), and whether they leave them, 1.0, or arrive there, -1.0."""
-        found = {}
-        for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
-            found[model.points[member.start].name] = (span.start, 1.0)
-            found[model.points[member.end].name] = (span.stop - 1, -1.0)
-        links = [found[name][0] for name in self.clamped]
-        return np.array(links, int), np.array([found[name][1] for name in self.clamped])
+        found = [link_at_point(model, name) for name in self.clamped]
+        links, leaves = np.array(found, int).reshape(-1, 2).T
+        return links, 2.0 * leaves - 1.0
 
     def _joints(self, model: ModelView) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Both links of every joint (joints,), those of joined lines last, and its three nodes (joints, 3)."""
@@ -111,15 +109,16 @@ class Bending(Effect):
         first = graph.previous_links
         found = [(i, i + 1, graph.first[i], graph.last[i], graph.last[i + 1]) for i in first]
         ends = {member.name: (member.start, member.end) for member in graph.members}
-        spans = {member.name: span for member, span in zip(graph.members, graph.spans, strict=True)}
+        spans = dict(zip(ends, graph.spans, strict=True))
         for pair in self.joined:
             links = []
-            nodes = []
+            paths = []
             for name, end in zip(pair, common_ends(pair, ends), strict=True):
-                link = spans[name].stop - 1 if end else spans[name].start
+                link = [spans[name].start, spans[name].stop - 1][end]
+                nodes = [graph.first[link], graph.last[link]]
                 links.append(link)
-                nodes.append((graph.first[link], graph.last[link]) if end else (graph.last[link], graph.first[link]))
-            found.append((*links, *nodes[0], nodes[1][0]))
+                paths.append(nodes if end else nodes[::-1])  # towards the joint
+            found.append((*links, *paths[0], paths[1][0]))
         table = np.array(found, int).reshape(-1, 5)
         return table[:, 0], table[:, 1], table[:, 2:]
 
@@ -130,10 +129,10 @@ class Bending(Effect):
         walls = np.stack([graph.first[at], graph.first[at], graph.last[at]], axis=1)
         return np.concatenate([self._joints(model)[2], walls])
 
-    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+    def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         return -jax.grad(partial(self._energy, k))(r)
 
-    def _energy(self, k: Kinematics, r: jax.Array) -> jax.Array:
+    def _energy(self, k: Kinematics, r: Array) -> Array:
         """Energy [J] of the joints with nodes at positions r (joints, 3, 3)."""
         first, second, _ = self._joints(k.model)
         stiffness = self._stiffness(k, first, second)
@@ -147,6 +146,16 @@ class Bending(Effect):
             before = jnp.concatenate([before[: len(first)], leaving])
         bend = after - before
         return jnp.sum(stiffness * dot(bend, bend))
+
+
+def link_at_point(model: ModelView, name: str) -> tuple[int, bool]:
+    """The link at a point where one line ends, and whether it is the first of its line."""
+    for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
+        if model.points[member.start].name == name:
+            return span.start, True
+        if model.points[member.end].name == name:
+            return span.stop - 1, False
+    raise SceneError(f"point {name!r} has no line")
 
 
 def common_ends(

@@ -6,9 +6,10 @@ import math
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.fields import component, parameter
-from dropper_jax.base.numerics import dot, safe_norm, trace_once
+from dropper_jax.base.numerics import dot, safe_norm, trace_once, upright
 from dropper_jax.effects.body_buoyancy import Pieces
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, ModelView
@@ -36,37 +37,34 @@ class BodyBed(Effect):
     pieces: Pieces
 
     @trace_once
-    def depths(self, model: ModelView, r: jax.Array) -> jax.Array:
+    def depths(self, model: ModelView, r: Array) -> Array:
         """Depth of the points (2 c + s,) below the seabed along its normal [m], negative above it."""
         ends = self.pieces.axes(model, r)
         along = ends[:, 1] - ends[:, 0]
         tilt = along[:, :2] / safe_norm(along)[:, None]
         reach = self.pieces.radius * (jnp.sqrt(jnp.sum(tilt**2, axis=1) + LEVEL**2) - LEVEL) / LYING
-        positions = jnp.concatenate([ends[:, 0], ends[:, 1]])
-        below = jnp.concatenate([reach, reach])
-        if self.pieces.sphere_of:
-            positions = jnp.concatenate([positions, self.pieces.centres(model, r)])
-            below = jnp.concatenate([below, self.pieces.ball])
+        positions = self.pieces.points(model, r)
+        below = jnp.concatenate([reach, reach, self.pieces.ball])
         return (self.bed.bed_height(positions) - positions[:, 2] + below) * self.bed.upward(positions)[..., 2]
 
-    def _rates(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
+    def _rates(self, k: Kinematics) -> tuple[Array, Array]:
         """Depths [m] and their rates of increase [m/s]."""
         return jax.jvp(lambda r: self.depths(k.model, r), (k.r,), (k.v,))
 
-    def prepare(self, k: Kinematics) -> jax.Array:
+    def prepare(self, k: Kinematics) -> Array:
         """Downward speed of the points at the start of the step (2 c + s,) [m/s]."""
         return self._rates(k)[1]
 
-    def normal(self, k: Kinematics) -> jax.Array:
+    def normal(self, k: Kinematics) -> Array:
         """Contact forces of the points (2 c + s,) [N]."""
         half = self.pieces.radius * self.pieces.length
         area = jnp.concatenate([half, half, jnp.pi * self.pieces.ball**2])
         return area * self.bed.pressure(k, self, *self._rates(k))
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return self._contact_force(k, self.normal(k))
 
-    def _contact_force(self, k: Kinematics, normal: jax.Array) -> jax.Array:
+    def _contact_force(self, k: Kinematics, normal: Array) -> Array:
         _, back = jax.vjp(lambda r: self.depths(k.model, r), k.r)
         return -back(normal)[0]
 
@@ -84,40 +82,31 @@ class BodyBedFriction(BodyBed):
     for creep below s0.
     """
 
-    friction: jax.Array = parameter("coefficient of each point", unit="-", low=0.0, shape="table")
+    friction: Array = parameter("coefficient of each point", unit="-", low=0.0, shape="table")
 
-    def slips(self, model: ModelView, r: jax.Array, v: jax.Array) -> jax.Array:
+    def slips(self, model: ModelView, r: Array, v: Array) -> Array:
         """Velocities (2 c + s, 3) [m/s] along the seabed of the contact points; linear in v (free nodes, 3)."""
-        ends = self.pieces.axes(model, r)
-        moved = self.pieces.axes(model, v)
+        pieces = self.pieces
+        ends = pieces.axes(model, r)
         along = ends[:, 1] - ends[:, 0]
         along = along / safe_norm(along)[:, None]
         # from the centre of the circle down along its plane, to its edge
         down = along * along[:, 2:] - jnp.array([0.0, 0.0, 1.0], r.dtype)
-        arm = self.pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL**2)[:, None]
-        turned = self._rotation_velocity(model, r, v, self.pieces.cylinder_of, arm)
-        positions = [ends[:, 0], ends[:, 1]]
-        found = [moved[:, 0] + turned, moved[:, 1] + turned]
-        if self.pieces.sphere_of:
-            positions.append(self.pieces.centres(model, r))
-            arm = -self.pieces.ball[:, None] * jnp.array([0.0, 0.0, 1.0], r.dtype)
-            turned = self._rotation_velocity(model, r, v, self.pieces.sphere_of, arm)
-            found.append(self.pieces.centres(model, v) + turned)
-        up = self.bed.upward(jnp.concatenate(positions))
-        velocity = jnp.concatenate(found)
+        arm = pieces.radius[:, None] * down / jnp.sqrt(dot(down, down) + LEVEL**2)[:, None]
+        turned = self._rotation_velocity(model, r, v, jnp.concatenate([arm, upright(-pieces.ball)]))
+        velocity = pieces.points(model, v) + turned[pieces.piece_of_point]
+        up = self.bed.upward(pieces.points(model, r))
         return velocity - dot(velocity, up)[:, None] * up
 
-    def _rotation_velocity(
-        self, model: ModelView, r: jax.Array, v: jax.Array, of: tuple[int, ...], arm: jax.Array
-    ) -> jax.Array:
-        """`w x arm` (items, 3) of the bodies `of`, from three of their edges E: `E'(E^-1 arm)`."""
-        corners = self.pieces.body_nodes(model, of)
+    def _rotation_velocity(self, model: ModelView, r: Array, v: Array, arm: Array) -> Array:
+        """`w x arm` (c + s, 3) of the pieces' bodies, from three of their edges E: `E'(E^-1 arm)`."""
+        corners = self.pieces.body_nodes(model, self.pieces.owners)
         edges = r[corners[:, 1:]] - r[corners[:, :1]]
         rates = v[corners[:, 1:]] - v[corners[:, :1]]
         own = jnp.linalg.solve(jnp.swapaxes(edges, -1, -2), arm[..., None])[..., 0]
         return jnp.sum(rates * own[..., None], axis=1)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         normal = self.normal(k)
         slip, back = jax.vjp(lambda v: self.slips(k.model, k.r, v), k.v)
         rub = (self.friction * normal / jnp.sqrt(dot(slip, slip) + CREEP_SPEED**2))[:, None] * slip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.fields import component, option
 from dropper_jax.base.indexed_sums import scatter_add
@@ -27,94 +28,91 @@ class Pieces:
         first: index of the first corner among the points; cylinder_of, sphere_of: their bodies.
     """
 
-    ends: jax.Array
-    spheres: jax.Array
-    radius: jax.Array
-    length: jax.Array
-    ball: jax.Array
+    ends: Array
+    spheres: Array
+    radius: Array
+    length: Array
+    ball: Array
     first: int = option("number of the first corner among the points", type=int, default=0)
     cylinder_of: tuple[int, ...] = option("body of each cylinder", type=tuple, default=())
     sphere_of: tuple[int, ...] = option("body of each sphere", type=tuple, default=())
 
-    def body_nodes(self, model: ModelView, of: tuple[int, ...]) -> np.ndarray:
-        """Free nodes (items, 4) of the bodies of cylinders or spheres."""
-        return model.geometry.point_node[self.first + 4 * np.array(of, int)[:, None] + np.arange(4)]
+    @property
+    def owners(self) -> np.ndarray:
+        """Body of each piece (c + s,)."""
+        return np.array([*self.cylinder_of, *self.sphere_of], int)
 
-    def axes(self, model: ModelView, nodal: jax.Array) -> jax.Array:
-        """A nodal field (free, 3) at the ends of the axes (c, 2, 3)."""
-        return mix_corners(self.ends, nodal[self.body_nodes(model, self.cylinder_of)][:, None])
+    @property
+    def piece_of_point(self) -> np.ndarray:
+        """Piece of each point (2 c + s,): the first ends of the axes, their last ends, and the spheres' centres."""
+        count = len(self.cylinder_of)
+        return np.concatenate([np.arange(count), np.arange(count + len(self.sphere_of))])
 
-    def centres(self, model: ModelView, nodal: jax.Array) -> jax.Array:
+    @property
+    def point_weights(self) -> Array:
+        """Weights (2 c + s, 4) of these points."""
+        return jnp.concatenate([self.ends[:, 0], self.ends[:, 1], self.spheres])
+
+    def body_nodes(self, model: ModelView, of: np.ndarray) -> np.ndarray:
+        """Free nodes (items, 4) at the corners of bodies."""
+        return model.geometry.point_node[self.first + 4 * of[:, None] + np.arange(4)]
+
+    def points(self, model: ModelView, nodal: Array) -> Array:
+        """A nodal field (free, 3) at the points (2 c + s, 3)."""
+        corners = self.body_nodes(model, self.owners[self.piece_of_point])
+        return mix_corners(self.point_weights, nodal[corners])
+
+    def axes(self, model: ModelView, nodal: Array) -> Array:
+        """A nodal field at the ends of the axes (c, 2, 3)."""
+        corners = self.body_nodes(model, np.array(self.cylinder_of, int))
+        return mix_corners(self.ends, nodal[corners][:, None])
+
+    def centres(self, model: ModelView, nodal: Array) -> Array:
         """A nodal field at the spheres' centres (s, 3)."""
-        return mix_corners(self.spheres, nodal[self.body_nodes(model, self.sphere_of)])
+        return mix_corners(self.spheres, nodal[self.body_nodes(model, np.array(self.sphere_of, int))])
 
-    def cut(self, model: ModelView, r: jax.Array, level: jax.Array) -> Cylinders:
+    def cut(self, model: ModelView, r: Array, level: Array) -> Cylinders:
         """The cylinders relative to the surface at `level` (c + s,) [m] over the pieces."""
         return Cylinders.of(self.axes(model, r), level[: len(self.cylinder_of)], self.radius, self.length)
 
-    def energy(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
+    def energy(self, model: ModelView, r: Array, level: Array) -> Array:
         """Energy divided by rho g of the displaced water, a scalar [m^4]."""
-        own = jnp.sum(self.cut(model, r, level).energy())
-        if not self.sphere_of:
-            return own
-        return own + jnp.sum(sphere_energy(self.centres(model, r), level[len(self.cylinder_of) :], self.ball))
+        balls = sphere_energy(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
+        return jnp.sum(self.cut(model, r, level).energy()) + jnp.sum(balls)
 
-    def wet(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
+    def wet(self, model: ModelView, r: Array, level: Array) -> Array:
         """Submerged volumes (c + s,) [m^3]."""
-        own = self.cut(model, r, level).volume()
-        if self.sphere_of:
-            return jnp.concatenate([own, self._balls(model, r, level)])
-        return own
+        return jnp.concatenate([self.cut(model, r, level).volume(), self._wet_balls(model, r, level)])
 
-    def _balls(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
+    def _wet_balls(self, model: ModelView, r: Array, level: Array) -> Array:
         return sphere_volume(self.centres(model, r), level[len(self.cylinder_of) :], self.ball)
 
-    def push(self, model: ModelView, r: jax.Array, level: jax.Array) -> jax.Array:
+    def push(self, model: ModelView, r: Array, level: Array) -> Array:
         """Buoyancy divided by rho g on the free nodes (free, 3) [m^3]: minus the gradient of the energy."""
-        free = model.free_nodes
-        corners = self.body_nodes(model, self.cylinder_of)
         ends = self.cut(model, r, level).push()
-        found = jnp.zeros_like(r)
-        if self.cylinder_of:
-            found = scatter_to_corners(np.concatenate([corners, corners]), _both(self.ends), _both(ends), free)
-        if not self.sphere_of:
-            return found
-        lift = upright(self._balls(model, r, level))
-        return found + scatter_to_corners(self.body_nodes(model, self.sphere_of), self.spheres, lift, free)
+        lift = jnp.concatenate([ends[:, 0], ends[:, 1], upright(self._wet_balls(model, r, level))])
+        corners = self.body_nodes(model, self.owners[self.piece_of_point])
+        return scatter_to_corners(corners, self.point_weights, lift, model.free_nodes)
 
-    def middles(self, model: ModelView, r: jax.Array) -> jax.Array:
-        """Centres of the cylinders' axes and of the spheres (c + s, 3)."""
-        axes = self.axes(model, r)
-        middle = 0.5 * (axes[:, 0] + axes[:, 1])
-        if self.sphere_of:
-            return jnp.concatenate([middle, self.centres(model, r)])
-        return middle
+    def middles(self, model: ModelView, nodal: Array) -> Array:
+        """A nodal field at the centres of the cylinders' axes and of the spheres (c + s, 3)."""
+        axes = self.axes(model, nodal)
+        return jnp.concatenate([0.5 * (axes[:, 0] + axes[:, 1]), self.centres(model, nodal)])
 
-    def spread(self, model: ModelView, force: jax.Array) -> jax.Array:
+    def spread(self, model: ModelView, force: Array) -> Array:
         """Forces (c + s, 3) [N] at the centres, distributed to the free nodes (free, 3)."""
-        count = len(self.cylinder_of)
-        share = 0.5 * (self.ends[:, 0] + self.ends[:, 1])
-        found = scatter_to_corners(self.body_nodes(model, self.cylinder_of), share, force[:count], model.free_nodes)
-        if not self.sphere_of:
-            return found
-        return found + scatter_to_corners(
-            self.body_nodes(model, self.sphere_of), self.spheres, force[count:], model.free_nodes
-        )
+        weights = jnp.concatenate([0.5 * (self.ends[:, 0] + self.ends[:, 1]), self.spheres])
+        return scatter_to_corners(self.body_nodes(model, self.owners), weights, force, model.free_nodes)
 
 
-def mix_corners(share: jax.Array, corners: jax.Array) -> jax.Array:
+def mix_corners(share: Array, corners: Array) -> Array:
     """Combinations (..., 3) of corners (..., 4, 3) with weights (..., 4)."""
     return jnp.sum(share[..., None] * corners, axis=-2)
 
 
-def scatter_to_corners(corners: np.ndarray, share: jax.Array, force: jax.Array, free: int) -> jax.Array:
+def scatter_to_corners(corners: np.ndarray, share: Array, force: Array, free: int) -> Array:
     """Forces (items, 3) on the free nodes (free, 3): each on its body's corners with its weights (items, 4)."""
     return scatter_add(corners.ravel(), (share[:, :, None] * force[:, None, :]).reshape(-1, 3), free)
-
-
-def _both(of_ends: jax.Array) -> jax.Array:
-    """Values at both ends (c, 2, ...) as one axis, first ends first (2 c, ...)."""
-    return jnp.concatenate([of_ends[:, 0], of_ends[:, 1]])
 
 
 @component
@@ -129,10 +127,10 @@ class BodyBuoyancy(Effect):
     bodily = True
     pieces: Pieces
 
-    def _level(self, k: Kinematics) -> jax.Array:
-        return jnp.zeros(len(self.pieces.cylinder_of) + len(self.pieces.sphere_of), k.r.dtype)
+    def _level(self, k: Kinematics) -> Array:
+        return jnp.zeros(len(self.pieces.owners), k.r.dtype)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         model = k.model
         size = k.sea.density * k.sea.gravity
         push = lambda r: size * self.pieces.push(model, r, self._level(k))  # noqa: E731
@@ -141,7 +139,7 @@ class BodyBuoyancy(Effect):
         along = jnp.asarray(POINTS, k.r.dtype)[:, None, None] * (k.h * k.v)
         return jnp.sum(jnp.asarray(WEIGHTS, k.r.dtype)[:, None, None] * jax.vmap(push)(k.r + along), axis=0)
 
-    def potential(self, k: Kinematics) -> jax.Array:
+    def potential(self, k: Kinematics) -> Array:
         return k.sea.density * k.sea.gravity * self.pieces.energy(k.model, k.r, self._level(k))
 
 
@@ -156,10 +154,10 @@ class BodyBuoyancyInWaves(Effect):
     bodily = True
     pieces: Pieces
 
-    def prepare(self, k: Kinematics) -> jax.Array:
+    def prepare(self, k: Kinematics) -> Array:
         """Elevation (c + s,) [m] of the surface over the pieces."""
         return k.sea.elevation(self.pieces.middles(k.model, k.r), k.t)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         sea = k.sea
         return sea.density * sea.gravity * self.pieces.push(k.model, k.r, k.prepared(self))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
@@ -26,7 +26,7 @@ class Buoyancy(Effect):
 
     name = "buoyancy"
     needs_water = True
-    wet_weight: jax.Array | None = parameter(
+    wet_weight: Array | None = parameter(
         "weight in water per link, from which the volume follows", unit="N", shape="link", default=None
     )
 
@@ -39,11 +39,11 @@ class Buoyancy(Effect):
             )
         check_volume(scene, values["wet_weight"])
 
-    def per_link(self, model: ModelView) -> jax.Array:
+    def per_link(self, model: ModelView) -> Array:
         """Buoyancy of each link under water (n,) [N]."""
         return model.needed_sea.density * model.needed_sea.gravity * model.line.volume
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         water = k.water
         lift = self.per_link(k.model)
         up = jnp.zeros_like(k.r[:, 2])
@@ -55,20 +55,16 @@ class Buoyancy(Effect):
 
 def _volume_from_weight(scene: SceneData, wet_weight: Plain) -> np.ndarray:
     """`(m g - wet)/(rho g)` of each link [m^3]."""
-    line = scene.line
     sea = scene.needed_sea
-    gravity = scene.gravity
-    wet_weight = np.asarray(wet_weight, float)
-    volume = (line.mass * gravity - wet_weight) / (sea.density * sea.gravity)
-    if np.any(volume <= 0.0):
-        worst = int(np.argmin(volume))
-        dry = line.mass[worst] * gravity
-        wet = np.broadcast_to(wet_weight, volume.shape)[worst]
+    dry = scene.line.mass * scene.gravity
+    wet = np.broadcast_to(np.asarray(wet_weight, float), dry.shape)
+    worst = int(np.argmin(dry - wet))
+    if dry[worst] <= wet[worst]:
         raise SceneError(
-            f"effects.buoyancy.wet_weight: {wet:g} N of link {worst + 1} is not below its dry weight; "
-            f"allowed: < {dry:g} N"
+            f"effects.buoyancy.wet_weight: {wet[worst]:g} N of link {worst + 1} is not below its dry weight; "
+            f"allowed: < {dry[worst]:g} N"
         )
-    return volume
+    return (dry - wet) / (sea.density * sea.gravity)
 
 
 #: Relative difference between two given volumes that is still attributed to rounding of printed values.
@@ -87,8 +83,8 @@ def check_volume(scene: SceneData, wet_weight: Plain) -> None:
         return
     geometric = 0.25 * np.pi * line.diameter**2 * line.length
     error = np.abs(geometric / volume - 1.0)
-    if np.max(error) > SAME_VOLUME:
-        worst = int(np.argmax(error))
+    worst = int(np.argmax(error))
+    if error[worst] > SAME_VOLUME:
         fitting = np.sqrt(4.0 * volume[worst] / (np.pi * line.length[worst]))
         raise SceneError(
             f"line.0.diameter: {line.diameter[worst]:g} m of link {worst + 1} displaces {geometric[worst]:.4g} m^3, "

@@ -5,12 +5,13 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.base.read import Values, rises
-from dropper_jax.effects.bending import Bending
+from dropper_jax.effects.bending import Bending, link_at_point
 from dropper_jax.effects.end_motion import interpolate_quintic
 from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.model.slots import Force
@@ -38,17 +39,17 @@ class ClampMotion(Effect):
     name = "clamp_motion"
     reach = 1
     needs = ("bending",)
-    time: jax.Array = parameter("times of the table", unit="s", shape="table")
-    direction: jax.Array | None = parameter(
+    time: Array = parameter("times of the table", unit="s", shape="table")
+    direction: Array | None = parameter(
         "direction (unit vector) in which the line leaves the point, at those times",
         unit="-",
         shape="vectors",
         default=None,
     )
-    quaternion: jax.Array | None = parameter(
+    quaternion: Array | None = parameter(
         "turn of the clamp at those times, w, x, y, z of each row in one list", unit="-", shape="table", default=None
     )
-    along: jax.Array | None = parameter(
+    along: Array | None = parameter(
         "direction of the line in the frame that the quaternions turn", unit="-", shape="vector", default=None
     )
     point: str = option("name of the fixed point where the line is clamped", type=str, default="")
@@ -59,42 +60,41 @@ class ClampMotion(Effect):
         scene.check_line_end(values["point"], path)
         if values["point"] in scene.effects["bending"]["clamped"]:
             raise SceneError(f"{path}: {values['point']!r} is in effects.bending.clamped too; allowed: one of the two")
-        time = np.asarray(values["time"])
-        if not rises(time, 2):
+        if not rises(values["time"], 2):
             raise SceneError("effects.clamp_motion.time: needs at least 2 increasing times, one per direction")
         turned = values["quaternion"] is not None
         if turned == (values["direction"] is not None) or turned != (values["along"] is not None):
             raise SceneError("effects.clamp_motion: give either `direction`, or `quaternion` and `along`")
-        _check_rows(values, len(time), turned)
+        _check_rows(values, turned)
 
     @property
-    def corners(self) -> jax.Array:
+    def corners(self) -> Array:
         return self.time
 
     @property
-    def directions(self) -> jax.Array:
+    def directions(self) -> Array:
         """Directions (k, 3) of the table, from vectors or quaternions."""
         if self.quaternion is not None and self.along is not None:
             return turned_by(self.quaternion.reshape(-1, 4), self.along)
         return jnp.asarray(self.direction)
 
-    def leaving(self, t: jax.Array) -> jax.Array:
+    def leaving(self, t: Array) -> Array:
         """Direction (3,) in which the line leaves the point at time t [s]."""
         found = interpolate_quintic(t, self.time, self.directions)
         return found / safe_norm(found)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return sum_of_pieces(self, k)
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """The point and the other node of the link there (1, 2)."""
         graph = model.geometry
-        link, at_start = self._link(model)
+        link, leaves = link_at_point(model, self.point)
         nodes = [graph.first[link], graph.last[link]]
-        return np.array([nodes if at_start else nodes[::-1]])
+        return np.array([nodes if leaves else nodes[::-1]])
 
-    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
-        link, _ = self._link(k.model)
+    def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
+        link, _ = link_at_point(k.model, self.point)
         bending = next(effect for effect in k.model.having(Force) if isinstance(effect, Bending))
         stiffness = jnp.broadcast_to(bending.EI, k.line.length.shape)[link] / k.line.length[link]
         intact = k.line.axial.intact
@@ -102,46 +102,41 @@ class ClampMotion(Effect):
             stiffness = stiffness * intact[link]
         direction = self.leaving(k.t)
 
-        def energy(r: jax.Array) -> jax.Array:
+        def energy(r: Array) -> Array:
             away = r[:, 1] - r[:, 0]
             bent = away / safe_norm(away)[:, None] - direction
             return stiffness * jnp.sum(dot(bent, bent))
 
         return -jax.grad(energy)(r)
 
-    def _link(self, model: ModelView) -> tuple[int, bool]:
-        """The link at the point, and whether it is the first of its line."""
-        for member, span in zip(model.geometry.members, model.geometry.spans, strict=True):
-            if model.points[member.start].name == self.point:
-                return span.start, True
-            if model.points[member.end].name == self.point:
-                return span.stop - 1, False
-        raise SceneError(f"effects.clamp_motion.point: {self.point!r} has no line")
 
-
-def turned_by(quaternion: jax.Array, vector: jax.Array) -> jax.Array:
+def turned_by(quaternion: Array, vector: Array) -> Array:
     """The vector (3,) turned by quaternions (k, 4), w first: `v + 2 s x (s x v + w v)`, s their vector part, (k, 3)."""
-    w, s = quaternion[:, :1], quaternion[:, 1:]
+    w = quaternion[:, :1]
+    s = quaternion[:, 1:]
     unit = vector / safe_norm(vector)
     return unit + 2.0 * jnp.cross(s, jnp.cross(s, unit) + w * unit)
 
 
-def _check_rows(values: Values, rows: int, turned: bool) -> None:
+def _check_rows(values: Values, turned: bool) -> None:
     """Refuse tables of another length, rows that are no unit vectors or quaternions, and frames that jump."""
-    key = "quaternion" if turned else "direction"
-    table = np.asarray(values[key], float).reshape(-1, 4 if turned else 3)
-    path = f"effects.clamp_motion.{key}"
+    path = "effects.clamp_motion.direction"
+    table = values["direction"]
+    if turned:
+        path = "effects.clamp_motion.quaternion"
+        table = values["quaternion"].reshape(-1, 4)
+    rows = len(values["time"])
     if len(table) != rows:
         raise SceneError(f"{path}: has {len(table)} rows; allowed: {rows}, one per time")
-    for i, row in enumerate(table):
-        size = float(np.linalg.norm(row))
-        if abs(size - 1.0) > UNIT:
-            raise SceneError(f"{path}.{i}: has the length {size:.4g}; allowed: 1, within {UNIT:g}")
+    sizes = np.linalg.norm(table, axis=1)
+    wrong = np.flatnonzero(np.abs(sizes - 1.0) > UNIT)
+    if wrong.size:
+        raise SceneError(f"{path}.{wrong[0]}: has the length {sizes[wrong[0]]:.4g}; allowed: 1, within {UNIT:g}")
     directions = table
     if turned:
-        if not np.linalg.norm(values["along"]) > 0.0:
+        if not np.any(values["along"]):
             raise SceneError(f"effects.clamp_motion.along: {list(values['along'])} has no direction")
-        directions = np.asarray(turned_by(jnp.asarray(table), jnp.asarray(values["along"], float)))
+        directions = np.asarray(turned_by(jnp.asarray(table), jnp.asarray(values["along"])))
     cosines = np.sum(directions[1:] * directions[:-1], axis=1)
     turns = np.arccos(np.clip(cosines, -1.0, 1.0))
     worst = int(np.argmax(turns))

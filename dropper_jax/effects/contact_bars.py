@@ -7,6 +7,7 @@ from functools import lru_cache
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import dot
@@ -20,21 +21,37 @@ Group = tuple[int, ...]
 class ContactPairs:
     """Lines that may touch each other, and lines with bars; a negative owner of a bar is a buoy's point."""
 
-    axis: jax.Array = parameter("axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors")
-    radius: jax.Array = parameter("their radii", unit="m", shape="table")
-    mixed: jax.Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors")
+    axis: Array = parameter("axes of bars relative to their owners (bars, 2, 3)", unit="m", shape="vectors")
+    radius: Array = parameter("their radii", unit="m", shape="table")
+    mixed: Array = parameter("shares of four nodes in them (bars, 2, 4)", unit="-", shape="vectors")
     corner: int = option("number of the first body's first corner among the points", type=int, default=0)
     beside: tuple[tuple[Group, Group], ...] = option("pairs of lines", type=tuple, default=())
     along: tuple[tuple[Group, int], ...] = option("lines and the owner of each bar", type=tuple, default=())
 
     @property
+    def owners(self) -> np.ndarray:
+        """Owner of each bar (bars,)."""
+        return np.array([owner for _, owner in self.along], int)
+
+    @property
     def rigid(self) -> bool:
         """Whether a bar belongs to a rigid body."""
-        return any(owner >= 0 for _, owner in self.along)
+        return bool(np.any(self.owners >= 0))
 
     def nodes(self, graph: Graph) -> np.ndarray:
-        """Four nodes of two links each; with rigid bodies six, those of a link and the body's corners."""
-        return _nodes_of_bars(graph, self.beside, self.along, self.corner)
+        """Nodes of the pieces, first pairs of links, then links with bars: four each; with rigid bodies six, those of a
+        link and the body's corners."""
+        first, second = _links(graph, self.beside)
+        link, bar = _links_and_bars(graph, self.along)
+        owners = self.owners[bar]
+        pairs = [graph.first[first], graph.last[first], graph.first[second], graph.last[second]]
+        own = graph.point_node[np.where(owners < 0, -1 - owners, 0)]
+        bars = [graph.first[link], graph.last[link], own, own]
+        if self.rigid:
+            pairs += [graph.first[first]] * 2
+            corners = self.corner + 4 * np.maximum(owners, 0) + np.arange(4)[:, None]
+            bars[2:] = np.where(owners >= 0, graph.point_node[corners], own)
+        return np.concatenate([np.stack(pairs, axis=1), np.stack(bars, axis=1)])
 
 
 #: Rounding of the nearest point for parallel axes, relative to the square of their lengths: they meet at their middles,
@@ -50,45 +67,36 @@ class Bars:
         spread: see `segments.nearest_points`, (pieces,) [m^2].
     """
 
-    def __init__(self, pairs: ContactPairs, radius: jax.Array, model: ModelView) -> None:
+    def __init__(self, pairs: ContactPairs, radius: Array, model: ModelView) -> None:
         length = model.line.length
-        radius = jnp.broadcast_to(radius, model.line.length.shape)
+        radius = jnp.broadcast_to(radius, length.shape)
         first, second = _links(model.geometry, pairs.beside)
         link, bar = _links_and_bars(model.geometry, pairs.along)
-        axis = jnp.zeros((0, 2, 3), length.dtype)
-        other = jnp.zeros(0, length.dtype)
-        if len(bar):
-            axis = pairs.axis[bar]
-            other = pairs.radius[bar]
+        axis = pairs.axis[bar]
         across = axis[:, 1] - axis[:, 0]
-        self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + other])
+        self.reach = jnp.concatenate([radius[first] + radius[second], radius[link] + pairs.radius[bar]])
         square = jnp.concatenate([length[first] ** 2 + length[second] ** 2, length[link] ** 2 + dot(across, across)])
         self.spread = PARALLEL * jax.lax.stop_gradient(square)
         self.pairs = len(first)
-        self.offset = None
-        self.shares = None
-        if not len(bar):
-            return
-        owner = np.array([number for _, number in pairs.along])[bar]
         self.shares = pairs.mixed[bar] if pairs.rigid else None
-        self.offset = jnp.where((owner < 0)[:, None, None], axis, 0.0)
+        self.offset = jnp.where((pairs.owners[bar] < 0)[:, None, None], axis, 0.0)
 
-    def axes(self, r: jax.Array) -> jax.Array:
+    def axes(self, r: Array) -> Array:
         """Ends of both axes (pieces, 4, 3) [m] of pieces whose nodes are at r (pieces, m, 3)."""
         p = self.mix_velocities(r)
-        if self.offset is None:
+        if not len(self.offset):
             return p
         more = jnp.concatenate([jnp.zeros_like(self.offset), self.offset], axis=1)
         return p + jnp.concatenate([jnp.zeros((self.pairs, 4, 3), p.dtype), more])
 
-    def mix_velocities(self, v: jax.Array) -> jax.Array:
+    def mix_velocities(self, v: Array) -> Array:
         """The same for velocities."""
         if self.shares is None:
             return v
         other = jnp.sum(self.shares[..., None] * v[self.pairs :, None, 2:], axis=-2)
         return jnp.concatenate([v[:, :2], jnp.concatenate([v[: self.pairs, 2:4], other])], axis=1)
 
-    def spread_out(self, force: jax.Array) -> jax.Array:
+    def spread_out(self, force: Array) -> Array:
         """Forces on the ends of the axes (pieces, 4, 3), distributed to the nodes of their pieces (pieces, m, 3)."""
         if self.shares is None:
             return force
@@ -133,27 +141,3 @@ def _links_and_bars(graph: Graph, along: tuple[tuple[Group, int], ...]) -> tuple
         links = _links_except(graph, group, {-1 - owner} if owner < 0 else set())
         found.append(np.stack([links, np.full_like(links, bar)]))
     return tuple(np.concatenate(found, axis=1))
-
-
-@lru_cache(maxsize=64)
-def _nodes_of_bars(
-    graph: Graph,
-    beside: tuple[tuple[Group, Group], ...],
-    along: tuple[tuple[Group, int], ...],
-    corner: int,
-) -> np.ndarray:
-    """Nodes of the pieces: first pairs of links, then links with bars (pieces, 4 or 6)."""
-    first, second = _links(graph, beside)
-    link, bar = _links_and_bars(graph, along)
-    rigid = any(owner >= 0 for _, owner in along)
-    owners = np.array([number for _, number in along], int)[bar]
-    points = graph.point_node[np.where(owners < 0, -1 - owners, 0)]
-    own = np.repeat(points[:, None], 4 if rigid else 2, axis=1)
-    if rigid:
-        numbers = corner + 4 * np.maximum(owners, 0)[:, None] + np.arange(4)
-        own = np.where((owners >= 0)[:, None], graph.point_node[numbers], own)
-    pairs = [graph.first[first], graph.last[first], graph.first[second], graph.last[second]]
-    if rigid:
-        pairs += [graph.first[first]] * 2
-    links = np.stack([graph.first[link], graph.last[link]], axis=1)
-    return np.concatenate([np.stack(pairs, axis=1), np.concatenate([links, own], axis=1)])

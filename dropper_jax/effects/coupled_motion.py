@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import jax
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import as_array
+from dropper_jax.effects.end_motion import quintic_of_end
 from dropper_jax.model import Effect
 
 
@@ -21,14 +21,12 @@ class CoupledMotion(Effect):
     """
 
     name = "coupled_motion"
-    begin: jax.Array = parameter("first instant", unit="s")
-    width: jax.Array = parameter("time to the second one", unit="s")
-    home: jax.Array = parameter("positions of the points in the scene (c, 3)", unit="m", shape="vectors")
-    positions: jax.Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
-    velocities: jax.Array = parameter("at both instants (2, c, 3)", unit="m/s", shape="vectors")
-    accelerations: jax.Array | None = parameter(
-        "at both instants (2, c, 3)", unit="m/s^2", shape="vectors", default=None
-    )
+    begin: Array = parameter("first instant", unit="s")
+    width: Array = parameter("time to the second one", unit="s")
+    home: Array = parameter("positions of the points in the scene (c, 3)", unit="m", shape="vectors")
+    positions: Array = parameter("at both instants (2, c, 3)", unit="m", shape="vectors")
+    velocities: Array = parameter("at both instants (2, c, 3)", unit="m/s", shape="vectors")
+    accelerations: Array | None = parameter("at both instants (2, c, 3)", unit="m/s^2", shape="vectors", default=None)
     points: tuple[str, ...] = option("names of the points", type=list, default=())
 
     def moves(self, name: str) -> bool:
@@ -36,35 +34,21 @@ class CoupledMotion(Effect):
 
     def of(self, name: str) -> Effect:
         i = self.points.index(name)
-        one = slice(i, i + 1)
-        accelerations = None
-        if self.accelerations is not None:
-            accelerations = self.accelerations[:, one]
-        return replace(
-            self,
-            points=(name,),
-            home=self.home[one],
-            positions=self.positions[:, one],
-            velocities=self.velocities[:, one],
-            accelerations=accelerations,
-        )
+        given = (self.positions, self.velocities, self.accelerations)
+        own = jax.tree.map(lambda rows: rows[:, i : i + 1], given)
+        return CoupledMotion(self.begin, self.width, self.home[i : i + 1], *own, points=(name,))
 
-    def displace(self, t: jax.Array) -> jax.Array:
+    def displace(self, t: Array) -> Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
-        s = (t - self.begin) / self.width
         h = self.width
-        x0, x1 = self.positions[:, 0]
+        s = (t - self.begin) / h
+        x0, x1 = self.positions[:, 0] - self.home[0]
         v0, v1 = self.velocities[:, 0]
-        far = x1 - x0
         if self.accelerations is None:
-            moved = s * s * (3 - 2 * s) * far + h * (s * (1 - s) ** 2 * v0 - s * s * (1 - s) * v1)
-        else:
-            a0, a1 = self.accelerations[:, 0]
-            q = 1 - s
-            moved = s**3 * (10 - 15 * s + 6 * s * s) * far
-            moved = moved + h * (s * q**3 * (1 + 3 * s) * v0 - q * s**3 * (1 + 3 * q) * v1)
-            moved = moved + 0.5 * h * h * (s * s * q**3 * a0 + q * q * s**3 * a1)
-        return x0 - self.home[0] + moved
+            moved = s * s * (3 - 2 * s) * (x1 - x0) + h * (s * (1 - s) ** 2 * v0 - s * s * (1 - s) * v1)
+            return x0 + moved
+        a0, a1 = self.accelerations[:, 0]
+        return quintic_of_end(s, h, x0, v0, a0) + quintic_of_end(1 - s, -h, x1, v1, a1)
 
     @classmethod
     def uniform(

@@ -76,14 +76,16 @@ def from_table(path: str, kc: np.ndarray, re: np.ndarray, values: Values, key: s
     Raises:
         SceneError: KC or Re is outside the table.
     """
-    rows = np.asarray(values["table_kc"], float)
-    _inside(f"{path}.table_kc", kc, rows[0], rows[-1], "KC")
-    if values.get("table_re") is not None:
-        _inside(f"{path}.table_re", re, *np.asarray(values["table_re"], float), "Re")
-    return np.interp(kc, rows, np.asarray(values[key], float))
+    rows = values["table_kc"]
+    _check_inside(f"{path}.table_kc", kc, rows, "KC")
+    if values["table_re"] is not None:
+        _check_inside(f"{path}.table_re", re, values["table_re"], "Re")
+    return np.interp(kc, rows, values[key])
 
 
-def _inside(path: str, found: np.ndarray, low: float, high: float, name: str) -> None:
+def _check_inside(path: str, found: np.ndarray, table: np.ndarray, name: str) -> None:
+    low = table[0]
+    high = table[-1]
     worst = found[np.argmax(np.maximum(low - found, found - high))]
     if not low <= worst <= high:
         raise SceneError(f"{path}: {name} = {worst:.4g} of a link is outside the table; allowed: {low:g} to {high:g}")
@@ -96,16 +98,14 @@ def check_source(path: str, values: Values, key: str, word: str) -> None:
         key: the coefficient, `cdn` or `can`; its table is `table_{key}`.
     """
     source = values["coefficients"]
-    table = f"table_{key}"
-    if source == "given":
-        if values[key] is None and key == "cdn":
-            raise SceneError(f"{path}.{key}: missing; needed: {word}, >= 0")
-        return
+    if source == "given" and values[key] is None and key == "cdn":
+        raise SceneError(f"{path}.{key}: missing; needed: {word}, >= 0")
     if source != "table":
         return
     kc = values["table_kc"]
-    rows = values[table]
+    rows = values[f"table_{key}"]
     if kc is None or rows is None or len(kc) != len(rows) or not rises(kc, 2):
-        raise SceneError(f"{path}.table_kc: needs at least 2 rising values, as many as `{table}`")
-    if values["table_re"] is not None and (len(values["table_re"]) != 2 or np.diff(values["table_re"]) <= 0):
-        raise refuse(f"{path}.table_re", values["table_re"], "is not a range", "two rising Reynolds numbers")
+        raise SceneError(f"{path}.table_kc: needs at least 2 rising values, as many as `table_{key}`")
+    reynolds = values["table_re"]
+    if reynolds is not None and (len(reynolds) != 2 or not rises(reynolds)):
+        raise refuse(f"{path}.table_re", reynolds, "is not a range", "two rising Reynolds numbers")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics
@@ -16,7 +17,7 @@ SMALL = 0.05
 ROUNDINGS = 64.0
 
 
-def excess(z: jax.Array) -> jax.Array:
+def excess(z: Array) -> Array:
     """`2 theta - 1 = coth(z/2) - 2/z`, z >= 0: from z/6 for slow decay to 1 for decay within the step."""
     small = z < SMALL
     large = jnp.where(small, 1.0, z)
@@ -24,7 +25,7 @@ def excess(z: jax.Array) -> jax.Array:
     return jnp.where(small, series, 1.0 / jnp.tanh(0.5 * large) - 2.0 / large)
 
 
-def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
+def still_drag_velocity(k: Kinematics, decay: Array) -> Array:
     """The same in still water, where drag never adds energy: without the component that opposes the motion.
 
     If another force reverses a light node within a step, `v_mid + (2 theta - 1)(v_mid - v0)` may point against v_mid,
@@ -42,7 +43,7 @@ def still_drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
     return u - (jnp.where(against, along, 0.0) / jnp.where(against, size, 1.0))[:, None] * k.v
 
 
-def drag_velocity(k: Kinematics, decay: jax.Array) -> jax.Array:
+def drag_velocity(k: Kinematics, decay: Array) -> Array:
     """`v_mid + (2 theta - 1)(v_mid - v0)` (nodes, 3) [m/s].
 
     decay (nodes, 1) or (nodes, 3) [1/s] is the rate at which drag alone would stop the nodes. With v_mid = (v0 + v1)/2

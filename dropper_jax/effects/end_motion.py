@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -30,26 +30,26 @@ class EndMotion(HeldMotion):
     """
 
     name = "end_motion"
-    amplitude: jax.Array | None = parameter("amplitude per axis", unit="m", shape="vector", default=None)
-    period: jax.Array | None = parameter("period", unit="s", low=0.0, open_low=True, default=None)
-    phase: jax.Array | None = parameter("phase", unit="rad", default=None)
-    ramp: jax.Array | None = parameter("time to reach the full motion", unit="s", low=0.0, open_low=True, default=None)
-    time: jax.Array | None = parameter("times of the table", unit="s", shape="table", default=None)
-    displacement: jax.Array | None = parameter("displacement at those times", unit="m", shape="vectors", default=None)
+    amplitude: Array | None = parameter("amplitude per axis", unit="m", shape="vector", default=None)
+    period: Array | None = parameter("period", unit="s", low=0.0, open_low=True, default=None)
+    phase: Array | None = parameter("phase", unit="rad", default=None)
+    ramp: Array | None = parameter("time to reach the full motion", unit="s", low=0.0, open_low=True, default=None)
+    time: Array | None = parameter("times of the table", unit="s", shape="table", default=None)
+    displacement: Array | None = parameter("displacement at those times", unit="m", shape="vectors", default=None)
     point: str = option("name of the point that moves", type=str, default="")
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
         cls.check_points(values, scene)
-        harmonic = values["amplitude"] is not None and values["period"] is not None
-        table = values["time"] is not None and values["displacement"] is not None
-        if harmonic == table:
+        given = {key for key, value in values.items() if value is not None}
+        table = given >= {"time", "displacement"}
+        if table == (given >= {"amplitude", "period"}):
             raise SceneError(EITHER)
         if table and (len(values["time"]) != len(values["displacement"]) or not rises(values["time"], 2)):
             raise SceneError("effects.end_motion.time: needs at least 2 increasing times, one per displacement")
 
-    def displace(self, t: jax.Array) -> jax.Array:
+    def displace(self, t: Array) -> Array:
         """Displacement (3,) [m] at time t [s]."""
         if self.time is not None and self.displacement is not None:
             row = interpolate_quintic(t, self.time, self.displacement)
@@ -65,24 +65,23 @@ class EndMotion(HeldMotion):
         return apply_ramp(t / self.ramp, motion, jnp.zeros_like(motion))
 
     @property
-    def _begin(self) -> jax.Array:
+    def _begin(self) -> Array:
         """Time [s] from which the point moves."""
         if self.time is not None:
             return self.time[0]
-        if self.period is None:
-            raise SceneError(EITHER)
-        return jnp.zeros_like(self.period)
+        return jnp.zeros_like(jnp.asarray(self.period))
 
     @property
-    def kinks(self) -> jax.Array | None:
-        if self.time is not None:
-            return self.time[jnp.array([0, -1] if self.ramp is None else [-1])]
+    def kinks(self) -> Array | None:
+        found = []
         if self.ramp is None:
-            return jnp.ravel(self._begin)
-        return None
+            found.append(self._begin)
+        if self.time is not None:
+            found.append(self.time[-1])
+        return jnp.stack(found) if found else None
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         """All rows of a table, at which the third derivative jumps, and both ends of a ramp."""
         begin = self._begin
         if self.ramp is None:
@@ -94,43 +93,39 @@ class EndMotion(HeldMotion):
         return jnp.concatenate([self.time, ramp])
 
 
-def apply_ramp(u: jax.Array, full: jax.Array, first: jax.Array) -> jax.Array:
+def apply_ramp(u: Array, full: Array, first: Array) -> Array:
     """From the first displacement (3,) [m] at u = 0 to the full one at 1 and later."""
     u = jnp.clip(u, 0.0, 1.0)
     return first + (full - first) * (u**3 * (10 - 15 * u + 6 * u * u))
 
 
 @trace_once
-def interpolate_quintic(t: jax.Array, time: jax.Array, values: jax.Array) -> jax.Array:
+def interpolate_quintic(t: Array, time: Array, values: Array) -> Array:
     """Quintic Hermite interpolation of rows (k, 3), twice differentiable; the end values are held outside the table."""
     t = jnp.clip(t, time[0], time[-1])
     slopes, bends = _derivatives(time, values)
     i = jnp.clip(jnp.searchsorted(time, t, side="right") - 1, 0, time.shape[0] - 2)
-    width = time[i + 1] - time[i]
-    s = (t - time[i]) / width
-    q = 1 - s
-    # the three basis functions of the left row at s equal those of the right row at 1 - s, except for the slope's sign
-    left = _position(s, q) * values[i] + width * _slope(s, q) * slopes[i] + width**2 * _bend(s, q) * bends[i]
     after = i + 1
-    right = (
-        _position(q, s) * values[after] - width * _slope(q, s) * slopes[after] + width**2 * _bend(q, s) * bends[after]
+    width = time[after] - time[i]
+    s = (t - time[i]) / width
+    left = quintic_of_end(s, width, values[i], slopes[i], bends[i])
+    return left + quintic_of_end(1 - s, -width, values[after], slopes[after], bends[after])
+
+
+def quintic_of_end(s: Array, width: Array, value: Array, slope: Array, bend: Array) -> Array:
+    """Part of a quintic Hermite interpolation due to one end of an interval, at the distance s of it (0 to 1).
+
+    The width of the interval is negative at its last end.
+    """
+    fall = (1 - s) ** 3
+    return (
+        fall * (1 + 3 * s + 6 * s * s) * value
+        + width * fall * s * (1 + 3 * s) * slope
+        + (width**2 * (0.5 * fall * s * s) * bend)
     )
-    return left + right
 
 
-def _position(s: jax.Array, q: jax.Array) -> jax.Array:
-    return q**3 * (1 + 3 * s + 6 * s * s)
-
-
-def _slope(s: jax.Array, q: jax.Array) -> jax.Array:
-    return q**3 * s * (1 + 3 * s)
-
-
-def _bend(s: jax.Array, q: jax.Array) -> jax.Array:
-    return 0.5 * q**3 * s * s
-
-
-def _derivatives(time: jax.Array, values: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _derivatives(time: Array, values: Array) -> tuple[Array, Array]:
     """Slopes and curvatures (k, 3) of parabolas through each row and its neighbours; zero curvature at both ends."""
     width = jnp.diff(time)[:, None]
     chord = jnp.diff(values, axis=0) / width

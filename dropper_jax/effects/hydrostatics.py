@@ -21,28 +21,31 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 #: Gauss-Legendre points and weights on 0 to 1.
 POINTS = (np.polynomial.legendre.leggauss(6)[0] + 1.0) / 2.0
 WEIGHTS = np.polynomial.legendre.leggauss(6)[1] / 2.0
+#: A function of the depth and the half height of sections.
+SectionValue = Callable[[Array, Array], Array]
 
 
-def _cut(t: jax.Array, b: jax.Array) -> tuple[jax.Array, ...]:
+def _cut(t: Array, b: Array) -> tuple[Array, ...]:
     """T clipped to -1 to 1, its arc sine and (1 - T^2)^(1/2)."""
     ratio = jnp.clip(t / b, -1.0, 1.0)
     return ratio, jnp.arcsin(ratio), jnp.sqrt(jnp.maximum(1.0 - ratio * ratio, 0.0))
 
 
-def _pieces(t: jax.Array, b: jax.Array, cut: jax.Array, under: jax.Array) -> jax.Array:
+def _pieces(t: Array, b: Array, cut: Array, under: Array) -> Array:
     return jnp.where(t >= b, under, jnp.where(t <= -b, 0.0, cut))
 
 
-def _k(t: jax.Array, b: jax.Array) -> jax.Array:
+def _k(t: Array, b: Array) -> Array:
     ratio, arc, root = _cut(t, b)
     return ratio * arc + root + 0.5 * jnp.pi * ratio - root**3 / 3.0
 
 
-def _h(t: jax.Array, b: jax.Array) -> jax.Array:
+def _h(t: Array, b: Array) -> Array:
     x, arc, root = _cut(t, b)
     first = 0.5 * x * x * arc - 0.25 * arc + 0.25 * x * root
     second = 0.5 * (x * root + arc)
@@ -50,69 +53,68 @@ def _h(t: jax.Array, b: jax.Array) -> jax.Array:
     return first + second + 0.25 * jnp.pi * x * x - third + jnp.pi / 16.0
 
 
+def _chord(t: Array, b: Array) -> Array:
+    """d^2u/dt^2: the length of the chord at the surface over a half height."""
+    return _pieces(t, b, 2.0 * _cut(t, b)[2] / b, jnp.zeros_like(t))
+
+
 @jax.custom_jvp
-def _width(t: jax.Array, b: jax.Array) -> jax.Array:
+def _width(t: Array, b: Array) -> Array:
     """du/dt: the submerged part of the section's area."""
     x, arc, root = _cut(t, b)
     return _pieces(t, b, x * root + arc + 0.5 * jnp.pi, jnp.full_like(t, jnp.pi))
 
 
-@_width.defjvp
-def _width_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    t, b = at
-    x, _, root = _cut(t, b)
-    chord = _pieces(t, b, 2.0 * root / b, jnp.zeros_like(t))
-    return _width(t, b), chord * (dot[0] - x * dot[1])
+_width.defjvps(
+    lambda dt, _, t, b: _chord(t, b) * dt,
+    lambda db, _, t, b: -_chord(t, b) * _cut(t, b)[0] * db,
+)
 
 
 @jax.custom_jvp
-def _tilt(t: jax.Array, b: jax.Array) -> jax.Array:
+def _tilt(t: Array, b: Array) -> Array:
     """du/db."""
     return _pieces(t, b, _k(t, b) - _cut(t, b)[0] * _width(t, b), jnp.zeros_like(t))
 
 
-@_tilt.defjvp
-def _tilt_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    t, b = at
-    x, _, root = _cut(t, b)
-    chord = _pieces(t, b, 2.0 * root / b, jnp.zeros_like(t))
-    return _tilt(t, b), -chord * x * (dot[0] - x * dot[1])
+_tilt.defjvps(
+    lambda dt, _, t, b: -_chord(t, b) * _cut(t, b)[0] * dt,
+    lambda db, _, t, b: _chord(t, b) * _cut(t, b)[0] ** 2 * db,
+)
 
 
 @jax.custom_jvp
-def section(t: jax.Array, b: jax.Array) -> jax.Array:
+def section(t: Array, b: Array) -> Array:
     """u/a^2 of sections whose axis is t below the surface and whose half height is b."""
     return _pieces(t, b, b * _k(t, b), jnp.pi * t)
 
 
-@section.defjvp
-def _section_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    return section(*at), _width(*at) * dot[0] + _tilt(*at) * dot[1]
+section.defjvps(lambda dt, _, t, b: _width(t, b) * dt, lambda db, _, t, b: _tilt(t, b) * db)
 
 
 @jax.custom_jvp
-def _along(t: jax.Array, b: jax.Array) -> jax.Array:
+def _along(t: Array, b: Array) -> Array:
     """w/a^2."""
     return _pieces(t, b, b * b * _h(t, b), jnp.pi * (0.5 * t * t + 0.125 * b * b))
 
 
-@_along.defjvp
-def _along_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    return _along(*at), section(*at) * dot[0] + _along_tilt(*at) * dot[1]
+_along.defjvps(lambda dt, _, t, b: section(t, b) * dt, lambda db, _, t, b: _along_tilt(t, b) * db)
 
 
 @jax.custom_jvp
-def _along_tilt(t: jax.Array, b: jax.Array) -> jax.Array:
+def _along_tilt(t: Array, b: Array) -> Array:
     """dw/db/a^2."""
     return _pieces(t, b, 2.0 * b * _h(t, b) - t * _k(t, b), 0.25 * jnp.pi * b)
 
 
-@_along_tilt.defjvp
-def _along_tilt_jvp(at: tuple[jax.Array, ...], dot: tuple[jax.Array, ...]) -> tuple[jax.Array, jax.Array]:
-    t, b = at
+def _along_bend(t: Array, b: Array) -> Array:
+    """d^2w/db^2/a^2."""
     x = _cut(t, b)[0]
-    turned = _pieces(t, b, 2.0 * _h(t, b) - 2.0 * x * _k(t, b) + x * x * _width(t, b), jnp.full_like(t, 0.25 * jnp.pi))
-    return _along_tilt(t, b), _tilt(t, b) * dot[0] + turned * dot[1]
+    cut = 2.0 * _h(t, b) - 2.0 * x * _k(t, b) + x * x * _width(t, b)
+    return _pieces(t, b, cut, jnp.full_like(t, 0.25 * jnp.pi))
+
+
+_along_tilt.defjvps(lambda dt, _, t, b: _tilt(t, b) * dt, lambda db, _, t, b: _along_bend(t, b) * db)
 
 
 #: Minimum half height of a section divided by its radius: an upright cylinder has level sections.
@@ -133,17 +135,17 @@ class Cylinders(NamedTuple):
         flat: whether sections are integrated numerically.
     """
 
-    first: jax.Array
-    last: jax.Array
-    half: jax.Array
-    across: jax.Array
-    radius: jax.Array
-    size: jax.Array
-    change: jax.Array
-    flat: jax.Array
+    first: Array
+    last: Array
+    half: Array
+    across: Array
+    radius: Array
+    size: Array
+    change: Array
+    flat: Array
 
     @classmethod
-    def of(cls, ends: jax.Array, level: jax.Array, radius: jax.Array, length: jax.Array) -> Cylinders:
+    def of(cls, ends: Array, level: Array, radius: Array, length: Array) -> Cylinders:
         """From both ends of their axes (n, 2, 3), the level of the surface over each, radius and length (n,) [m]."""
         across = (ends[:, 1, :2] - ends[:, 0, :2]) / length[:, None]
         half = radius * jnp.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2 + LEAST_SECTION**2)
@@ -153,51 +155,53 @@ class Cylinders(NamedTuple):
         change = jnp.where(flat, 1.0, last - first)
         return cls(first, last, half, across, radius, radius**2 * length, change, flat)
 
-    def quadrature(self) -> tuple[jax.Array, jax.Array]:
-        """Gauss points from 0 to 1 and their weights, in the precision of the cylinders."""
-        return jnp.asarray(POINTS, self.first.dtype), jnp.asarray(WEIGHTS, self.first.dtype)
+    @property
+    def shares(self) -> Array:
+        """Gauss points from 0 to 1 along the axes, in the precision of the cylinders."""
+        return jnp.asarray(POINTS, self.first.dtype)
 
-    def at_points(self) -> tuple[jax.Array, jax.Array]:
-        """Depths and half heights of sections (n, points)."""
-        depths = self.first[:, None] + (self.last - self.first)[:, None] * self.quadrature()[0]
-        return depths, jnp.broadcast_to(self.half[:, None], depths.shape)
+    def _at_points(self, of: SectionValue) -> Array:
+        """A function of depth and half height at the Gauss points (n, points)."""
+        depths = self.first[:, None] + (self.last - self.first)[:, None] * self.shares
+        return of(depths, jnp.broadcast_to(self.half[:, None], depths.shape))
 
-    def at_ends(self, of: Callable[[jax.Array, jax.Array], jax.Array]) -> tuple[jax.Array, jax.Array]:
-        """A function of depth and half height at both ends, each (n,)."""
-        return tuple(of(jnp.stack([self.first, self.last]), jnp.stack([self.half, self.half])))
+    def _at_ends(self, of: SectionValue) -> Array:
+        """A function of depth and half height at both ends (2, n)."""
+        return of(jnp.stack([self.first, self.last]), jnp.stack([self.half, self.half]))
 
-    def _rise(self, of: Callable[[jax.Array, jax.Array], jax.Array]) -> jax.Array:
+    def _mean_slope(self, of: SectionValue) -> Array:
         """Mean slope of a function between the ends (n,)."""
-        first, last = self.at_ends(of)
+        first, last = self._at_ends(of)
         return (last - first) / self.change
 
-    def energy(self) -> jax.Array:
+    def _mean(self, of: SectionValue, antiderivative: SectionValue) -> Array:
+        """Mean of a function along the axes (n,)."""
+        weights = jnp.asarray(WEIGHTS, self.first.dtype)
+        return jnp.where(self.flat, self._at_points(of) @ weights, self._mean_slope(antiderivative))
+
+    def energy(self) -> Array:
         """U/(rho g) (n,) [m^4]."""
-        _, weights = self.quadrature()
-        return self.size * jnp.where(self.flat, section(*self.at_points()) @ weights, self._rise(_along))
+        return self.size * self._mean(section, _along)
 
-    def volume(self) -> jax.Array:
+    def volume(self) -> Array:
         """Submerged volume (n,) [m^3]."""
-        _, weights = self.quadrature()
-        return self.size * jnp.where(self.flat, _width(*self.at_points()) @ weights, self._rise(section))
+        return self.size * self._mean(_width, section)
 
-    def push(self) -> jax.Array:
+    def push(self) -> Array:
         """Buoyancy divided by rho g on the ends of the axes (n, 2, 3) [m^3]: minus the derivative of U."""
-        share, weights = self.quadrature()
-        points = self.at_points()
-        mean = self._rise(_along)
-        first, last = self.at_ends(section)
-        width = _width(*points)
-        by_first = jnp.where(self.flat, width @ (weights * (1 - share)), (mean - first) / self.change)
-        by_last = jnp.where(self.flat, width @ (weights * share), (last - mean) / self.change)
-        by_half = jnp.where(self.flat, _tilt(*points) @ weights, self._rise(_along_tilt))
+        weights = jnp.asarray(WEIGHTS, self.first.dtype)
+        mean = self._mean_slope(_along)
+        first, last = self._at_ends(section)
+        width = self._at_points(_width)
+        by_first = jnp.where(self.flat, width @ (weights * (1 - self.shares)), (mean - first) / self.change)
+        by_last = jnp.where(self.flat, width @ (weights * self.shares), (last - mean) / self.change)
         # d half/d across = a^2 across/half, and d across of a displaced end is 1/L: with a^2 L before, a^4/across/half
-        aside = (self.radius**4 / self.half * by_half)[:, None] * self.across
+        aside = (self.radius**4 / self.half * self._mean(_tilt, _along_tilt))[:, None] * self.across
         up = self.size[:, None, None] * jnp.stack([by_first, by_last], axis=1)[..., None]
         return jnp.concatenate([jnp.stack([aside, -aside], axis=1), up], axis=-1)
 
 
-def sphere_energy(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax.Array:
+def sphere_energy(centre: Array, level: Array, radius: Array) -> Array:
     """U/(rho g) of spheres (n,) [m^4], with centres (n, 3) [m]."""
     deep = level - centre[:, 2]
     d = jnp.clip(deep, -radius, radius)
@@ -205,7 +209,7 @@ def sphere_energy(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax
     return cut + 4.0 / 3.0 * jnp.pi * radius**3 * jnp.maximum(deep - radius, 0.0)
 
 
-def sphere_volume(centre: jax.Array, level: jax.Array, radius: jax.Array) -> jax.Array:
+def sphere_volume(centre: Array, level: Array, radius: Array) -> Array:
     """Submerged volume of spheres (n,) [m^3]."""
     d = jnp.clip(level - centre[:, 2], -radius, radius)
     return jnp.pi * (radius**2 * d - d**3 / 3.0 + 2.0 / 3.0 * radius**3)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax import Array
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
@@ -35,18 +37,16 @@ class JointFriction(Law):
     name = "joint_friction"
     single_line = True
     reach = 2
-    viscous: jax.Array | None = parameter(
-        "viscous coefficient c", unit="N m s/rad", shape="joint", low=0.0, default=None
-    )
-    dry: jax.Array | None = parameter("dry friction torque tau", unit="N m", shape="joint", low=0.0, default=None)
-    axis: jax.Array | None = parameter("direction of the pins", unit="-", shape="vector", default=None)
+    viscous: Array | None = parameter("viscous coefficient c", unit="N m s/rad", shape="joint", low=0.0, default=None)
+    dry: Array | None = parameter("dry friction torque tau", unit="N m", shape="joint", low=0.0, default=None)
+    axis: Array | None = parameter("direction of the pins", unit="-", shape="vector", default=None)
 
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
         if values["viscous"] is None and values["dry"] is None:
             raise SceneError("effects.joint_friction: give `viscous`, `dry` or both; both are missing")
         axis = values["axis"]
-        if axis is not None and not sum(x * x for x in axis) > 0:
+        if axis is not None and not np.any(axis):
             raise SceneError(f"effects.joint_friction.axis: {list(axis)} has no direction; give a non-zero 3-vector")
 
     @property
@@ -57,10 +57,10 @@ class JointFriction(Law):
             return 3
         return 1
 
-    def _pin(self) -> jax.Array:
+    def _pin(self) -> Array:
         return self.axis / safe_norm(self.axis)
 
-    def relative_rates(self, k: Kinematics) -> jax.Array:
+    def relative_rates(self, k: Kinematics) -> Array:
         """Relative rates of the joints, (joints, 3), or (joints, 1) about the pins [rad/s]."""
         rates = k.angular_rates
         zero = jnp.zeros_like(rates[:1])
@@ -70,7 +70,7 @@ class JointFriction(Law):
             return relative
         return (relative @ self._pin())[:, None]
 
-    def torque_force(self, k: Kinematics, torque: jax.Array) -> jax.Array:
+    def torque_force(self, k: Kinematics, torque: Array) -> Array:
         """Nodal forces (nodes, 3) [N] of joint torques (joints, c) [N m]."""
         if self.axis is not None:
             torque = torque * self._pin()
@@ -78,27 +78,20 @@ class JointFriction(Law):
         after = jnp.concatenate([torque[1:], jnp.zeros_like(torque[:1])])[:links]
         return -k.model.gather(cross(torque[:links] - after, k.tangents) / safe_norm(k.links)[:, None])
 
-    def _per_joint(self, value: jax.Array | None, joints: int) -> jax.Array:
-        if value is None:
-            return jnp.zeros(joints)
-        if value.ndim == 0:
-            return jnp.broadcast_to(value, (joints,))
-        return value[:joints]
-
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         if self.viscous is None:
             return jnp.zeros_like(k.r)
         rates = self.relative_rates(k)
-        return self.torque_force(k, -self._per_joint(self.viscous, len(rates))[:, None] * rates)
+        return self.torque_force(k, -_per_joint(self.viscous, len(rates)) * rates)
 
-    def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
+    def law_force(self, k: Kinematics, z: Array) -> Array:
         return self.torque_force(k, z)
 
-    def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
+    def law_residual(self, k: Kinematics, z: Array, h: Array, easing: Array | None = None) -> Array:
         limit = self._limit(z)
         rate = self.relative_rates(k)
         rho = self._rho(k, h)
-        exact = z - self._project(z - 2 * rho * rate, limit)
+        exact = z - _project(z - 2 * rho * rate, limit)
         if easing is None:
             return exact
         blur = easing * limit / rho
@@ -106,32 +99,39 @@ class JointFriction(Law):
         weight = jax.lax.stop_gradient(rho / (limit + rho * size))
         return jnp.where(easing > 0, weight * (size * z + limit * rate), exact)
 
-    def admissible(self, z: jax.Array) -> jax.Array:
-        return self._project(z, self._limit(z))
+    def admissible(self, z: Array) -> Array:
+        return _project(z, self._limit(z))
 
-    def rates(self, k: Kinematics) -> jax.Array:
+    def rates(self, k: Kinematics) -> Array:
         return self.relative_rates(k)
 
-    def holding(self, k: Kinematics, z: jax.Array, h: jax.Array) -> jax.Array:
+    def holding(self, k: Kinematics, z: Array, h: Array) -> Array:
         return _size(z - 2 * self._rho(k, h) * self.relative_rates(k)) < self._limit(z)
 
-    def _limit(self, z: jax.Array) -> jax.Array:
-        return self._per_joint(self.dry, len(z))[:, None]
+    def _limit(self, z: Array) -> Array:
+        return _per_joint(jnp.asarray(self.dry), len(z))
 
-    def _rho(self, k: Kinematics, h: jax.Array) -> jax.Array:
+    def _rho(self, k: Kinematics, h: Array) -> Array:
         return jnp.min(k.line.mass * k.line.length**2) / h
 
-    @staticmethod
-    def _project(z: jax.Array, limit: jax.Array) -> jax.Array:
-        """The nearest torques with |z| <= limit."""
-        size = _size(z)
-        return jnp.where(size > limit, limit / size * z, z)
-
-    def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
+    def law_scale(self, line: Line, h: Array) -> Array:
         """The torque of a link's weight [N m]."""
         return jnp.mean(line.mass * line.length) * GRAVITY
 
 
-def _size(z: jax.Array) -> jax.Array:
+def _per_joint(value: Array, joints: int) -> Array:
+    """One number for all joints, or one for each, as a column (joints, 1)."""
+    if value.ndim == 0:
+        return jnp.broadcast_to(value, (joints, 1))
+    return value[:joints, None]
+
+
+def _project(z: Array, limit: Array) -> Array:
+    """The nearest torques with |z| <= limit."""
+    size = _size(z)
+    return jnp.where(size > limit, limit / size * z, z)
+
+
+def _size(z: Array) -> Array:
     """|z| per joint as a column, with a finite derivative at zero."""
     return jnp.sqrt(jnp.sum(z**2, axis=-1, keepdims=True) + SMALLEST)

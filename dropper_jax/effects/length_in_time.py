@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
@@ -18,38 +19,64 @@ from dropper_jax.model import Effect, Kinematics, Line, Model, ModelView
 from dropper_jax.scene import SceneData
 
 
+class ChangingLinks:
+    """Base of what changes the total length of some links over time; winches have a state, which a run carries."""
+
+    @property
+    def links(self) -> tuple[int, ...]:
+        """The links, from 0, among those of all lines."""
+        raise NotImplementedError
+
+    @property
+    def corners(self) -> Array | None:
+        """Times (k,) [s] at which the length is not smooth; None: never."""
+        return None
+
+    def total(self, t: Array, initial: Array) -> Array:
+        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
+        raise NotImplementedError
+
+    def begin(self, initial: Array) -> WinchState | None:
+        """The state at the start of a run."""
+        return None
+
+    def entered(self, now: WinchState | None) -> ChangingLinks:
+        """The same in this state."""
+        return self
+
+    def advance(self, t: Array, tension: Array, h: Array) -> WinchState | None:
+        """The state after a step of h [s] that ended at t [s] with these tensions (n,) [N]."""
+        return None
+
+
 @component
-class LengthTable:
+class LengthTable(ChangingLinks):
     """Total length of some links over time; before and after the table it is constant."""
 
-    time: jax.Array = parameter("times of the rows", unit="s", shape="table")
-    length: jax.Array = parameter("total length at those times", unit="m", shape="table")
+    time: Array = parameter("times of the rows", unit="s", shape="table")
+    length: Array = parameter("total length at those times", unit="m", shape="table")
     smooth: bool = option("quintics between the rows (as `end_motion`), not straight lines", default=False)
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
 
-    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
-        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
+    def total(self, t: Array, initial: Array) -> Array:
         if self.smooth:
             return interpolate_quintic(t, self.time, self.length[:, None])[0]
         return jnp.interp(t, self.time, self.length)
 
     @property
-    def corners(self) -> jax.Array | None:
-        """Times (k,) [s] at which it is not smooth."""
+    def corners(self) -> Array | None:
         return self.time
 
 
 @component
-class LengthFunction:
+class LengthFunction(ChangingLinks):
     """Total length of some links as a JAX function of time and of parameters."""
 
     parameters: Any
-    function: Callable[[jax.Array, Any], jax.Array] = option("length [m] of (time [s], parameters)")
+    function: Callable[[Array, Any], Array] = option("length [m] of (time [s], parameters)")
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
-    corners: ClassVar[jax.Array | None] = None
 
-    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
-        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
+    def total(self, t: Array, initial: Array) -> Array:
         return jnp.asarray(self.function(t, self.parameters), t.dtype)
 
 
@@ -57,14 +84,14 @@ class LengthFunction:
 class WinchState:
     """Time [s] at which a winch was last set, total length [m] then, rate since [m/s], integral of the error [N s]."""
 
-    t: jax.Array
-    length: jax.Array
-    rate: jax.Array
-    integral: jax.Array
+    t: Array
+    length: Array
+    rate: Array
+    integral: Array
 
 
 @component
-class Winch:
+class Winch(ChangingLinks):
     """A proportional-integral winch on the tension T of the end link, set once per step:
 
         dL/dt = k_p (T - T*) + k_i int (T - T*) dt,    within the limits of rate and length
@@ -72,28 +99,30 @@ class Winch:
     The integral stops while the rate or the length is at a limit. First order in the step.
     """
 
-    target: jax.Array = parameter("tension T*", unit="N", low=0.0)
-    gain: jax.Array = parameter("k_p [m/s/N] and k_i [m/s^2/N]", unit="-", shape="table", low=0.0)
-    limits: jax.Array = parameter("lowest and highest rate", unit="m/s", shape="table")
-    range: jax.Array = parameter("shortest and longest total length", unit="m", shape="table", low=0.0)
+    target: Array = parameter("tension T*", unit="N", low=0.0)
+    gain: Array = parameter("k_p [m/s/N] and k_i [m/s^2/N]", unit="-", shape="table", low=0.0)
+    limits: Array = parameter("lowest and highest rate", unit="m/s", shape="table")
+    range: Array = parameter("shortest and longest total length", unit="m", shape="table", low=0.0)
     now: WinchState | None = None
     links: tuple[int, ...] = option("links, from 0, among those of all lines", default=())
     measured: int = option("link whose tension is measured", default=0)
-    corners: ClassVar[jax.Array | None] = None
 
-    def total(self, t: jax.Array, initial: jax.Array) -> jax.Array:
-        """Total length [m] of the links at time t [s]; `initial` is that in the scene."""
+    def total(self, t: Array, initial: Array) -> Array:
         if self.now is None:
             return initial
         return jnp.clip(self.now.length + self.now.rate * (t - self.now.t), self.range[0], self.range[1])
 
-    def begin(self, initial: jax.Array) -> WinchState:
-        """Its state at the start of a run."""
+    def begin(self, initial: Array) -> WinchState:
         zero = jnp.zeros_like(initial)
         return WinchState(zero, initial, zero, zero)
 
-    def advance(self, now: WinchState, t: jax.Array, tension: jax.Array, h: jax.Array) -> WinchState:
-        """Its state after a step of h [s] that ended at t [s] with these tensions (n,) [N]."""
+    def entered(self, now: WinchState | None) -> Winch:
+        return replace(self, now=now)
+
+    def advance(self, t: Array, tension: Array, h: Array) -> WinchState | None:
+        now = self.now
+        if now is None:
+            return None
         error = tension[self.measured] - self.target
         integral = now.integral + h * error
         wanted = self.gain[0] * error + self.gain[1] * integral
@@ -103,9 +132,6 @@ class Winch:
         rate = jnp.where(at_end, 0.0, rate)
         integral = jnp.where(rate == wanted, integral, now.integral)
         return WinchState(t, length, rate, integral)
-
-
-ChangingLinks = LengthTable | LengthFunction | Winch
 
 
 @component
@@ -119,7 +145,7 @@ class LengthInTime(Effect):
     name = "length_in_time"
     entries: tuple[ChangingLinks, ...] = ()
 
-    def unstretched_lengths(self, line: Line, t: jax.Array) -> jax.Array:
+    def unstretched_lengths(self, line: Line, t: Array) -> Array:
         """Unstretched lengths of all links at time t [s], (n,) [m]."""
         found = line.length
         for entry in self.entries:
@@ -129,7 +155,7 @@ class LengthInTime(Effect):
         return found
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         times = [entry.corners for entry in self.entries if entry.corners is not None]
         if times:
             return jnp.concatenate(times)
@@ -141,26 +167,17 @@ class ControlledLength(LengthInTime):
     """The same with winches, whose states a run carries."""
 
     def begin(self, model: ModelView) -> tuple[WinchState | None, ...]:
-        line = model.line
-        return tuple(entry.begin(_total(line, entry)) if isinstance(entry, Winch) else None for entry in self.entries)
+        return tuple(entry.begin(_total(model.line, entry)) for entry in self.entries)
 
     def entered(self, state: tuple[WinchState | None, ...]) -> ControlledLength:
         pairs = zip(self.entries, state, strict=True)
-        return replace(self, entries=tuple(entry if now is None else replace(entry, now=now) for entry, now in pairs))
+        return replace(self, entries=tuple(entry.entered(now) for entry, now in pairs))
 
-    def advance(
-        self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array
-    ) -> tuple[WinchState | None, ...]:
-        found = []
-        for entry in self.entries:
-            if isinstance(entry, Winch) and entry.now is not None:
-                found.append(entry.advance(entry.now, after.t, tension, h))
-            else:
-                found.append(None)
-        return tuple(found)
+    def advance(self, before: Kinematics, after: Kinematics, tension: Array, h: Array) -> tuple[WinchState | None, ...]:
+        return tuple(entry.advance(after.t, tension, h) for entry in self.entries)
 
 
-def _total(line: Line, entry: ChangingLinks) -> jax.Array:
+def _total(line: Line, entry: ChangingLinks) -> Array:
     """Total length [m] of the links of an entry in the scene."""
     return jnp.sum(line.length[np.array(entry.links)])
 
@@ -168,34 +185,31 @@ def _total(line: Line, entry: ChangingLinks) -> jax.Array:
 def changing_lengths(scene: SceneData) -> list[Effect]:
     """The effect of all `[[line.length_in_time]]` of a scene, in a list that is empty without any."""
     entries: list[ChangingLinks] = []
+    kind = LengthInTime
     start = 0
     for line in scene.lines:
         for spec in line.length_in_time:
-            own = spec.numbers(line.links)
-            links = tuple(start + i for i in own)
-            if spec.control is None:
+            links = tuple(start + i for i in spec.numbers(line.links))
+            control = spec.control
+            if control is None:
                 table = LengthTable(as_array(spec.time), as_array(spec.length), spec.between == "smooth", links)
                 _check_between_rows(line.name, table)
                 entries.append(table)
             else:
-                control = spec.control
-                measured = links[0 if spec.end == "from" else -1]
-                entries.append(
-                    Winch(
-                        as_array(control.target),
-                        as_array(control.gain),
-                        as_array(control.limits),
-                        as_array(control.lengths),
-                        links=links,
-                        measured=measured,
-                    )
+                winch = Winch(
+                    as_array(control.target),
+                    as_array(control.gain),
+                    as_array(control.limits),
+                    as_array(control.lengths),
+                    links=links,
+                    measured=links[0 if spec.end == "from" else -1],
                 )
+                entries.append(winch)
+                kind = ControlledLength
         start += line.links
     if not entries:
         return []
-    if any(isinstance(entry, Winch) for entry in entries):
-        return [ControlledLength(tuple(entries))]
-    return [LengthInTime(tuple(entries))]
+    return [kind(tuple(entries))]
 
 
 #: Samples between two rows of a table, whose quintics have few turning points there.
@@ -206,8 +220,8 @@ def _check_between_rows(name: str, table: LengthTable) -> None:
     """Reject a smooth table whose quintics pass zero between its rows."""
     if not table.smooth:
         return
-    rows = np.arange(len(table.time))
-    t = np.interp(np.linspace(0.0, rows[-1], SAMPLES_PER_ROW * rows[-1] + 1), rows, table.time)
+    last = len(table.time) - 1
+    t = np.interp(np.linspace(0.0, last, SAMPLES_PER_ROW * last + 1), np.arange(last + 1), table.time)
     found = np.asarray(jax.vmap(lambda at: table.total(at, at))(jnp.asarray(t)))
     lowest = int(np.argmin(found))
     if found[lowest] <= 0.0:
@@ -219,7 +233,7 @@ def _check_between_rows(name: str, table: LengthTable) -> None:
 
 def with_length_in_time(
     model: Model,
-    function: Callable[[jax.Array, Any], jax.Array],
+    function: Callable[[Array, Any], Array],
     parameters: Any = (),
     line: str | None = None,
     end: str = "to",
@@ -255,8 +269,9 @@ def with_length_in_time(
     if model.line.axial.rigid(model.line.links)[list(chosen)].any():
         raise SceneError(f"line: the links of {line!r} are rigid. Use a line that stretches, such as a rope")
     entry = LengthFunction(jax.tree.map(jnp.asarray, parameters), function, chosen)
-    known = next(iter(model.having(LengthInTime)), None)
-    if known is None:
-        return replace(model, effects=(*model.effects, LengthInTime((entry,))))
-    more = replace(known, entries=(*known.entries, entry))
-    return replace(model, effects=tuple(more if effect is known else effect for effect in model.effects))
+    effects = list(model.effects)
+    for i, effect in enumerate(effects):
+        if isinstance(effect, LengthInTime):
+            effects[i] = replace(effect, entries=(*effect.entries, entry))
+            return replace(model, effects=tuple(effects))
+    return replace(model, effects=(*effects, LengthInTime((entry,))))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import field
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
@@ -38,13 +39,13 @@ class LineContact(Effect):
 
     name = "line_contact"
     reach = 2
-    stiffness: jax.Array = parameter("contact force per depth at first touch", unit="N/m", low=0.0, open_low=True)
-    damping: jax.Array = parameter("contact force per speed of approach", unit="N s/m", low=0.0, default=0.0)
-    friction: jax.Array = parameter("coefficient of dry friction", unit="-", low=0.0, default=0.0)
-    slip: jax.Array = parameter(
+    stiffness: Array = parameter("contact force per depth at first touch", unit="N/m", low=0.0, open_low=True)
+    damping: Array = parameter("contact force per speed of approach", unit="N s/m", low=0.0, default=0.0)
+    friction: Array = parameter("coefficient of dry friction", unit="-", low=0.0, default=0.0)
+    slip: Array = parameter(
         "sliding speed at which friction is 0.7 of its value", unit="m/s", low=0.0, open_low=True, default=0.01
     )
-    radius: jax.Array = parameter(
+    radius: Array = parameter(
         "radius of the links; half the diameter if not given", unit="m", shape="link", low=0.0, default=None
     )
     pairs: tuple[tuple[str, str], ...] = option("lines that may touch each other", type=Pairs, default=())
@@ -54,37 +55,38 @@ class LineContact(Effect):
 
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
-        if not values["pairs"] and not values["bodies"]:
+        if not (values["pairs"] or values["bodies"]):
             raise SceneError(
                 'effects.line_contact.pairs: missing; needed: names of lines, such as [["dropper-1", "dropper-2"]]'
             )
         if not scene.branched:
             raise SceneError("effects.line_contact: acts between lines of a system. Use it in scenes of several lines")
         lines = _lines_of(scene)
-        others = [*(b.name for b in scene.bodies), *(b.name for b in scene.buoys)]
-        for key, second in (("pairs", list(lines)), ("bodies", others)):
-            for i, pair in enumerate(values[key]):
-                path = f"effects.line_contact.{key}.{i}"
-                for j, (name, known) in enumerate(zip(pair, (list(lines), second), strict=True)):
-                    if name not in known:
-                        what = "body or buoy"
-                        if known is not others:
-                            what = "line"
-                        raise SceneError(
-                            f"{path}.{j}: {name!r} is not a {what}; {nearest(name, known) if known else 'none exist'}"
-                        )
-                if pair[0] == pair[1]:
-                    raise SceneError(f"{path}: {pair[0]!r} is paired with itself; allowed: two lines")
-                if values["radius"] is None:
-                    for name in pair if key == "pairs" else pair[:1]:
-                        if any(scene.lines[i].diameter is None for i in lines[name]):
-                            raise SceneError(
-                                f"line.{name}.diameter: missing; effects.line_contact needs it, or its own `radius` [m]"
-                            )
-        for _, name in values["bodies"]:
-            body = next((b for b in scene.bodies if b.name == name), None)
-            if body is not None and not body.shapes:
-                raise SceneError(f"effects.line_contact.bodies: {name!r} has no cylinders or spheres to touch")
+        others = [b.name for b in (*scene.bodies, *scene.buoys)]
+        path = "effects.line_contact"
+
+        def check_name(where: str, name: str, known: Iterable[str], what: str) -> None:
+            if name not in known:
+                hint = nearest(name, known) if known else "none exist"
+                raise SceneError(f"{path}.{where}: {name!r} is not a {what}; {hint}")
+
+        def check_line(where: str, name: str) -> None:
+            check_name(where, name, lines, "line")
+            if values["radius"] is None and any(scene.lines[n].diameter is None for n in lines[name]):
+                raise SceneError(f"line.{name}.diameter: missing; {path} needs it, or its own `radius` [m]")
+
+        for i, (first, second) in enumerate(values["pairs"]):
+            check_line(f"pairs.{i}.0", first)
+            check_line(f"pairs.{i}.1", second)
+            if first == second:
+                raise SceneError(f"{path}.pairs.{i}: {first!r} is paired with itself; allowed: two lines")
+        for i, (line, name) in enumerate(values["bodies"]):
+            check_line(f"bodies.{i}.0", line)
+            check_name(f"bodies.{i}.1", name, others, "body or buoy")
+        touched = [name for _, name in values["bodies"]]
+        for body in scene.bodies:
+            if body.name in touched and not body.shapes:
+                raise SceneError(f"{path}.bodies: {body.name!r} has no cylinders or spheres to touch")
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
@@ -93,35 +95,20 @@ class LineContact(Effect):
         if values["radius"] is None:
             each = [np.zeros(n.links) if n.diameter is None else 0.5 * n.diameter for n in scene.lines]
             values["radius"] = np.concatenate(each)
-        index = {x.name: i for i, x in enumerate(scene.points)}
-        number = {x.name: i for i, x in enumerate(scene.bodies)}
-        buoys = {b.name: b for b in scene.buoys}
-        bars: list[tuple[Group, int, np.ndarray, np.ndarray, float]] = []
-        for line, name in values["bodies"]:
-            if name in number:
-                body = scene.bodies[number[name]]
-                bars += [(lines[line], number[name], c.start, c.end, 0.5 * c.diameter) for c in body.cylinders]
-                bars += [(lines[line], number[name], s.centre, s.centre, 0.5 * s.diameter) for s in body.spheres]
-            else:
-                buoy = buoys[name]
-                low, high = (np.array([0.0, 0.0, z - buoy.attachment]) for z in (0.0, buoy.height))
-                bars.append((lines[line], -1 - index[buoy.point], low, high, 0.5 * buoy.diameter))
-        if values["damping"] > 0.0 or values["friction"] > 0.0:
-            kind = LinksInContact
-        else:
-            kind = LinksPushed
-        mixed = [_mixture(scene, owner, np.array([start, end])) for _, owner, start, end, _ in bars]
-        return kind(
-            **values,
-            touching=ContactPairs(
-                axis=as_array(np.array([[start, end] for _, _, start, end, _ in bars]).reshape(-1, 2, 3)),
-                radius=as_array([radius for *_, radius in bars]),
-                mixed=as_array(np.array(mixed).reshape(-1, 2, 4)),
-                corner=len(scene.points),
-                beside=tuple((lines[a], lines[b]) for a, b in values["pairs"]),
-                along=tuple((group, owner) for group, owner, *_ in bars),
-            ),
+        bars = [(lines[line], *bar) for line, name in values["bodies"] for bar in _bars_of(scene, name)]
+        along = tuple((group, owner) for group, owner, *_ in bars)
+        mixed = [_mixture(scene, owner, axis) for _, owner, axis, _ in bars]
+        touching = ContactPairs(
+            axis=as_array(np.array([axis for _, _, axis, _ in bars]).reshape(-1, 2, 3)),
+            radius=as_array([0.5 * diameter for *_, diameter in bars]),
+            mixed=as_array(np.array(mixed).reshape(-1, 2, 4)),
+            corner=len(scene.points),
+            beside=tuple((lines[a], lines[b]) for a, b in values["pairs"]),
+            along=along,
         )
+        if values["damping"] > 0.0 or values["friction"] > 0.0:
+            return LinksInContact(**values, touching=touching)
+        return LinksPushed(**values, touching=touching)
 
 
 #: Motion over a step, relative to the reach, below which the third-order error of the energy balance is not corrected.
@@ -142,10 +129,10 @@ class LinksInContact(LineContact):
     def _bars(self, model: ModelView) -> Bars:
         return Bars(self.touching, self.radius, model)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return sum_of_pieces(self, k)
 
-    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+    def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         bars = self._bars(k.model)
         p = bars.axes(r)
         speed = bars.mix_velocities(v)
@@ -156,16 +143,16 @@ class LinksInContact(LineContact):
             force = force + self._correct_push(bars, p, k.h * speed, force)
         return bars.spread_out(force + self._dissipative_force(near, push, speed))
 
-    def contact_energy(self, k: Kinematics) -> jax.Array:
+    def contact_energy(self, k: Kinematics) -> Array:
         """Energy of compressed contacts, scalar [J]."""
         bars = self._bars(k.model)
         return jnp.sum(self._energy(bars, bars.axes(at_pieces(k, self.piece_nodes(k.model))[0])))
 
-    def _energy(self, bars: Bars, p: jax.Array) -> jax.Array:
+    def _energy(self, bars: Bars, p: Array) -> Array:
         distance = nearest_points(p, bars.reach, bars.spread).distance
         return contact_force(distance, bars.reach, self.stiffness)[0]
 
-    def _correct_push(self, bars: Bars, p: jax.Array, displacement: jax.Array, force: jax.Array) -> jax.Array:
+    def _correct_push(self, bars: Bars, p: Array, displacement: Array, force: Array) -> Array:
         """Contact force over a step minus that at its middle, along the motion (pieces, 4, 3) [N]."""
         gained = self._energy(bars, p + 0.5 * displacement) - self._energy(bars, p - 0.5 * displacement)
         lacking = gained + jnp.sum(force * displacement, axis=(-2, -1))
@@ -173,7 +160,7 @@ class LinksInContact(LineContact):
         size = jnp.sum(own**2, axis=(-2, -1)) + (SMALL_MOTION * bars.reach) ** 2
         return -(lacking / size)[..., None, None] * own
 
-    def _dissipative_force(self, near: Nearest, push: jax.Array, speed: jax.Array) -> jax.Array:
+    def _dissipative_force(self, near: Nearest, push: Array, speed: Array) -> Array:
         """Damping and friction (pieces, 4, 3) [N]."""
         relative = jnp.sum(near.shares[..., None] * speed, axis=-2)
         unit = near.separation / jnp.sqrt(dot(near.separation, near.separation) + 1e-30)[..., None]
@@ -183,11 +170,10 @@ class LinksInContact(LineContact):
         rub = self.friction * push / jnp.sqrt(dot(sliding, sliding) + self.slip**2)
         return near.shares[..., None] * (damper[..., None] * unit - rub[..., None] * sliding)[..., None, :]
 
-    def too_far(self, before: Kinematics, after: Kinematics) -> jax.Array:
+    def too_far(self, before: Kinematics, after: Kinematics) -> Array:
         bars = self._bars(before.model)
         nodes = self.piece_nodes(before.model)
-        start = bars.axes(at_pieces(before, nodes)[0])
-        end = bars.axes(at_pieces(after, nodes)[0])
+        start, end = (bars.axes(at_pieces(k, nodes)[0]) for k in (before, after))
         way = relative_motion(start, end)
         distance = nearest_points(start, bars.reach, bars.spread).distance
         return jnp.any((way > LARGEST_MOTION * bars.reach) & (distance - way < bars.reach))
@@ -197,11 +183,24 @@ class LinksInContact(LineContact):
 class LinksPushed(LinksInContact):
     """Contact without damping and friction: conservative."""
 
-    def _dissipative_force(self, near: Nearest, push: jax.Array, speed: jax.Array) -> jax.Array:
+    def _dissipative_force(self, near: Nearest, push: Array, speed: Array) -> Array:
         return jnp.zeros((), speed.dtype)
 
-    def potential(self, k: Kinematics) -> jax.Array:
+    def potential(self, k: Kinematics) -> Array:
         return self.contact_energy(k)
+
+
+def _bars_of(scene: SceneData, name: str) -> list[tuple[int, np.ndarray, float]]:
+    """Owner, ends of the axis (2, 3) relative to it and diameter of each bar of a body or buoy."""
+    for i, body in enumerate(scene.bodies):
+        if body.name == name:
+            cylinders = [(i, np.array([c.start, c.end]), c.diameter) for c in body.cylinders]
+            return cylinders + [(i, np.array([s.centre, s.centre]), s.diameter) for s in body.spheres]
+    buoy = next(buoy for buoy in scene.buoys if buoy.name == name)
+    points = [point.name for point in scene.points]
+    axis = np.zeros((2, 3))
+    axis[:, 2] = [-buoy.attachment, buoy.height - buoy.attachment]
+    return [(-1 - points.index(buoy.point), axis, buoy.diameter)]
 
 
 def _mixture(scene: SceneData, owner: int, positions: np.ndarray) -> np.ndarray:
@@ -219,6 +218,6 @@ def _lines_of(scene: SceneData) -> dict[str, Group]:
     line."""
     found: dict[str, Group] = {}
     for i, line in enumerate(scene.lines):
-        for name in dict.fromkeys([line.name, line.piece_of or line.name]):
+        for name in {line.name, line.piece_of or line.name}:
             found[name] = (*found.get(name, ()), i)
     return found

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -35,19 +35,19 @@ class MorisonDrag(Effect):
 
     name = "morison_drag"
     needs_water = True
-    cdn: jax.Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
-    cdt: jax.Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
-    shelter: jax.Array | None = parameter(
+    cdn: Array = parameter("drag coefficient across the link", unit="-", shape="link", low=0.0, default=None)
+    cdt: Array = parameter("drag coefficient along the link", unit="-", shape="link", low=0.0, default=0.0)
+    shelter: Array | None = parameter(
         "factor on the current that reaches the link", unit="-", shape="link", low=0.0, default=None
     )
-    roughness: jax.Array | None = parameter(
+    roughness: Array | None = parameter(
         "height k of the roughness, for rough_cylinder", unit="m", shape="link", low=0.0, default=None
     )
-    table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
-    table_cdn: jax.Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, default=None)
-    table_re: jax.Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
+    table_kc: Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
+    table_cdn: Array | None = parameter("cdn at those", unit="-", shape="table", low=0.0, default=None)
+    table_re: Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
     tangents: str = option("directions of the links", choices=("frozen", "implicit"), default="frozen")
-    turbulence: jax.Array | None = parameter(
+    turbulence: Array | None = parameter(
         "turbulence intensity of the undisturbed current (rms over mean), for wakes",
         unit="-",
         low=0.0,
@@ -59,10 +59,10 @@ class MorisonDrag(Effect):
 
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
-        if values["wakes"] == "none" and values["turbulence"] is not None:
-            raise SceneError("effects.morison_drag.turbulence: is only used with wakes 'porous'")
         if values["wakes"] != "none":
             _check_wakes(values, scene)
+        elif values["turbulence"] is not None:
+            raise SceneError("effects.morison_drag.turbulence: is only used with wakes 'porous'")
         check_source("effects.morison_drag", values, "cdn", "drag coefficient across the link")
 
     @classmethod
@@ -81,18 +81,16 @@ class MorisonDrag(Effect):
 
     @property
     def reach(self) -> int:
-        if self.tangents == "frozen":
-            return 0
-        return 1
+        return int(self.tangents == "implicit")
 
-    def _decay(self, k: Kinematics, skin: jax.Array) -> jax.Array:
+    def _decay(self, k: Kinematics, skin: Array) -> Array:
         """Rate at which drag alone would stop nodes (nodes, 1) [1/s], from the relative speed at the start of the
         step."""
         speed = safe_norm(k.water.motion.velocity - (k.v if k.before is None else k.before))
         coefficient = k.line.node_share(skin * jnp.maximum(self.cdn, jnp.pi * self.cdt))
         return (2.0 * coefficient * speed / k.model.node_mass)[:, None]
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         water = k.water
         line = k.line
         tangents = k.tangents
@@ -101,7 +99,7 @@ class MorisonDrag(Effect):
         skin = 0.5 * k.sea.density * line.drag_diameter * line.length
         relative = water.motion.velocity - drag_velocity(k, self._decay(k, skin))
         total = jnp.zeros_like(k.v)
-        for part in k.line.parts():
+        for part in line.parts():
             flow = part.at(relative)
             if self.shelter is not None and water.current is not None:
                 flow = flow - part.at(water.current) * ((1.0 - self.shelter) * jnp.ones_like(skin))[:, None]
@@ -115,15 +113,14 @@ class MorisonDrag(Effect):
 
 def _check_wakes(values: Values, scene: SceneData) -> None:
     """Wakes need a current from one side, and replace fixed factors."""
-    current = None if scene.sea is None else scene.sea.current
     path = "effects.morison_drag.wakes: 'porous'"
-    if current is None:
+    if scene.sea is None or scene.sea.current is None:
         raise SceneError(f"{path} needs a current. Use a scene with [sea.current]")
     if values["shelter"] is not None:
         raise SceneError(f"{path} cannot be combined with shelter, which it replaces; allowed: one of the two")
-    if current.amplitude is not None or (
-        current.factor is not None and np.min(current.factor) < 0 < np.max(current.factor)
-    ):
+    current = scene.sea.current
+    factor = 1.0 if current.factor is None else current.factor
+    if current.amplitude is not None or np.min(factor) < 0 < np.max(factor):
         raise SceneError(
             f"{path} needs one direction of the current, but the current reverses here; "
             "allowed: a steady current, or factors of one sign"
@@ -133,5 +130,4 @@ def _check_wakes(values: Values, scene: SceneData) -> None:
 def relative_roughness(scene: SceneData) -> np.ndarray:
     """k/D of each link (n,); smooth if no roughness is given."""
     height = scene.effects.get("morison_drag", {}).get("roughness")
-    line = scene.line
-    return (0.0 if height is None else np.asarray(height, float)) / drag_diameter(scene) * np.ones(line.links)
+    return (0.0 if height is None else height) / drag_diameter(scene) * np.ones(scene.line.links)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
-from dropper_jax.base.read import Values
+from dropper_jax.base.read import Table, Values
 from dropper_jax.effects.cylinder import SOURCES, check_source
 from dropper_jax.effects.submerged import split, wet_share
 from dropper_jax.model import Effect, Kinematics, LinkEnd
@@ -26,15 +26,15 @@ class _InertiaForce(Effect):
     def needs_material(self) -> bool:
         return self.fluid_acceleration == "material"
 
-    def _coefficients(self, k: Kinematics) -> tuple[jax.Array | float, jax.Array | float]:
+    def _coefficients(self, k: Kinematics) -> tuple[Array | float, Array | float]:
         return 0.0, 0.0
 
-    def _wet_mass(self, k: Kinematics, part: LinkEnd) -> jax.Array:
+    def _wet_mass(self, k: Kinematics, part: LinkEnd) -> Array:
         """Mass of the water displaced by the submerged ends of links (n, 1) [kg]."""
         wet = wet_share(k, part, k.water.tangents, k.water.motion.elevation)
         return (k.sea.density * k.line.volume * part.share * wet)[:, None]
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         water = k.water
         change = water.motion.acceleration
         if self.needs_material and water.material is not None:
@@ -78,12 +78,12 @@ class MorisonInertia(_InertiaForce):
 
     name = "morison_inertia"
     needs_water = True
-    can: jax.Array = parameter("added mass coefficient across the link", unit="-", shape="link", low=0.0, default=None)
-    cat: jax.Array = parameter("added mass coefficient along the link", unit="-", shape="link", low=0.0, default=None)
+    can: Array = parameter("added mass coefficient across the link", unit="-", shape="link", low=0.0, default=None)
+    cat: Array = parameter("added mass coefficient along the link", unit="-", shape="link", low=0.0, default=None)
     fluid_acceleration: str = option("of the water", choices=("local", "material"), default="local")
-    table_kc: jax.Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
-    table_can: jax.Array | None = parameter("can at those", unit="-", shape="table", low=0.0, default=None)
-    table_re: jax.Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
+    table_kc: Array | None = parameter("KC of the table, rising", unit="-", shape="table", low=0.0, default=None)
+    table_can: Array | None = parameter("can at those", unit="-", shape="table", low=0.0, default=None)
+    table_re: Array | None = parameter("minimum and maximum Re of the table", unit="-", shape="table", default=None)
     added_mass: str = option(
         "force of added mass that turns with its link", choices=("morison", "lagrangian"), default="morison"
     )
@@ -95,33 +95,29 @@ class MorisonInertia(_InertiaForce):
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
-        source = values["coefficients"]
-        values = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
-        if source != "given":  # until the flow is known
-            values["can"] = np.ones(scene.line.links)
-        if values["can"] is None and values["cat"] is None:
+        kept = {key: values[key] for key in ("can", "cat", "fluid_acceleration", "added_mass")}
+        if values["coefficients"] != "given":  # until the flow is known
+            kept["can"] = np.ones(scene.line.links)
+        given = {key: value for key, value in kept.items() if value is not None}
+        if not {"can", "cat"} & given.keys():
             return FroudeKrylov(fluid_acceleration=values["fluid_acceleration"])
-        for key in ("can", "cat"):
-            if values[key] is None:
-                values[key] = 0.0
-        return cls(**values)
+        coefficients: Table = {"can": 0.0, "cat": 0.0, **given}
+        return cls(**coefficients)
 
     @property
     def reach(self) -> int:
-        if self.added_mass == "morison":
-            return 0
-        return 1
+        return int(self.added_mass == "lagrangian")
 
     @property
     def turns(self) -> bool:
         """Whether added mass may gain energy by turning, as in Morison's form if can and cat differ."""
         return self.added_mass == "morison"
 
-    def gains(self) -> jax.Array:
+    def gains(self) -> Array:
         """Whether can and cat actually differ anywhere."""
         return jnp.any(self.can != self.cat)
 
-    def _coefficients(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
+    def _coefficients(self, k: Kinematics) -> tuple[Array, Array]:
         """C_A across and along over the displaced mass, ready to multiply (n, 3)."""
         can, cat = (value if jnp.ndim(value) == 0 else value[:, None] for value in (self.can, self.cat))
         if k.line.outer_diameter is None:
@@ -129,7 +125,7 @@ class MorisonInertia(_InertiaForce):
         size = ((k.line.outer_diameter / k.line.needed_diameter) ** 2)[:, None]
         return size * can, size * cat
 
-    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+    def inertia(self, k: Kinematics, a: Array) -> Array:
         """Inertia force (nodes, 3) [N] of the added mass for accelerations a."""
         if self.added_mass == "lagrangian":
             return self._lagrangian(k, a)
@@ -140,7 +136,7 @@ class MorisonInertia(_InertiaForce):
             total = total + part.collect(self._wet_mass(k, part) * (can * across + cat * along))
         return total
 
-    def _lagrangian(self, k: Kinematics, a: jax.Array) -> jax.Array:
+    def _lagrangian(self, k: Kinematics, a: Array) -> Array:
         """The same for added mass that conserves energy; k is the middle of a step of length k.h."""
         h = k.h
         if h is None:
@@ -151,7 +147,8 @@ class MorisonInertia(_InertiaForce):
         middle = k.links / length
         turn = 0.5 * h * k.link_velocities / length
         dot = lambda p, q: jnp.sum(p * q, axis=-1, keepdims=True)  # noqa: E731
-        start, end = middle - turn, middle + turn
+        start = middle - turn
+        end = middle + turn
         total = jnp.zeros_like(a)
         can, cat = self._coefficients(k)
         for part in k.line.parts():
@@ -165,7 +162,7 @@ class MorisonInertia(_InertiaForce):
             total = total + k.model.gather(force / length)
         return total
 
-    def kinetic(self, k: Kinematics) -> jax.Array:
+    def kinetic(self, k: Kinematics) -> Array:
         """Kinetic energy of the added mass at a plain instant [J]."""
         sea = k.sea
         line = k.line

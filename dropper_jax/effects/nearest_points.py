@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.numerics import dot
 
@@ -23,16 +23,16 @@ class Nearest(NamedTuple):
         shares: weights of the ends of the axes in the difference of the two nearest points (..., 4).
     """
 
-    distance: jax.Array
-    separation: jax.Array
-    shares: jax.Array
+    distance: Array
+    separation: Array
+    shares: Array
 
 
 #: Distance relative to the reach below which axes count as this far apart, so that the force direction stays defined.
 NEAREST = 1e-2
 
 
-def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest:
+def nearest_points(p: Array, reach: Array, spread: Array) -> Nearest:
     """The minimum of `|p0 + s u - q0 - t w|^2 + spread ((s - 1/2)^2 + (t - 1/2)^2)` over s and t from 0 to 1.
 
     The function is strictly convex in s and t, so the points move continuously, and the root of the minimum has the
@@ -59,7 +59,7 @@ def nearest_points(p: jax.Array, reach: jax.Array, spread: jax.Array) -> Nearest
     return Nearest(distance, apart / distance[..., None], jnp.stack([1.0 - s, s, t - 1.0, -t], axis=-1))
 
 
-def contact_force(distance: jax.Array, reach: jax.Array, stiffness: jax.Array) -> tuple[jax.Array, jax.Array]:
+def contact_force(distance: Array, reach: Array, stiffness: Array) -> tuple[Array, Array]:
     """Energy [J] and force [N] of compressed bars: `V = k/2 p^2 R/d`, `N = k p (R/d) (1 + p/(2 d))`, p = R - d.
 
     A spring k at first touch; with d of at least R/100 the axes meet at 49 k R^2.
@@ -69,7 +69,7 @@ def contact_force(distance: jax.Array, reach: jax.Array, stiffness: jax.Array) -
     return 0.5 * stiffness * deep**2 * ratio, stiffness * deep * ratio * (1.0 + 0.5 * deep / distance)
 
 
-def relative_motion(before: jax.Array, after: jax.Array) -> jax.Array:
+def relative_motion(before: Array, after: Array) -> Array:
     """Maximum motion (...,) [m] of any point of one axis relative to any point of the other."""
     moved = after - before
     each = moved[..., :2, None, :] - moved[..., None, 2:, :]

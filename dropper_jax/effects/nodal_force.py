@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -29,14 +29,12 @@ class NodalForce(Effect):
     name = "nodal_force"
     single_line = True
     constant = True
-    force_n: jax.Array = parameter("force on each named node", unit="N", shape="vectors")
-    start: jax.Array | None = parameter("when the ramp starts", unit="s", low=0.0, default=None)
-    rise: jax.Array | None = parameter(
-        "time from zero to the full force", unit="s", low=0.0, open_low=True, default=None
-    )
-    release: jax.Array | None = parameter("when the force is released", unit="s", low=0.0, default=None)
-    time: jax.Array | None = parameter("times of the table", unit="s", shape="table", default=None)
-    scale: jax.Array | None = parameter("factor at those times", unit="-", shape="table", default=None)
+    force_n: Array = parameter("force on each named node", unit="N", shape="vectors")
+    start: Array | None = parameter("when the ramp starts", unit="s", low=0.0, default=None)
+    rise: Array | None = parameter("time from zero to the full force", unit="s", low=0.0, open_low=True, default=None)
+    release: Array | None = parameter("when the force is released", unit="s", low=0.0, default=None)
+    time: Array | None = parameter("times of the table", unit="s", shape="table", default=None)
+    scale: Array | None = parameter("factor at those times", unit="-", shape="table", default=None)
     nodes: tuple[int, ...] = option(
         "node numbers, counted from 1 at the node next to the first point", type=tuple, default=()
     )
@@ -44,25 +42,27 @@ class NodalForce(Effect):
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
         links = scene.lines[0].links
-        for node in values["nodes"]:
+        nodes = values["nodes"]
+        for node in nodes:
             if not 1 <= node <= links:
                 raise SceneError(f"effects.nodal_force.nodes: {node} is not a node of the line; allowed: 1 to {links}")
-        if len(values["nodes"]) != len(values["force_n"]):
+        forces = len(values["force_n"])
+        if len(nodes) != forces:
             raise SceneError(
-                f"effects.nodal_force.force_n: {len(values['force_n'])} forces for {len(values['nodes'])} nodes; "
-                "give one 3-vector per node"
+                f"effects.nodal_force.force_n: {forces} forces for {len(nodes)} nodes; give one 3-vector per node"
             )
-        table = (values["time"], values["scale"])
-        if (table[0] is None) != (table[1] is None):
+        given = {key for key, value in values.items() if value is not None}
+        table = given & {"time", "scale"}
+        if len(table) == 1:
             raise SceneError("effects.nodal_force: `time` and `scale` belong together, one of them is missing")
-        if table[0] is None:
+        if not table:
             return
-        if len(table[0]) != len(table[1]) or not rises(table[0], 2):
+        if len(values["time"]) != len(values["scale"]) or not rises(values["time"], 2):
             raise SceneError("effects.nodal_force.time: needs at least 2 increasing times, as many as `scale`")
-        if any(values[key] is not None for key in ("start", "rise", "release")):
+        if given & {"start", "rise", "release"}:
             raise SceneError("effects.nodal_force: a table excludes `start`, `rise` and `release`; give one of the two")
 
-    def factor(self, t: jax.Array) -> jax.Array:
+    def factor(self, t: Array) -> Array:
         """s(t), dimensionless."""
         if self.time is not None and self.scale is not None:
             return jnp.interp(t, self.time, self.scale)
@@ -76,17 +76,17 @@ class NodalForce(Effect):
         return jnp.where(t < self.release, s, 0.0)
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         if self.time is not None:
             return self.time
-        if self.start is None:
-            begin = jnp.zeros((), self.force_n.dtype)
-        else:
-            begin = self.start
-        found = [begin, None if self.rise is None else begin + self.rise, self.release]
-        return jnp.stack([t for t in found if t is not None])
+        found = [jnp.zeros((), self.force_n.dtype) if self.start is None else self.start]
+        if self.rise is not None:
+            found.append(found[0] + self.rise)
+        if self.release is not None:
+            found.append(self.release)
+        return jnp.stack(found)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         index = np.array(self.nodes) - 1
         movable = index < k.free  # a force on a fixed node has no effect
         return scatter_add(index[movable], self.factor(k.t) * self.force_n[np.flatnonzero(movable)], k.free)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.indexed_sums import scatter_add
-from dropper_jax.base.numerics import safe_norm
+from dropper_jax.base.numerics import safe_norm, upright
+from dropper_jax.effects.submerged import submerged_fraction
 from dropper_jax.model import Effect, Kinematics, ModelView
 
 
@@ -23,41 +24,44 @@ class PointBodies(Effect):
     """
 
     name = "point_bodies"
-    mass: jax.Array = parameter("mass of each body", unit="kg", shape="table", low=0.0)
-    volume: jax.Array = parameter("displaced volume", unit="m^3", shape="table", low=0.0)
-    drag_area: jax.Array = parameter("drag coefficient times area", unit="m^2", shape="table", low=0.0)
-    added_mass: jax.Array = parameter("added mass coefficient Ca", unit="-", shape="table", low=0.0)
-    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
+    mass: Array = parameter("mass of each body", unit="kg", shape="table", low=0.0)
+    volume: Array = parameter("displaced volume", unit="m^3", shape="table", low=0.0)
+    drag_area: Array = parameter("drag coefficient times area", unit="m^2", shape="table", low=0.0)
+    added_mass: Array = parameter("added mass coefficient Ca", unit="-", shape="table", low=0.0)
+    gravity: Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     points: tuple[int, ...] = option("numbers of the points", type=tuple, default=())
 
     def nodes(self, model: ModelView) -> np.ndarray:
         """Free node of each body."""
         return model.geometry.point_node[list(self.points)]
 
-    def _diameter(self) -> jax.Array:
+    def _diameter(self) -> Array:
         # minimum diameter over which a body enters the water [m], so that a mass without volume causes no jump
         smallest = 1e-2
         return jnp.maximum(jnp.cbrt(6.0 * self.volume / jnp.pi + smallest**3), smallest)
 
-    def point_mass(self, model: ModelView) -> jax.Array:
-        return scatter_add(self.nodes(model), self.mass, model.free_nodes)
+    def _at_bodies(self, model: ModelView, per_body: Array) -> Array:
+        """Values of the bodies on the free nodes."""
+        return scatter_add(self.nodes(model), per_body, model.free_nodes)
 
-    def contact_area(self, model: ModelView) -> jax.Array:
+    def point_mass(self, model: ModelView) -> Array:
+        return self._at_bodies(model, self.mass)
+
+    def contact_area(self, model: ModelView) -> Array:
         """Plan area on the seabed (nodes,) [m^2]: that of a sphere of the same volume."""
-        return scatter_add(self.nodes(model), 0.25 * jnp.pi * self._diameter() ** 2, model.free_nodes)
+        return self._at_bodies(model, 0.25 * jnp.pi * self._diameter() ** 2)
 
-    def _wet_mass(self, k: Kinematics, elevation: jax.Array) -> jax.Array:
+    def _wet_mass(self, k: Kinematics, elevation: Array) -> Array:
         """Mass of the displaced water (bodies,) [kg] under a surface at the bodies (bodies,) [m]."""
-        s = jnp.clip(0.5 + (elevation - k.r[self.nodes(k.model), 2]) / self._diameter(), 0.0, 1.0)
-        return k.sea.density * self.volume * s * s * (3.0 - 2.0 * s)
+        wet = submerged_fraction(elevation - k.r[self.nodes(k.model), 2], self._diameter())
+        return k.sea.density * self.volume * wet
 
-    def _loads(self, k: Kinematics, nodes: np.ndarray) -> jax.Array:
+    def _loads(self, k: Kinematics) -> Array:
         """Forces on the bodies (bodies, 3) [N]."""
-        return (self.mass * self.gravity)[:, None] * jnp.array([0.0, 0.0, -1.0], k.r.dtype)
+        return upright(-self.mass * self.gravity)
 
-    def force(self, k: Kinematics) -> jax.Array:
-        nodes = self.nodes(k.model)
-        return scatter_add(nodes, self._loads(k, nodes), k.free)
+    def force(self, k: Kinematics) -> Array:
+        return self._at_bodies(k.model, self._loads(k))
 
 
 @component
@@ -66,15 +70,15 @@ class WetPointBodies(PointBodies):
 
     needs_water = True
 
-    def _loads(self, k: Kinematics, nodes: np.ndarray) -> jax.Array:
-        down = jnp.array([0.0, 0.0, -1.0], k.r.dtype)
+    def _loads(self, k: Kinematics) -> Array:
+        nodes = self.nodes(k.model)
         water = k.water.motion
         displaced = self._wet_mass(k, water.elevation[nodes])
         share = displaced / jnp.where(self.volume > 0, k.sea.density * self.volume, 1.0)
         share = jnp.where(self.volume > 0, share, 1.0)
         u = water.velocity[nodes] - k.v[nodes]
         drag = 0.5 * k.sea.density * self.drag_area * share * safe_norm(u)
-        total = super()._loads(k, nodes) - (displaced * k.sea.gravity)[:, None] * down + drag[:, None] * u
+        total = super()._loads(k) + upright(displaced * k.sea.gravity) + drag[:, None] * u
         return total + ((1.0 + self.added_mass) * displaced)[:, None] * water.acceleration[nodes]
 
 
@@ -82,12 +86,12 @@ class WetPointBodies(PointBodies):
 class PointBodiesWithAddedMass(WetPointBodies):
     """The same with added mass: only used if a body in the water has it."""
 
-    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+    def inertia(self, k: Kinematics, a: Array) -> Array:
         nodes = self.nodes(k.model)
         mass = self.added_mass * self._wet_mass(k, k.water.motion.elevation[nodes])
-        return scatter_add(nodes, mass[:, None] * a[nodes], k.free)
+        return self._at_bodies(k.model, mass[:, None] * a[nodes])
 
-    def kinetic(self, k: Kinematics) -> jax.Array:
+    def kinetic(self, k: Kinematics) -> Array:
         nodes = self.nodes(k.model)
         mass = self.added_mass * self._wet_mass(k, k.sea.elevation(k.r[nodes], k.t))
         return 0.5 * jnp.sum(mass[:, None] * k.v[nodes] ** 2)

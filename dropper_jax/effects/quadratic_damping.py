@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.numerics import safe_norm
@@ -20,14 +20,14 @@ class QuadraticDamping(Effect):
     """
 
     name = "quadratic_damping"
-    b_q: jax.Array = parameter("quadratic damping coefficient", unit="kg/m", shape="node", low=0.0)
+    b_q: Array = parameter("quadratic damping coefficient", unit="kg/m", shape="node", low=0.0)
     form: str = option(
         "isotropic |v| v, or |v_i| v_i per component",
         choices=("isotropic", "componentwise"),
         default="isotropic",
     )
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         b_q = per_node(self.b_q, k.free)
         v = k.v
         if k.before is not None:
@@ -36,7 +36,7 @@ class QuadraticDamping(Effect):
                 v = jnp.where(v * k.v < 0.0, 0.0, v)
         return -b_q * self._speed(v) * v
 
-    def _speed(self, v: jax.Array) -> jax.Array:
+    def _speed(self, v: Array) -> Array:
         if self.form == "componentwise":
             return jnp.abs(v)
         return safe_norm(v)[:, None]

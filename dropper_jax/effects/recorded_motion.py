@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import field, replace
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -26,29 +26,29 @@ class RecordedMotion(Effect):
     """
 
     name = "recorded_motion"
-    time: jax.Array = parameter("times of the rows", unit="s", shape="table")
-    positions: jax.Array = parameter("point after point", unit="m", shape="vectors")
-    home: jax.Array = field(kw_only=True)  # positions of the points in the scene (points, 3) [m]
+    time: Array = parameter("times of the rows", unit="s", shape="table")
+    positions: Array = parameter("point after point", unit="m", shape="vectors")
+    home: Array = field(kw_only=True)  # positions of the points in the scene (points, 3) [m]
     points: tuple[str, ...] = option("names of the points that move", type=list, default=())
 
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
         path = f"effects.{cls.name}"
-        for i, name in enumerate(values["points"]):
+        points = values["points"]
+        for i, name in enumerate(points):
             scene.check_fixed(name, f"{path}.points.{i}")
-            if name in values["points"][:i]:
+            if name in points[:i]:
                 raise SceneError(f"{path}.points.{i}: {name!r} is a duplicate point; allowed: each point once")
-        if not values["points"]:
+        if not points:
             raise SceneError(
                 f"{path}.points: is empty; allowed: names of fixed points: {', '.join(scene.fixed_points)}"
             )
         if not rises(values["time"], 2):
             raise SceneError(f"{path}.time: needs at least 2 increasing times")
-        rows = len(values["time"]) * len(values["points"])
-        if len(values["positions"]) != rows:
-            raise SceneError(
-                f"{path}.positions: has {len(values['positions'])} rows; allowed: {rows}, one per point and time"
-            )
+        rows = len(values["positions"])
+        needed = len(values["time"]) * len(points)
+        if rows != needed:
+            raise SceneError(f"{path}.positions: has {rows} rows; allowed: {needed}, one per point and time")
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
@@ -59,20 +59,18 @@ class RecordedMotion(Effect):
 
     def of(self, name: str) -> Effect:
         i = self.points.index(name)
-        count = self.time.shape[0]
-        return replace(
-            self, points=(name,), home=self.home[i : i + 1], positions=self.positions[i * count : (i + 1) * count]
-        )
+        own = self.positions.reshape(len(self.points), -1, 3)[i]
+        return replace(self, points=(name,), home=self.home[i : i + 1], positions=own)
 
-    def displace(self, t: jax.Array) -> jax.Array:
+    def displace(self, t: Array) -> Array:
         """Displacement (3,) [m] of the first point from its position in the scene at time t [s]."""
         return interpolate_quintic(t, self.time, self.positions[: self.time.shape[0]]) - self.home[0]
 
     @property
-    def kinks(self) -> jax.Array | None:
+    def kinks(self) -> Array | None:
         return self.time[jnp.array([0, -1])]
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         """All rows, at which the third derivative jumps."""
         return self.time

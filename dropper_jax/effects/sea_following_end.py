@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import field
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -29,11 +29,11 @@ class SeaFollowingEnd(HeldMotion):
 
     name = "sea_following_end"
     needs_sea = True
-    heave: jax.Array = parameter("vertical motion over the elevation", unit="-", shape="numbers", default=1.0)
-    surge: jax.Array = parameter("horizontal motion over the water's", unit="-", shape="numbers", default=1.0)
-    omega: jax.Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", default=None)
-    home: jax.Array = field(kw_only=True)
-    settled: jax.Array = field(kw_only=True)  # start and end of the sea's ramp (2,) [s]
+    heave: Array = parameter("vertical motion over the elevation", unit="-", shape="numbers", default=1.0)
+    surge: Array = parameter("horizontal motion over the water's", unit="-", shape="numbers", default=1.0)
+    omega: Array | None = parameter("frequencies of the factors", unit="rad/s", shape="table", default=None)
+    home: Array = field(kw_only=True)
+    settled: Array = field(kw_only=True)  # start and end of the sea's ramp (2,) [s]
     point: str = option("name of the point that moves", type=str, default="")
     also: tuple[str, ...] = option("further points that move with it", type=list, default=())
 
@@ -43,12 +43,11 @@ class SeaFollowingEnd(HeldMotion):
         cls.check_points(values, scene)
         if scene.needed_sea.waves is None or scene.needed_sea.ramp is None:
             raise SceneError(f"{path}: needs waves that rise from rest; needed: [sea.waves] and `sea.ramp`")
-        count = 1
-        if values["omega"] is not None:
-            count = len(values["omega"])
+        count = np.size(values["omega"])
         for key in ("heave", "surge"):
-            if np.size(values[key]) not in (1, count):
-                raise SceneError(f"{path}.{key}: has {np.size(values[key])} values; allowed: 1, or {count} as `omega`")
+            size = np.size(values[key])
+            if size not in (1, count):
+                raise SceneError(f"{path}.{key}: has {size} values; allowed: 1, or {count} as `omega`")
 
     @classmethod
     def build(cls, values: Values, scene: SceneData) -> Effect:
@@ -56,19 +55,18 @@ class SeaFollowingEnd(HeldMotion):
         return cls(**values, home=home, settled=as_array([0.0, scene.needed_sea.ramp]))
 
     @property
-    def kinks(self) -> jax.Array | None:
+    def kinks(self) -> Array | None:
         return self.settled
 
-    def _factor(self, value: jax.Array, omega: jax.Array) -> jax.Array:
+    def _factor(self, value: Array, omega: Array) -> Array:
         if jnp.ndim(value) == 0 or self.omega is None:
             return value
         return jnp.interp(omega, self.omega, value)
 
-    def displace(self, t: jax.Array, sea: Sea) -> jax.Array:
+    def displace(self, t: Array, sea: Sea) -> Array:
         """Displacement (3,) [m] at time t [s]."""
-        if sea.waves is None:
-            return jnp.zeros_like(self.home)
         waves = sea.waves
-        heave = self._factor(self.heave, waves.omega)
-        surge = self._factor(self.surge, waves.omega)
+        if waves is None:
+            return jnp.zeros_like(self.home)
+        heave, surge = (self._factor(value, waves.omega) for value in (self.heave, self.surge))
         return waves.excursion(self.home, t, sea.depth, heave, surge)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, parameter
@@ -26,26 +27,24 @@ class Seabed(Effect):
     """
 
     name = "seabed"
-    stiffness: jax.Array = parameter("contact stiffness", unit="Pa/m", low=0.0, open_low=True, default=3e6)
-    damping: jax.Array = parameter("contact damping", unit="Pa s/m", low=0.0, default=3e5)
-    depth: jax.Array = parameter("depth of a flat bed", unit="m", low=0.0, open_low=True, default=None)
-    bed_x: jax.Array | None = parameter("x of the depth grid", unit="m", shape="table", default=None)
-    bed_y: jax.Array | None = parameter("y of the depth grid", unit="m", shape="table", default=None)
-    bed_depth: jax.Array | None = parameter(
+    stiffness: Array = parameter("contact stiffness", unit="Pa/m", low=0.0, open_low=True, default=3e6)
+    damping: Array = parameter("contact damping", unit="Pa s/m", low=0.0, default=3e5)
+    depth: Array = parameter("depth of a flat bed", unit="m", low=0.0, open_low=True, default=None)
+    bed_x: Array | None = parameter("x of the depth grid", unit="m", shape="table", default=None)
+    bed_y: Array | None = parameter("y of the depth grid", unit="m", shape="table", default=None)
+    bed_depth: Array | None = parameter(
         "depths of the grid, ordered by x (all y of the first x first)", unit="m", shape="table", default=None
     )
 
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
-        grid = [values[key] is not None for key in ("bed_x", "bed_y", "bed_depth")]
-        if any(grid) and not all(grid):
+        grid = [values[key] for key in ("bed_x", "bed_y", "bed_depth") if values[key] is not None]
+        if len(grid) in (1, 2):
             raise SceneError("effects.seabed: `bed_x`, `bed_y` and `bed_depth` belong together, one of them is missing")
-        if all(grid):
-            wanted = len(values["bed_x"]) * len(values["bed_y"])
-            if len(values["bed_depth"]) != wanted:
-                raise SceneError(
-                    f"effects.seabed.bed_depth: has {len(values['bed_depth'])} entries; allowed: {wanted}, x by x"
-                )
+        if grid:
+            x, y, depth = map(len, grid)
+            if depth != x * y:
+                raise SceneError(f"effects.seabed.bed_depth: has {depth} entries; allowed: {x * y}, x by x")
             for key in ("bed_x", "bed_y"):
                 if not rises(values[key], 2):
                     raise SceneError(f"effects.seabed.{key}: needs at least 2 increasing numbers")
@@ -62,7 +61,7 @@ class Seabed(Effect):
         return cls(**values)
 
     # part of a cell, on either side of a grid line, over which one slope of the seabed blends into the next
-    def bed_height(self, r: jax.Array, rounded: float = 0.02) -> jax.Array:
+    def bed_height(self, r: Array, rounded: float = 0.02) -> Array:
         """Height z of the seabed (nodes,) [m] at positions r (nodes, 3); with `rounded` = 0 its creases are sharp."""
         if self.bed_x is None or self.bed_y is None or self.bed_depth is None:
             return -self.depth * jnp.ones_like(r[:, 2])
@@ -71,36 +70,34 @@ class Seabed(Effect):
         j, b = _shares(self.bed_y, r[:, 1], rounded)
         return -jnp.sum(a[:, None] * b * grid[i[:, None], j], axis=(0, 1))
 
-    def upward(self, r: jax.Array) -> jax.Array:
+    def upward(self, r: Array) -> Array:
         """Unit normals (nodes, 3) of the seabed at positions r (nodes, 3), or (3,) of a flat one."""
         if self.bed_x is None:
             return jnp.array([0.0, 0.0, 1.0], r.dtype)
-        x, y = (
-            jax.jvp(self.bed_height, (r,), (jnp.broadcast_to(jnp.eye(3, dtype=r.dtype)[i], r.shape),))[1]
-            for i in (0, 1)
-        )
+        along = jnp.eye(3, dtype=r.dtype)
+        x, y = (jax.jvp(self.bed_height, (r,), (jnp.broadcast_to(along[i], r.shape),))[1] for i in (0, 1))
         n = jnp.stack([-x, -y, jnp.ones_like(x)], axis=-1)
         return n / jnp.sqrt(dot(n, n))[:, None]
 
-    def tangents(self, r: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def tangents(self, r: Array) -> tuple[Array, Array]:
         """Two orthogonal unit vectors (nodes, 3) along the seabed; (3,) of a flat one."""
         n = self.upward(r)
         first = jnp.stack([n[..., 2], jnp.zeros_like(n[..., 2]), -n[..., 0]], axis=-1)
         first = first / jnp.sqrt(dot(first, first))[..., None]
         return first, cross(n, first)
 
-    def prepare(self, k: Kinematics) -> jax.Array:
+    def prepare(self, k: Kinematics) -> Array:
         """Downward speed of nodes at the start of the step (nodes,) [m/s]; k has the velocities of that time."""
         return -dot(k.v, self.upward(k.r))
 
-    def normal(self, k: Kinematics) -> jax.Array:
+    def normal(self, k: Kinematics) -> Array:
         """Contact force (nodes,) [N], never negative."""
         area = k.line.node_share(k.line.needed_diameter * k.line.length)
         area = sum((e.contact_area(k.model) for e in k.model.having(ContactArea)), area)
         n = self.upward(k.r)
         return area * self.pressure(k, self, (self.bed_height(k.r) - k.r[:, 2]) * n[..., 2], -dot(k.v, n))
 
-    def pressure(self, k: Kinematics, effect: Effect, deep: jax.Array, down: jax.Array) -> jax.Array:
+    def pressure(self, k: Kinematics, effect: Effect, deep: Array, down: Array) -> Array:
         """Contact force per area (points,) [Pa] of points `deep` [m] below the seabed that sink at `down` [m/s].
 
         `effect` has prepared their downward speed at the start of the step.
@@ -118,12 +115,12 @@ class Seabed(Effect):
             rate = (pressed[1] - pressed[0]) / k.h
         return spring + never_more(self.damping * rate, spring)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return self.normal(k)[:, None] * self.upward(k.r)
 
 
 @trace_once
-def _shares(knots: jax.Array, x: jax.Array, rounded: float) -> tuple[jax.Array, jax.Array]:
+def _shares(knots: Array, x: Array, rounded: float) -> tuple[Array, Array]:
     """Three knots around each x and their weights, each (3, n): linear between, rounded at knots, level outside."""
     last = knots.shape[0] - 1
     i = jnp.clip(jnp.searchsorted(knots, x, side="right") - 1, 0, last - 1)
@@ -139,7 +136,7 @@ def _shares(knots: jax.Array, x: jax.Array, rounded: float) -> tuple[jax.Array, 
     return jnp.stack([before, near, after]), jnp.stack([down, 1.0 - up - down, up])
 
 
-def _ramp(x: jax.Array, width: jax.Array) -> jax.Array:
+def _ramp(x: Array, width: Array) -> Array:
     """`max(x, 0)`, replaced by a parabola within `width` of the corner."""
     inside = jnp.abs(x) < width
     return jnp.where(inside, (x + width) ** 2 / jnp.where(inside, 4.0 * width, 1.0), jnp.maximum(x, 0.0))

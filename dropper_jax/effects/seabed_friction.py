@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
@@ -42,12 +42,12 @@ class SeabedFriction(Law):
     name = "seabed_friction"
     node_local = True
     needs = ("seabed",)
-    kinetic: jax.Array = parameter("kinetic coefficient of friction", unit="-", low=0.0)
-    static: jax.Array | None = parameter("static coefficient of friction", unit="-", low=0.0, default=None)
-    damping: jax.Array = parameter(
+    kinetic: Array = parameter("kinetic coefficient of friction", unit="-", low=0.0)
+    static: Array | None = parameter("static coefficient of friction", unit="-", low=0.0, default=None)
+    damping: Array = parameter(
         "MoorDyn's FricDamp: friction per speed and coefficient, of each node", unit="N s/m", low=0.0, default=200.0
     )
-    speed: jax.Array = parameter(
+    speed: Array = parameter(
         "speed at which regularised friction reaches mu N", unit="m/s", low=0.0, open_low=True, default=0.01
     )
     law: str = option(
@@ -63,26 +63,22 @@ class SeabedFriction(Law):
 
     @classmethod
     def check(cls, values: Values, scene: SceneData) -> None:
+        path = "effects.seabed_friction"
+        law = values["law"]
+        static = values["static"]
+        kinetic = values["kinetic"]
         if "seabed" not in scene.effects:
-            raise SceneError("effects.seabed_friction: needs the contact force of [effects.seabed]; it is missing")
+            raise SceneError(f"{path}: needs the contact force of [effects.seabed]; it is missing")
         if "joint_friction" in scene.effects:
+            raise SceneError(f"{path}: cannot be combined with [effects.joint_friction]; allowed: one of them")
+        if static is not None and static < kinetic:
+            raise SceneError(f"{path}.static: {static:g} is out of range; allowed: at least `kinetic`, {kinetic:g}")
+        if law != "coulomb" and values["statics"] != "none":
+            raise SceneError(f"{path}.statics: 'outward' is friction at rest, which law {law!r} lacks; allowed: 'none'")
+        if law == "regularised" and static is not None:
             raise SceneError(
-                "effects.seabed_friction: cannot be combined with [effects.joint_friction]; allowed: one of them"
-            )
-        if values["static"] is not None and values["static"] < values["kinetic"]:
-            raise SceneError(
-                f"effects.seabed_friction.static: {values['static']:g} is out of range; "
-                f"allowed: at least `kinetic`, {values['kinetic']:g}"
-            )
-        if values["law"] != "coulomb" and values["statics"] != "none":
-            raise SceneError(
-                "effects.seabed_friction.statics: 'outward' is friction at rest, which law "
-                f"{values['law']!r} lacks; allowed: 'none'"
-            )
-        if values["law"] == "regularised" and values["static"] is not None:
-            raise SceneError(
-                "effects.seabed_friction.static: law 'regularised' has no friction at rest; allowed: laws 'coulomb', "
-                "'moordyn', or no `static`"
+                f"{path}.static: law 'regularised' has no friction at rest; allowed: laws 'coulomb', 'moordyn', or no "
+                "`static`"
             )
 
     @property
@@ -93,71 +89,69 @@ class SeabedFriction(Law):
     def components(self) -> int:
         return 2
 
-    def law_force(self, k: Kinematics, z: jax.Array) -> jax.Array:
+    def law_force(self, k: Kinematics, z: Array) -> Array:
         first, second = _find_seabed(k).tangents(k.r)
         return z[:, :1] * first + z[:, 1:] * second
 
-    def prepare(self, k: Kinematics) -> jax.Array | None:
+    def prepare(self, k: Kinematics) -> Array | None:
         """Which nodes (nodes, 1) have the kinetic limit; k has the velocities of the start of the step."""
         if self.static is None:
             return None
         speed = _size(_along_bed(k, k.v))
         if self.law == "moordyn":
-            return self.kinetic * self.damping * speed > self.static * _find_seabed(k).normal(k)[:, None]
+            return self.kinetic * self.damping * speed > self.static * _normal(k)
         return speed > AT_REST
 
-    def _limit(self, k: Kinematics) -> jax.Array:
+    def _limit(self, k: Kinematics) -> Array:
         """Maximum friction (nodes, 1) [N]."""
-        normal = _find_seabed(k).normal(k)[:, None]
-        if self.static is None:
-            return self.kinetic * normal
-        return jnp.where(k.prepared(self), self.kinetic, self.static) * normal
+        coefficient = self.kinetic
+        if self.static is not None:
+            coefficient = jnp.where(k.prepared(self), self.kinetic, self.static)
+        return coefficient * _normal(k)
 
-    def _trial(self, k: Kinematics, z: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """`p = z - rho v_mid` (nodes, 2) [N], or proportional to `-v_mid`, and its magnitude (nodes, 1)."""
+    def _trial(self, k: Kinematics, z: Array, h: Array) -> Array:
+        """`p = z - rho v_mid` (nodes, 2) [N], or proportional to `-v_mid`."""
         if self.of_state:
-            p = self._creep(k)
-        else:
-            p = z - (k.model.node_mass / h)[:, None] * _along_bed(k, k.v)
-        return p, _size(p)
+            return self._creep(k)
+        return z - (k.model.node_mass / h)[:, None] * _along_bed(k, k.v)
 
-    def _creep(self, k: Kinematics) -> jax.Array:
+    def _creep(self, k: Kinematics) -> Array:
         """Friction (nodes, 2) [N] of a law that grows with speed, before its limit."""
         if self.law == "moordyn":
             rate = self.damping
         else:
-            rate = _find_seabed(k).normal(k)[:, None] / self.speed
+            rate = _normal(k) / self.speed
         return -self.kinetic * rate * _along_bed(k, k.v)
 
-    def law_residual(self, k: Kinematics, z: jax.Array, h: jax.Array, easing: jax.Array | None = None) -> jax.Array:
-        return z - _clip_to_limit(*self._trial(k, z, h), self._limit(k))
+    def law_residual(self, k: Kinematics, z: Array, h: Array, easing: Array | None = None) -> Array:
+        return z - _clip_to_limit(self._trial(k, z, h), self._limit(k))
 
-    def at(self, k: Kinematics) -> jax.Array:
-        p = self._creep(k)
-        return _clip_to_limit(p, _size(p), self._limit(k))
+    def at(self, k: Kinematics) -> Array:
+        return _clip_to_limit(self._creep(k), self._limit(k))
 
-    def admissible(self, z: jax.Array) -> jax.Array:
+    def admissible(self, z: Array) -> Array:
         return z  # the bound is the contact force, which is an unknown of the step too
 
-    def stop(self, k: Kinematics, v1: jax.Array, z: jax.Array, h: jax.Array) -> jax.Array:
+    def stop(self, k: Kinematics, v1: Array, z: Array, h: Array) -> Array:
         if self.of_state:
             return v1
         limit = self._limit(k)
-        stuck = (self._trial(k, z, h)[1] <= limit) & (limit > 0.0)
+        stuck = (_size(self._trial(k, z, h)) <= limit) & (limit > 0.0)
         return v1 - jnp.where(stuck, self.law_force(k, _along_bed(k, v1)), 0.0)
 
-    def law_scale(self, line: Line, h: jax.Array) -> jax.Array:
+    def law_scale(self, line: Line, h: Array) -> Array:
         """Scale of the force rows [N]: that of the contact forces, which have the same rounding."""
         return jnp.mean(line.mass) * jnp.maximum(GRAVITY, jnp.mean(line.length) / h**2)
 
 
-def _size(p: jax.Array) -> jax.Array:
+def _size(p: Array) -> Array:
     """Magnitude (nodes, 1) of plane vectors (nodes, 2), with a derivative at zero."""
     return jnp.sqrt(jnp.sum(p * p, axis=1, keepdims=True) + 1e-30)
 
 
-def _clip_to_limit(p: jax.Array, size: jax.Array, limit: jax.Array) -> jax.Array:
+def _clip_to_limit(p: Array, limit: Array) -> Array:
     """p, or its direction at the limit."""
+    size = _size(p)
     return jnp.where(size <= limit, p, limit * p / size)
 
 
@@ -165,6 +159,11 @@ def _find_seabed(k: Kinematics) -> Seabed:
     return k.model.having(Seabed)[0]
 
 
-def _along_bed(k: Kinematics, v: jax.Array) -> jax.Array:
+def _normal(k: Kinematics) -> Array:
+    """Contact force (nodes, 1) [N]."""
+    return _find_seabed(k).normal(k)[:, None]
+
+
+def _along_bed(k: Kinematics, v: Array) -> Array:
     """Components (nodes, 2) of vectors (nodes, 3) along the seabed."""
     return jnp.stack([dot(v, tangent) for tangent in _find_seabed(k).tangents(k.r)], axis=-1)

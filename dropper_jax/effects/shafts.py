@@ -2,41 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.tridiagonal import solve_tridiagonal
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Values
 from dropper_jax.effects.bending import common_ends
 from dropper_jax.model import Graph
 from dropper_jax.scene import SceneData
 
 #: A line, and whether it runs against its shaft.
 Part = tuple[str, bool]
-
-
-class Twisting(Protocol):
-    """What shafts need of the effect: see `torsion`."""
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """Lines that twist; all if not given."""
-
-    @property
-    def joined(self) -> tuple[tuple[str, str], ...]:
-        """Lines that twist across their common point as one."""
-
-    @property
-    def first(self) -> str:
-        """First points of the lines: held or free."""
-
-    @property
-    def last(self) -> str:
-        """Last points of the lines."""
 
 
 class Shafts:
@@ -52,15 +34,22 @@ class Shafts:
         turned, last: of nodes, 1.0 where `turn` turns them or `torque` acts on them; -1.0: about the other direction.
     """
 
-    def __init__(self, geometry: Graph, effect: Twisting) -> None:
+    def __init__(
+        self, geometry: Graph, lines: Sequence[str], joined: Sequence[tuple[str, str]], held: tuple[bool, bool]
+    ) -> None:
+        """The shafts of the lines that twist (all if none is named), some of them joined.
+
+        Args:
+            held: whether first and last points are held.
+        """
         nodes = {}
         ends = {}
         self.twists = np.zeros(geometry.links)
         for i, (member, span) in enumerate(zip(geometry.members, geometry.spans, strict=True)):
             nodes[member.name] = np.arange(span.start + i, span.stop + i + 1)
             ends[member.name] = member.start, member.end
-            self.twists[span] = not effect.lines or member.name in effect.lines
-        shafts = list(chain_lines(effect.joined, ends))
+            self.twists[span] = not lines or member.name in lines
+        shafts = list(chain_lines(joined, ends))
 
         # of nodes line after line, both ends of each included: the node of the shaft, and the sign of the twist
         count = geometry.links + len(nodes)
@@ -84,50 +73,49 @@ class Shafts:
         self.held = np.ones(following, bool)
         self.held[self.before[self.twists > 0.0]] = False
         self.held[self.before[self.twists > 0.0] + 1] = False
-        self.turned = np.zeros(following)
-        self.last = np.zeros(following)
+        ended = np.zeros(following)
         for shaft in shafts:
             for name, is_last in free_ends(shaft):
-                if effect.lines and name not in effect.lines:
+                if lines and name not in lines:
                     continue
-                at = nodes[name][-1 if is_last else 0]
-                node = self.node[at]
-                self.held[node] = (effect.last if is_last else effect.first) == "held"
+                at = nodes[name][-is_last]
+                self.held[self.node[at]] = held[is_last]
                 if is_last:
-                    moved = self.turned if self.held[node] else self.last
-                    moved[node] = self.sign[at]
+                    ended[self.node[at]] = self.sign[at]
+        self.turned = np.where(self.held, ended, 0.0)
+        self.last = np.where(self.held, 0.0, ended)
 
     @property
     def one_line_each(self) -> bool:
         """Whether every shaft is one line: nodes of shafts are those of lines."""
         return len(self.line_node) == len(self.node)
 
-    def of_lines(self, phi: jax.Array) -> jax.Array:
+    def of_lines(self, phi: Array) -> Array:
         """Twist of shafts from that of lines, both ends of each included."""
         if self.one_line_each:
             return phi
         return phi[self.line_node] * self.sign[self.line_node]
 
-    def on_lines(self, phi: jax.Array) -> jax.Array:
+    def on_lines(self, phi: Array) -> Array:
         """Twist of lines, both ends of each included, from that of shafts."""
         if self.one_line_each:
             return phi
         return phi[self.node] * self.sign
 
-    def differences(self, phi: jax.Array) -> jax.Array:
+    def differences(self, phi: Array) -> Array:
         """Over the links (n,)."""
         return phi[self.before + 1] - phi[self.before]
 
-    def sums(self, before: jax.Array, after: jax.Array) -> jax.Array:
+    def sums(self, before: Array, after: Array) -> Array:
         """Values of links (n,) for the nodes before and after them, summed on the nodes (nodes,)."""
         empty = jnp.zeros(len(self.held), before.dtype)
         return empty.at[self.before].add(before) + empty.at[self.before + 1].add(after)
 
-    def at_nodes(self, torque: jax.Array) -> jax.Array:
+    def at_nodes(self, torque: Array) -> Array:
         """Sums of torques (n,) that act on the nodes after links, and with the opposite sign on those before."""
         return self.sums(-torque, torque)
 
-    def solve(self, diagonal: jax.Array, between: jax.Array, right: jax.Array, goal: jax.Array) -> jax.Array:
+    def solve(self, diagonal: Array, between: Array, right: Array, goal: Array) -> Array:
         """x of `(diagonal + K) x = right`, K of springs `between` the nodes of links (n,), with x = goal at prescribed
         nodes."""
         between = between * self.twists
@@ -152,18 +140,16 @@ def chain_lines(pairs: Sequence[tuple[str, str]], ends: Mapping[str, tuple[Any, 
         across[one] = other
         across[other] = one
     done = set()
-    for name in ends:
-        for end in (0, 1):
-            if name in done or (name, end) in across:
-                continue
-            shaft = []
-            entered = (name, end)
-            while entered is not None:
-                line, side = entered
-                shaft.append((line, side == 1))
-                done.add(line)
-                entered = across.get((line, 1 - side))
-            yield shaft
+    for entered in itertools.product(ends, (0, 1)):
+        if entered[0] in done or entered in across:
+            continue
+        shaft = []
+        while entered is not None:
+            line, side = entered
+            shaft.append((line, side == 1))
+            done.add(line)
+            entered = across.get((line, 1 - side))
+        yield shaft
 
 
 def free_ends(shaft: Sequence[Part]) -> tuple[Part, Part]:
@@ -173,13 +159,12 @@ def free_ends(shaft: Sequence[Part]) -> tuple[Part, Part]:
     return (first, first_against), (last, not last_against)
 
 
-def check_joined(effect: Twisting, scene: SceneData) -> None:
+def check_joined(values: Values, scene: SceneData) -> None:
     """Raise a `SceneError` for pairs that do not meet, an end in two pairs, a ring, or a shaft that spins freely."""
-    ends = {line.name: (line.start, line.end) for line in scene.lines}
-    if effect.lines:
-        ends = {name: ends[name] for name in effect.lines}
+    lines = values["lines"]
+    ends = {line.name: (line.start, line.end) for line in scene.lines if not lines or line.name in lines}
     seen = set()
-    for i, pair in enumerate(effect.joined):
+    for i, pair in enumerate(values["joined"]):
         path = f"effects.torsion.joined.{i}"
         for name in pair:
             if name not in ends:
@@ -188,16 +173,15 @@ def check_joined(effect: Twisting, scene: SceneData) -> None:
             if end in seen:
                 raise SceneError(f"{path}: {end[0]!r} is joined to another line at this point; allowed: one pair")
             seen.add(end)
-    shafts = list(chain_lines(effect.joined, ends))
+    shafts = list(chain_lines(values["joined"], ends))
     if sum(map(len, shafts)) < len(ends):
         raise SceneError("effects.torsion.joined: the lines form a ring; allowed: lines with two ends")
-    lasts = [name for shaft in shafts for name, is_last in free_ends(shaft) if is_last]
+    lasts = [is_last for shaft in shafts for _, is_last in free_ends(shaft)]
     for key in ("torque", "turn"):
-        if getattr(effect, key, 0.0) != 0.0 and not lasts:
+        if values[key] != 0.0 and not any(lasts):
             raise SceneError(f"effects.torsion.{key}: all last points are joined; allowed: 0")
     for shaft in shafts:
-        rules = {effect.last if is_last else effect.first for _, is_last in free_ends(shaft)}
-        if rules == {"free"}:
+        if all(values["last" if is_last else "first"] == "free" for _, is_last in free_ends(shaft)):
             names = ", ".join(name for name, _ in shaft)
             raise SceneError(
                 f"effects.torsion.last: 'free' lets lines spin freely ({names}), as `first` is 'free' too or they are "

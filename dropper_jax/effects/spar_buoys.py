@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.base.numerics import dot, safe_norm
 from dropper_jax.model import Effect, Kinematics, ModelView
-from dropper_jax.sea import Sea
+from dropper_jax.sea import Motion, Sea
 
 #: Gauss-Legendre points and weights over the draught: three integrate a wave over 10 m to 1e-4.
 NODES = np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)])
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 #: Part of the height over which the buoy's ends enter and leave the water smoothly.
 EDGE = 0.02
-
-
-class Around(NamedTuple):
-    """The water along the buoys, frozen over a step: elevation (buoys,), velocity and acceleration (buoys, 3, 3)."""
-
-    elevation: jax.Array
-    velocity: jax.Array
-    acceleration: jax.Array
 
 
 @component
@@ -50,15 +40,15 @@ class SparBuoys(Effect):
     """
 
     name = "spar_buoys"
-    mass: jax.Array = parameter("mass", unit="kg", shape="table", low=0.0, open_low=True)
-    diameter: jax.Array = parameter("diameter", unit="m", shape="table", low=0.0, open_low=True)
-    height: jax.Array = parameter("height", unit="m", shape="table", low=0.0, open_low=True)
-    attachment: jax.Array = parameter("height of the point above the base", unit="m", shape="table", low=0.0)
-    cdn: jax.Array = parameter("drag coefficient across", unit="-", shape="table", low=0.0)
-    cdt: jax.Array = parameter("drag coefficient of the base", unit="-", shape="table", low=0.0)
-    can: jax.Array = parameter("added mass coefficient across", unit="-", shape="table", low=0.0)
-    cat: jax.Array = parameter("added mass coefficient of the base", unit="-", shape="table", low=0.0)
-    gravity: jax.Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
+    mass: Array = parameter("mass", unit="kg", shape="table", low=0.0, open_low=True)
+    diameter: Array = parameter("diameter", unit="m", shape="table", low=0.0, open_low=True)
+    height: Array = parameter("height", unit="m", shape="table", low=0.0, open_low=True)
+    attachment: Array = parameter("height of the point above the base", unit="m", shape="table", low=0.0)
+    cdn: Array = parameter("drag coefficient across", unit="-", shape="table", low=0.0)
+    cdt: Array = parameter("drag coefficient of the base", unit="-", shape="table", low=0.0)
+    can: Array = parameter("added mass coefficient across", unit="-", shape="table", low=0.0)
+    cat: Array = parameter("added mass coefficient of the base", unit="-", shape="table", low=0.0)
+    gravity: Array = parameter("acceleration of gravity", unit="m/s^2", low=0.0, default=GRAVITY)
     points: tuple[int, ...] = option("numbers of the points", type=tuple, default=())
     end_added_mass: str = option("of the base", choices=("hemisphere", "volume"), default="hemisphere")
 
@@ -67,38 +57,39 @@ class SparBuoys(Effect):
         return model.geometry.point_node[list(self.points)]
 
     @property
-    def area(self) -> jax.Array:
+    def area(self) -> Array:
         """Waterplane (buoys,) [m^2]."""
         return 0.25 * jnp.pi * self.diameter**2
 
-    def point_mass(self, model: ModelView) -> jax.Array:
+    def point_mass(self, model: ModelView) -> Array:
         return scatter_add(self.nodes(model), self.mass, model.free_nodes)
 
-    def contact_area(self, model: ModelView) -> jax.Array:
+    def contact_area(self, model: ModelView) -> Array:
         """Plan area on the seabed (nodes,) [m^2]."""
         return scatter_add(self.nodes(model), self.area, model.free_nodes)
 
-    def draught(self, base: jax.Array, elevation: jax.Array) -> jax.Array:
-        """Submerged height (buoys,) [m], smooth at either end."""
-        return _between((elevation - base) / self.height) * self.height
+    def _submerged_height(self, r: Array, elevation: Array) -> Array:
+        """Submerged height (buoys,) [m] of buoys whose points are at r (buoys, 3), smooth at either end."""
+        return _between((elevation - (r[:, 2] - self.attachment)) / self.height) * self.height
 
-    def prepare(self, k: Kinematics) -> Around:
+    def prepare(self, k: Kinematics) -> Motion:
+        """The water along the buoys: elevation (buoys,), velocity and acceleration (buoys, 3, 3)."""
         r = k.r[self.nodes(k.model)]
-        sea = k.sea
-        base = r[:, 2] - self.attachment
-        elevation = sea.elevation(r, k.t)
-        heights = base[:, None] + self.draught(base, elevation)[:, None] * jnp.asarray(NODES, r.dtype)
+        elevation = k.sea.elevation(r, k.t)
+        above = self._submerged_height(r, elevation)[:, None] * jnp.asarray(NODES, r.dtype)
+        heights = (r[:, 2] - self.attachment)[:, None] + above
         across = (jnp.broadcast_to(r[:, i : i + 1], heights.shape) for i in (0, 1))
         positions = jnp.stack([*across, heights], axis=-1)
-        motion = sea.at(positions.reshape(-1, 3), k.t)
-        return Around(elevation, motion.velocity.reshape(positions.shape), motion.acceleration.reshape(positions.shape))
+        motion = k.sea.at(positions.reshape(-1, 3), k.t)
+        along = (part.reshape(positions.shape) for part in motion[1:])
+        return Motion(elevation, *along)
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         nodes = self.nodes(k.model)
         sea = k.sea
         around = k.prepared(self)
         v = k.v[nodes]
-        wet = self.draught(k.r[nodes, 2] - self.attachment, around.elevation)
+        wet = self._submerged_height(k.r[nodes], around.elevation)
         # hydrostatics, Froude-Krylov force and weight
         displaced = sea.density * self.area * wet
         mean = jnp.sum(jnp.asarray(WEIGHTS, v.dtype)[:, None] * around.acceleration, axis=1)
@@ -109,38 +100,39 @@ class SparBuoys(Effect):
         u = around.velocity - v[:, None, :]
         level = jnp.concatenate([u[..., :2], jnp.zeros_like(u[..., :1])], axis=-1)
         weights = jnp.asarray(WEIGHTS, v.dtype) * safe_norm(level)
-        drag = (0.5 * sea.density * self.cdn * self.diameter * wet)[:, None] * jnp.sum(
-            weights[..., None] * u[..., :2], axis=1
-        )
+        pressed = jnp.sum(weights[..., None] * u[..., :2], axis=1)
+        drag = (0.5 * sea.density * self.cdn * self.diameter * wet)[:, None] * pressed
         base = u[:, 0, 2]
-        under = jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
-        heave = 0.5 * sea.density * self.cdt * self.area * under * jnp.abs(base) * base
+        heave = 0.5 * sea.density * self.cdt * self.area * self._base_share(wet) * jnp.abs(base) * base
         return scatter_add(nodes, jnp.concatenate([across + drag, (lift + heave)[:, None]], axis=1), k.free)
 
-    def _end_mass(self, sea: Sea, wet: jax.Array) -> jax.Array:
+    def _base_share(self, wet: Array) -> Array:
+        """Submerged fraction of the base (buoys,)."""
+        return jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
+
+    def _end_mass(self, sea: Sea, wet: Array) -> Array:
         """Added mass along (buoys,) [kg]."""
         if self.end_added_mass == "volume":
             return sea.density * self.cat * self.area * wet
-        under = jnp.clip(wet / (EDGE * self.height), 0.0, 1.0)
-        return sea.density * self.cat * under * jnp.pi / 12.0 * self.diameter**3
+        return sea.density * self.cat * self._base_share(wet) * jnp.pi / 12.0 * self.diameter**3
 
-    def _added_mass(self, sea: Sea, wet: jax.Array) -> jax.Array:
+    def _added_mass(self, sea: Sea, wet: Array) -> Array:
         """Added mass per direction (buoys, 3) [kg]."""
         across = sea.density * self.area * wet * self.can
         return jnp.stack([across, across, self._end_mass(sea, wet)], axis=-1)
 
-    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+    def inertia(self, k: Kinematics, a: Array) -> Array:
         nodes = self.nodes(k.model)
-        wet = self.draught(k.r[nodes, 2] - self.attachment, k.prepared(self).elevation)
+        wet = self._submerged_height(k.r[nodes], k.prepared(self).elevation)
         return scatter_add(nodes, self._added_mass(k.sea, wet) * a[nodes], k.free)
 
-    def kinetic(self, k: Kinematics) -> jax.Array:
+    def kinetic(self, k: Kinematics) -> Array:
         nodes = self.nodes(k.model)
-        wet = self.draught(k.r[nodes, 2] - self.attachment, k.sea.elevation(k.r[nodes], k.t))
+        wet = self._submerged_height(k.r[nodes], k.sea.elevation(k.r[nodes], k.t))
         return 0.5 * jnp.sum(dot(self._added_mass(k.sea, wet) * k.v[nodes], k.v[nodes]))
 
 
-def _between(s: jax.Array) -> jax.Array:
+def _between(s: Array) -> Array:
     """s clipped to 0 to 1, rounded off over `EDGE` at either end (quadratic there, exact elsewhere)."""
     low = jnp.where(s < EDGE, jnp.clip(s + EDGE, 0.0, 2 * EDGE) ** 2 / (4 * EDGE), s)
     high = 1.0 - jnp.clip(1.0 + EDGE - s, 0.0, 2 * EDGE) ** 2 / (4 * EDGE)

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.model import Kinematics, LinkEnd
 
 #: A NumPy or JAX array.
-Array = Any
+AnyArray = Any
 
 
-def wet_share(k: Kinematics, part: LinkEnd, tangents: jax.Array, elevation: jax.Array) -> jax.Array:
+def wet_share(k: Kinematics, part: LinkEnd, tangents: Array, elevation: Array) -> Array:
     """Submerged fraction of this end of each link (n,), 0 to 1."""
     height = k.line.needed_diameter + k.line.length * jnp.abs(tangents[:, 2])
     return submerged_fraction(part.at(elevation - k.r[:, 2]), height)
 
 
-def submerged_fraction(below: Array, height: Array) -> Array:
+def submerged_fraction(below: AnyArray, height: AnyArray) -> AnyArray:
     """`s^2 (3 - 2 s)`, `s = 1/2 + below/height`, of parts of links whose nodes are `below` the surface [m].
 
     Args:
@@ -29,7 +29,7 @@ def submerged_fraction(below: Array, height: Array) -> Array:
     return s * s * (3.0 - 2.0 * s)
 
 
-def split(u: jax.Array, tangent: jax.Array) -> tuple[jax.Array, jax.Array]:
+def split(u: Array, tangent: Array) -> tuple[Array, Array]:
     """Components of u (nodes, 3) across and along the tangents."""
     along = jnp.sum(u * tangent, axis=-1, keepdims=True) * tangent
     return u - along, along

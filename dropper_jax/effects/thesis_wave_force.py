@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.fields import component, option, parameter
@@ -30,9 +30,9 @@ class ThesisWaveForce(Effect):
     single_line = True
     needs_water = True
     constant = True
-    c_d: jax.Array = parameter("drag coefficient", unit="-", low=0.0, default=2.0)
-    c_m: jax.Array = parameter("inertia coefficient", unit="-", low=0.0, default=1.0)
-    c_a: jax.Array = parameter("added mass coefficient, with relative velocity", unit="-", low=0.0, default=None)
+    c_d: Array = parameter("drag coefficient", unit="-", low=0.0, default=2.0)
+    c_m: Array = parameter("inertia coefficient", unit="-", low=0.0, default=1.0)
+    c_a: Array = parameter("added mass coefficient, with relative velocity", unit="-", low=0.0, default=None)
     velocity: str = option(
         "velocity of the water: absolute, or relative to the node", choices=VELOCITIES, default="absolute"
     )
@@ -46,25 +46,26 @@ class ThesisWaveForce(Effect):
     def build(cls, values: Values, scene: SceneData) -> Effect:
         if values["velocity"] == "absolute":
             return cls(**values)
-        # without added mass every scheme supports it
-        return (RelativeThesisWaveForce if values["c_a"] is None else RelativeThesisWaveForceWithAddedMass)(**values)
+        if values["c_a"] is None:  # without added mass every scheme supports it
+            return RelativeThesisWaveForce(**values)
+        return RelativeThesisWaveForceWithAddedMass(**values)
 
     def prepare(self, k: Kinematics) -> Motion:
         """The water at the origin."""
         return k.sea.at(jnp.zeros((1, 3), k.r.dtype), k.t)
 
-    def force(self, k: Kinematics) -> jax.Array:
-        inertia, drag = self._coefficients(k)
-        u = k.prepared(self).velocity[0]
-        change = k.prepared(self).acceleration[0]
-        return inertia * change + drag * (jnp.abs(u) * u)
+    def force(self, k: Kinematics) -> Array:
+        water = k.prepared(self)
+        return self._force(k, water, water.velocity)
 
-    def _coefficients(self, k: Kinematics) -> tuple[jax.Array, jax.Array]:
-        """Mass [kg] by the acceleration and drag [kg/m] by the squared velocity of the water, each (nodes, 1)."""
+    def _drag(self, k: Kinematics) -> Array:
+        """Drag over the squared velocity of the water (nodes, 1) [kg/m]."""
         line = k.line
-        density = k.sea.density
-        inertia = line.node_share(density * line.volume * self.c_m)
-        return inertia[:, None], line.node_share(0.5 * density * line.needed_diameter * line.length * self.c_d)[:, None]
+        return line.node_share(0.5 * k.sea.density * line.needed_diameter * line.length * self.c_d)[:, None]
+
+    def _force(self, k: Kinematics, water: Motion, velocity: Array) -> Array:
+        inertia = k.line.node_share(k.sea.density * k.line.volume * self.c_m)[:, None]
+        return inertia * water.acceleration + self._drag(k) * jnp.abs(velocity) * velocity
 
 
 @component
@@ -79,25 +80,24 @@ class RelativeThesisWaveForce(ThesisWaveForce):
 
     constant = False
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         water = k.prepared(self)
-        inertia, drag = self._coefficients(k)
-        decay = 2.0 * drag * jnp.abs(water.velocity - (k.v if k.before is None else k.before))
+        decay = 2.0 * self._drag(k) * jnp.abs(water.velocity - (k.v if k.before is None else k.before))
         relative = water.velocity - drag_velocity(k, decay / k.model.node_mass[:, None])
-        return inertia * water.acceleration + drag * jnp.abs(relative) * relative
+        return self._force(k, water, relative)
 
 
 @component
 class RelativeThesisWaveForceWithAddedMass(RelativeThesisWaveForce):
     """The same with `-C_A v'` of (6.13), as added mass on the left."""
 
-    def _added_mass(self, k: Kinematics) -> jax.Array:
+    def _added_mass(self, k: Kinematics) -> Array:
         return (k.line.node_share(k.sea.density * k.line.volume) * self.c_a)[:, None]
 
-    def inertia(self, k: Kinematics, a: jax.Array) -> jax.Array:
+    def inertia(self, k: Kinematics, a: Array) -> Array:
         """Inertia force (nodes, 3) [N] of the added mass."""
         return self._added_mass(k) * a
 
-    def kinetic(self, k: Kinematics) -> jax.Array:
+    def kinetic(self, k: Kinematics) -> Array:
         """Kinetic energy of the added mass [J]."""
         return 0.5 * jnp.sum(self._added_mass(k) * k.v**2)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.fields import component, option, parameter
@@ -18,7 +17,7 @@ from dropper_jax.model import Effect, Kinematics, ModelView, sum_of_pieces
 from dropper_jax.scene import SceneData
 
 #: Twist phi (nodes,) [rad] and its rate (nodes,) [rad/s], nodes line after line with both ends of each.
-Twist = tuple[jax.Array, jax.Array]
+Twist = tuple[Array, Array]
 
 
 @component
@@ -40,19 +39,19 @@ class Torsion(Effect):
 
     name = "torsion"
     reach = 1
-    GJ: jax.Array = parameter("torsional stiffness", unit="N m^2", shape="link", low=0.0, open_low=True)
-    polar_inertia: jax.Array = parameter(
+    GJ: Array = parameter("torsional stiffness", unit="N m^2", shape="link", low=0.0, open_low=True)
+    polar_inertia: Array = parameter(
         "polar moment of inertia per length", unit="kg m", shape="link", low=0.0, open_low=True
     )
-    damping: jax.Array = parameter(
+    damping: Array = parameter(
         "torque per rate of twist per length", unit="N m^2 s", shape="link", low=0.0, default=0.0
     )
-    coupling: jax.Array = parameter(
+    coupling: Array = parameter(
         "k_tt, tension per twist per length, and torque per strain", unit="N m", shape="link", default=None
     )
-    torque: jax.Array = parameter("moment on last points that are free to turn", unit="N m", default=0.0)
-    turn: jax.Array = parameter("angle to which last points that are held are turned", unit="rad", default=0.0)
-    turn_time: jax.Array = parameter("duration of the turn, at a constant rate", unit="s", low=0.0, default=0.0)
+    torque: Array = parameter("moment on last points that are free to turn", unit="N m", default=0.0)
+    turn: Array = parameter("angle to which last points that are held are turned", unit="rad", default=0.0)
+    turn_time: Array = parameter("duration of the turn, at a constant rate", unit="s", low=0.0, default=0.0)
     lines: tuple[str, ...] = option("lines that twist; all if not given", type=list, default=())
     joined: tuple[tuple[str, str], ...] = option(
         "lines that twist across their common point as one", type=Pairs, default=()
@@ -69,7 +68,7 @@ class Torsion(Effect):
         for i, name in enumerate(values["lines"]):
             if name not in names:
                 raise SceneError(f"effects.torsion.lines.{i}: {name!r} is not a line; {nearest(name, names)}")
-        check_joined(SimpleNamespace(**values), scene)
+        check_joined(values, scene)
         for key, last, other in (("torque", "free", "held"), ("turn", "held", "free")):
             if values[key] != 0.0 and values["last"] == other:
                 what = f"{values[key]:g} only applies to last points that are {last}"
@@ -86,9 +85,12 @@ class Torsion(Effect):
     def entered(self, state: Twist) -> Torsion:
         return replace(self, twist=state)
 
-    def advance(self, before: Kinematics, after: Kinematics, tension: jax.Array, h: jax.Array) -> Twist:
+    def _shafts(self, model: ModelView) -> Shafts:
+        return Shafts(model.geometry, self.lines, self.joined, (self.first == "held", self.last == "held"))
+
+    def advance(self, before: Kinematics, after: Kinematics, tension: Array, h: Array) -> Twist:
         model = after.model
-        shafts = Shafts(model.geometry, self)
+        shafts = self._shafts(model)
         phi, rate = map(shafts.of_lines, self.twist or self.begin(model))
         inertia, stiffness, damping = self._along(model)
         load = self.torque * shafts.last + shafts.at_nodes(-self._strain_torque(before, after))
@@ -99,25 +101,26 @@ class Torsion(Effect):
         rate = jnp.where(shafts.held, mean, 2.0 * mean - rate)
         return shafts.on_lines(phi + h * mean), shafts.on_lines(rate)
 
-    def at_rest(self, model: ModelView) -> jax.Array:
+    def at_rest(self, model: ModelView) -> Array:
         """Twist (nodes,) [rad] at the start, under the moments at the ends."""
-        shafts = Shafts(model.geometry, self)
+        shafts = self._shafts(model)
         _, stiffness, _ = self._along(model)
         zero = jnp.zeros(shafts.held.shape, stiffness.dtype)
         goal = self._turned_at(zero[0]) * shafts.turned
         return shafts.on_lines(shafts.solve(zero, stiffness, self.torque * shafts.last, goal))
 
-    def _turned_at(self, t: jax.Array) -> jax.Array:
-        share = jnp.where(self.turn_time > 0.0, t / jnp.where(self.turn_time > 0.0, self.turn_time, 1.0), 1.0)
+    def _turned_at(self, t: Array) -> Array:
+        lasting = self.turn_time > 0.0
+        share = jnp.where(lasting, t / jnp.where(lasting, self.turn_time, 1.0), 1.0)
         return self.turn * jnp.clip(share, 0.0, 1.0)
 
-    def _along(self, model: ModelView) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def _along(self, model: ModelView) -> tuple[Array, Array, Array]:
         """Inertia of nodes (nodes,) [kg m^2], stiffness and damping of links (n,) [N m/rad], [N m s/rad]."""
         length = model.line.length
         half = 0.5 * self.polar_inertia * length
-        return Shafts(model.geometry, self).sums(half, half), self.GJ / length, self.damping / length
+        return self._shafts(model).sums(half, half), self.GJ / length, self.damping / length
 
-    def _strain_torque(self, before: Kinematics, after: Kinematics) -> jax.Array:
+    def _strain_torque(self, before: Kinematics, after: Kinematics) -> Array:
         """Torque (n,) [N m] due to the strain, over the step."""
         return jnp.zeros_like(after.line.length)
 
@@ -126,25 +129,25 @@ class Torsion(Effect):
 class CoupledTorsion(Torsion):
     """The same with tension due to twist and torque due to strain."""
 
-    def _strain_torque(self, before: Kinematics, after: Kinematics) -> jax.Array:
+    def _strain_torque(self, before: Kinematics, after: Kinematics) -> Array:
         length = after.line.length
         strain = 0.5 * (safe_norm(before.links) + safe_norm(after.links)) / length - 1.0
-        return self.coupling * Shafts(after.model.geometry, self).twists * strain
+        return self.coupling * self._shafts(after.model).twists * strain
 
-    def twist_tension(self, model: ModelView) -> jax.Array:
+    def twist_tension(self, model: ModelView) -> Array:
         """Tension (n,) [N] due to the twist."""
         phi = self.at_rest(model) if self.twist is None else self.twist[0]
-        shafts = Shafts(model.geometry, self)
+        shafts = self._shafts(model)
         return self.coupling * shafts.twists * shafts.differences(shafts.of_lines(phi)) / model.line.length
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return sum_of_pieces(self, k)
 
     def piece_nodes(self, model: ModelView) -> np.ndarray:
         """Both nodes of every link."""
         return np.stack([model.geometry.first, model.geometry.last], axis=1)
 
-    def piece_force(self, k: Kinematics, r: jax.Array, v: jax.Array) -> jax.Array:
+    def piece_force(self, k: Kinematics, r: Array, v: Array) -> Array:
         link = r[:, 1] - r[:, 0]
         force = (self.twist_tension(k.model) / jnp.sqrt(dot(link, link) + 1e-30))[:, None] * link
         return jnp.stack([force, -force], axis=1)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.effects.end_motion import interpolate_quintic
@@ -11,7 +11,7 @@ from dropper_jax.model import Effect
 from dropper_jax.sea import Sea
 
 
-def rigid_displacement(motion: jax.Array, arm: jax.Array, heading: jax.Array) -> jax.Array:
+def rigid_displacement(motion: Array, arm: Array, heading: Array) -> Array:
     """Displacement (3,) [m] of a position `arm` (3,) on a vessel by its motion (6,): translations [m] and rotations
     [rad].
 
@@ -39,19 +39,19 @@ class VesselInWaves(Effect):
 
     name = "vessel_motion"
     needs_sea = True
-    real: jax.Array = parameter("H of each component, in phase (c, 6)", unit="-", shape="vectors")
-    imaginary: jax.Array = parameter("H of each component, a quarter period ahead (c, 6)", unit="-", shape="vectors")
-    place: jax.Array = parameter("mean position of the reference point", unit="m", shape="vector")
-    arm: jax.Array = parameter("the point in the vessel's axes", unit="m", shape="vector")
-    heading: jax.Array = parameter("direction of the vessel's x-axis", unit="rad")
-    settled: jax.Array = parameter("start and end of the sea's ramp", unit="s", shape="table")
+    real: Array = parameter("H of each component, in phase (c, 6)", unit="-", shape="vectors")
+    imaginary: Array = parameter("H of each component, a quarter period ahead (c, 6)", unit="-", shape="vectors")
+    place: Array = parameter("mean position of the reference point", unit="m", shape="vector")
+    arm: Array = parameter("the point in the vessel's axes", unit="m", shape="vector")
+    heading: Array = parameter("direction of the vessel's x-axis", unit="rad")
+    settled: Array = parameter("start and end of the sea's ramp", unit="s", shape="table")
     point: str = option("name of the point", type=str, default="")
 
     @property
-    def kinks(self) -> jax.Array | None:
+    def kinks(self) -> Array | None:
         return self.settled
 
-    def displace(self, t: jax.Array, sea: Sea) -> jax.Array:
+    def displace(self, t: Array, sea: Sea) -> Array:
         """Displacement (3,) [m] at time t [s]."""
         if sea.waves is None:
             return jnp.zeros_like(self.place)
@@ -71,20 +71,20 @@ class VesselByTable(Effect):
     `end_motion`."""
 
     name = "vessel_motion"
-    time: jax.Array = parameter("times", unit="s", shape="table")
-    motion: jax.Array = parameter("surge, sway, heave, roll, pitch, yaw (k, 6)", unit="-", shape="vectors")
-    arm: jax.Array = parameter("the point in the vessel's axes", unit="m", shape="vector")
-    heading: jax.Array = parameter("direction of the vessel's x-axis", unit="rad")
+    time: Array = parameter("times", unit="s", shape="table")
+    motion: Array = parameter("surge, sway, heave, roll, pitch, yaw (k, 6)", unit="-", shape="vectors")
+    arm: Array = parameter("the point in the vessel's axes", unit="m", shape="vector")
+    heading: Array = parameter("direction of the vessel's x-axis", unit="rad")
     point: str = option("name of the point", type=str, default="")
 
     @property
-    def kinks(self) -> jax.Array | None:
+    def kinks(self) -> Array | None:
         return self.time[jnp.array([0, -1])]
 
     @property
-    def corners(self) -> jax.Array | None:
+    def corners(self) -> Array | None:
         return self.time
 
-    def displace(self, t: jax.Array) -> jax.Array:
+    def displace(self, t: Array) -> Array:
         """Displacement (3,) [m] at time t [s]."""
         return rigid_displacement(interpolate_quintic(t, self.time, self.motion), self.arm, self.heading)

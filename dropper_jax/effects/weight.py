@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.fields import component, parameter
@@ -22,23 +22,23 @@ class Weight(Effect):
 
     name = "weight"
     constant = True
-    gravity: jax.Array = parameter(
+    gravity: Array = parameter(
         "acceleration of gravity, by default that of the sea", unit="m/s^2", low=0.0, default=GRAVITY
     )
-    wet_weight: jax.Array | None = parameter("weight in water per link", unit="N", shape="link", default=None)
+    wet_weight: Array | None = parameter("weight in water per link", unit="N", shape="link", default=None)
 
-    def per_link(self, line: Line) -> jax.Array:
+    def per_link(self, line: Line) -> Array:
         """Weight of each link (n,) [N]."""
         if self.wet_weight is None:
             return self.gravity * line.mass
         return self.wet_weight * jnp.ones_like(line.mass)
 
-    def weights(self, k: Kinematics) -> jax.Array:
+    def weights(self, k: Kinematics) -> Array:
         """Weight of each free node (nodes,) [N]."""
         return k.line.node_share(self.per_link(k.line))
 
-    def force(self, k: Kinematics) -> jax.Array:
+    def force(self, k: Kinematics) -> Array:
         return upright(-self.weights(k))
 
-    def potential(self, k: Kinematics) -> jax.Array:
+    def potential(self, k: Kinematics) -> Array:
         return jnp.sum(self.weights(k) * k.r[:, 2])

@@ -5,16 +5,17 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 
 #: One number, also of a trace.
-Scalar = jax.Array | float
+Scalar = Array | float
 #: Several numbers.
-Numbers = jax.Array | np.ndarray
+Numbers = Array | np.ndarray
 
 
-def harmonic(part: Level | Current, t: jax.Array) -> jax.Array | None:
+def harmonic(part: Level | Current, t: Array) -> Array | None:
     """`sum_i a_i cos(2 pi t/T_i - p_i)` at time t [s], None without constituents; phases are lags as in tide tables."""
     if part.amplitude is None or part.period is None or part.phase is None:
         return None
@@ -36,7 +37,7 @@ class Level:
     period: Numbers | None = parameter("their periods", unit="s", shape="table", default=None)
     phase: Numbers | None = parameter("their lags", unit="rad", shape="table", default=None)
 
-    def at(self, t: jax.Array) -> jax.Array:
+    def at(self, t: Array) -> Array:
         """The level [m] at time t [s]; a table is constant outside its times."""
         level = jnp.asarray(self.offset)
         if self.time is not None and self.height is not None:
@@ -77,7 +78,7 @@ class Current:
     def steady(self) -> bool:
         return self.time is None and self.amplitude is None
 
-    def scale(self, t: jax.Array) -> jax.Array:
+    def scale(self, t: Array) -> Array:
         """s(t): a table, linear between its times and constant outside, or the sum of constituents."""
         tide = harmonic(self, t)
         if tide is not None:
@@ -86,7 +87,7 @@ class Current:
             return jnp.ones_like(self.speed)
         return jnp.interp(t, self.time, self.factor)
 
-    def profile(self, z: jax.Array | np.ndarray, depth: Scalar) -> jax.Array:
+    def profile(self, z: Array | np.ndarray, depth: Scalar) -> Array:
         """Velocity (..., 3) [m/s] at heights z (...) [m], before s(t)."""
         z = jnp.minimum(z, 0.0)
         if self.kind == "table" and self.heights is not None and self.velocities is not None:
@@ -98,7 +99,7 @@ class Current:
             course = self.direction - self.veer * z
         return jnp.stack([size * jnp.cos(course), size * jnp.sin(course), jnp.zeros_like(z)], axis=-1)
 
-    def _shape(self, z: jax.Array, depth: Scalar) -> jax.Array:
+    def _shape(self, z: Array, depth: Scalar) -> Array:
         if self.kind == "uniform" or self.exponent is None or self.reference is None:
             return jnp.ones_like(z)
         # a power law is replaced by a linear profile below this fraction of its reference height, since its slope at
@@ -108,17 +109,17 @@ class Current:
         inside = jnp.maximum(share, linear_below) ** self.exponent
         return jnp.where(share < linear_below, inside * share / linear_below, inside)
 
-    def velocity(self, z: jax.Array, t: jax.Array, depth: Scalar) -> jax.Array:
+    def velocity(self, z: Array, t: Array, depth: Scalar) -> Array:
         """Velocity (n, 3) [m/s] at heights z (n,) [m] and time t [s]."""
         return self.scale(t) * self.profile(z, depth)
 
-    def acceleration(self, z: jax.Array, t: jax.Array, depth: Scalar) -> jax.Array | None:
+    def acceleration(self, z: Array, t: Array, depth: Scalar) -> Array | None:
         """Local acceleration (n, 3) [m/s^2]; None for a steady current."""
         if self.steady:
             return None
         return jax.jvp(self.scale, (t,), (jnp.ones_like(t),))[1] * self.profile(z, depth)
 
-    def along(self, z: jax.Array, direction: jax.Array, depth: Scalar) -> jax.Array:
+    def along(self, z: Array, direction: Array, depth: Scalar) -> Array:
         """Speed along directions (c,) [rad] at heights z (c, points), for waves on the current."""
         u = self.profile(z, depth)
         return u[..., 0] * jnp.cos(direction)[:, None] + u[..., 1] * jnp.sin(direction)[:, None]

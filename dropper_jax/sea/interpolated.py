@@ -10,11 +10,13 @@ Time is exact; space is interpolated by cubics (4 points each way). The error is
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields as fields_of
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.sea.current import Scalar
@@ -38,40 +40,40 @@ class GridWaves(Waves):
         error: maximum error of velocity and of acceleration over their rms, (2,), measured at 400 positions and times.
     """
 
-    origin: jax.Array = parameter("first grid point", unit="m", shape="table", default=None)
-    step: jax.Array = parameter("grid step", unit="m", shape="table", default=None)
-    shapes: jax.Array = parameter("velocities of the shapes", unit="m/s", shape="table", default=None)
-    surface: jax.Array = parameter("elevations of the shapes", unit="m", shape="table", default=None)
-    projection: jax.Array = parameter("components to shapes", unit="-", shape="table", default=None)
-    error: jax.Array = parameter("relative error", unit="-", shape="table", default=None)
+    origin: Array = parameter("first grid point", unit="m", shape="table", default=None)
+    step: Array = parameter("grid step", unit="m", shape="table", default=None)
+    shapes: Array = parameter("velocities of the shapes", unit="m/s", shape="table", default=None)
+    surface: Array = parameter("elevations of the shapes", unit="m", shape="table", default=None)
+    projection: Array = parameter("components to shapes", unit="-", shape="table", default=None)
+    error: Array = parameter("relative error", unit="-", shape="table", default=None)
 
-    def _amplitudes(self, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def _amplitudes(self, t: Array) -> tuple[Array, Array]:
         """c(t) and c'(t), (m,) each."""
         angle = self.phase - self.omega * t
-        cos = jnp.cos(angle)
-        sin = jnp.sin(angle)
-        both = jnp.stack([jnp.concatenate([cos, sin]), jnp.concatenate([self.omega * sin, -self.omega * cos])])
-        return tuple(both @ self.projection.T)
+        parts = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        rates = jnp.stack([self.omega * parts[1], -self.omega * parts[0]])
+        return tuple(jnp.stack([parts.ravel(), rates.ravel()]) @ self.projection.T)
 
-    def _along(self, x: jax.Array, y: jax.Array) -> jax.Array:
-        return x * jnp.cos(self.direction) + y * jnp.sin(self.direction)
+    def _along(self, x: Array, y: Array) -> Array:
+        cos, sin = self.course
+        return x * cos + y * sin
 
-    def _locate(self, x: jax.Array, axis: int, count: int) -> tuple[jax.Array, jax.Array]:
+    def _locate(self, x: Array, axis: int, count: int) -> tuple[Array, Array]:
         """First of the 4 grid points around x (n,) and their weights (n, 4); constant outside the grid."""
         cell = jnp.clip((x - self.origin[axis]) / self.step[axis], 1.0, count - 2.0)
         first = jnp.clip(jnp.floor(cell).astype(jnp.int32) - 1, 0, count - 4)
         return first, _cubic(cell - first)
 
-    def _elevation(self, s: jax.Array, c: jax.Array) -> jax.Array:
+    def _elevation(self, s: Array, c: Array) -> Array:
         first, weight = self._locate(s, 0, self.surface.shape[0])
         near = (self.surface @ c)[first[:, None] + jnp.arange(4)]
         return jnp.sum(near * weight, axis=1)
 
-    def elevation(self, x: jax.Array, y: jax.Array, t: jax.Array) -> jax.Array:
+    def elevation(self, x: Array, y: Array, t: Array) -> Array:
         """Surface elevation (n,) [m]."""
         return self.rise(t)[0] * self._elevation(self._along(x, y), self._amplitudes(t)[0])
 
-    def _vectors(self, s: jax.Array, z: jax.Array, c: jax.Array) -> jax.Array:
+    def _vectors(self, s: Array, z: Array, c: Array) -> Array:
         """Sums over the shapes with amplitudes c (q, m) at s, z (n,): (q, n, 3)."""
         ns, nz, width = self.shapes.shape
         i, wi = self._locate(s, 0, ns)
@@ -82,11 +84,10 @@ class GridWaves(Waves):
         weight = wi[:, :, None] * wj[:, None, :]
         local = jnp.einsum("nijm,nij->nm", patch, weight).reshape(-1, 2, width // 2)
         level, rising = jnp.einsum("ndm,qm->dqn", local, c)
-        cos = jnp.cos(self.direction)
-        sin = jnp.sin(self.direction)
+        cos, sin = self.course
         return jnp.stack([level * cos, level * sin, rising], axis=-1)
 
-    def motion(self, r: jax.Array, t: jax.Array, depth: Scalar) -> Motion:
+    def motion(self, r: Array, t: Array, depth: Scalar) -> Motion:
         """The water at positions r (n, 3) [m]."""
         s = self._along(r[:, 0], r[:, 1])
         c, change = self._amplitudes(t)
@@ -97,12 +98,11 @@ class GridWaves(Waves):
         return Motion(elevation, rise * velocity, rise * acceleration + rate * velocity)
 
 
-def _cubic(x: jax.Array) -> jax.Array:
-    """Weights of the points 0, 1, 2, 3 at x (n,), Lagrange: (n, 4)."""
-    a = x
-    b = x - 1.0
-    c = x - 2.0
-    d = x - 3.0
+def _cubic(a: Array) -> Array:
+    """Weights of the points 0, 1, 2, 3 at a (n,), Lagrange: (n, 4)."""
+    b = a - 1.0
+    c = a - 2.0
+    d = a - 3.0
     return jnp.stack([-b * c * d / 6.0, a * c * d / 2.0, -a * b * d / 2.0, a * b * c / 6.0], axis=-1)
 
 
@@ -122,59 +122,46 @@ def on_grid(waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> Gr
     step = (high - low) / (count - 4)
     origin = low - 1.5 * step
     s, z = (origin[i] + step[i] * np.arange(count[i]) for i in range(2))
-    surface, level, rising = _fields(waves, depth, s, np.clip(z, -depth, None))
-    table = np.concatenate([a.reshape(-1, 2 * k.size) for a in (level, rising, surface)])
-    left, values, right = np.linalg.svd(table, full_matrices=False)
+    # u, w and elevation per component, complex: a field F has the real part Re F cos(e - w t) - Im F sin(e - w t)
+    turn = np.exp(1j * np.outer(s, k))
+    speed = np.asarray(waves.speeds, float)
+    across, upright = (np.asarray(a, float) for a in waves.profiles(jnp.asarray(np.clip(z, -depth, None)), depth))
+    level = turn[:, None] * (speed * across)
+    rising = -1j * turn[:, None] * (speed * upright)
+    fields = [level.reshape(-1, k.size), rising.reshape(-1, k.size), turn * np.asarray(waves.amplitude, float)]
+    table = np.concatenate(fields)
+    left, values, right = np.linalg.svd(np.concatenate([table.real, -table.imag], axis=1), full_matrices=False)
     rank = int(np.sum(values > SMALLEST_SHAPE * values[0]))
-    left = left[:, :rank]
-    projection = values[:rank, None] * right[:rank]
     points = count[0] * count[1]
-    u, w = (left[i * points : (i + 1) * points].reshape(*count, rank) for i in range(2))
+    velocities = left[: 2 * points, :rank].reshape(2, *count, rank)
     made = GridWaves(
-        **{f.name: getattr(waves, f.name) for f in fields(waves)},
+        **{f.name: getattr(waves, f.name) for f in fields_of(waves)},
         origin=jnp.asarray(origin),
         step=jnp.asarray(step),
-        shapes=jnp.asarray(np.concatenate([u, w], axis=-1)),
-        surface=jnp.asarray(left[2 * points :]),
-        projection=jnp.asarray(projection),
-        error=jnp.zeros(2),
+        shapes=jnp.asarray(np.concatenate(velocities, axis=-1)),
+        surface=jnp.asarray(left[2 * points :, :rank]),
+        projection=jnp.asarray(values[:rank, None] * right[:rank]),
     )
-    return _with_error(made, waves, depth, asked, high)
+    return replace(made, error=_measure_error(waves, made, depth, asked, high))
 
 
-def _fields(waves: Waves, depth: float, s: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Elevation (ns, 2c), u and w (ns, nz, 2c) per unit of cosine and sine of `e - w t`."""
-    k = np.asarray(waves.wave_number, float)
-    size = np.asarray(waves.amplitude, float)
-    speed = size * np.asarray(waves.omega if waves.intrinsic is None else waves.intrinsic, float)
-    across, upright = (np.asarray(a, float) for a in waves.profiles(jnp.asarray(z), depth))
-    cos = np.cos(np.outer(s, k))
-    sin = np.sin(np.outer(s, k))
-    surface = np.concatenate([size * cos, -size * sin], axis=1)
-    level = np.concatenate([cos[:, None] * (speed * across), -sin[:, None] * (speed * across)], axis=2)
-    rising = np.concatenate([sin[:, None] * (speed * upright), cos[:, None] * (speed * upright)], axis=2)
-    return surface, level, rising
-
-
-def _with_error(made: GridWaves, waves: Waves, depth: float, low: np.ndarray, high: np.ndarray) -> GridWaves:
-    """The grid with its error, from 20 times at 20 positions."""
+def _measure_error(exact: Waves, found: GridWaves, depth: float, low: np.ndarray, high: np.ndarray) -> Array:
+    """Maximum error of velocity and of acceleration over their rms, (2,), from 20 times at 20 positions."""
     rng = np.random.default_rng(0)
     s, z = np.moveaxis(rng.uniform(low, high, (20, 20, 2)), -1, 0)
-    course = float(waves.direction)
+    course = float(exact.direction)
     positions = jnp.asarray(np.stack([s * np.cos(course), s * np.sin(course), z], axis=-1))
     times = jnp.asarray(rng.uniform(0.0, 1000.0, 20))
-    exact, found = _motions(replace(waves, ramp=None), replace(made, ramp=None), positions, times, depth)
-    pairs = zip(exact[1:], found[1:], strict=True)
-    return replace(made, error=jnp.stack([jnp.max(jnp.abs(a - b)) / jnp.sqrt(3 * jnp.mean(a**2)) for a, b in pairs]))
+
+    right = _motions(replace(exact, ramp=None), positions, times, depth)
+    wrong = jnp.abs(_motions(replace(found, ramp=None), positions, times, depth) - right)
+    return jnp.max(wrong, axis=(1, 2, 3)) / jnp.sqrt(3 * jnp.mean(right**2, axis=(1, 2, 3)))
 
 
 @jax.jit
-def _motions(
-    exact: Waves, found: GridWaves, positions: jax.Array, times: jax.Array, depth: float
-) -> tuple[Motion, Motion]:
-    """Both at positions (q, n, 3) and times (q,)."""
-    both = lambda waves: jax.vmap(lambda r, t: waves.motion(r, t, depth))(positions, times)  # noqa: E731
-    return both(exact), both(found)
+def _motions(waves: Waves, positions: Array, times: Array, depth: float) -> Array:
+    """Velocities and accelerations (2, q, n, 3) at positions (q, n, 3) and times (q,)."""
+    return jnp.stack(jax.vmap(lambda r, t: waves.motion(r, t, depth))(positions, times)[1:])
 
 
 @component
@@ -192,10 +179,10 @@ class BoundWaves(Waves):
         flow, head: U and Bernoulli's constant in the frame of the wave (`steady.SteadyWave`).
     """
 
-    speed: jax.Array = parameter("velocity of the harmonics", unit="m/s", shape="table", default=None)
-    drift: jax.Array | None = parameter("uniform flow of the wave", unit="m/s", default=None)
-    flow: jax.Array = parameter("mean speed in the frame of the wave", unit="m/s", default=None)
-    head: jax.Array = parameter("Bernoulli's constant", unit="m^2/s^2", default=None)
+    speed: Array = parameter("velocity of the harmonics", unit="m/s", shape="table", default=None)
+    drift: Array | None = parameter("uniform flow of the wave", unit="m/s", default=None)
+    flow: Array = parameter("mean speed in the frame of the wave", unit="m/s", default=None)
+    head: Array = parameter("Bernoulli's constant", unit="m^2/s^2", default=None)
     theory: str = option("theory of the wave", type=str, default="stream")
 
     @property
@@ -203,31 +190,31 @@ class BoundWaves(Waves):
         return True
 
     @property
-    def speeds(self) -> jax.Array:
+    def speeds(self) -> Array:
         return self.speed
 
     @property
-    def shortest(self) -> jax.Array:
+    def shortest(self) -> Array:
         """Length of the wave [m] (not of its harmonics)."""
         return 2.0 * jnp.pi / self.wave_number[0]
 
     @property
-    def height(self) -> jax.Array:
+    def height(self) -> Array:
         """From trough to crest [m]."""
         return 2.0 * jnp.sum(self.amplitude[::2])
 
-    def heights(self, z: jax.Array, elevation: jax.Array, depth: Scalar) -> jax.Array:
+    def heights(self, z: Array, elevation: Array, depth: Scalar) -> Array:
         """Height at which the kinematics of z are evaluated (n,) [m]: z limited to the range from seabed to surface."""
         return jnp.maximum(jnp.minimum(z, elevation), -depth)
 
-    def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: Scalar) -> tuple[jax.Array, jax.Array]:
+    def _orbit(self, z: Array, cos: Array, sin: Array, depth: Scalar) -> tuple[Array, Array]:
         velocity, acceleration = super()._orbit(z, cos, sin, depth)
         if self.drift is None:
             return velocity, acceleration
-        course = jnp.stack([jnp.cos(self.direction), jnp.sin(self.direction), jnp.zeros_like(self.direction)])
+        course = jnp.stack([*self.course, jnp.zeros_like(self.direction)])
         return velocity + self.drift * course, acceleration
 
-    def pressure(self, r: jax.Array, t: jax.Array, depth: Scalar, density: Scalar) -> jax.Array:
+    def pressure(self, r: Array, t: Array, depth: Scalar, density: Scalar) -> Array:
         """Pressure (n,) [Pa] minus the hydrostatic one, by Bernoulli: zero at a surface of height `rho g eta`."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         elevation = jnp.sum(self.amplitude * cos, axis=-1)
@@ -249,10 +236,10 @@ def bound_waves(
     small = 1e-9  # harmonics with a crest velocity below this fraction of that of the first are left out
     k = wave.wave_number
     order = np.arange(1, wave.order + 1)
-    tanh = np.tanh(order * k * wave.depth)
+    speed = wave.speed * np.tanh(order * k * wave.depth)
     size = np.abs(wave.speed) * np.exp(order * k * wave.crest)
-    kept = max(int(np.max(np.flatnonzero(size > small * size[0]))), 1) + 1
-    kept = max(kept, int(np.max(np.flatnonzero(np.abs(wave.surface) > small * wave.height))) + 1)
+    counts = (size > small * size[0]) | (np.abs(wave.surface) > small * wave.height)
+    kept = max(int(np.max(order[counts])), 2)
     order = order[:kept]
     drift = wave.eulerian - current
     return BoundWaves(
@@ -263,7 +250,7 @@ def bound_waves(
         direction=jnp.asarray(direction, float),
         ramp=ramp,
         stretching="none",
-        speed=jnp.asarray((wave.speed * tanh)[:kept]),
+        speed=jnp.asarray(speed[:kept]),
         drift=None if abs(drift) < 1e-12 else jnp.asarray(drift),
         flow=jnp.asarray(wave.flow),
         head=jnp.asarray(wave.head),

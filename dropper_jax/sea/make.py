@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache, partial
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -39,32 +40,24 @@ def make_sea(spec: SeaSpec, reach: tuple[np.ndarray, float] | None = None) -> Se
     Raises:
         SceneError: a component that the current stops; an interpolated sea that is not long-crested.
     """
-    current = None
-    if spec.current is not None:
-        current = make_current(spec.current)
-    waves = None
+    current = make_current(spec.current) if spec.current else None
+    level = make_level(spec.level) if spec.level else None
+    return Sea(spec.depth, spec.density, spec.gravity, _make_waves(spec, current, reach), current, level)
+
+
+def _make_waves(spec: SeaSpec, current: Current | None, reach: tuple[np.ndarray, float] | None) -> Waves | None:
     given = spec.waves
+    if given is None:
+        return None
     wave = finite_wave(spec, current)
-    if given is not None and wave is not None:
-        direction = float(given.direction)
-        along = _along(spec, current, direction, wave.wave_number)
-        waves = bound_waves(wave, float(given.phase), direction, along, spec.ramp)
-    elif given is not None:
-        waves = dataclasses.replace(waves_of(spec, given, current), stretching=spec.stretching, ramp=spec.ramp)
-        _refuse_blocked(waves)
-        if spec.interpolation == "grid" and reach is not None:
-            waves = _interpolate_waves(spec, waves, *reach)
-    level = None
-    if spec.level is not None:
-        level = make_level(spec.level)
-    return Sea(
-        depth=spec.depth,
-        density=spec.density,
-        gravity=spec.gravity,
-        waves=waves,
-        current=current,
-        level=level,
-    )
+    if wave is not None:
+        along = _along(spec, given, current, wave.wave_number)
+        return bound_waves(wave, float(given.phase), float(given.direction), along, spec.ramp)
+    waves = dataclasses.replace(waves_of(spec, given, current), stretching=spec.stretching, ramp=spec.ramp)
+    _refuse_blocked(waves)
+    if spec.interpolation == "grid" and reach is not None:
+        return _interpolate_waves(spec, waves, *reach)
+    return waves
 
 
 def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | None:
@@ -81,19 +74,20 @@ def finite_wave(spec: SeaSpec, current: Current | None = None) -> SteadyWave | N
         return None
     if current is None and spec.current is not None:
         current = make_current(spec.current)
+    mean = 0.0
     if spec.wave_current == "doppler":
-        mean = _along(spec, current, float(given.direction), _linear_number(spec, given))
-    else:
-        mean = 0.0
+        omega = wave_components(given, spec.depth, spec.gravity).omega
+        mean = _along(spec, given, current, wave_number(omega, jnp.asarray(spec.depth), spec.gravity))
     return _solve_wave(
         given.theory,
         float(2.0 * np.max(given.size)),
-        *(None if value is None else float(np.max(value)) for value in (given.period, given.length)),
-        given.order,
-        given.current_criterion,
-        mean,
         spec.depth,
         spec.gravity,
+        period=None if given.period is None else float(np.max(given.period)),
+        length=given.length,
+        current=mean,
+        criterion=given.current_criterion,
+        order=given.order,
     )
 
 
@@ -106,35 +100,20 @@ def main_period(spec: SeaSpec, waves: WaveSpec) -> float:
     return wave.period
 
 
-def _linear_number(spec: SeaSpec, given: WaveSpec) -> float:
-    if given.length is not None:
-        return 2.0 * np.pi / given.length
-    omega = jnp.asarray(2.0 * np.pi / float(np.max(given.period)))
-    return float(wave_number(omega, jnp.asarray(spec.depth), spec.gravity))
-
-
-def _along(spec: SeaSpec, current: Current | None, direction: float, k: float) -> float:
+def _along(spec: SeaSpec, given: WaveSpec, current: Current | None, k: Scalar) -> float:
     """The current that carries waves of number k [rad/m] along their direction [m/s]; zero without `wave_current`."""
     if current is None or spec.wave_current != "doppler":
         return 0.0
-    course = jnp.asarray([direction])
     depth = jnp.asarray(spec.depth)
-    return float(effective_current(jnp.asarray([k]), depth, lambda z: current.along(z, course, depth))[0])
+    profile = partial(current.along, direction=jnp.atleast_1d(given.direction), depth=depth)
+    return float(effective_current(jnp.atleast_1d(k), depth, profile)[0])
 
 
 @lru_cache(maxsize=32)
 def _solve_wave(
-    theory: str,
-    height: float,
-    period: float | None,
-    length: float | None,
-    order: int | None,
-    criterion: str,
-    current: float,
-    depth: float,
-    gravity: float,
+    theory: str, height: float, depth: float, gravity: float, order: int | None, **size: Any
 ) -> SteadyWave | None:
-    size = {"period": period, "length": length, "current": current, "criterion": criterion}
+    """The wave by the stream function or by Stokes' theory, which take the same `size`."""
     try:
         wave = stream_function(height, depth, gravity, **size, order=order)
         limit = wave.highest
@@ -150,9 +129,9 @@ def _solve_wave(
         raise _beyond(height, limit)
     if theory == "auto":
         theory = fitting_theory(height, wave.length, depth)
-    if theory in ("stream", "linear"):
-        if theory == "stream":
-            return wave
+    if theory == "stream":
+        return wave
+    if theory == "linear":
         return None
     try:
         return stokes5(height, depth, gravity, **size)
@@ -171,10 +150,12 @@ def make_current(spec: CurrentSpec) -> Current:
 
 
 def _arrays(spec: LevelSpec | CurrentSpec) -> Table:
-    values = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
     found = {}
-    for key, value in values.items():
-        found[key] = value if value is None or isinstance(value, str) else jnp.asarray(np.asarray(value, float), float)
+    for field in dataclasses.fields(spec):
+        value = getattr(spec, field.name)
+        if value is not None and not isinstance(value, str):
+            value = jnp.asarray(np.asarray(value, float), float)
+        found[field.name] = value
     return found
 
 
@@ -186,12 +167,11 @@ def _beyond(height: float, limit: float, rest: str = "") -> SceneError:
 
 
 def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: float) -> GridWaves:
-    if waves.direction.ndim or spec.stretching == "none":
-        if waves.direction.ndim:
-            what = "one direction"
-        else:
-            what = "sea.stretching constant or wheeler"
-        raise SceneError(f"sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with {what}")
+    refusal = "sea.interpolation: 'grid' does not support this sea; allowed: none, or a sea with"
+    if waves.direction.ndim:
+        raise SceneError(f"{refusal} one direction")
+    if spec.stretching == "none":
+        raise SceneError(f"{refusal} sea.stretching constant or wheeler")
     direction = float(waves.direction)
     along = float(middle[:2] @ [np.cos(direction), np.sin(direction)])
     radius = 1.2 * radius  # reach of an interpolated sea over that of the line: margin for stretch and moving ends
@@ -202,23 +182,9 @@ def _interpolate_waves(spec: SeaSpec, waves: Waves, middle: np.ndarray, radius: 
 def wave_components(spec: WaveSpec, depth: Scalar, gravity: Scalar) -> Components:
     """Amplitudes, frequencies, phases and directions of `[sea.waves]`."""
     if spec.hs is not None and spec.tp is not None:
-        drawn = components(
-            spec.hs,
-            spec.tp,
-            spec.direction,
-            depth=depth,
-            gravity=gravity,
-            spectrum=spec.spectrum,
-            gamma=spec.gamma,
-            count=spec.count,
-            frequencies=spec.frequencies,
-            spreading=spec.spreading,
-            directions=spec.directions,
-            seed=spec.seed,
-        )
-        if spec.spreading is not None:
-            return drawn
-        return drawn._replace(direction=jnp.asarray(spec.direction))
+        keys = ("spectrum", "gamma", "count", "frequencies", "spreading", "directions", "seed")
+        more = {key: getattr(spec, key) for key in keys}
+        return components(spec.hs, spec.tp, spec.direction, depth=depth, gravity=gravity, **more)
     if spec.length is None:
         period = np.atleast_1d(spec.period).astype(float)
     else:
@@ -264,12 +230,13 @@ def waves_on(
     """
     depth = jnp.asarray(depth)
     gravity = jnp.asarray(gravity)
+    direction = jnp.asarray(drawn.direction)
     amplitude = drawn.amplitude
     intrinsic = None
     if current is None:
         k = (fenton if approximate else wave_number)(drawn.omega, depth, gravity)
     else:
-        course = jnp.broadcast_to(drawn.direction, drawn.omega.shape)
+        course = jnp.broadcast_to(direction, drawn.omega.shape)
         profile = partial(current.along, direction=course, depth=depth)
         k, intrinsic, effective = on_current(drawn.omega, depth, gravity, profile)
         if conserve_action:
@@ -279,7 +246,7 @@ def waves_on(
         omega=drawn.omega,
         wave_number=k,
         phase=drawn.phase,
-        direction=jnp.asarray(drawn.direction),
+        direction=direction,
         intrinsic=intrinsic,
         ramp=ramp,
         stretching=stretching,

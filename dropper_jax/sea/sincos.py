@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.numerics import trace_once
 
@@ -27,17 +28,17 @@ SIN = (-1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800, 1 / 6227020800, -1
 COS = (1 / 24, -1 / 720, 1 / 40320, -1 / 3628800, 1 / 479001600, -1 / 87178291200, 1 / 20922789888000)
 
 
-Pair = tuple[jax.Array, jax.Array]
+Pair = tuple[Array, Array]
 
 
 @jax.custom_jvp
-def sincos(x: jax.Array) -> Pair:
+def sincos(x: Array) -> Pair:
     """`(sin x, cos x)` to 2 roundings of 1 for |x| below 1e6 [rad]; float32: 1e4."""
     return _sincos(x)
 
 
 @trace_once
-def _sincos(x: jax.Array) -> Pair:
+def _sincos(x: Array) -> Pair:
     turns = jnp.round(x * (2.0 / jnp.pi))
     r = x
     for part in HALF_PI[x.dtype.itemsize]:
@@ -58,7 +59,7 @@ def _sincos(x: jax.Array) -> Pair:
 
 
 @sincos.defjvp
-def _sincos_jvp(primals: tuple[jax.Array], tangents: tuple[jax.Array]) -> tuple[Pair, Pair]:
+def _sincos_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Pair, Pair]:
     sin, cos = sincos(*primals)
     (dx,) = tangents
     return (sin, cos), (cos * dx, -sin * dx)

@@ -7,7 +7,6 @@ import dataclasses
 import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
-from importlib.resources.abc import Traversable
 from typing import ClassVar
 
 import numpy as np
@@ -120,18 +119,19 @@ class WaveSpec(DeclaredSection):
             f"{path}.amplitude: {short_text(plain(self.amplitude))} is not a wave; allowed: > 0 m with theory "
             f"{theory!r}",
         )
-        values = {key: getattr(self, key) for key in ("amplitude", "period", "phase", "direction")}
-        sizes = {key: np.size(value) for key, value in values.items() if value is not None}
+        keys = [key for key in ("amplitude", "period", "phase", "direction") if getattr(self, key) is not None]
         most = 1
         if self.kind not in ("regular", "spectrum"):
-            most = max(sizes.values())
+            most = max(np.size(getattr(self, key)) for key in keys)
         allowed = "one number"
         if most != 1:
             allowed = f"{most}, one per component"
-        for key, size in sizes.items():
+        for key in keys:
+            value = getattr(self, key)
+            size = np.size(value)
             yield (
-                size not in (1, most) or (key in ("amplitude", "period") and size != most),
-                f"{path}.{key}: {short_text(plain(values[key]))} has {size} entries; allowed: {allowed}",
+                size != most and (size != 1 or key in ("amplitude", "period")),
+                f"{path}.{key}: {short_text(plain(value))} has {size} entries; allowed: {allowed}",
             )
 
     @property
@@ -153,11 +153,13 @@ def _from_file(values: Table, path: str) -> Table:
     for key in ("amplitude", "period"):
         if values[key] is not None:
             raise SceneError(f"{path}.{key}: given twice, here and in the file; allowed: one of the two")
+    path = f"{path}.file"
+    file = find_referenced(values["file"], path)
     if values["kind"] == "elevation":
-        read = read_elevation
+        read = read_elevation(file, path)
     else:
-        read = read_components
-    return {"kind": "components", "file": None, **read(find_referenced(values["file"], f"{path}.file"), f"{path}.file")}
+        read = read_components(file, path)
+    return {"kind": "components", "file": None, **read}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -171,7 +173,7 @@ class CurrentSpec(Current, DeclaredSection):
             values["exponent"] = 1.0 / 7.0 if values["exponent"] is None else values["exponent"]
             values["reference"] = values["reference"] or 0.0
         _check_pair(values, path, "heights", "velocities", values["kind"] == "table")
-        _check_pair(values, path, "time", "factor", values["time"] is not None or values["factor"] is not None)
+        _check_pair(values, path, "time", "factor")
         _check_constituents(values, path)
         current = cls(**values)
         current.check(path)
@@ -196,18 +198,19 @@ class LevelSpec(Level, DeclaredSection):
     @classmethod
     def read(cls, table: Plain, path: str) -> LevelSpec:
         values = read_fields(cls, table, path, {})
-        _check_pair(values, path, "time", "height", values["time"] is not None or values["height"] is not None)
+        _check_pair(values, path, "time", "height")
         _check_constituents(values, path)
         return cls(**values)
 
     @property
     def lowest(self) -> float:
         """A level [m] below which it never falls."""
-        if self.amplitude is None:
-            tide = 0.0
-        else:
-            tide = float(np.sum(np.abs(self.amplitude)))
-        return float(self.offset) - tide + (0.0 if self.height is None else float(np.min(self.height)))
+        lowest = float(self.offset)
+        if self.amplitude is not None:
+            lowest -= float(np.sum(np.abs(self.amplitude)))
+        if self.height is not None:
+            lowest += float(np.min(self.height))
+        return lowest
 
 
 @raises_first
@@ -228,12 +231,12 @@ def _check_constituents(values: Table, path: str) -> Iterator[Check]:
 
 
 @raises_first
-def _check_pair(values: Table, path: str, axis: str, other: str, needed: bool) -> Iterator[Check]:
-    """Check two tables of equal length over a rising axis, both or none."""
+def _check_pair(values: Table, path: str, axis: str, other: str, *needed: bool) -> Iterator[Check]:
+    """Check two tables of equal length over a rising axis, both or none, as `needed` where it is known."""
     a = values[axis]
     b = values[other]
     yield (
-        (a is None) != (b is None) or (a is not None and not needed) or (a is None and needed),
+        len({a is not None, b is not None, *needed}) > 1,
         f"{path}: `{axis}` and `{other}` belong together (kind 'table' for heights); one is missing",
     )
     yield (
@@ -269,9 +272,7 @@ class SeaSpec(DeclaredSection):
 
     @raises_first
     def check(self, path: str) -> Iterator[Check]:
-        lowest = 0.0
-        if self.level is not None:
-            lowest = self.level.lowest
+        lowest = self.level.lowest if self.level else 0.0
         yield (
             self.depth + lowest <= 0.0,
             f"{path}.level: falls to {lowest:.4g} m, below the seabed; allowed: above {-self.depth:g} m",
@@ -284,9 +285,7 @@ class SeaSpec(DeclaredSection):
             self.waves is not None and not self.gravity > 0.0,
             f"{path}.gravity: {self.gravity} makes no waves; allowed: > 0 m/s^2 with [sea.waves]",
         )
-        theory = "linear"
-        if self.waves is not None:
-            theory = self.waves.theory
+        theory = self.waves.theory if self.waves else "linear"
         for key, what, allowed in (("wave_current", "action", "none, doppler"), ("interpolation", "grid", "none")):
             yield (
                 theory != "linear" and getattr(self, key) == what,
@@ -296,22 +295,23 @@ class SeaSpec(DeclaredSection):
 
 def _merge(base: Values, over: Values) -> Table:
     """`over` merged into `base`, except tables whose kind changes."""
-    merged = dict(base)
-    for key, value in over.items():
-        old = merged.get(key)
-        if isinstance(value, Mapping) and isinstance(old, Mapping) and value.get("kind") in (None, old.get("kind")):
-            value = {**old, **value}
-        merged[key] = value
+    merged = {**base, **over}
+    for key in base.keys() & over.keys():
+        old = base[key]
+        new = over[key]
+        if isinstance(new, Mapping) and isinstance(old, Mapping) and new.get("kind") in (None, old.get("kind")):
+            merged[key] = {**old, **new}
     return merged
 
 
-def _folder() -> Traversable:
-    return resources.files("dropper_jax") / "data" / "seas"
+#: Folder of the packaged seas.
+SEAS = resources.files("dropper_jax") / "data" / "seas"
 
 
 def sea_names() -> tuple[str, ...]:
     """Names of the packaged seas."""
-    return tuple(sorted(item.name.removesuffix(".toml") for item in _folder().iterdir() if item.name.endswith(".toml")))
+    names = [item.name for item in SEAS.iterdir()]
+    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
 
 
 def read_packaged(name: Plain, path: str) -> Table:
@@ -320,8 +320,8 @@ def read_packaged(name: Plain, path: str) -> Table:
     known = sea_names()
     if name not in known:
         raise SceneError(f"{path}: {name!r} is not a packaged sea; {nearest(name, known)}")
-    table = tomllib.loads((_folder() / f"{name}.toml").read_text())
+    table = tomllib.loads((SEAS / f"{name}.toml").read_text())
     table.pop("description")
     if "file" in table.get("waves", {}):
-        table["waves"]["file"] = str(_folder() / table["waves"]["file"])
+        table["waves"]["file"] = str(SEAS / table["waves"]["file"])
     return table

@@ -15,13 +15,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.sea.current import Scalar
 
 
-def fenton(omega: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> jax.Array:
+def fenton(omega: Array, depth: Scalar, gravity: Scalar = GRAVITY) -> Array:
     """Wave number [rad/m] of omega [rad/s] at depth [m], Fenton's explicit approximation, within 0.052 %.
 
     `k d = (a + b^2 sech^2 b)/(tanh b + b sech^2 b)`, `a = w^2 d/g`, `b = a/sqrt(tanh a)` (Fenton 1988, which the paper
@@ -34,7 +35,7 @@ def fenton(omega: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> jax.Ar
 
 
 @cached_jit()
-def wave_number(omega: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> jax.Array:
+def wave_number(omega: Array, depth: Scalar, gravity: Scalar = GRAVITY) -> Array:
     """Wave number [rad/m] that satisfies `w^2 = g k tanh(k d)` to rounding, for omega [rad/s] and depth [m]."""
     a = omega**2 * depth / gravity
     kd = fenton(omega, depth, gravity) * depth
@@ -46,22 +47,22 @@ def wave_number(omega: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> j
     return kd / depth
 
 
-def frequency(k: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> jax.Array:
+def frequency(k: Array, depth: Scalar, gravity: Scalar = GRAVITY) -> Array:
     """Intrinsic frequency `sqrt(g k tanh(k d))` [rad/s]."""
     return jnp.sqrt(gravity * k * jnp.tanh(k * depth))
 
 
-def group_velocity(k: jax.Array, depth: Scalar, gravity: Scalar = GRAVITY) -> jax.Array:
+def group_velocity(k: Array, depth: Scalar, gravity: Scalar = GRAVITY) -> Array:
     """Group velocity in still water `(s/2k) (1 + 2kd/sinh 2kd)` [m/s]."""
     return 0.5 * frequency(k, depth, gravity) / k * (1.0 + ratio_sinh(2.0 * k * depth))
 
 
-def ratio_sinh(x: jax.Array) -> jax.Array:
+def ratio_sinh(x: Array) -> Array:
     """x/sinh(x) for x > 0 without overflow."""
     return -2.0 * x * jnp.exp(-x) / jnp.expm1(-2.0 * x)
 
 
-def effective_current(k: jax.Array, depth: jax.Array, profile: Callable[[jax.Array], jax.Array]) -> jax.Array:
+def effective_current(k: Array, depth: Array, profile: Callable[[Array], Array]) -> Array:
     """U_e [m/s] per wave number k (c,): `profile(z)` gives U (c, points) along each wave at heights z (c, points).
 
     Exact for uniform and, to first order in the shear, for linear profiles: `U - O tanh(kd)/(2k)` for `U + O z`.
@@ -80,8 +81,8 @@ CURRENT_STEPS = 60
 
 
 def on_current(
-    omega: jax.Array, depth: jax.Array, gravity: jax.Array, profile: Callable[[jax.Array], jax.Array]
-) -> tuple[jax.Array, jax.Array, jax.Array]:
+    omega: Array, depth: Array, gravity: Array, profile: Callable[[Array], Array]
+) -> tuple[Array, Array, Array]:
     """Wave number, intrinsic frequency s and U_e of waves of absolute frequency omega (c,) on a current.
 
     Newton on `f(k) = sqrt(g k tanh kd) + k U_e(k) - w`, which is concave for a uniform current: from the root without
@@ -89,10 +90,10 @@ def on_current(
     stops the waves no root exists, and the wave number is NaN (`blocked`).
     """
 
-    def excess(k: jax.Array) -> jax.Array:
+    def excess(k: Array) -> Array:
         return frequency(k, depth, gravity) + k * effective_current(k, depth, profile) - omega
 
-    def correct(k: jax.Array) -> jax.Array:
+    def correct(k: Array) -> Array:
         value, slope = jax.jvp(excess, (k,), (jnp.ones_like(k),))
         return k - value / jnp.where(slope > 0, slope, jnp.nan)
 
@@ -103,9 +104,7 @@ def on_current(
     return k, frequency(k, depth, gravity), effective_current(k, depth, profile)
 
 
-def action_factor(
-    omega: jax.Array, k: jax.Array, current: jax.Array, depth: jax.Array, gravity: jax.Array
-) -> jax.Array:
+def action_factor(omega: Array, k: Array, current: Array, depth: Array, gravity: Array) -> Array:
     """Amplitude on the current over that in still water: `E (c_g + U_e)/s` is conserved along the wave path.
 
     In deep water `E/E0 = 4/(s (1 + s)^2)`, `s = sqrt(1 + 4 U w/g)` (Longuet-Higgins and Stewart 1961).
@@ -119,12 +118,15 @@ SHAPES = ("jonswap", "pierson_moskowitz", "tma")
 
 
 class Components(NamedTuple):
-    """Wave components: amplitude [m], angular frequency [rad/s], phase [rad], direction of travel [rad], each (c,)."""
+    """Wave components: amplitude [m], angular frequency [rad/s], phase [rad], direction of travel [rad], each (c,).
 
-    amplitude: jax.Array
-    omega: jax.Array
-    phase: jax.Array
-    direction: jax.Array
+    Long-crested components may have one direction, a number.
+    """
+
+    amplitude: Array
+    omega: Array
+    phase: Array
+    direction: Array
 
 
 def shape(x: np.ndarray, gamma: float = 3.3) -> np.ndarray:
@@ -150,7 +152,7 @@ def _table(gamma: float) -> tuple[np.ndarray, np.ndarray]:
     return x, shape(x, gamma) * np.gradient(x)
 
 
-def depth_factor(omega: jax.Array, depth: jax.Array, gravity: Scalar) -> jax.Array:
+def depth_factor(omega: Array, depth: Array, gravity: Scalar) -> Array:
     """Kitaigorodskii's factor of a TMA spectrum: `tanh^2(kd)/(1 + 2kd/sinh(2kd))` (Bouws 1985)."""
     kd = wave_number(omega, depth, gravity) * depth
     return jnp.tanh(kd) ** 2 / (1.0 + ratio_sinh(2.0 * kd))
@@ -215,14 +217,13 @@ def components(
     x = np.repeat(x, directions)
     share = np.repeat(share / directions, directions)
     phase = rng.uniform(0.0, 2 * np.pi, x.size)
-    if spreading is None:
-        offset = np.zeros(x.size)
-    else:
-        offset = spread(spreading, x.size, rng)
+    course = jnp.asarray(direction)
+    if spreading is not None:
+        course = course + spread(spreading, x.size, rng)
     omega = 2 * jnp.pi / jnp.asarray(tp) * x
     energy = jnp.asarray(share)
     if spectrum == "tma":
         energy = energy * depth_factor(omega, jnp.asarray(depth), gravity)
         energy = energy / jnp.sum(energy)
     amplitude = jnp.asarray(hs) / 4.0 * jnp.sqrt(2.0 * energy)
-    return Components(amplitude, omega, jnp.asarray(phase), jnp.asarray(direction) + offset)
+    return Components(amplitude, omega, jnp.asarray(phase), course)

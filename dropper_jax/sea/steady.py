@@ -9,7 +9,8 @@ Fenton, "Nonlinear wave theories", The Sea 9A (1990).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,6 +29,10 @@ LINEAR = 0.01
 #: Stokes V is valid up to this fraction of the highest wave and below this length over depth.
 STOKES_HEIGHT = 0.5
 STOKES_LENGTH = 6.0
+
+
+#: One number, or several on the host.
+Number = TypeVar("Number", float, np.ndarray)
 
 
 class SteadyWave(NamedTuple):
@@ -71,7 +76,7 @@ class SteadyWave(NamedTuple):
 
     def elevation(self, phase: np.ndarray) -> np.ndarray:
         """Elevation (n,) [m] at phases k(s - c t) (n,) [rad]."""
-        return np.cos(np.outer(phase, np.arange(1, self.order + 1))) @ self.surface
+        return cosine_series(phase, self.surface)
 
     @property
     def crest(self) -> float:
@@ -91,6 +96,18 @@ class SteadyWave(NamedTuple):
         return highest(self.length, self.depth)
 
 
+def cosine_series(phase: np.ndarray, harmonics: np.ndarray) -> np.ndarray:
+    """`sum_j a_j cos j p` (m,) of harmonics a_j, j = 1..n, at phases p (m,) [rad]."""
+    return np.cos(np.outer(phase, np.arange(1, len(harmonics) + 1))) @ harmonics
+
+
+def eulerian_velocity(criterion: str, current: float, flow: Number, mean_flux: Number) -> Number | float:
+    """c_E of a current in the sense of `criterion`, of the mean speed U and of Q/d in the frame of the wave."""
+    if criterion == "euler":
+        return current
+    return current + mean_flux - flow
+
+
 def profiles(k: float, depth: float, z: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
     """`cosh jk(z + d)/cosh jkd` and the same of sinh, (n, order) each, free of overflow."""
     jk = k * np.arange(1, order + 1)
@@ -107,8 +124,8 @@ def highest(length: float, depth: float) -> float:
     deep water 0.141 L, of a solitary wave 0.833 d.
     """
     x = length / depth
-    above = 0.141063 * x + 0.0095721 * x**2 + 0.0077829 * x**3
-    return depth * above / (1.0 + 0.0788340 * x + 0.0317567 * x**2 + 0.0093407 * x**3)
+    above = np.polyval([0.0077829, 0.0095721, 0.141063, 0.0], x)
+    return float(depth * above / np.polyval([0.0093407, 0.0317567, 0.0788340, 1.0], x))
 
 
 def second_harmonic(height: float, length: float, depth: float) -> float:
@@ -153,14 +170,10 @@ def stokes5(
     if length is None:
         length = _length(height, depth, gravity, period, current, criterion)
     k = 2.0 * np.pi / length
-    e = 0.5 * k * height
-    kd = k * depth
-    flow, flux, head = _integrals(e, kd, k, depth, gravity)
-    if criterion == "euler":
-        eulerian = current
-    else:
-        eulerian = current + flux / depth - flow
+    flow, flux, head = _integrals(height, k, depth, gravity)
+    eulerian = eulerian_velocity(criterion, current, flow, flux / depth)
     celerity = flow + eulerian
+    powers = (0.5 * k * height) ** np.arange(1, 6)
     return SteadyWave(
         theory="stokes5",
         height=height,
@@ -173,23 +186,19 @@ def stokes5(
         flow=flow,
         head=head,
         flux=flux,
-        surface=_surface(e, kd) / k,
-        speed=_speed(e, kd) * np.sqrt(gravity / k),
+        surface=_surface(k * depth) @ powers / k,
+        speed=_speed(k * depth) @ powers * np.sqrt(gravity / k),
     )
 
 
 def _length(height: float, depth: float, gravity: float, period: float, current: float, criterion: str) -> float:
     """Length [m] of a period: of several, that closest to the length of a linear wave."""
+    omega = 2.0 * np.pi / period
 
     def excess(k: float) -> float:
-        flow, flux, _ = _integrals(0.5 * k * height, k * depth, k, depth, gravity)
-        if criterion == "euler":
-            celerity = flow + current
-        else:
-            celerity = current + flux / depth
-        return k * celerity - 2.0 * np.pi / period
+        flow, flux, _ = _integrals(height, k, depth, gravity)
+        return k * (flow + eulerian_velocity(criterion, current, flow, flux / depth)) - omega
 
-    omega = 2.0 * np.pi / period
     still = float(wave_number(jnp.asarray(omega), jnp.asarray(depth), gravity))
     k = still * np.geomspace(0.2, 5.0, 400)
     values = np.array([excess(x) for x in k])
@@ -202,73 +211,80 @@ def _length(height: float, depth: float, gravity: float, period: float, current:
     return float(2.0 * np.pi / brentq(excess, k[first], k[first + 1], xtol=1e-15, rtol=1e-14))
 
 
-def _integrals(e: float, kd: float, k: float, depth: float, gravity: float) -> tuple[float, float, float]:
-    """Mean speed in the frame of the wave [m/s], volume flux there [m^2/s], Bernoulli's constant minus g d
-    [m^2/s^2]."""
-    s = _sech(kd)
-    th = np.tanh(kd)
-    c0 = np.sqrt(th)
-    c2 = c0 * (2 + 7 * s**2) / (4 * (1 - s) ** 2)
-    c4 = c0 * (4 + 32 * s - 116 * s**2 - 400 * s**3 - 71 * s**4 + 146 * s**5) / (32 * (1 - s) ** 5)
-    d2 = -0.5 / c0
-    d4 = (2 + 4 * s + s**2 + 2 * s**3) / (8 * c0 * (1 - s) ** 3)
-    e2 = th * (2 + 2 * s + 5 * s**2) / (4 * (1 - s) ** 2)
-    e4 = th * (8 + 12 * s - 152 * s**2 - 308 * s**3 - 42 * s**4 + 77 * s**5) / (32 * (1 - s) ** 5)
-    flow = (c0 + e**2 * c2 + e**4 * c4) * np.sqrt(gravity / k)
-    flux = flow * depth + (e**2 * d2 + e**4 * d4) * np.sqrt(gravity / k**3)
-    return flow, flux, (0.5 * c0**2 + e**2 * e2 + e**4 * e4) * gravity / k
-
-
 def _sech(kd: float) -> float:
+    """s = sech 2kd, in which the coefficients of Stokes' theory are polynomials."""
     return 1.0 / np.cosh(2.0 * min(kd, DEEP_WATER))
 
 
-def _surface(e: float, kd: float) -> np.ndarray:
-    """k E_j, (5,)."""
+def _ratio(s: float, numerator: Sequence[float], number: float, power: int) -> float:
+    """`p(s)/(number (1 - s)^power)`, the numerator's highest power first."""
+    return float(np.polyval(numerator, s)) / (number * (1.0 - s) ** power)
+
+
+def _integrals(height: float, k: float, depth: float, gravity: float) -> tuple[float, float, float]:
+    """Mean speed in the frame of the wave [m/s], volume flux there [m^2/s], Bernoulli's constant minus g d
+    [m^2/s^2]."""
+    s = _sech(k * depth)
+    th = np.tanh(k * depth)
+    c0 = np.sqrt(th)
+    c2 = c0 * _ratio(s, [7, 0, 2], 4, 2)
+    c4 = c0 * _ratio(s, [146, -71, -400, -116, 32, 4], 32, 5)
+    d2 = -0.5 / c0
+    d4 = _ratio(s, [2, 1, 4, 2], 8, 3) / c0
+    e2 = th * _ratio(s, [5, 2, 2], 4, 2)
+    e4 = th * _ratio(s, [77, -42, -308, -152, 12, 8], 32, 5)
+    steepness = (0.5 * k * height) ** np.array([0, 2, 4])
+    flow = steepness @ [c0, c2, c4] * np.sqrt(gravity / k)
+    flux = flow * depth + steepness @ [0.0, d2, d4] * np.sqrt(gravity / k**3)
+    return flow, flux, steepness @ [0.5 * th, e2, e4] * gravity / k
+
+
+def _surface(kd: float) -> np.ndarray:
+    """Coefficients (5, 5) of e, e^2, ..., e^5, e = k H/2, in each k E_j."""
     s = _sech(kd)
     coth = 1.0 / np.tanh(kd)
-    b22 = coth * (1 + 2 * s) / (2 * (1 - s))
-    b31 = -3 * (1 + 3 * s + 3 * s**2 + 2 * s**3) / (8 * (1 - s) ** 3)
-    b42 = coth * (6 - 26 * s - 182 * s**2 - 204 * s**3 - 25 * s**4 + 26 * s**5) / (6 * (3 + 2 * s) * (1 - s) ** 4)
-    b44 = coth * (24 + 92 * s + 122 * s**2 + 66 * s**3 + 67 * s**4 + 34 * s**5) / (24 * (3 + 2 * s) * (1 - s) ** 4)
-    common = (3 + 2 * s) * (4 + s) * (1 - s) ** 6
-    b53 = np.polyval([82, 467, 194, -2687, -6292, -5897, -2216, 17, 132], s) * 9 / (128 * common)
-    b55 = np.polyval([130, 827, 1326, 675, 1188, 2949, 3176, 1579, 300], s) * 5 / (384 * common)
+    third = 3 + 2 * s
+    fourth = third * (4 + s)
+    b22 = coth * _ratio(s, [2, 1], 2, 1)
+    b33 = _ratio(s, [6, 9, 9, 3], 8, 3)
+    b42 = coth * _ratio(s, [26, -25, -204, -182, -26, 6], 6 * third, 4)
+    b44 = coth * _ratio(s, [34, 67, 66, 122, 92, 24], 24 * third, 4)
+    b53 = 9 * _ratio(s, [82, 467, 194, -2687, -6292, -5897, -2216, 17, 132], 128 * fourth, 6)
+    b55 = 5 * _ratio(s, [130, 827, 1326, 675, 1188, 2949, 3176, 1579, 300], 384 * fourth, 6)
     return np.array(
         [
-            e + e**3 * b31 - e**5 * (b53 + b55),
-            e**2 * b22 + e**4 * b42,
-            -(e**3) * b31 + e**5 * b53,
-            e**4 * b44,
-            e**5 * b55,
+            [1.0, 0.0, -b33, 0.0, -b53 - b55],
+            [0.0, b22, 0.0, b42, 0.0],
+            [0.0, 0.0, b33, 0.0, b53],
+            [0.0, 0.0, 0.0, b44, 0.0],
+            [0.0, 0.0, 0.0, 0.0, b55],
         ]
     )
 
 
-def _speed(e: float, kd: float) -> np.ndarray:
-    """U_j sqrt(k/g), (5,): `C0 j sum_i e^i A_ij cosh jkd`."""
+def _speed(kd: float) -> np.ndarray:
+    """Coefficients (5, 5) of e, e^2, ..., e^5 in each U_j sqrt(k/g): `C0 j A_ij cosh jkd`."""
     s = _sech(kd)
     deep = min(kd, DEEP_WATER)
     sh = np.sinh(deep)
-    c0 = np.sqrt(np.tanh(kd))
-    common = (3 + 2 * s) * (1 - s) ** 6
-    a11 = 1 / sh
-    a22 = 3 * s**2 / (2 * (1 - s) ** 2)
-    a31 = (-4 - 20 * s + 10 * s**2 - 13 * s**3) / (8 * sh * (1 - s) ** 3)
-    a33 = (-2 * s**2 + 11 * s**3) / (8 * sh * (1 - s) ** 3)
-    a42 = (12 * s - 14 * s**2 - 264 * s**3 - 45 * s**4 - 13 * s**5) / (24 * (1 - s) ** 5)
-    a44 = (10 * s**3 - 174 * s**4 + 291 * s**5 + 278 * s**6) / (48 * (3 + 2 * s) * (1 - s) ** 5)
-    a51 = np.polyval([-670, -3341, -500, 12554, 20940, 21712, 13232, 32, -1184], s) / (64 * sh * common * (4 + s))
-    a53 = np.polyval([58, -117, -1302, -1376, 198, 105, 4, 0], s) / (32 * sh * common)
-    a55 = np.polyval([430, 2029, 852, -1552, 272, -6, 0, 0, 0], s) / (64 * sh * common * (4 + s))
-    order = np.arange(1, 6)
-    sums = np.array(
+    third = 3 + 2 * s
+    fourth = third * (4 + s)
+    a22 = _ratio(s, [3, 0, 0], 2, 2)
+    a31 = _ratio(s, [-13, 10, -20, -4], 8 * sh, 3)
+    a33 = _ratio(s, [11, -2, 0, 0], 8 * sh, 3)
+    a42 = _ratio(s, [-13, -45, -264, -14, 12, 0], 24, 5)
+    a44 = _ratio(s, [278, 291, -174, 10, 0, 0, 0], 48 * third, 5)
+    a51 = _ratio(s, [-670, -3341, -500, 12554, 20940, 21712, 13232, 32, -1184], 64 * sh * fourth, 6)
+    a53 = _ratio(s, [58, -117, -1302, -1376, 198, 105, 4, 0], 32 * sh * third, 6)
+    a55 = _ratio(s, [430, 2029, 852, -1552, 272, -6, 0, 0, 0], 64 * sh * fourth, 6)
+    rows = np.array(
         [
-            e * a11 + e**3 * a31 + e**5 * a51,
-            e**2 * a22 + e**4 * a42,
-            e**3 * a33 + e**5 * a53,
-            e**4 * a44,
-            e**5 * a55,
+            [1.0 / sh, 0.0, a31, 0.0, a51],
+            [0.0, a22, 0.0, a42, 0.0],
+            [0.0, 0.0, a33, 0.0, a53],
+            [0.0, 0.0, 0.0, a44, 0.0],
+            [0.0, 0.0, 0.0, 0.0, a55],
         ]
     )
-    return c0 * order * sums * np.cosh(order * deep)
+    order = np.arange(1, 6)
+    return np.sqrt(np.tanh(kd)) * (order * np.cosh(order * deep))[:, None] * rows

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dropper_jax.sea.steady import SteadyWave, highest
+from dropper_jax.sea.steady import SteadyWave, cosine_series, eulerian_velocity, highest
 
 #: Numbers of harmonics that are tried in turn.
 ORDERS = (10, 14, 20, 28, 40, 56, 80)
@@ -70,6 +70,7 @@ def stream_function(
     speed = np.sqrt(gravity * depth)
     time = np.sqrt(depth / gravity)
     problem = _Problem(
+        depth,
         None if period is None else period / time,
         None if length is None else length / depth,
         current / speed,
@@ -78,7 +79,7 @@ def stream_function(
     orders = ORDERS
     if order is not None:
         orders = (*(n for n in ORDERS if n < order), order)
-    found = _climb_orders(problem, height / depth, orders, depth)
+    found = _climb_orders(problem, height / depth, orders)
     error = problem.between(found)
     for n in orders:
         if n <= _order(found):
@@ -95,8 +96,8 @@ def stream_function(
         failed = _order(found) < order
     wave = _parts(found)
     if failed:
-        raise NotSolved(height, depth * 2.0 * np.pi / wave.number, depth)
-    eulerian = problem.eulerian(wave.flow, wave.flux)
+        raise problem.not_solved(height / depth, wave.number)
+    eulerian = problem.eulerian(wave)
     celerity = wave.flow + eulerian
     return SteadyWave(
         theory="stream",
@@ -129,72 +130,85 @@ class _Unknowns(NamedTuple):
 
 def _parts(x: np.ndarray) -> _Unknowns:
     n = _order(x)
-    return _Unknowns(x[0], x[1 : n + 2], x[n + 2 : 2 * n + 2], x[-3], x[-2], x[-1])
+    return _Unknowns(x[0], x[1 : n + 2], x[n + 2 : 2 * n + 2], *x[-3:])
 
 
 def _order(x: np.ndarray) -> int:
     return (x.shape[0] - 5) // 2
 
 
-class _Problem:
-    """The equations of one wave; unknowns (k, eta_0..n, V_1..n, U, Q, head)."""
+class _Problem(NamedTuple):
+    """The equations of one wave in units of depth and gravity; unknowns (k, eta_0..n, V_1..n, U, Q, head)."""
 
-    def __init__(self, period: float | None, length: float | None, current: float, criterion: str) -> None:
-        self.period = period
-        self.length = length
-        self.current = current
-        self.criterion = criterion
+    depth: float
+    period: float | None
+    length: float | None
+    current: float
+    criterion: str
 
-    def eulerian(self, flow: np.ndarray, flux: np.ndarray) -> np.ndarray | float:
-        if self.criterion == "euler":
-            return self.current
-        return self.current + flux - flow
+    def not_solved(self, reached: float, number: float | np.ndarray) -> NotSolved:
+        """The error, in metres, with the maximum solved height and a wave number."""
+        return NotSolved(self.depth * reached, self.depth * 2.0 * np.pi / float(number), self.depth)
+
+    def eulerian(self, wave: _Unknowns) -> np.ndarray | float:
+        return eulerian_velocity(self.criterion, self.current, wave.flow, wave.flux)
 
     def surface(self, x: np.ndarray, eta: np.ndarray, angle: np.ndarray) -> np.ndarray:
         """Residual of both conditions (2, m, ...) at phases (m,) with the surface at eta (m, ...)."""
-        k, _, v, flow, flux, head = _parts(x)
-        j = np.arange(1, v.shape[0] + 1)[:, None]
-        jk = j * k
+        wave = _parts(x)
+        j = np.arange(1, _order(x) + 1)
+        jk = j[:, None] * wave.number
         up = np.exp(jk * eta[:, None])
         down = np.exp(-jk * (eta[:, None] + 2.0))
-        scale = v / (1.0 + np.exp(-2.0 * jk))
-        across = (up + down) * scale
+        scale = wave.harmonics / (1.0 + np.exp(-2.0 * jk))
+        phase = np.multiply.outer(angle, j)[..., None]
+        cos = np.cos(phase)
         upright = (up - down) * scale
-        cos = np.cos(angle[:, None] * j[:, 0])[..., None]
-        sin = np.sin(angle[:, None] * j[:, 0])[..., None]
-        u = -flow + np.sum(across * cos, axis=1)
-        w = np.sum(upright * sin, axis=1)
-        psi = -flow * (1.0 + eta) + np.sum(upright / jk * cos, axis=1) + flux
-        return np.stack([psi, 0.5 * (u**2 + w**2) + eta - head])
+        u = -wave.flow + np.sum((up + down) * scale * cos, axis=1)
+        w = np.sum(upright * np.sin(phase), axis=1)
+        psi = -wave.flow * (1.0 + eta) + np.sum(upright / jk * cos, axis=1) + wave.flux
+        return np.stack([psi, 0.5 * (u**2 + w**2) + eta - wave.head])
 
     def residual(self, x: np.ndarray, height: float) -> np.ndarray:
         """Rows (2 n + 5, q) for unknowns (2 n + 5, q)."""
-        k, eta, _, flow, flux, _ = _parts(x)
+        wave = _parts(x)
+        eta = wave.surface
         n = _order(x)
         both = self.surface(x, eta, np.pi * np.arange(n + 1) / n).reshape(2 * n + 2, -1)
         mean = 0.5 * (eta[0] + eta[-1]) + np.sum(eta[1:-1], axis=0)
         if self.length is None:
-            size = (flow + self.eulerian(flow, flux)) * self.period * k - 2.0 * np.pi
+            distance = (wave.flow + self.eulerian(wave)) * self.period
         else:
-            size = k * self.length - 2.0 * np.pi
-        return np.concatenate([both, np.stack([mean, eta[0] - eta[-1] - height, size])])
+            distance = self.length
+        return np.concatenate([both, [mean, eta[0] - eta[-1] - height, distance * wave.number - 2.0 * np.pi]])
 
     def between(self, x: np.ndarray) -> float:
         """Maximum error of the conditions half-way between the points, over the height."""
         n = _order(x)
         eta = _parts(x).surface
         angle = np.pi * (np.arange(n) + 0.5) / n
-        found = np.cos(np.outer(angle, np.arange(1, n + 1))) @ _cosines(eta)
+        found = cosine_series(angle, _cosines(eta))
         return float(np.max(np.abs(self.surface(x[:, None], found[:, None], angle))) / (eta[0] - eta[-1]))
+
+    def linear_number(self) -> float:
+        """Wave number of a linear wave on the current."""
+        if self.length is not None:
+            return 2.0 * np.pi / self.length
+        omega = 2.0 * np.pi / self.period
+        k = max(omega**2, omega)
+        for _ in range(200):
+            c = np.sqrt(np.tanh(k) / k) + self.current
+            k = 0.5 * (k + omega / max(c, 1e-3))
+        return k
 
 
 def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | None:
     """The solution at a height from a guess; None if Newton's method fails."""
     for _ in range(ITERATIONS):
         # one evaluation for all columns of the Jacobian
-        shifted = x[:, None] + 1j * TINY * np.eye(x.size)
+        shifts = np.eye(x.size, x.size + 1, 1)
         with np.errstate(all="ignore"):
-            rows = problem.residual(np.concatenate([x[:, None].astype(complex), shifted], axis=1), height)
+            rows = problem.residual(x[:, None] + 1j * TINY * shifts, height)
         if not np.all(np.isfinite(rows)):
             return None
         try:
@@ -207,25 +221,24 @@ def _newton(problem: _Problem, x: np.ndarray, height: float) -> np.ndarray | Non
     else:
         return None
     eta = _parts(x).surface
-    falling = np.all(np.diff(eta) < 1e-9) and x[0] > 0.0 and eta[-1] > -1.0
-    if falling:
+    if np.all(np.diff(eta) < 1e-9) and x[0] > 0.0 and eta[-1] > -1.0:
         return x
     return None
 
 
-def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...], depth: float) -> np.ndarray:
+def _climb_orders(problem: _Problem, height: float, orders: tuple[int, ...]) -> np.ndarray:
     """The wave with the minimum number of harmonics for its height; long waves need many."""
     *fewer, most = orders
     for n in fewer:
         try:
-            return _climb(problem, height, n, depth)
+            return _climb(problem, height, n)
         except NotSolved as error:
             if not error.few:
                 raise
-    return _climb(problem, height, most, depth)
+    return _climb(problem, height, most)
 
 
-def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.ndarray:
+def _climb(problem: _Problem, height: float, order: int) -> np.ndarray:
     """From a low linear wave to the height, in steps that are halved if Newton's method fails."""
     done = 0.0
     step = FIRST_STEP
@@ -236,29 +249,15 @@ def _climb(problem: _Problem, height: float, order: int, depth: float) -> np.nda
         if x is None:
             step *= 0.5
             if step < SMALLEST_STEP:
-                if past:
-                    length = 2.0 * np.pi / past[-1][1][0]
-                else:
-                    length = _first(problem)[1]
-                raise NotSolved(depth * done * height, depth * length, depth)
+                number = past[-1][1][0] if past else problem.linear_number()
+                raise problem.not_solved(done * height, number)
             continue
         if share * height > SPURIOUS * highest(2.0 * np.pi / x[0], 1.0):
-            raise NotSolved(depth * done * height, depth * 2.0 * np.pi / x[0], depth)
+            raise problem.not_solved(done * height, x[0])
         past = [*past[-1:], (share, x)]
         done = share
         step = min(1.5 * step, LARGEST_STEP)
     return past[-1][1]
-
-
-def _first(problem: _Problem) -> tuple[float, float]:
-    """Wave number and length of a linear wave on the current."""
-    if problem.length is not None:
-        return 2.0 * np.pi / problem.length, problem.length
-    k = max((2.0 * np.pi / problem.period) ** 2, 2.0 * np.pi / problem.period)
-    for _ in range(200):
-        c = np.sqrt(np.tanh(k) / k) + problem.current
-        k = 0.5 * (k + 2.0 * np.pi / (problem.period * max(c, 1e-3)))
-    return k, 2.0 * np.pi / k
 
 
 def _guess(problem: _Problem, past: list, share: float, height: float, order: int) -> np.ndarray:
@@ -268,28 +267,24 @@ def _guess(problem: _Problem, past: list, share: float, height: float, order: in
         return last + (share - b) / (b - a) * (last - before)
     if past:
         return past[0][1]
-    k, _ = _first(problem)
-    a = 0.5 * share * height
+    k = problem.linear_number()
     c = np.sqrt(np.tanh(k) / k)
-    eta = a * np.cos(np.pi * np.arange(order + 1) / order)
-    v = np.zeros(order)
-    v[0] = a * k * c / np.tanh(k)
-    return np.concatenate([[k], eta, v, [c, c, 0.5 * c**2]])
+    eta = 0.5 * share * height * np.cos(np.pi * np.arange(order + 1) / order)
+    first = eta[0] * k * c / np.tanh(k)
+    return np.concatenate([[k], eta, [first], np.zeros(order - 1), [c, c, 0.5 * c**2]])
 
 
 def _cosines(eta: np.ndarray) -> np.ndarray:
     """Harmonics (n,) of a surface at n + 1 points from crest to trough."""
     n = len(eta) - 1
-    weight = np.ones(n + 1)
-    weight[[0, -1]] = 0.5
-    found = 2.0 / n * np.cos(np.pi * np.outer(np.arange(1, n + 1), np.arange(n + 1)) / n) @ (weight * eta)
+    found = np.fft.rfft(np.concatenate([eta, eta[-2:0:-1]])).real / n  # of the whole wave
     found[-1] *= 0.5
-    return found
+    return found[1:]
 
 
 def _refine_harmonics(x: np.ndarray, order: int) -> np.ndarray:
     """The same wave with more harmonics."""
-    k, eta, v, *rest = _parts(x)
-    angle = np.pi * np.arange(order + 1) / order
-    surface = np.cos(np.outer(angle, np.arange(1, len(v) + 1))) @ _cosines(eta)
-    return np.concatenate([[k], surface, v, np.zeros(order - len(v)), rest])
+    wave = _parts(x)
+    surface = cosine_series(np.pi * np.arange(order + 1) / order, _cosines(wave.surface))
+    more = np.zeros(order - len(wave.harmonics))
+    return np.concatenate([x[:1], surface, wave.harmonics, more, x[-3:]])

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.fields import component, parameter
@@ -26,13 +27,13 @@ class Sea:
     current: Current | None = None
     level: Level | None = None
 
-    def over(self, surface: Level, r: jax.Array, t: jax.Array) -> tuple[Sea, jax.Array, jax.Array]:
+    def over(self, surface: Level, r: Array, t: Array) -> tuple[Sea, Array, Array]:
         """The water of the level at time t, positions r (n, 3) relative to it, and the level [m]."""
         level = surface.at(t)
         return replace(self, depth=self.depth + level, level=None), r.at[..., 2].add(-level), level
 
     @trace_once
-    def elevation(self, r: jax.Array, t: jax.Array) -> jax.Array:
+    def elevation(self, r: Array, t: Array) -> Array:
         """Elevation of the surface (n,) [m] over positions r (n, 3)."""
         if self.level is not None:
             own, r, level = self.over(self.level, r, t)
@@ -42,7 +43,7 @@ class Sea:
         return self.waves.elevation(r[:, 0], r[:, 1], t)
 
     @trace_once
-    def at(self, r: jax.Array, t: jax.Array) -> Motion:
+    def at(self, r: Array, t: Array) -> Motion:
         """Water at positions r (n, 3) [m]; the acceleration is the local one, du/dt at a fixed position."""
         if self.level is not None:
             own, r, level = self.over(self.level, r, t)
@@ -62,7 +63,7 @@ class Sea:
         return Motion(motion.elevation, velocity, acceleration)
 
     @trace_once
-    def convective(self, r: jax.Array, t: jax.Array, motion: Motion) -> jax.Array:
+    def convective(self, r: Array, t: Array, motion: Motion) -> Array:
         """`(u . grad) u` (n, 3) [m/s^2], the difference between Du/Dt and the local acceleration.
 
         It is that of the unstretched field, at the heights at which the kinematics are evaluated.
@@ -74,7 +75,7 @@ class Sea:
             heights = self.waves.heights(r[:, 2], motion.elevation, self.depth)
             r = jnp.concatenate([r[:, :2], heights[:, None]], axis=1)
 
-        def field(position: jax.Array) -> jax.Array:
+        def field(position: Array) -> Array:
             total = jnp.zeros_like(position)
             if self.waves is not None:
                 total = total + self.waves.airy_velocity(position, t, self.depth)
@@ -84,7 +85,7 @@ class Sea:
 
         return jax.jvp(field, (r,), (motion.velocity,))[1]
 
-    def stream(self, r: jax.Array, t: jax.Array) -> jax.Array:
+    def stream(self, r: Array, t: Array) -> Array:
         """Velocity (n, 3) [m/s] of the current alone."""
         if self.level is not None:
             own, r, _ = self.over(self.level, r, t)
@@ -107,7 +108,7 @@ class Sea:
         """The same water without waves."""
         return replace(self, waves=None)
 
-    def water(self, r: jax.Array, t: jax.Array, tangents: jax.Array, material: bool, current: bool = False) -> Water:
+    def water(self, r: Array, t: Array, tangents: Array, material: bool, current: bool = False) -> Water:
         """Water around nodes r (nodes, 3) [m] of links along `tangents` (n, 3), for effects.
 
         Du/Dt with `material`, the velocity of the current alone with `current`.
@@ -131,6 +132,6 @@ class Water(NamedTuple):
     """
 
     motion: Motion
-    material: jax.Array | None
-    tangents: jax.Array
-    current: jax.Array | None = None
+    material: Array | None
+    tangents: Array
+    current: Array | None = None

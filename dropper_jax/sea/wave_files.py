@@ -11,8 +11,8 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 
-#: Values of components that a table has in addition to periods or frequencies, and their units.
-UNITS = {"amplitude": "m", "phase": "rad", "direction": "rad"}
+#: Columns of components in addition to that of their periods or frequencies, and their names in a scene.
+VALUES = {"amplitude_m": "amplitude", "phase_rad": "phase", "direction_rad": "direction"}
 COLUMNS = "period_s or frequency_hz, amplitude_m, phase_rad and, optionally, direction_rad"
 
 
@@ -23,23 +23,21 @@ def read_components(file: str | Path, path: str = "file") -> Table:
         SceneError: missing file, wrong columns, a cell that is not a number, or a period that is not positive.
     """
     names, rows = _read_csv(file, path)
-    known = {"period_s", "frequency_hz", *(f"{name}_{unit}" for name, unit in UNITS.items())}
-    if set(names) - known or "amplitude_m" not in names or not {"period_s", "frequency_hz"} & set(names):
+    sizes = [name for name in ("period_s", "frequency_hz") if name in names]
+    if set(names) - {"period_s", "frequency_hz", *VALUES} or "amplitude_m" not in names or not sizes:
         raise SceneError(f"{path}: {str(file)!r} has the columns {', '.join(names)}; allowed: {COLUMNS}")
     column = dict(zip(names, rows.T, strict=True))
-    key = "frequency_hz"
-    if "period_s" in column:
-        key = "period_s"
-    if np.any(column[key] <= 0):
-        worst = int(np.argmin(column[key]))
-        raise SceneError(f"{path}: {key} of component {worst + 1} is {column[key][worst]:g}; allowed: > 0")
-    column = {"phase_rad": np.zeros(len(rows)), **column}
-    values = {name: column[f"{name}_{unit}"] for name, unit in UNITS.items() if f"{name}_{unit}" in column}
-    if key == "period_s":
-        period = column["period_s"]
-    else:
-        period = 1.0 / column["frequency_hz"]
-    return {**values, "period": period}
+    key = sizes[0]
+    size = column[key]
+    if np.any(size <= 0):
+        worst = int(np.argmin(size))
+        raise SceneError(f"{path}: {key} of component {worst + 1} is {size[worst]:g}; allowed: > 0")
+    found = {"phase": np.zeros(len(rows)), "period": size}
+    if key == "frequency_hz":
+        found["period"] = 1.0 / size
+    for name in column.keys() & VALUES.keys():
+        found[VALUES[name]] = column[name]
+    return found
 
 
 def read_elevation(file: str | Path, path: str = "file") -> Table:
@@ -97,13 +95,11 @@ def from_wavespectra(dataset: Any, seed: int = 0) -> Table:
 
 
 def _read_csv(file: str | Path, path: str) -> tuple[list[str], np.ndarray]:
+    """Names of the columns, and rows of finite numbers."""
     try:
         with open(file, newline="", encoding="utf-8") as opened:
-            lines = []
-            for row in csv.reader(line for line in opened if not line.startswith("#")):
-                if row:
-                    lines.append(row)
-    except (OSError, UnicodeDecodeError, csv.Error, ValueError) as error:
+            lines = list(filter(None, csv.reader(line for line in opened if not line.startswith("#"))))
+    except (OSError, csv.Error, ValueError) as error:
         raise SceneError(f"{path}: cannot read {str(file)!r}: {getattr(error, 'strerror', None) or error}") from None
     if len(lines) < 2:
         raise SceneError(f"{path}: {str(file)!r} has no rows; allowed: a header and one row per component or time")

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jax import Array
 
 from dropper_jax.base.fields import component, option, parameter
 from dropper_jax.sea.current import Scalar
@@ -27,21 +27,21 @@ STRETCHING = ("none", "constant", "wheeler")
 class Motion(NamedTuple):
     """Water at some positions: elevation (n,) [m], velocity and local acceleration (n, 3) [m/s], [m/s^2]."""
 
-    elevation: jax.Array
-    velocity: jax.Array
-    acceleration: jax.Array
+    elevation: Array
+    velocity: Array
+    acceleration: Array
 
 
 @component
 class Waves:
     """A sum of wave components (c,). Wave numbers and intrinsic frequencies are solved once, when the sea is made."""
 
-    amplitude: jax.Array = parameter("amplitude", unit="m", shape="table", low=0.0)
-    omega: jax.Array = parameter("absolute angular frequency", unit="rad/s", shape="table")
-    wave_number: jax.Array = parameter("wave number", unit="rad/m", shape="table")
-    phase: jax.Array = parameter("phase", unit="rad", shape="table")
-    direction: jax.Array = parameter("direction of travel from +x towards +y: one, or one per component", unit="rad")
-    intrinsic: jax.Array | None = parameter("intrinsic frequency on a current", unit="rad/s", default=None)
+    amplitude: Array = parameter("amplitude", unit="m", shape="table", low=0.0)
+    omega: Array = parameter("absolute angular frequency", unit="rad/s", shape="table")
+    wave_number: Array = parameter("wave number", unit="rad/m", shape="table")
+    phase: Array = parameter("phase", unit="rad", shape="table")
+    direction: Array = parameter("direction of travel from +x towards +y: one, or one per component", unit="rad")
+    intrinsic: Array | None = parameter("intrinsic frequency on a current", unit="rad/s", default=None)
     ramp: Scalar | None = parameter("time to reach the full height", unit="s", low=0.0, default=None)
     stretching: str = option("kinematics above the mean surface", choices=STRETCHING, default="wheeler")
 
@@ -55,36 +55,40 @@ class Waves:
         return False
 
     @property
-    def speeds(self) -> jax.Array:
+    def speeds(self) -> Array:
         """Factor of the profiles of a component for its velocity (c,) [m/s]: `a s`."""
         return self.amplitude * (self.omega if self.intrinsic is None else self.intrinsic)
 
     @property
-    def shortest(self) -> jax.Array:
+    def shortest(self) -> Array:
         """Length of the shortest waves [m]."""
         return 2.0 * jnp.pi / jnp.max(self.wave_number)
 
-    def rise(self, t: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def rise(self, t: Array) -> tuple[Array, Array]:
         """Ramp factor `sin^2(pi t/(2 ramp))` and its rate [1/s]."""
         if self.ramp is None:
             return jnp.ones((), self.amplitude.dtype), jnp.zeros((), self.amplitude.dtype)
         angle = jnp.pi * jnp.clip(t / self.ramp, 0.0, 1.0)
         return 0.5 * (1.0 - jnp.cos(angle)), 0.5 * jnp.pi / self.ramp * jnp.sin(angle)
 
-    def phases(self, x: jax.Array, y: jax.Array, t: jax.Array) -> jax.Array:
+    @property
+    def course(self) -> tuple[Array, Array]:
+        """Cosine and sine of the direction."""
+        return jnp.cos(self.direction), jnp.sin(self.direction)
+
+    def phases(self, x: Array, y: Array, t: Array) -> Array:
         """p of each component (n, c) [rad] at x, y (n,) [m]."""
         rest = self.phase - self.omega * t
-        cos = jnp.cos(self.direction)
-        sin = jnp.sin(self.direction)
+        cos, sin = self.course
         if self.direction.ndim == 0:
             return (x * cos + y * sin)[:, None] * self.wave_number + rest
         return x[:, None] * (self.wave_number * cos) + y[:, None] * (self.wave_number * sin) + rest
 
-    def elevation(self, x: jax.Array, y: jax.Array, t: jax.Array) -> jax.Array:
+    def elevation(self, x: Array, y: Array, t: Array) -> Array:
         """Surface elevation (n,) [m]."""
         return self.rise(t)[0] * jnp.sum(self.amplitude * sincos(self.phases(x, y, t))[1], axis=-1)
 
-    def heights(self, z: jax.Array, elevation: jax.Array, depth: Scalar) -> jax.Array:
+    def heights(self, z: Array, elevation: Array, depth: Scalar) -> Array:
         """Height at which the kinematics of z are evaluated (n,) [m]: z, z limited to the mean surface, or Wheeler's
         z'.
 
@@ -97,7 +101,7 @@ class Waves:
             z = jnp.minimum(z, 0.0)
         return jnp.maximum(z, -depth)
 
-    def profiles(self, z: jax.Array, depth: Scalar) -> tuple[jax.Array, jax.Array]:
+    def profiles(self, z: Array, depth: Scalar) -> tuple[Array, Array]:
         """C and S of each component at heights z (n,): (n, c) each."""
         k = self.wave_number
         up = jnp.exp(k * z[:, None])
@@ -105,7 +109,7 @@ class Waves:
         scale = -1.0 / jnp.expm1(-2.0 * k * depth)
         return (up + down) * scale, (up - down) * scale
 
-    def motion(self, r: jax.Array, t: jax.Array, depth: Scalar) -> Motion:
+    def motion(self, r: Array, t: Array, depth: Scalar) -> Motion:
         """The water at positions r (n, 3) [m], all components in one pass."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         rise, rate = self.rise(t)
@@ -113,42 +117,37 @@ class Waves:
         velocity, acceleration = self._orbit(self.heights(r[:, 2], elevation, depth), cos, sin, depth)
         return Motion(elevation, rise * velocity, rise * acceleration + rate * velocity)
 
-    def _orbit(self, z: jax.Array, cos: jax.Array, sin: jax.Array, depth: Scalar) -> tuple[jax.Array, jax.Array]:
+    def _orbit(self, z: Array, cos: Array, sin: Array, depth: Scalar) -> tuple[Array, Array]:
         """Velocity and local acceleration (n, 3) at heights z, without the ramp."""
         across, upright = self.profiles(z, depth)
         speed = self.speeds
         along = self.omega * speed
         return self._vector(across * cos, speed, upright * sin), self._vector(across * sin, along, -upright * cos)
 
-    def _vector(self, level: jax.Array, size: jax.Array, rising: jax.Array) -> jax.Array:
+    def _vector(self, level: Array, size: Array, rising: Array) -> Array:
         """Sum over the components of level and vertical parts (n, c) times size (c,), as (n, 3)."""
         vertical = jnp.sum(rising * size, axis=-1)
-        cos = jnp.cos(self.direction)
-        sin = jnp.sin(self.direction)
+        cos, sin = self.course
         if self.direction.ndim == 0:
             total = jnp.sum(level * size, axis=-1)
             return jnp.stack([total * cos, total * sin, vertical], axis=-1)
-        return jnp.stack(
-            [jnp.sum(level * (size * cos), axis=-1), jnp.sum(level * (size * sin), axis=-1), vertical], axis=-1
-        )
+        along = (jnp.sum(level * (size * part), axis=-1) for part in (cos, sin))
+        return jnp.stack([*along, vertical], axis=-1)
 
-    def airy_velocity(self, r: jax.Array, t: jax.Array, depth: Scalar) -> jax.Array:
+    def airy_velocity(self, r: Array, t: Array, depth: Scalar) -> Array:
         """Velocity (n, 3) [m/s] at positions r with mapped heights, for gradients."""
         sin, cos = sincos(self.phases(r[:, 0], r[:, 1], t))
         return self.rise(t)[0] * self._orbit(r[:, 2], cos, sin, depth)[0]
 
-    def excursion(
-        self, position: jax.Array, t: jax.Array, depth: Scalar, heave: jax.Array, surge: jax.Array
-    ) -> jax.Array:
+    def excursion(self, position: Array, t: Array, depth: Scalar, heave: Array, surge: Array) -> Array:
         """Displacement (3,) [m] of a particle at the mean surface, its parts times `heave` and `surge`."""
         phases = self.phases(position[:1], position[1:2], t)[0]
         across = self.speeds / (self.omega * jnp.tanh(self.wave_number * depth)) * surge * -jnp.sin(phases)
-        cos = jnp.cos(self.direction)
-        sin = jnp.sin(self.direction)
+        cos, sin = self.course
         up = self.amplitude * heave * jnp.cos(phases)
         return self.rise(t)[0] * jnp.stack([jnp.sum(across * cos), jnp.sum(across * sin), jnp.sum(up)])
 
-    def pressure(self, r: jax.Array, t: jax.Array, depth: Scalar, density: Scalar) -> jax.Array:
+    def pressure(self, r: Array, t: Array, depth: Scalar, density: Scalar) -> Array:
         """Dynamic pressure (n,) [Pa]; zero mean, without the hydrostatic part."""
         phases = self.phases(r[:, 0], r[:, 1], t)
         elevation = self.elevation(r[:, 0], r[:, 1], t)
@@ -158,6 +157,6 @@ class Waves:
         return self.rise(t)[0] * jnp.sum(across * jnp.cos(phases) * size, axis=-1)
 
     @property
-    def significant_height(self) -> jax.Array:
+    def significant_height(self) -> Array:
         """`Hs = 4 sqrt(m0)` [m]."""
         return 4.0 * jnp.sqrt(0.5 * jnp.sum(self.amplitude**2))

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line, system
 
 import dropper_jax as dj
 from dropper_jax.axial import DampedRope
@@ -26,21 +27,12 @@ def hanging(high: float) -> dj.Scene:
     links = 4
     length = 0.4
     rope = {"law": "rope", "EA": 2e4, "damping": 20.0}
-    line = {"name": "l", "from": "top", "to": "end", "links": links, "length": length, "mass": 0.5, "axial": rope}
     end = (links * length - high) * np.array([0.06, 0.0, -1.0]) / np.hypot(0.06, 1.0)
     positions = np.linspace(np.zeros(3), end, links + 1)
-    return dj.load_scene(
-        {
-            "run": {"dt": DT, "duration": STEPS * DT},
-            "point": [
-                {"name": "top", "position": [0.0, 0.0, 0.0]},
-                {"name": "end", "kind": "free", "position": positions[-1].tolist(), "mass": 3.0},
-            ],
-            "line": [line],
-            "effects": {"weight": {}},
-            "start": {"kind": "positions", "positions": positions.tolist()},
-        }
-    )
+    ends = [fixed("top", 0.0, 0.0, 0.0), free("end", *positions[-1].tolist(), mass=3.0)]
+    lines = [line("l", "top", "end", links, length, mass=0.5, axial=rope)]
+    start = {"kind": "positions", "positions": positions.tolist()}
+    return dj.load_scene(system(ends, lines, dt=DT, duration=STEPS * DT, start=start))
 
 
 def height_of(high: float, tangent: dj.SlackTangent | None) -> Callable[[jax.Array], tuple[jax.Array, jax.Array]]:

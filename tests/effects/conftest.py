@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scene_parts as parts
 
 import dropper_jax as dj
 
@@ -31,21 +32,16 @@ def hanging():
     """`hanging(effects, sea, ...)`: a line of `links` from (0, 0, -5) straight down, its end free."""
 
     def make(effects, sea, length=1.0, mass=10.0, diameter=0.05, links=1, start=None, **line):
-        return {
-            "run": {"dt": 0.001, "duration": 1.0},
-            "point": [
-                {"name": "top", "position": [0.0, 0.0, -5.0]},
-                {"name": "end", "kind": "free", "position": [0.0, 0.0, -5.0 - length * links]},
-            ],
-            "line": [
-                {"name": "line", "from": "top", "to": "end", "links": links, "length": length, "mass": mass}
-                | ({} if diameter is None else {"diameter": diameter})
-                | line
-            ],
-            "effects": effects,
-            "start": start or {"kind": "angles", "zero": "down", "polar": [0.0] * links},
-            "sea": {"depth": 50.0, "density": 1000.0, **sea},
-        }
+        own = {"mass": mass, "diameter": diameter, **line}
+        own = {key: value for key, value in own.items() if value is not None}
+        return parts.system(
+            [parts.fixed("top", 0.0, 0.0, -5.0), parts.free("end", 0.0, 0.0, -5.0 - length * links)],
+            [parts.line("line", "top", "end", links, length, **own)],
+            dt=0.001,
+            effects=effects,
+            start=start or {"kind": "angles", "zero": "down", "polar": [0.0] * links},
+            sea={"depth": 50.0, "density": 1000.0, **sea},
+        )
 
     return make
 
@@ -82,26 +78,16 @@ def afloat():
     """`afloat(shapes, mass, ...)`: a rigid body in water and, far below it, a light rope that does not touch it."""
 
     def afloat(shapes, *, mass, centre, inertia, sea=None, position=(0.0, 0.0, 0.0), run=None, **body):
-        rope = {"length": 2.0, "mass": 1e-3, "diameter": 1e-3, "axial": {"law": "rope", "EA": 1e3}}
-        return {
-            "run": {"dt": 0.02, "duration": 20.0, **(run or {})},
-            "point": [{"name": "a", "position": [0.0, 0.0, -50.0]}, {"name": "b", "position": [1.0, 0.0, -50.0]}],
-            "line": [{"name": "rope", "from": "a", "to": "b", "links": 2, **rope}],
-            "body": [
-                {
-                    "name": "float",
-                    "position": list(position),
-                    "mass": mass,
-                    "centre_of_mass": list(centre),
-                    "inertia": list(inertia),
-                    **shapes,
-                    **body,
-                }
-            ],
-            "sea": {"depth": 100.0, **(sea or {})},
-            "effects": {"weight": {}},
-            "start": {"kind": "points"},
-        }
+        own = {"mass": 1e-3, "diameter": 1e-3, "axial": {"law": "rope", "EA": 1e3}}
+        afloat = {"name": "float", "position": list(position), "mass": mass, "centre_of_mass": list(centre)}
+        return parts.system(
+            [parts.fixed("a", 0.0, 0.0, -50.0), parts.fixed("b", 1.0, 0.0, -50.0)],
+            [parts.line("rope", "a", "b", 2, 2.0, **own)],
+            run={"dt": 0.02, "duration": 20.0, **(run or {})},
+            body=[{**afloat, "inertia": list(inertia), **shapes, **body}],
+            sea={"depth": 100.0, **(sea or {})},
+            start={"kind": "points"},
+        )
 
     return afloat
 
@@ -113,14 +99,8 @@ def spar(afloat):
     def spar(diameter=1.0, height=9.0, draught=5.0, centre=2.0, *, slices=40, ends="from", coefficients=None, **scene):
         mass = 1025.0 * np.pi / 4 * diameter**2 * draught
         turned = mass * height**2 / 12.0
-        cylinder = {
-            "from": [0.0, 0.0, 0.0],
-            "to": [0.0, 0.0, height],
-            "diameter": diameter,
-            "slices": slices,
-            "ends": ends,
-            **(coefficients or {}),
-        }
+        cylinder = {"from": [0.0, 0.0, 0.0], "to": [0.0, 0.0, height], "diameter": diameter}
+        cylinder |= {"slices": slices, "ends": ends, **(coefficients or {})}
         return afloat(
             {"cylinders": [cylinder]},
             mass=mass,

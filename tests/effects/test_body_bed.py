@@ -16,16 +16,9 @@ SOFT = 1e5
 
 def scene(attitude=(0.0, 0.0, 0.0), height=-19.0, **body):
     """A drum of 1 m diameter and 2 m length along its x axis, heavier than water, beside a light rope."""
-    drum = {
-        "name": "drum",
-        "position": [0.0, 0.0, height],
-        "attitude": list(attitude),
-        "mass": 3000.0,
-        "centre_of_mass": [0.0, 0.0, 0.0],
-        "inertia": [400.0, 1200.0, 1200.0],
-        "cylinders": [{"from": [-1.0, 0.0, 0.0], "to": [1.0, 0.0, 0.0], "diameter": 1.0, "slices": 4}],
-        "touches_bed": True,
-    }
+    drum = {"name": "drum", "position": [0.0, 0.0, height], "attitude": list(attitude), "touches_bed": True}
+    drum |= {"mass": 3000.0, "centre_of_mass": [0.0, 0.0, 0.0], "inertia": [400.0, 1200.0, 1200.0]}
+    drum["cylinders"] = [{"from": [-1.0, 0.0, 0.0], "to": [1.0, 0.0, 0.0], "diameter": 1.0, "slices": 4}]
     effects = {"weight": {"gravity": G}, "seabed": {"stiffness": SOFT, "damping": 5e4}}
     run, sea = {"dt": 0.02, "duration": 12.0}, {"depth": DEPTH, "density": RHO}
     return by_a_rope({**drum, **body}, run=run, sea=sea, effects=effects)
@@ -82,13 +75,11 @@ def test_a_drum_that_sinks_comes_to_rest_on_the_bed():
     assert np.ptp(total) < 1e-3 * np.max(ran.kinetic)
 
 
-def test_touching_needs_a_bed_and_a_shape():
+def test_touching_needs_a_bed_and_a_shape(refusal):
     table = scene()
     del table["effects"]["seabed"]
-    with pytest.raises(dj.SceneError, match="body.0.touches_bed: 'drum' lacks .effects.seabed."):
-        dj.load_scene(table)
-    with pytest.raises(dj.SceneError, match="body.0.touches_bed: 'drum' lacks cylinders or spheres"):
-        dj.load_scene(scene(cylinders=[]))
+    assert "body.0.touches_bed: 'drum' lacks [effects.seabed]" in refusal(dj.load_scene, table)
+    assert "body.0.touches_bed: 'drum' lacks cylinders or spheres" in refusal(dj.load_scene, scene(cylinders=[]))
     kept = dj.load_scene(scene())
     assert dj.load_scene(kept.to_dict()) == kept
     assert "touches_bed" not in dj.load_scene(scene(touches_bed=False)).to_dict()["body"][0]

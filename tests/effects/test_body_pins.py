@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hard_scenes import by_a_rope, swing_period
+from scene_parts import fixed, free, line, system
 from scipy.special import ellipk
 
 import dropper_jax as dj
@@ -20,15 +21,8 @@ ARM, MASS, MOMENT = 2.0, 5.0, 3.0
 
 def pendulum(angle=0.6, dt=0.005, duration=12.0, **more):
     """An arm that hangs from a pin, far from a rope."""
-    body = {
-        "name": "arm",
-        "position": [1.0, 2.0, 3.0],
-        "attitude": [0.0, angle, 0.0],
-        "mass": MASS,
-        "centre_of_mass": [0.0, 0.0, -ARM],
-        "inertia": [MOMENT, MOMENT, 0.1],
-        "pinned": True,
-    }
+    body = {"name": "arm", "position": [1.0, 2.0, 3.0], "attitude": [0.0, angle, 0.0], "pinned": True}
+    body |= {"mass": MASS, "centre_of_mass": [0.0, 0.0, -ARM], "inertia": [MOMENT, MOMENT, 0.1]}
     return by_a_rope({**body, **more}, run={"dt": dt, "duration": duration})
 
 
@@ -65,46 +59,19 @@ def test_a_body_that_starts_to_turn_begins_with_the_velocity_of_its_turning():
 def moored(bodies=2):
     """Two bodies, one pinned, between lines that bend, touch a body and each other."""
     body = {"mass": 50.0, "centre_of_mass": [0.0, 0.0, -0.2], "inertia": [9.0, 8.0, 7.0]}
-    ball = [{"centre": [0.0, 0.0, 0.0], "diameter": 1.0}]
-    line = {"type": "rod", "links": 2}
-    return {
-        "run": {"dt": 0.01, "duration": 0.1},
-        "line_type": [{"name": "rod", "mass": 1.0, "diameter": 0.1, "EI": 50.0, "EA": 1e5}],
-        "point": [
-            {"name": "a", "position": [0.0, 0.0, -4.0]},
-            {"name": "b", "position": [5.0, 0.0, -4.2], "kind": "free", "mass": 2.0},
-            {"name": "c", "position": [9.0, 0.5, -4.0]},
-        ],
-        "body": [
-            {
-                **body,
-                "name": "one",
-                "position": [3.0, 0.2, -4.7],
-                "attachments": {"top": [0.0, 0.0, 0.4]},
-                "spheres": ball,
-            },
-            {
-                **body,
-                "name": "two",
-                "position": [5.0, 0.0, -7.0],
-                "attachments": {"on": [0.0, 0.1, 0.3]},
-                "pinned": True,
-            },
-        ],
-        "line": [
-            {"name": "left", "from": "a", "to": "b", "length": 5.2, **line},
-            {"name": "right", "from": "b", "to": "c", "length": 4.5, **line},
-            {"name": "down", "from": "b", "to": "on", "length": 2.8, **line},
-            {"name": "up", "from": "top", "to": "c", "length": 6.5, **line},
-        ],
-        "sea": {"depth": 30.0},
-        "effects": {
-            "weight": {},
-            "bending": {},
-            "line_contact": {"pairs": [["left", "up"]], "bodies": [["left", "one"]], "damping": 5.0, "stiffness": 1e4},
-        },
-        "start": {"kind": "points"},
-    }
+    one = {"name": "one", "position": [3.0, 0.2, -4.7], "attachments": {"top": [0.0, 0.0, 0.4]}, **body}
+    two = {"name": "two", "position": [5.0, 0.0, -7.0], "attachments": {"on": [0.0, 0.1, 0.3]}, **body}
+    ends = {"left": ("a", "b", 5.2), "right": ("b", "c", 4.5), "down": ("b", "on", 2.8), "up": ("top", "c", 6.5)}
+    contact = {"pairs": [["left", "up"]], "bodies": [["left", "one"]], "damping": 5.0, "stiffness": 1e4}
+    return system(
+        [fixed("a", 0.0, 0.0, -4.0), free("b", 5.0, 0.0, -4.2, mass=2.0), fixed("c", 9.0, 0.5, -4.0)],
+        [line(name, start, end, 2, length, type="rod") for name, (start, end, length) in ends.items()],
+        line_type=[{"name": "rod", "mass": 1.0, "diameter": 0.1, "EI": 50.0, "EA": 1e5}],
+        body=[one | {"spheres": [{"centre": [0.0, 0.0, 0.0], "diameter": 1.0}]}, two | {"pinned": True}],
+        sea={"depth": 30.0},
+        effects={"weight": {}, "bending": {}, "line_contact": contact},
+        start={"kind": "points"},
+    )
 
 
 @pytest.mark.check
@@ -117,27 +84,17 @@ def test_the_network_holds_bodies_with_bending_contact_and_pins_exactly(network_
 
 def drum(friction, velocity, attitude=(0.0, 0.0, 0.0), duration=3.0, dt=0.005, ball=False, **more):
     """A drum of 1 m and 2 m along x, or a ball, that lies on the bed and slides; water neither drags nor is added."""
-    none = {"cdn": 0.0, "can": 0.0, "ends": "none"}
-    shape = (
-        {"spheres": [{"centre": [0.0, 0.0, 0.0], "diameter": 1.0, "cd": 0.0, "ca": 0.0}]}
-        if ball
-        else {"cylinders": [{"from": [-1.0, 0, 0], "to": [1.0, 0, 0], "diameter": 1.0, "slices": 4, **none}]}
-    )
-    volume = np.pi / 6 if ball else np.pi / 2
-    area = np.pi / 4 if ball else 2.0
+    if ball:
+        volume, area, inertia = np.pi / 6, np.pi / 4, [300.0] * 3
+        shape = {"spheres": [{"centre": [0.0, 0.0, 0.0], "diameter": 1.0, "cd": 0.0, "ca": 0.0}]}
+    else:
+        volume, area, inertia = np.pi / 2, 2.0, [400.0, 1200.0, 1200.0]
+        none = {"cdn": 0.0, "can": 0.0, "ends": "none"}
+        shape = {"cylinders": [{"from": [-1.0, 0, 0], "to": [1.0, 0, 0], "diameter": 1.0, "slices": 4, **none}]}
     weight = G * (3000.0 - RHO * volume)
-    body = {
-        "name": "drum",
-        "position": [0.0, 0.0, -DEPTH + 0.5 - weight / (1e6 * area)],
-        "attitude": list(attitude),
-        "mass": 3000.0,
-        "centre_of_mass": [0.0, 0.0, 0.0],
-        "inertia": [300.0] * 3 if ball else [400.0, 1200.0, 1200.0],
-        "touches_bed": True,
-        "bed_friction": friction,
-        "velocity": list(velocity),
-        **shape,
-    }
+    body = {"name": "drum", "position": [0.0, 0.0, -DEPTH + 0.5 - weight / (1e6 * area)], "attitude": list(attitude)}
+    body |= {"mass": 3000.0, "centre_of_mass": [0.0, 0.0, 0.0], "inertia": inertia, **shape}
+    body |= {"touches_bed": True, "bed_friction": friction, "velocity": list(velocity)}
     effects = {"weight": {"gravity": G}, "seabed": {"stiffness": 1e6, "damping": 1e5}}
     run, sea = {"dt": dt, "duration": duration}, {"depth": DEPTH, "density": RHO}
     return by_a_rope({**body, **more}, run=run, sea=sea, effects=effects), weight

@@ -42,19 +42,13 @@ def test_wet_pendulum_has_the_period_of_added_mass_and_buoyancy(hanging, runs):
 def particle(hanging, form):
     volume = np.pi / 4 * 0.2**2
     waves = {"kind": "regular", "amplitude": 0.5, "period": 8.33}
-    effects = {"weight": {}, "buoyancy": {}}
-    effects["morison_inertia"] = {"can": 1.0, "cat": 1.0, "fluid_acceleration": form}
-    scene = hanging(
-        effects, {"depth": 30.0, "stretching": "none", "waves": waves}, diameter=0.2, mass=RHO * volume, **LOOSE
-    )
-    model, _ = dj.build(scene)
-    at = np.asarray(model.sea.at(jnp.array([[0.0, 0.0, -6.0]]), jnp.array(0.0)).velocity)
-    scene["start"] = {
-        "kind": "positions",
-        "positions": [[0, 0, -5.0], [0, 0, -6.0]],
-        "velocities": [[0, 0, 0], at[0].tolist()],
-    }
-    return scene
+    inertia = {"can": 1.0, "cat": 1.0, "fluid_acceleration": form}
+    effects = {"weight": {}, "buoyancy": {}, "morison_inertia": inertia}
+    sea = {"depth": 30.0, "stretching": "none", "waves": waves}
+    scene = hanging(effects, sea, diameter=0.2, mass=RHO * volume, **LOOSE)
+    at = np.asarray(dj.build(scene)[0].sea.at(jnp.array([[0.0, 0.0, -6.0]]), jnp.array(0.0)).velocity)
+    nodes = {"positions": [[0, 0, -5.0], [0, 0, -6.0]], "velocities": [[0, 0, 0], at[0].tolist()]}
+    return scene | {"start": {"kind": "positions", **nodes}}
 
 
 @pytest.mark.check

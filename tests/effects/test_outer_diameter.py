@@ -4,44 +4,23 @@ import copy
 
 import jax
 import numpy as np
-import pytest
+from scene_parts import fixed, free, line, system
 
 import dropper_jax as dj
 from dropper_jax import build_model
 
 #: Half-grown mussel dropper (Zhu et al. 2020), its displaced diameter at 1300 kg/m^3.
 OUTER, DISPLACED, MASS, CDN = 0.13, 0.0859, 7.53, 1.3
-SCENE = {
-    "name": "droppers",
-    "run": {"dt": 0.02, "duration": 0.02},
-    "line_type": [
-        {
-            "name": "crop",
-            "mass": MASS,
-            "diameter": DISPLACED,
-            "EA": 4e5,
-            "cdn": CDN,
-            "cdt": 0.02,
-            "can": 1.0,
-            "cat": 0.1,
-        },
-        {"name": "rope", "mass": 0.5, "diameter": 0.03, "EA": 4e5, "cdn": 1.2, "cdt": 0.0, "can": 1.1, "cat": 0.0},
-    ],
-    "point": [
-        {"name": "left", "position": [0.0, 0.0, -5.0]},
-        {"name": "low", "kind": "free", "position": [0.0, 0.0, -9.0], "mass": 1.0, "volume": 0.0},
-        {"name": "right", "position": [4.0, 0.0, -5.0]},
-    ],
-    "line": [
-        {"name": "dropper", "from": "left", "to": "low", "type": "crop", "length": 4.0, "links": 4},
-        {"name": "rope", "from": "low", "to": "right", "type": "rope", "length": 6.0, "links": 3},
-    ],
-    "sea": {
-        "depth": 20.0,
-        "current": {"kind": "power", "speed": 0.5, "direction": 1.5707963267948966, "exponent": 0.0},
-    },
-    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}},
-}
+LOW = free("low", 0.0, 0.0, -9.0, mass=1.0, volume=0.0)
+CROP = {"name": "crop", "mass": MASS, "diameter": DISPLACED, "EA": 4e5, "cdn": CDN, "cdt": 0.02, "can": 1.0, "cat": 0.1}
+ROPE = {"name": "rope", "mass": 0.5, "diameter": 0.03, "EA": 4e5, "cdn": 1.2, "cdt": 0.0, "can": 1.1, "cat": 0.0}
+SCENE = system(
+    [fixed("left", 0.0, 0.0, -5.0), LOW, fixed("right", 4.0, 0.0, -5.0)],
+    [line("dropper", "left", "low", 4, 4.0, type="crop"), line("rope", "low", "right", 3, 6.0, type="rope")],
+    line_type=[CROP, ROPE],
+    sea={"depth": 20.0, "current": {"kind": "power", "speed": 0.5, "direction": 0.5 * np.pi, "exponent": 0.0}},
+    effects={"weight": {}, "buoyancy": {}, "morison_drag": {}, "morison_inertia": {}},
+)
 
 
 def instant(crop: dict[str, float]):
@@ -83,21 +62,12 @@ def test_the_same_outer_and_displaced_diameter_change_nothing():
         np.testing.assert_allclose(found, without, rtol=1e-14)
 
 
-def test_outer_diameter_survives_the_plain_form_and_needs_a_displaced_one():
+def test_outer_diameter_survives_the_plain_form_and_needs_a_displaced_one(refusal):
     scene = copy.deepcopy(SCENE)
     scene["line_type"][0]["outer_diameter"] = OUTER
     loaded = dj.load_scene(scene)
     again = dj.load_scene(loaded.to_dict())
     np.testing.assert_array_equal(again.line.outer_diameter, [OUTER] * 4 + [0.03] * 3)
-    line = {"name": "line", "links": 2, "length": 1.0, "mass": 1.0, "outer_diameter": 0.1, "from": "a", "to": "b"}
-    with pytest.raises(dj.SceneError, match=r"line.0.outer_diameter: needs `diameter`"):
-        dj.load_scene(
-            {
-                "run": {"dt": 0.1, "duration": 0.1},
-                "point": [
-                    {"name": "a", "position": [0.0, 0.0, 0.0]},
-                    {"name": "b", "kind": "free", "position": [2.0, 0.0, 0.0]},
-                ],
-                "line": [line],
-            }
-        )
+    own = line("line", "a", "b", 2, 1.0, mass=1.0, outer_diameter=0.1)
+    bare = system([fixed("a", 0.0, 0.0, 0.0), free("b", 2.0, 0.0, 0.0)], [own])
+    assert "line.0.outer_diameter: needs `diameter`" in refusal(dj.load_scene, bare)

@@ -72,9 +72,7 @@ def test_creep_follows_its_closed_form_in_first_order(known):
     for dt in (0.02, 0.01):
         solution = dj.simulate(rope(dt))
         assert solution.status == "ok"
-        errors.append(
-            np.max(np.abs(solution.own["creep"][:, 0] / closed_form(END) - closed_form(solution.t) / closed_form(END)))
-        )
+        errors.append(np.max(np.abs(solution.own["creep"][:, 0] - closed_form(solution.t))))
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
     fine = dj.simulate(rope(0.001))
     assert fine.own["creep"][:, 0] == pytest.approx(closed_form(fine.t), abs=1e-3 * closed_form(END))
@@ -149,9 +147,10 @@ def test_nodes_are_found_through_their_line():
     for i, member in enumerate(system.geometry.members):
         inner = system.node(member.name, 1)
         assert inner == system.node(i, 1) == system.geometry.paths[i][1]
-    with pytest.raises(ValueError, match="line: 'nowhere' is unknown"):
-        system.node("nowhere", 1)
-    with pytest.raises(ValueError, match="node: 0 of line 0 is fixed"):
-        chain.node(0, 0)
-    with pytest.raises(ValueError, match="allowed: 0 to"):
-        chain.node(0, 99)
+    for model, line, node, said in (
+        (system, "nowhere", 1, "line: 'nowhere' is unknown"),
+        (chain, 0, 0, "node: 0 of line 0 is fixed"),
+        (chain, 0, 99, "allowed: 0 to"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            model.node(line, node)

@@ -10,21 +10,19 @@ RHO, G, MASS, VOLUME, DRAG_AREA, ADDED = 1025.0, 9.81, 100.0, 0.02, 0.3, 0.7
 
 
 @pytest.fixture
-def body(one_line):
+def body(one_line, in_water):
     """`body(z)`: the model of a body at the free end of a line, at height z, and one instant with its water."""
 
     def make(z, v=0.0):
-        scene = one_line(
-            10.0, 2, [0.0, 0.0, -2.0], [8.0, 0.0, z], {"mass": 1e-3, "diameter": 1e-3, "EA": 1e3}, {"weight": {}}
-        )
+        thread = {"mass": 1e-3, "diameter": 1e-3, "EA": 1e3}
+        scene = one_line(10.0, 2, [0.0, 0.0, -2.0], [8.0, 0.0, z], thread, {"weight": {}})
         values = {"mass": MASS, "volume": VOLUME, "drag_area": DRAG_AREA, "added_mass": ADDED}
         scene["point"][1] |= {"kind": "free", **values}
         scene["sea"] = {"depth": 50.0, "density": RHO}
         scene["start"] = {"kind": "points"}
         model, s = dj.build(scene)
         end = model.geometry.point_node[1]
-        k = model.kinematics(s.r, s.v.at[end, 0].set(v), s.t)
-        return model, model.kinematics(k.r, k.v, k.t, prepared=model.prepare(k)), end
+        return model, in_water(model, s.r, s.v.at[end, 0].set(v), s.t), end
 
     return make
 

@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hard_scenes import by_a_rope, swing_period
+from scene_parts import fixed, line, system
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
 import dropper_jax as dj
-from dropper_jax import SceneError, build, build_model, make_stepper
+from dropper_jax import build, build_model, make_stepper
 from dropper_jax.load.checks_system import body_warnings
 
 INERTIA, RATES = (1.0, 2.0, 3.0), (0.3, 1.0, 0.2)
@@ -19,15 +20,8 @@ INERTIA, RATES = (1.0, 2.0, 3.0), (0.3, 1.0, 0.2)
 
 def stone(dt=0.01, duration=60.0, **changed):
     """A body that nothing touches, beside a rope."""
-    body = {
-        "name": "stone",
-        "position": [0.0, 0.0, 0.0],
-        "mass": 10.0,
-        "centre_of_mass": [0.1, 0.2, -0.3],
-        "inertia": list(INERTIA),
-        "angular_velocity": list(RATES),
-        "velocity": [0.1, 0.0, 0.0],
-    }
+    body = {"name": "stone", "position": [0.0, 0.0, 0.0], "velocity": [0.1, 0.0, 0.0], "angular_velocity": list(RATES)}
+    body |= {"mass": 10.0, "centre_of_mass": [0.1, 0.2, -0.3], "inertia": list(INERTIA)}
     run = {"dt": dt, "duration": duration, "save_every": round(0.5 / dt)}
     return by_a_rope({**body, **changed}, run=run, effects={"weight": {"gravity": 0.0}})
 
@@ -83,26 +77,12 @@ def test_momentum_of_a_free_body_stays(tumbling):
 def test_arm_on_a_short_rope_swings_as_a_compound_pendulum():
     """On a rope of 1e-3 of the arm's length the arm turns about its end: `T = 4 K(sin(a/2)) sqrt(J/(m g l))`."""
     arm, mass, moment, angle = 2.0, 5.0, 3.0, 0.6
-    scene = stone(
-        dt=0.005,
-        duration=12.0,
-        position=[0.0, 0.0, -0.002],
-        attitude=[0.0, angle, 0.0],
-        mass=mass,
-        centre_of_mass=[0.0, 0.0, -arm],
-        inertia=[moment, moment, 0.1],
-        angular_velocity=[0.0, 0.0, 0.0],
-        velocity=[0.0, 0.0, 0.0],
-        attachments={"top": [0.0, 0.0, 0.0]},
-    )
-    rope = {"length": 0.002, "mass": 1e-3, "diameter": 0.02, "axial": {"law": "rope", "EA": 1e4}}
-    scene |= {
-        "run": {"dt": 0.005, "duration": 12.0},
-        "point": [{"name": "hook", "position": [0.0, 0.0, 0.0]}],
-        "line": [{"name": "rope", "from": "hook", "to": "top", "links": 1, **rope}],
-        "effects": {"weight": {}},
-    }
-    solution = dj.simulate(scene)
+    body = {"name": "stone", "position": [0.0, 0.0, -0.002], "attitude": [0.0, angle, 0.0]}
+    body |= {"mass": mass, "centre_of_mass": [0.0, 0.0, -arm], "inertia": [moment, moment, 0.1]}
+    body["attachments"] = {"top": [0.0, 0.0, 0.0]}
+    rope = line("rope", "hook", "top", 1, 0.002, mass=1e-3, diameter=0.02, axial={"law": "rope", "EA": 1e4})
+    scene = system([fixed("hook", 0.0, 0.0, 0.0)], [rope], dt=0.005, duration=12.0, body=[body])
+    solution = dj.simulate(scene | {"start": {"kind": "points"}})
     pitch = solution.body("stone")["body_attitude"][:, 1]
     expected = 4.0 * ellipk(np.sin(angle / 2) ** 2) * np.sqrt((moment + mass * arm**2) / (mass * 9.81 * arm))
     assert solution.status == "ok"
@@ -132,15 +112,14 @@ def test_gradient_of_a_tumbling_body_against_differences(slopes_of):
         ({"mass": -1.0}, "body.0.mass: -1.0 is out of range"),
         ({"inertia": [1.0, 2.0, 4.0]}, "not those of a body"),
         ({"inertia": [1.0, 2.0]}, "has 2 entries"),
-        ({"attachments": {"a": [0.0, 0.0, 0.0]}}, "attachments.a: is also a .*point"),
+        ({"attachments": {"a": [0.0, 0.0, 0.0]}}, "attachments.a: is also a"),
         ({"masss": 1.0}, "unknown key"),
     ],
 )
-def test_scene_refuses(changed, told):
+def test_scene_refuses(changed, told, refusal):
     scene = stone(**changed)
     scene["body"][0] = {key: value for key, value in scene["body"][0].items() if value is not None}
-    with pytest.raises(SceneError, match=told):
-        dj.load_scene(scene)
+    assert told in refusal(dj.load_scene, scene)
 
 
 def test_an_attachment_on_an_arm_outside_the_hull_is_a_warning():
@@ -150,10 +129,8 @@ def test_an_attachment_on_an_arm_outside_the_hull_is_a_warning():
     (text,) = body_warnings(arm)
     assert "1 attachments are outside its cylinders and spheres, 'base' by 41.5 m" in text
     model, s = dj.build(arm.with_values({"start.kind": "points"}))
-    pose = np.asarray(s.r)
-    tie = model.constraints[0]
-    assert float(np.max(np.abs(tie.gap(model, s.r)))) < 1e-9  # the point sits 42 m from the body's axis
-    assert pose.shape[1] == 3
+    # the point sits 42 m from the body's axis
+    np.testing.assert_allclose(model.constraints[0].gap(model, s.r), 0.0, atol=1e-9)
 
 
 def test_nodes_of_bodies_are_not_taken_for_times_at_which_an_effect_is_not_smooth():

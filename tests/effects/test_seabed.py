@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line, system
 
 import dropper_jax as dj
 
@@ -65,7 +66,7 @@ def test_on_a_slope_the_bed_pushes_along_its_normal(lying):
     np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9)
 
 
-def sliding(friction, duration=1.0):
+def sliding(friction):
     """A slack chain of 20 links laid along a slope of 1 in 2, let go; its ends are free."""
     slope, n, length = 0.5, 20, 0.1
     x = 2.0 + np.arange(n + 1) * length / np.sqrt(1 + slope**2)
@@ -75,24 +76,14 @@ def sliding(friction, duration=1.0):
     effects = {"weight": {}, "seabed": {"stiffness": 3e5, "damping": 3e4, **bed}}
     if friction is not None:
         effects["seabed_friction"] = {"kinetic": friction}
-    return {
-        "run": {"dt": 0.002, "duration": duration},
-        "point": [
-            {"name": "a", "kind": "free", "position": nodes[0].tolist(), "mass": 0.25},
-            {"name": "b", "kind": "free", "position": nodes[-1].tolist(), "mass": 0.25},
-            {"name": "far", "position": [0.0, 0.0, -4.0]},
-        ],
-        "line_type": [
-            {"name": "chain", "mass": 5.0, "diameter": 0.05, "EA": 1e5, "damping": 10.0},
-            {"name": "thread", "mass": 1e-7, "diameter": 1e-6, "EA": 1.0},  # slack: points need a way to a fixed one
-        ],
-        "line": [
-            {"name": "chain", "from": "a", "to": "b", "type": "chain", "length": n * length, "links": n},
-            {"name": "thread", "from": "far", "to": "a", "type": "thread", "length": 30.0, "links": 1},
-        ],
-        "effects": effects,
-        "start": {"kind": "points"},
-    }, angle
+    ends = [free(name, *nodes[i].tolist(), mass=0.25) for name, i in (("a", 0), ("b", -1))]
+    types = [{"name": "chain", "mass": 5.0, "diameter": 0.05, "EA": 1e5, "damping": 10.0}]
+    types.append(
+        {"name": "thread", "mass": 1e-7, "diameter": 1e-6, "EA": 1.0}
+    )  # slack: points need a way to a fixed one
+    lines = [line("chain", "a", "b", n, n * length, type="chain"), line("thread", "far", "a", 1, 30.0, type="thread")]
+    more = {"line_type": types, "effects": effects, "start": {"kind": "points"}}
+    return system([*ends, fixed("far", 0.0, 0.0, -4.0)], lines, dt=0.002, **more), angle
 
 
 @pytest.mark.check

@@ -8,19 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from dropper_jax import (
-    Effect,
-    SceneError,
-    build,
-    build_model,
-    component,
-    integrate,
-    load_scene,
-    make_stepper,
-    parameter,
-    simulate,
-    state,
-)
+import dropper_jax as dj
+from dropper_jax import Effect, build, component, integrate, load_scene, make_stepper, parameter
 from dropper_jax.stepping.control import advance_over
 
 G = 9.81
@@ -28,7 +17,15 @@ G = 9.81
 
 def on_the_bed(one_line, links, length, kind, **more):
     bed = {"seabed": {"depth": 10.0, "stiffness": 1e6, "damping": 1e5}, "weight": {}}
-    scene = one_line(length, links, [0.0, 0.0, -10.0], [length, 0.0, -10.0], kind, {**bed, **more})
+    return one_line(length, links, [0.0, 0.0, -10.0], [length, 0.0, -10.0], kind, {**bed, **more})
+
+
+def dragged(one_line, friction, speed):
+    """A chain of 8 m that a moving end drags along the bed, its other end free."""
+    motion = {"point": "b", "time": [0.0, 100.0], "displacement": [[0.0, 0.0, 0.0], [100.0 * speed, 0.0, 0.0]]}
+    kind = {"mass": 10.0, "diameter": 0.04, "EA": 1e5, "damping_ratio": 1.0}
+    scene = on_the_bed(one_line, 4, 8.0, kind, seabed_friction={"kinetic": 0.5, **friction}, end_motion=motion)
+    scene["point"][0]["kind"] = "free"
     return scene
 
 
@@ -41,7 +38,7 @@ def test_a_sliding_weight_stops_after_v2_over_2_mu_g(one_line, integrator):
     scene["point"][1] = {"name": "b", "kind": "free", "position": [4.0, 0.0, -10.0], "mass": 50.0, "volume": 1e-3}
     scene["line"][0]["length"] = 20.0  # slack throughout
     model, s = build(scene)
-    s = s.__class__(**{**s.__dict__, "v": s.v.at[-1, 0].set(speed)})
+    s = replace(s, v=s.v.at[-1, 0].set(speed))
     stepper = make_stepper(model, integrator)
     _, path = jax.jit(lambda m, s: integrate(stepper, m, stepper.integrator.begin(m, s), 0.001, 1000))(model, s)
     distance = float(path.r[-1, -1, 0] - s.r[-1, 0])
@@ -58,7 +55,7 @@ def test_grounded_chain_does_not_creep_across_a_current_below_the_limit(one_line
     scene["point"][1]["kind"] = "free"
     scene["sea"] = {"depth": 10.0, "current": {"kind": "uniform", "speed": 0.3, "direction": np.pi / 2}}
     scene["start"] = {"kind": "points"}
-    solution = simulate(scene, dt=0.1, duration=300.0, save_every=100)
+    solution = dj.simulate(scene, dt=0.1, duration=300.0, save_every=100)
     assert solution.status == "ok", solution.failure
     across = solution.positions[:, :, 1]
     assert np.max(np.abs(across - across[0])) < 1e-4  # asked: 1 mm
@@ -70,13 +67,8 @@ def test_grounded_chain_does_not_creep_across_a_current_below_the_limit(one_line
 def test_pulled_chain_stretches_against_friction_and_keeps_half_of_it_on_unloading(one_line):
     # T^2/(2 mu w EA): a bar in Coulomb friction; after slow unloading the outer half slips back, half the stretch stays
     mu, pull, mass, EA, length, links = 0.5, 1000.0, 10.0, 1e5, 40.0, 100
-    scene = on_the_bed(
-        one_line,
-        links,
-        length,
-        {"mass": mass, "diameter": 0.04, "EA": EA, "damping_ratio": 1.0},
-        seabed_friction={"kinetic": mu},
-    )
+    kind = {"mass": mass, "diameter": 0.04, "EA": EA, "damping_ratio": 1.0}
+    scene = on_the_bed(one_line, links, length, kind, seabed_friction={"kinetic": mu})
     scene["point"][1]["kind"] = "free"
     scene["start"] = {"kind": "points"}
     model, s = build(scene)
@@ -123,12 +115,8 @@ class Pull(Effect):
 @pytest.mark.check
 def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags(one_line):
     # every node slides one way throughout, so no switch moves: T = mu times the weight behind, in a steady state
-    mu, speed, EA, mass, length, links = 0.5, 0.2, 1e5, 10.0, 8.0, 4
-    motion = {"point": "b", "time": [0.0, 100.0], "displacement": [[0.0, 0.0, 0.0], [100.0 * speed, 0.0, 0.0]]}
-    kind = {"mass": mass, "diameter": 0.04, "EA": EA, "damping_ratio": 1.0}
-    scene = on_the_bed(one_line, links, length, kind, seabed_friction={"kinetic": mu}, end_motion=motion)
-    scene["point"][0]["kind"] = "free"
-    model = build_model(load_scene(scene))
+    mu, speed, EA, length, links = 0.5, 0.2, 1e5, 8.0, 4
+    model = dj.build_model(load_scene(dragged(one_line, {}, speed)))
     path = model.geometry.paths[0][:-1]  # from the free end on
     weight = np.asarray(model.node_mass)[path] * G
     tension = mu * np.cumsum(weight)
@@ -137,7 +125,7 @@ def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags
     r[path, 2] = -10.0 - weight / (1e6 * 0.04 * np.array([0.5, 1.0, 1.0, 1.0]) * length / links)
     v = np.zeros((links, 3))
     v[:, 0] = speed
-    s, stepper = state(model, r, v, tension=tension), make_stepper(model, halvings=0)
+    s, stepper = dj.state(model, r, v, tension=tension), make_stepper(model, halvings=0)
 
     def lead(mu):
         rough = (replace(e, kinetic=mu) if e.name == "seabed_friction" else e for e in model.effects)
@@ -154,24 +142,12 @@ def test_gradient_of_a_dragged_chains_tension_to_friction_is_the_weight_it_drags
 
 
 @pytest.mark.check
-@pytest.mark.parametrize(
-    ("law", "scheme", "dt"),
-    [
-        ({"law": "moordyn", "damping": 200.0}, "energy_momentum", 0.02),
-        ({"law": "moordyn", "damping": 200.0}, "rk2", 0.005),
-        ({"law": "regularised", "speed": 0.5}, "energy_momentum", 0.02),
-        ({"law": "regularised", "speed": 0.5}, "rk2", 0.005),
-    ],
-)
+@pytest.mark.parametrize("law", [{"law": "moordyn", "damping": 200.0}, {"law": "regularised", "speed": 0.5}])
+@pytest.mark.parametrize(("scheme", "dt"), [("energy_momentum", 0.02), ("rk2", 0.005)])
 def test_laws_of_speed_grow_up_to_mu_times_the_weight_in_implicit_and_explicit_schemes(one_line, law, scheme, dt):
     # a chain dragged along the bed at a constant speed: each node is held by mu min(c v, N), or mu N min(v / v0, 1),
     # tensions are their sums
-    mu, mass, length, links = 0.5, 10.0, 8.0, 4
-    motion = {"point": "b", "time": [0.0, 100.0], "displacement": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]}
-    kind = {"mass": mass, "diameter": 0.04, "EA": 1e5, "damping_ratio": 1.0}
-    scene = on_the_bed(one_line, links, length, kind, seabed_friction={"kinetic": mu, **law}, end_motion=motion)
-    scene["point"][0]["kind"] = "free"
-    model, s = build(scene)
+    model, s = build(dragged(one_line, law, 0.01))
     behind = model.geometry.paths[0][:-1]  # from the free end on
     weight = np.asarray(model.node_mass)[behind] * G
     stepper = make_stepper(model, scheme)
@@ -188,7 +164,7 @@ def test_laws_of_speed_grow_up_to_mu_times_the_weight_in_implicit_and_explicit_s
         start = replace(s, v=s.v.at[:, 0].set(speed))
         tension = run(replace(model, effects=tuple(moved)), start)
         share = np.minimum(law["damping"] * speed, weight) if "damping" in law else weight * min(speed / 0.5, 1.0)
-        np.testing.assert_allclose(tension, np.cumsum(mu * share), rtol=2e-3)
+        np.testing.assert_allclose(tension, np.cumsum(0.5 * share), rtol=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -199,8 +175,5 @@ def test_laws_of_speed_grow_up_to_mu_times_the_weight_in_implicit_and_explicit_s
         ({"law": "viscous"}, "allowed: coulomb, regularised, moordyn"),
     ],
 )
-def test_friction_laws_that_do_not_go_together_are_refused(one_line, values, message):
-    scene = on_the_bed(one_line, 2, 10.0, {"mass": 1.0, "diameter": 0.02, "EA": 1e4}, seabed_friction={"kinetic": 0.4})
-    scene["effects"]["seabed_friction"].update(values)
-    with pytest.raises(SceneError, match=message):
-        load_scene(scene)
+def test_friction_laws_that_do_not_go_together_are_refused(one_line, values, message, refusal):
+    assert message in refusal(load_scene, dragged(one_line, values, 0.0))

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line, system
 from scipy.optimize import brentq
 
 from dropper_jax import build_model, equilibrium, load_scene, natural_modes
@@ -11,24 +12,19 @@ from dropper_jax import build_model, equilibrium, load_scene, natural_modes
 G = 9.81
 
 
-def moored_buoy(sea, links=4, **buoy):
+def moored_buoy(sea, **buoy):
     """A spar on a slack, light line, so that it is all but free."""
     spar = {"mass": 1200.0, "diameter": 0.79, "height": 8.865, "cdn": 0.0, "cdt": 0.0, "can": 0.0, "cat": 0.0, **buoy}
-    return {
-        "run": {"dt": 0.02, "duration": 20.0},
-        "line_type": [{"name": "rope", "mass": 1e-3, "diameter": 1e-3, "EA": 1e3}],
-        "point": [
-            {"name": "anchor", "position": [0.0, 0.0, -30.0]},
-            {"name": "buoy", "kind": "free", "position": [0.0, 0.0, -2.5]},
-        ],
-        "line": [{"name": "rope", "from": "anchor", "to": "buoy", "type": "rope", "length": 40.0, "links": links}],
-        "buoy": [{"name": "spar", "point": "buoy", **spar}],
-        "sea": {"depth": 30.0, **sea},
-        "effects": {"weight": {}},
-    }
+    return system(
+        [fixed("anchor", 0.0, 0.0, -30.0), free("buoy", 0.0, 0.0, -2.5)],
+        [line("rope", "anchor", "buoy", 4, 40.0, type="rope")],
+        line_type=[{"name": "rope", "mass": 1e-3, "diameter": 1e-3, "EA": 1e3}],
+        buoy=[{"name": "spar", "point": "buoy", **spar}],
+        sea={"depth": 30.0, **sea},
+    )
 
 
-def test_heave_force_on_a_fixed_spar_is_the_pressure_on_its_base_to_first_order():
+def test_heave_force_on_a_fixed_spar_is_the_pressure_on_its_base_to_first_order(in_water):
     amplitude, period, depth = 0.01, 8.33, 30.0
     sea = {"waves": {"kind": "regular", "amplitude": amplitude, "period": period}, "stretching": "none"}
     model = build_model(load_scene(moored_buoy(sea)))
@@ -36,9 +32,7 @@ def test_heave_force_on_a_fixed_spar_is_the_pressure_on_its_base_to_first_order(
     r = jnp.zeros((model.free_nodes, 3)).at[:, 2].set(base)
 
     def force(t):
-        k = model.kinematics(r, jnp.zeros_like(r), t)
-        k = model.kinematics(r, jnp.zeros_like(r), t, k.ends, prepared=model.prepare(k))
-        return model.effect("spar_buoys").force(k)[node, 2]
+        return model.effect("spar_buoys").force(in_water(model, r, jnp.zeros_like(r), t))[node, 2]
 
     times = jnp.linspace(0.0, period, 33)[:-1]
     found = jax.jit(jax.vmap(force))(times)

@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from scene_parts import fixed, line, system
 
 import dropper_jax as dj
 from dropper_jax import SceneError, build_model
@@ -13,40 +14,24 @@ ARM, PLACE = np.array([10.0, -3.0, 2.0]), np.array([5.0, 7.0, 0.0])
 
 def moored(**vessel):
     """A rope from the bed to a vessel."""
-    rope = {"length": 45.0, "mass": 20.0, "diameter": 0.05, "axial": {"law": "rope", "EA": 1e6}}
-    return {
-        "run": {"dt": 0.05, "duration": 20.0},
-        "point": [{"name": "anchor", "position": [0.0, 0.0, -30.0]}],
-        "line": [{"name": "rope", "from": "anchor", "to": "fairlead", "links": 4, "nodes": "shared", **rope}],
-        "vessel": [
-            {
-                "name": "barge",
-                "position": PLACE.tolist(),
-                "heading": HEADING,
-                "attachments": {"fairlead": ARM.tolist()},
-                **vessel,
-            }
-        ],
-        "sea": {
-            "depth": 30.0,
-            "ramp": 10.0,
-            "waves": {"kind": "regular", "amplitude": AMPLITUDE, "period": 8.0, "direction": HEADING},
-        },
-        "effects": {"weight": {}},
-    }
+    own = {"mass": 20.0, "diameter": 0.05, "axial": {"law": "rope", "EA": 1e6}, "nodes": "shared"}
+    barge = {"name": "barge", "position": PLACE.tolist(), "heading": HEADING}
+    barge["attachments"] = {"fairlead": ARM.tolist()}
+    waves = {"kind": "regular", "amplitude": AMPLITUDE, "period": 8.0, "direction": HEADING}
+    return system(
+        [fixed("anchor", 0.0, 0.0, -30.0)],
+        [line("rope", "anchor", "fairlead", 4, 45.0, **own)],
+        dt=0.05,
+        duration=20.0,
+        vessel=[barge | vessel],
+        sea={"depth": 30.0, "ramp": 10.0, "waves": waves},
+    )
 
 
-RAO = {
-    "frequency": [0.4, OMEGA, 1.2],
-    "headings": [-0.5, 0.5],
-    "phases": "lead",
-    "surge": [[0.9, 0.8, 0.3]] * 2,
-    "surge_phase": [[1.5, 1.4, 1.0]] * 2,
-    "heave": [[1.0, 0.7, 0.2]] * 2,
-    "heave_phase": [[0.0, 0.2, 0.4]] * 2,
-    "pitch": [[0.01, 0.03, 0.01]] * 2,
-    "pitch_phase": [[-1.5, -1.2, -1.0]] * 2,
-}
+RAO = {"frequency": [0.4, OMEGA, 1.2], "headings": [-0.5, 0.5], "phases": "lead"}
+RAO |= {"surge": [[0.9, 0.8, 0.3]] * 2, "surge_phase": [[1.5, 1.4, 1.0]] * 2}
+RAO |= {"heave": [[1.0, 0.7, 0.2]] * 2, "heave_phase": [[0.0, 0.2, 0.4]] * 2}
+RAO |= {"pitch": [[0.01, 0.03, 0.01]] * 2, "pitch_phase": [[-1.5, -1.2, -1.0]] * 2}
 
 
 def expected(t, sign):
@@ -57,16 +42,15 @@ def expected(t, sign):
     along = k * (PLACE[0] * np.cos(HEADING) + PLACE[1] * np.sin(HEADING))
     move = lambda size, phase: AMPLITUDE * size * np.cos(OMEGA * t - along + sign * phase)  # noqa: E731
     surge, heave, pitch = move(0.8, 1.4), move(0.7, 0.2), move(0.03, -1.2)
-    own = np.stack(
-        [
-            surge + np.cos(pitch) * ARM[0] + np.sin(pitch) * ARM[2],
-            np.full_like(t, ARM[1]),
-            heave + np.cos(pitch) * ARM[2] - np.sin(pitch) * ARM[0],
-        ],
-        axis=-1,
-    )
+    return turned_by_heading(surge, heave, pitch)
+
+
+def turned_by_heading(surge, heave, pitch):
+    """Positions (..., 3) [m] of the point of a vessel that has moved so much."""
+    x = surge + np.cos(pitch) * ARM[0] + np.sin(pitch) * ARM[2]
+    z = heave + np.cos(pitch) * ARM[2] - np.sin(pitch) * ARM[0]
     c, s = np.cos(HEADING), np.sin(HEADING)
-    return PLACE + own @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    return PLACE + np.stack([c * x - s * ARM[1], s * x + c * ARM[1], z], axis=-1)
 
 
 @pytest.mark.parametrize(("phases", "sign"), [("lead", 1.0), ("lag", -1.0)])
@@ -81,11 +65,8 @@ def test_point_of_a_vessel_follows_its_table_and_tightens_the_rope():
     table = {"time": [0.0, 1.0, 6.0, 7.0], "motion": [[0.0] * 6] * 2 + [[2.0, 0.0, 1.0, 0.0, 0.1, 0.0]] * 2}
     scene = moored(**table)
     solution = dj.simulate(scene)
-    own = np.array([2.0, 0.0, 1.0]) + [np.cos(0.1) * 10 + np.sin(0.1) * 2, -3.0, np.cos(0.1) * 2 - np.sin(0.1) * 10]
-    c, s = np.cos(HEADING), np.sin(HEADING)
-    end = PLACE + [c * own[0] - s * own[1], s * own[0] + c * own[1], own[2]]
     assert solution.status == "ok"
-    np.testing.assert_allclose(solution.point_path("fairlead")[-1], end, atol=1e-9)
+    np.testing.assert_allclose(solution.point_path("fairlead")[-1], turned_by_heading(2.0, 1.0, 0.1), atol=1e-9)
     assert solution.work_names[-1] == "moving_ends"
     assert dj.load_scene(dj.load_scene(scene).to_dict()) == dj.load_scene(scene)
 

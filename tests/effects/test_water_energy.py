@@ -2,8 +2,11 @@
 
 from functools import partial
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line, system
 
 import dropper_jax as dj
 
@@ -11,25 +14,21 @@ RHO = 1000.0
 #: Without retries the programs compile in half the time; a step that needed one would fail the test.
 simulate = partial(dj.simulate, halvings=0)
 
+SAME = {"can": 1.0, "cat": 1.0}
 LAGRANGIAN = {"can": 1.0, "cat": 0.0, "added_mass": "lagrangian"}
 
 
 def chain(effects: dict, sea: dict | None = None, duration: float = 60.0, dt: float = 0.02, **run) -> dict:
     """Seven links in water, from a bent pose at rest, undamped but for the given effects."""
     polar = [1.2, 1.0, 0.9, 0.7, 0.4, 0.1, -0.2]
-    return {
-        "run": {"dt": dt, "duration": duration, "save_every": 5, **run},
-        "point": [
-            {"name": "top", "position": [0.0, 0.0, -3.0]},
-            {"name": "end", "kind": "free", "position": [0.0, 0.0, -6.5]},
-        ],
-        "line": [
-            {"name": "line", "from": "top", "to": "end", "links": 7, "length": 0.5, "mass": 3.0, "diameter": 0.06}
-        ],
-        "effects": {"weight": {}, "buoyancy": {}, **effects},
-        "start": {"kind": "angles", "zero": "down", "polar": polar, "azimuth": [0.1 * i for i in range(7)]},
-        "sea": {"depth": 30.0, "density": RHO, **(sea or {})},
-    }
+    return system(
+        [fixed("top", 0.0, 0.0, -3.0), free("end", 0.0, 0.0, -6.5)],
+        [line("line", "top", "end", 7, 0.5, mass=3.0, diameter=0.06)],
+        run={"dt": dt, "duration": duration, "save_every": 5, **run},
+        effects={"weight": {}, "buoyancy": {}, **effects},
+        start={"kind": "angles", "zero": "down", "polar": polar, "azimuth": [0.1 * i for i in range(7)]},
+        sea={"depth": 30.0, "density": RHO, **(sea or {})},
+    )
 
 
 def stored(solution: dj.Solution) -> np.ndarray:
@@ -44,15 +43,11 @@ def swing(solution: dj.Solution) -> float:
     return float((3.0 - RHO * np.pi / 4 * 0.06**2 * 0.5) * 9.81 * np.sum(z + 0.5 * np.arange(1, 8)))
 
 
-@pytest.mark.parametrize(
-    ("coefficients", "tolerance"),
-    [({"can": 1.0, "cat": 1.0}, 1e-9), pytest.param(LAGRANGIAN, 1e-9, marks=pytest.mark.check)],
-    ids=["isotropic", "lagrangian"],
-)
-def test_added_mass_conserves_energy_in_still_water(coefficients, tolerance):
-    solution = simulate(chain({"morison_inertia": coefficients}))
+@pytest.mark.parametrize("inertia", [SAME, pytest.param(LAGRANGIAN, marks=pytest.mark.check)])
+def test_added_mass_conserves_energy_in_still_water(inertia):
+    solution = simulate(chain({"morison_inertia": inertia}))
     assert solution.status == "ok"
-    assert np.ptp(stored(solution)) < tolerance * swing(solution)
+    assert np.ptp(stored(solution)) < 1e-9 * swing(solution)
 
 
 def test_morisons_turning_added_mass_makes_energy_and_its_power_is_booked():
@@ -64,11 +59,7 @@ def test_morisons_turning_added_mass_makes_energy_and_its_power_is_booked():
 
 
 @pytest.mark.check
-@pytest.mark.parametrize(
-    "inertia",
-    [{"can": 1.0, "cat": 1.0}, {"can": 1.0, "cat": 0.0, "added_mass": "lagrangian"}],
-    ids=["same", "lagrangian"],
-)
+@pytest.mark.parametrize("inertia", [SAME, LAGRANGIAN])
 def test_energy_never_rises_in_still_water_with_drag(inertia):
     effects = {"morison_inertia": inertia, "morison_drag": {"cdn": 1.2, "cdt": 0.05}}
     solution = simulate(chain(effects, duration=20.0, save_every=1))
@@ -90,26 +81,19 @@ def test_the_power_balance_closes_in_waves_through_the_surface():
 
 
 @pytest.mark.check
-def test_the_booked_power_is_the_force_times_the_velocity():
+def test_the_booked_power_is_the_force_times_the_velocity(in_water):
     """An independent quadrature of drag times velocity over the saved states, fourth order, agrees with the entry."""
-    import jax
-    import jax.numpy as jnp
-
-    effects = {"morison_inertia": {"can": 1.0, "cat": 1.0}, "morison_drag": {"cdn": 1.2, "cdt": 0.05}}
-    scene = chain(
-        effects, {"depth": 6.0, "waves": {"kind": "regular", "amplitude": 0.5, "period": 5.0}}, 4.0, 0.002, save_every=1
-    )
+    effects = {"morison_inertia": SAME, "morison_drag": {"cdn": 1.2, "cdt": 0.05}}
+    sea = {"depth": 6.0, "waves": {"kind": "regular", "amplitude": 0.5, "period": 5.0}}
+    scene = chain(effects, sea, 4.0, 0.002, save_every=1)
     solution = simulate(scene)
     model, _ = dj.build(scene)
 
     def power(r, v, t):
-        k = model.kinematics(r, v, t)
-        k = model.kinematics(r, v, t, prepared=model.prepare(k))
-        return jnp.sum(model.effect("morison_drag").force(k) * v)
+        return jnp.sum(model.effect("morison_drag").force(in_water(model, r, v, t)) * v)
 
-    powers = jax.jit(jax.vmap(power))(
-        *(jnp.asarray(a) for a in (solution.positions[:, 1:], solution.velocities[:, 1:], solution.t))
-    )
+    states = (jnp.asarray(a) for a in (solution.positions[:, 1:], solution.velocities[:, 1:], solution.t))
+    powers = jax.jit(jax.vmap(power))(*states)
     work = np.trapezoid(powers, solution.t)
     assert solution.warnings[0].startswith("sea.depth: the line can reach down to z = -6.5 m")
     booked = solution.work[-1, solution.work_names.index("morison_drag")]

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scene_parts import fixed, line, system
 
 import dropper_jax as dj
 from dropper_jax.sea.make import waves_on
@@ -13,23 +14,15 @@ from dropper_jax.sea.spectrum import components
 
 NAMES = ("cdn", "can", "diameter", "hs", "tp", "direction", "current")
 AT = jnp.array([1.1, 0.8, 0.08, 1.2, 6.0, 0.4, 0.5])
-SCENE = {
-    "run": {"dt": 0.04, "duration": 1.0},
-    "point": [{"name": "a", "position": [0, 0, 0.3]}, {"name": "b", "position": [1.0, 0.2, 0.2]}],
-    "line": [{"name": "l", "from": "a", "to": "b", "links": 5, "length": 0.5, "mass": 4.0, "diameter": 0.08}],
-    "effects": {
-        "weight": {},
-        "buoyancy": {},
-        "morison_drag": {"cdn": 1.1, "cdt": 0.05},
-        "morison_inertia": {"can": 0.8, "cat": 0.1},
-    },
-    "sea": {
-        "depth": 15.0,
-        "waves": {"kind": "spectrum", "hs": 1.2, "tp": 6.0, "count": 8},
-        "current": {"speed": 0.5},
-        "wave_current": "doppler",
-    },
-}
+WATER = {"morison_drag": {"cdn": 1.1, "cdt": 0.05}, "morison_inertia": {"can": 0.8, "cat": 0.1}}
+SEA = {"depth": 15.0, "waves": {"kind": "spectrum", "hs": 1.2, "tp": 6.0, "count": 8}}
+SCENE = system(
+    [fixed("a", 0, 0, 0.3), fixed("b", 1.0, 0.2, 0.2)],
+    [line("l", "a", "b", 5, 0.5, mass=4.0, diameter=0.08)],
+    dt=0.04,
+    effects={"weight": {}, "buoyancy": {}, **WATER},
+    sea=SEA | {"current": {"speed": 0.5}, "wave_current": "doppler"},
+)
 
 
 @pytest.mark.check
@@ -45,7 +38,6 @@ def test_gradients_agree_forward_reverse_and_with_differences_through_the_surfac
         line = replace(model.line, diameter=values["diameter"] * jnp.ones(5))
         current = replace(model.sea.current, speed=values["current"])
         drawn = components(values["hs"], values["tp"], values["direction"], depth=15.0, count=8)
-        drawn = drawn._replace(direction=drawn.direction[0])
         sea = replace(model.sea, current=current, waves=waves_on(drawn, 15.0, current=current))
         return replace(model, effects=effects, lines=(line,), sea=sea)
 
@@ -57,14 +49,13 @@ def test_gradients_agree_forward_reverse_and_with_differences_through_the_surfac
     assert np.all(np.abs(slopes / AT) > 1e-6)
 
 
-def test_gradients_are_finite_where_water_and_line_are_at_rest():
+def test_gradients_are_finite_where_water_and_line_are_at_rest(in_water):
     model, state = dj.build({**SCENE, "sea": {"depth": 15.0}})
 
     @jax.jit
     @jax.grad
     def slope(r, v):
-        k = model.kinematics(r, v, state.t)
-        k = model.kinematics(r, v, state.t, prepared=model.prepare(k))
+        k = in_water(model, r, v, state.t)
         return jnp.sum(model.force(k) + model.inertia(k, v))
 
     assert np.all(np.isfinite(slope(state.r, state.v)))

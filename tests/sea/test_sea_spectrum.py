@@ -81,6 +81,10 @@ def test_the_same_seed_gives_the_same_sea():
     assert not np.array_equal(a.phase, c.phase)
 
 
+def current(speed, direction=0.0, **more) -> Current:
+    return Current(speed=jnp.asarray(speed), direction=jnp.asarray(direction), **more)
+
+
 @partial(jax.jit, static_argnames="depth")
 def doppler(omega, current: Current, depth: float):
     return on_current(omega, jnp.array(depth), jnp.array(G), along(current, depth))
@@ -93,14 +97,13 @@ def along(current: Current, depth: float):
 def linear(u: float, shear: float, depth: float) -> Current:
     z = jnp.array([-depth, 0.0])
     velocities = jnp.stack([u + shear * z, 0 * z, 0 * z], axis=1)
-    return Current(speed=jnp.array(0.0), direction=jnp.array(0.0), heights=z, velocities=velocities, kind="table")
+    return current(0.0, heights=z, velocities=velocities, kind="table")
 
 
 @pytest.mark.parametrize("depth", [3.0, 30.0])
 def test_effective_current_of_uniform_and_linear_profiles_is_exact(depth):
     k = jnp.geomspace(0.02, 4.0, 20)
-    uniform = Current(speed=jnp.array(0.8), direction=jnp.array(0.0))
-    np.testing.assert_allclose(effective_current(k, depth, along(uniform, depth)), 0.8, rtol=1e-12)
+    np.testing.assert_allclose(effective_current(k, depth, along(current(0.8), depth)), 0.8, rtol=1e-12)
     found = effective_current(k, depth, along(linear(0.8, 0.02, depth), depth))
     np.testing.assert_allclose(found, 0.8 - 0.02 * np.tanh(k * depth) / (2 * k), rtol=1e-10)
 
@@ -119,13 +122,12 @@ def test_doppler_on_a_linear_shear_satisfies_its_own_dispersion():
 def test_doppler_is_exact_on_a_uniform_current_and_names_stopped_waves():
     omega = jnp.linspace(0.4, 2.0, 9)
     for u in (1.0, -0.8):
-        flow = Current(speed=jnp.array(u), direction=jnp.array(0.0))
+        flow = current(u)
         k, s, _ = doppler(omega, flow, 30.0)
         np.testing.assert_allclose((omega - k * u) ** 2, G * k * jnp.tanh(k * 30.0), rtol=1e-12)
         np.testing.assert_allclose(s, omega - k * u, rtol=1e-12)
     # in deep water waves stop where U = -g/(4 w)
-    against = Current(speed=jnp.array(-2.0), direction=jnp.array(0.0))
-    k, _, _ = doppler(jnp.array([1.2, 1.25]), against, 500.0)
+    k, _, _ = doppler(jnp.array([1.2, 1.25]), current(-2.0), 500.0)
     assert np.isfinite(k[0])
     assert np.isnan(k[1])
 
@@ -133,8 +135,7 @@ def test_doppler_is_exact_on_a_uniform_current_and_names_stopped_waves():
 def test_wave_action_gives_longuet_higgins_and_stewarts_amplitudes_in_deep_water():
     omega = jnp.array([0.8])
     for u in (1.5, 0.5, -1.0):
-        flow = Current(speed=jnp.array(u), direction=jnp.array(0.0))
-        k, _, effective = doppler(omega, flow, 800.0)
+        k, _, effective = doppler(omega, current(u), 800.0)
         s = np.sqrt(1 + 4 * u * 0.8 / G)
         found = float(action_factor(omega, k, effective, jnp.array(800.0), jnp.array(G))[0]) ** 2
         assert found == pytest.approx(4 / (s * (1 + s) ** 2), rel=1e-10)
@@ -142,8 +143,7 @@ def test_wave_action_gives_longuet_higgins_and_stewarts_amplitudes_in_deep_water
 
 def test_doppler_has_exact_derivatives():
     def number(u):
-        flow = Current(speed=u, direction=jnp.array(0.0))
-        return doppler(jnp.array([0.9]), flow, 30.0)[0][0]
+        return doppler(jnp.array([0.9]), current(u), 30.0)[0][0]
 
     u, e = jnp.array(-0.6), 1e-5
     central = (number(u + e) - number(u - e)) / (2 * e)
@@ -152,13 +152,7 @@ def test_doppler_has_exact_derivatives():
 
 
 def test_power_law_is_clamped_at_the_bed_with_a_bounded_slope_and_held_above_the_surface():
-    flow = Current(
-        speed=jnp.array(1.0),
-        direction=jnp.array(0.0),
-        exponent=jnp.array(1 / 7),
-        reference=jnp.array(0.0),
-        kind="power",
-    )
+    flow = current(1.0, exponent=jnp.array(1 / 7), reference=jnp.array(0.0), kind="power")
     z = jnp.array([-40.0, -30.0, -15.0, 0.0, 2.0])
     np.testing.assert_allclose(flow.profile(z, 30.0)[:, 0], [0.0, 0.0, 0.5 ** (1 / 7), 1.0, 1.0], atol=1e-14)
     slope = jax.grad(lambda z: flow.profile(z, 30.0)[0])(jnp.array(-29.9999))
@@ -166,9 +160,7 @@ def test_power_law_is_clamped_at_the_bed_with_a_bounded_slope_and_held_above_the
 
 
 def test_current_over_time_has_the_rate_of_its_table():
-    flow = Current(
-        speed=jnp.array(2.0), direction=jnp.array(np.pi / 2), time=jnp.array([0.0, 10.0]), factor=jnp.array([0.0, 1.0])
-    )
+    flow = current(2.0, np.pi / 2, time=jnp.array([0.0, 10.0]), factor=jnp.array([0.0, 1.0]))
     z, t = jnp.array([-3.0]), jnp.array(4.0)
     np.testing.assert_allclose(flow.velocity(z, t, 30.0), [[0.0, 0.8, 0.0]], atol=1e-12)
     np.testing.assert_allclose(flow.acceleration(z, t, 30.0), [[0.0, 0.2, 0.0]], atol=1e-12)

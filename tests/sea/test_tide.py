@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line, system
 
 import dropper_jax as dj
 from dropper_jax import build_model
@@ -49,9 +50,7 @@ def test_under_another_level_the_water_is_that_of_another_depth():
         np.testing.assert_allclose(a.elevation, b.elevation + 2.0, atol=1e-12)
         np.testing.assert_allclose(a.velocity, b.velocity, atol=1e-12)
         np.testing.assert_allclose(tidal.convective(R, t, a), deeper.convective(down, t, b), atol=1e-12)
-        bed = tidal.at(R.at[:, 2].set(-20.0), t).velocity
-        np.testing.assert_allclose(bed, 0.0, atol=0.5)
-        np.testing.assert_allclose(bed[:, 2], 0.0, atol=1e-12)
+        np.testing.assert_allclose(tidal.at(R.at[:, 2].set(-20.0), t).velocity[:, 2], 0.0, atol=1e-12)
 
 
 def test_a_table_of_levels_is_linear_between_its_times_and_held_outside():
@@ -91,18 +90,16 @@ def test_tides_that_cannot_be_are_refused_in_one_line(sea, start, refusal):
     assert refusal(sea_of, **sea).startswith(start)
 
 
-FLOAT = {
-    "run": {"dt": 1.0, "duration": 10.0},
-    "line_type": [{"name": "rope", "mass": 1.0, "diameter": 0.03, "EA": 1e5, "cdn": 1.2, "cdt": 0.0}],
-    "point": [
-        {"name": "anchor", "position": [0, 0, -20.0]},
-        {"name": "float", "kind": "free", "position": [0, 0, -4.0], "mass": 20.0, "volume": 0.2},
-    ],
-    "line": [{"name": "leg", "from": "anchor", "to": "float", "type": "rope", "length": 16.0, "links": 4}],
-    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {}},
-    "start": {"kind": "points"},
-    "sea": {"depth": 20.0, "current": {"speed": 0.7, "amplitude": [1.0], "period": [M2]}, "level": LEVEL},
-}
+FLOAT = system(
+    [fixed("anchor", 0, 0, -20.0), free("float", 0, 0, -4.0, mass=20.0, volume=0.2)],
+    [line("leg", "anchor", "float", 4, 16.0, type="rope")],
+    dt=1.0,
+    duration=10.0,
+    line_type=[{"name": "rope", "mass": 1.0, "diameter": 0.03, "EA": 1e5, "cdn": 1.2, "cdt": 0.0}],
+    effects={"weight": {}, "buoyancy": {}, "morison_drag": {}},
+    start={"kind": "points"},
+    sea={"depth": 20.0, "current": {"speed": 0.7, "amplitude": [1.0], "period": [M2]}, "level": LEVEL},
+)
 
 
 def test_a_float_goes_through_the_cycle_and_scenes_keep_their_tides():
@@ -123,12 +120,9 @@ def test_gradients_through_level_and_current_agree_with_differences(slopes_of):
     sea = sea_of(level=LEVEL, waves=WAVES, current={"speed": 0.8, "amplitude": [1.0], "period": [60.0], "veer": 0.01})
 
     def value(p):
-        new = replace(
-            sea,
-            level=replace(sea.level, amplitude=p[0] * sea.level.amplitude),
-            current=replace(sea.current, veer=p[1], phase=p[2:3]),
-        )
-        motion = new.at(R, jnp.asarray(7.0))
+        level = replace(sea.level, amplitude=p[0] * sea.level.amplitude)
+        current = replace(sea.current, veer=p[1], phase=p[2:3])
+        motion = replace(sea, level=level, current=current).at(R, jnp.asarray(7.0))
         return jnp.sum(motion.velocity * jnp.array([1.0, 0.3, -0.5])) + jnp.sum(motion.elevation)
 
     slopes_of(value, jnp.array([1.0, 0.02, 0.4]), modes=1e-12)

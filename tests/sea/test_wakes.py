@@ -1,8 +1,11 @@
 """Wakes of lines: one dropper against Schlichting, momentum against drag, rows, scenes."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
+from scene_parts import fixed, free, line, system
 
 import dropper_jax as dj
 from dropper_jax.run.wake_model import Elements, solve_wakes
@@ -24,11 +27,9 @@ def block(rows, apart=1.0, between=3.0, half=15):
 
 def scattered(count, long, wide, seed):
     """Droppers and ropes at random, from the surface to 8 m of depth."""
+    low, high = np.transpose([(0, long), (0, wide), (-8, -1), (0, 3), (1, 5), (0.05, 0.2), (1.0, 1.4)])
     draw = np.random.default_rng(seed)
-    low = lambda one, other: draw.uniform(one, other, count)  # noqa: E731
-    return Elements(
-        low(0.0, long), low(0.0, wide), low(-8.0, -1.0), low(0.0, 3.0), low(1.0, 5.0), low(0.05, 0.2), low(1.0, 1.4)
-    )
+    return Elements(*draw.uniform(low[:, None], high[:, None], (7, count)))
 
 
 def inflows_by_all_pairs(e, speed, depth, turbulence=0.05):
@@ -132,11 +133,7 @@ def test_a_dense_farm_is_slowed_as_much_as_was_measured():
 def test_shares_do_not_depend_on_the_speed_or_on_where_the_farm_lies():
     elements, _ = block(3)
     one = solve_wakes(elements, 0.2, 11.0).met / 0.2
-    moved = Elements(
-        elements.x + 300.0,
-        elements.y - 70.0,
-        *(getattr(elements, k) for k in ["z", "wide", "high", "diameter", "drag"]),
-    )
+    moved = replace(elements, x=elements.x + 300.0, y=elements.y - 70.0)
     np.testing.assert_allclose(solve_wakes(moved, 1.3, 11.0).met / 1.3, one, rtol=1e-9)
 
 
@@ -164,24 +161,17 @@ def test_two_hundred_rows_slow_the_water_by_their_drag():
     assert 0.1 < middle[-1] < 0.27
 
 
-TYPE = {"name": "sock", "mass": 80.0, "diameter": 0.2, "EA": 1e5, "cdn": 1.3, "cdt": 0.0}
-POINTS = [
-    {"name": f"{what}-{i}", "kind": kind, "position": [4.0 * i, 0.0, z]}
-    for i in range(3)
-    for what, kind, z in (("top", "fixed", -1.0), ("end", "free", -7.0))
-]
-SCENE = {
-    "run": {"dt": 0.05, "duration": 0.2},
-    "line_type": [TYPE],
-    "point": POINTS,
-    "line": [
-        {"name": f"d{i}", "from": f"top-{i}", "to": f"end-{i}", "type": "sock", "length": 6.0, "links": 3}
-        for i in range(3)
-    ],
-    "effects": {"weight": {}, "buoyancy": {}, "morison_drag": {"wakes": "porous"}},
-    "start": {"kind": "points"},
-    "sea": {"depth": 15.0, "current": {"speed": 0.4}},
-}
+ENDS = [(fixed(f"top-{i}", 4.0 * i, 0.0, -1.0), free(f"end-{i}", 4.0 * i, 0.0, -7.0)) for i in range(3)]
+SCENE = system(
+    [point for pair in ENDS for point in pair],
+    [line(f"d{i}", f"top-{i}", f"end-{i}", 3, 6.0, type="sock") for i in range(3)],
+    dt=0.05,
+    duration=0.2,
+    line_type=[{"name": "sock", "mass": 80.0, "diameter": 0.2, "EA": 1e5, "cdn": 1.3, "cdt": 0.0}],
+    effects={"weight": {}, "buoyancy": {}, "morison_drag": {"wakes": "porous"}},
+    start={"kind": "points"},
+    sea={"depth": 15.0, "current": {"speed": 0.4}},
+)
 
 
 @pytest.mark.check
@@ -199,10 +189,8 @@ def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, json_o
     given, _ = dj.build({**SCENE, "effects": {**SCENE["effects"], **numbers}})
     assert jax.tree.structure(model) == jax.tree.structure(given)
     assert dj.Scene.from_dict(scene.to_dict()) == scene
-    from dropper_jax import as_toml
-
     file, picture = tmp_path / "scene.toml", tmp_path / "flow.png"
-    file.write_text(as_toml(scene.to_dict()))
+    file.write_text(dj.as_toml(scene.to_dict()))
     found = json_of(["sea", str(file), "--json", "--flow", str(picture)])["wakes"]
     assert found["balance"] == pytest.approx(1.0, abs=0.01)
     assert found["drag_over_unsheltered"] < 0.9
@@ -210,23 +198,18 @@ def test_scenes_take_the_shares_by_the_direction_of_the_current(tmp_path, json_o
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("drag", "current", "words"),
     [
-        ({"effects.morison_drag.shelter": 0.8}, "cannot be combined with shelter"),
-        ({"sea.current.amplitude": [1.0], "sea.current.period": [100.0]}, "the current reverses here"),
-        (
-            {"effects.morison_drag.wakes": "none", "effects.morison_drag.turbulence": 0.1},
-            "is only used with wakes .porous.",
-        ),
-        ({"effects.morison_drag.turbulence": 2.0}, "is out of range"),
-        ({"sea.current.speed": 0.0}, "current is zero|no current"),
+        ({"shelter": 0.8}, {}, "cannot be combined with shelter"),
+        ({}, {"amplitude": [1.0], "period": [100.0]}, "the current reverses here"),
+        ({"wakes": "none", "turbulence": 0.1}, {}, "is only used with wakes 'porous'"),
+        ({"turbulence": 2.0}, {}, "is out of range"),
+        ({}, {"speed": 0.0}, "current is zero|no current"),
+        ({}, None, "'porous' needs a current"),
     ],
 )
-def test_wakes_that_cannot_be_are_refused(changes, words):
+def test_wakes_that_cannot_be_are_refused(drag, current, words):
+    sea = {"depth": 15.0} if current is None else {"depth": 15.0, "current": {"speed": 0.4, **current}}
+    effects = {**SCENE["effects"], "morison_drag": {"wakes": "porous", **drag}}
     with pytest.raises(dj.SceneError, match=words):
-        dj.build(dj.load_scene(SCENE).with_values(changes))
-
-
-def test_wakes_need_a_current():
-    with pytest.raises(dj.SceneError, match="'porous' needs a current"):
-        dj.load_scene({**SCENE, "sea": {"depth": 15.0}})
+        dj.build({**SCENE, "effects": effects, "sea": sea})

@@ -135,7 +135,7 @@ def test_nodes_keep_their_names_while_circles_come_shuffled_go_missing_and_are_m
         false = rng.uniform(0, 300, (2, 2))
         shuffled = rng.permutation(len(there) + 2)
         centres = np.concatenate([nodes[there], false])[shuffled]
-        found = follower.advance(circles(centres))
+        found = follower.advance(centres)
         for k in range(5):
             if k in missing:
                 assert found[k] < 0 or np.linalg.norm(centres[found[k]] - nodes[k]) < 8
@@ -149,7 +149,7 @@ def test_a_bridged_node_stays_on_its_links():
     chain = swinging(60)
     follower = Follower(Chain(chain[0], np.full(4, 50.0), np.full(4, 0.1)))
     for i, nodes in enumerate(chain[1:], start=1):
-        follower.advance(circles(np.delete(nodes, 2, axis=0) if i >= 40 else nodes))
+        follower.advance(np.delete(nodes, 2, axis=0) if i >= 40 else nodes)
         if 40 <= i < 50:
             assert np.linalg.norm(follower.past[0][2] - nodes[2]) < 1.0
 

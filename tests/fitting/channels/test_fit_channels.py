@@ -90,7 +90,7 @@ def test_four_kinds_of_channels_tell_damping_gain_delay_start_and_length(found):
 @pytest.mark.check
 def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
     problem, values = found.solution.problem, found.values
-    at = setup_with_directions(problem.scenes[0], problem.data, problem.plain[0], values)
+    at = setup_with_directions(problem.scenes[0], problem.data, problem.plain, values)
     dt, near = jnp.asarray(problem.dt), problem.near[0]
     times = tuple(jnp.asarray(t) for t in problem.data.runs[0].t)
     plan = problem.plan(0)

@@ -67,7 +67,7 @@ def distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def fast_step(positions: np.ndarray) -> float:
-    """The 98th percentile of the steps of positions (k, n, 2), NaN if not detected, from frame to frame; 0 without any."""
+    """98th percentile of the steps from frame to frame of positions (k, n, 2), NaN if not detected; 0 without any."""
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=-1)
     known = steps[np.isfinite(steps)]
     return float(np.percentile(known, 98)) if len(known) else 0.0

@@ -264,9 +264,7 @@ class Design:
         """Zero derivatives of quantities (q,) of each case, (q, p + a)."""
         return [np.zeros((len(peaks), len(self.variables) + len(ASSUMPTIONS))) for peaks in hard]
 
-    def _together(
-        self, x: np.ndarray, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], solved: bool
-    ) -> Values:
+    def _together(self, x: np.ndarray, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], solved: bool) -> Values:
         """Objective and constraints from the quantities (q,) of every case and their slopes (q, p + a)."""
         rows: list[DepthLimit] = []
         by_seed: dict[str, np.ndarray] = {}

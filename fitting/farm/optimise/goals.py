@@ -24,7 +24,7 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain, Values, check_keys, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import Values, check_keys, read_list, read_number, read_table, read_text
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.arrays import bare_model
@@ -39,7 +39,7 @@ from fitting.farm.optimise.quantities import (
     part_load,
 )
 from fitting.farm.site import Site
-from fitting.farm.site.case import match_names
+from fitting.farm.site.case import match_names, read_patterns
 
 OBJECTIVES = ("material", "load", "motion")
 KINDS = {
@@ -207,7 +207,7 @@ def read_goals(site: Site) -> Goals:
             named_quantity(of, bare_model(overgrown(site.scene)), f"{path}.of", limit)
             limits.append(StormLimit(kind, f"{path}.of", of, limit))
             continue
-        lines = match_names(_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
+        lines = match_names(read_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
         if kind == "clearance" and len(lines) < 2:
             raise SceneError(f"{path}.lines: matches only {lines[0]!r}. Use patterns of two lines or more")
         limits.append(StormLimit(kind, path, lines, limit))
@@ -225,28 +225,24 @@ def _objective(table: Values, site: Site) -> Objective:
     part = ""
     if of == "load":
         part = read_text(table.get("part"), "objective.part", [p.name for p in site.parts])
-    lines = match_names(_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
+    lines = match_names(read_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
     per_float = read_number(table.get("float_price", 1.0), "objective.float_price", {"low": 0.0})
     return Objective(of, prices, per_float, part, lines)
 
 
-def _patterns(given: Plain, path: str) -> list[str]:
-    if isinstance(given, str):
-        return [given]
-    return [read_text(x, path) for x in read_list(given, path, None, "patterns")]
-
-
 def _depth(table: Values, path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:
-    keys = ("shallowest", "deepest")
-    low, high = (read_number(table[key], f"{path}.{key}", {"unit": "m"}) if key in table else None for key in keys)
+    bounds = {}
+    for key in ("shallowest", "deepest"):
+        if key in table:
+            bounds[key] = read_number(table[key], f"{path}.{key}", {"unit": "m"})
+    low = bounds.get("shallowest")
+    high = bounds.get("deepest")
     if low is None and high is None:
         raise SceneError(f"{path}: no bound is given; needed: `shallowest`, `deepest` or both [m]")
     if low is not None and high is not None and not low < high:
         raise SceneError(f"{path}.deepest: {high:g} m contradicts shallowest; allowed: > {low:g} m")
-    points, own = (
-        match_names(_patterns(table[key], path), names, f"{path}.{key}", what) if key in table else ()
-        for key, names, what in (("points", free, "free point"), ("lines", lines, "line"))
-    )
+    points = match_names(read_patterns(table.get("points", []), path), free, f"{path}.points", "free point")
+    own = match_names(read_patterns(table.get("lines", []), path), lines, f"{path}.lines")
     if not (points or own):
         raise SceneError(f"{path}: has neither points nor lines; needed: patterns of one or both")
     return Depth(f"depth {path.split('.')[1]}", points, own, low, high)

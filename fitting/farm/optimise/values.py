@@ -81,7 +81,7 @@ def rest(still: Still, near: State | None = None) -> Rest:
 def _by_variables(
     moving: tuple[int, ...], model: Model, slopes: list[np.ndarray], s: State, dr: np.ndarray
 ) -> tuple[jax.Array, jax.Array]:
-    """Derivative of minus the forces (p, free, 3), and of the tensions (p, n), at positions that move by dr (p, free, 3)."""
+    """Derivative of minus the forces (p, free, 3), and of the tensions (p, n); positions move by dr (p, free, 3)."""
 
     def rows(shift: jax.Array) -> tuple[jax.Array, jax.Array]:
         own = shift_model(model, moving, slopes, shift)

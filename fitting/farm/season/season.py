@@ -84,13 +84,14 @@ def _best_plan(best: dict[int | None, Plan], floats: int) -> Plan:
 
 def spread(count: int, need: Sequence[float] | np.ndarray) -> list[int]:
     """Floats distributed over points in proportion to their needs, as whole numbers by largest remainders."""
-    total = sum(max(x, 0.0) for x in need)
-    share = [count * max(x, 0.0) / total if total > 0.0 else count / len(need) for x in need]
-    found = [int(x) for x in share]
-    order = sorted(range(len(need)), key=lambda i: found[i] - share[i])
-    for i in order[: count - sum(found)]:
-        found[i] += 1
-    return found
+    wanted = np.maximum(need, 0.0)
+    if not wanted.any():
+        wanted = np.ones(len(need))
+    share = count * wanted / wanted.sum()
+    found = share.astype(int)
+    order = np.argsort(found - share, kind="stable")
+    found[order[: count - found.sum()]] += 1
+    return found.tolist()
 
 
 def season(site: Site, progress: Progress | None = None) -> Table:
@@ -118,9 +119,7 @@ def season(site: Site, progress: Progress | None = None) -> Table:
     months = list(site.growth)
     rows = []
     # at the scene's water level, for which its points are placed: floats at the surface follow the tide, others stay
-    held = []
-    for speed in dict.fromkeys(water.speed for water in all_waters):
-        held.append(Water(0.0, speed))
+    held = list(dict.fromkeys(water._replace(level=0.0) for water in all_waters))
     for i, month in enumerate(months):
         pulls = []
         for j, water in enumerate(held):
@@ -166,10 +165,9 @@ def _month(
 ) -> Month:
     """Weights and bounds of a month; forces on the points (waters, points) [N]."""
     total = pulls.sum(axis=1)
+    most = 10**6
     if season.least_share > 0.0:
         most = math.floor(max(total.min(), 0.0) / (season.least_share * lift) + 1e-9)
-    else:
-        most = 10**6
     return Month(
         month=month,
         wet_weight_n=sum(weights.values()),
@@ -200,13 +198,8 @@ def _lying(
     deepest = max(p.deepest_m for p in poses)
     shallowest = min(p.shallowest_m for p in poses)
     backbone = site.backbone
-    sinking = None
-    lifting = None
-    if backbone is not None and backbone.deepest is not None:
-        sinking = backbone.deepest - deepest
-    if backbone is not None and backbone.shallowest is not None:
-        lifting = shallowest - backbone.shallowest
-    inside = all(margin is None or margin >= 0.0 for margin in (sinking, lifting))
+    sinking, lifting = (None, None) if backbone is None else backbone.margins(shallowest, deepest)
+    inside = backbone is None or backbone.holds(shallowest, deepest)
     return Lying(
         floats=count,
         by_point=floats,
@@ -222,12 +215,11 @@ def _lying(
 def _season_table(
     site: Site, season: SeasonValues, names: list[str], lift: float, months: list[Month], lying: list[Lying]
 ) -> Table:
-    before = season.start
+    floats = [found.floats for found in lying]
+    start = floats[0] if season.start is None else season.start
     rows: list[Table] = []
-    for month, found in zip(months, lying, strict=True):
-        change = 0 if before is None else found.floats - before
+    for month, found, change in zip(months, lying, np.diff(floats, prepend=start).tolist(), strict=True):
         reserve = found.floats * lift / month.need_n if month.need_n > 0.0 else None
-        before = found.floats
         rows.append({**asdict(month), **asdict(found), "change": change, "reserve": reserve})
     return {
         "schema": 1,
@@ -253,10 +245,7 @@ def double_crops(site: Site) -> list[str]:
     for line in site.scene.as_written()["line"]:
         types[line["name"]] = [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
     grown = dict.fromkeys(name for lines in site.growth.values() for name in lines)
-    both = []
-    for name in grown:
-        if any(kind.startswith(crops) for kind in types.get(name, ())):
-            both.append(name)
+    both = [name for name in grown if any(kind.startswith(crops) for kind in types.get(name, ()))]
     if not both:
         return []
     return [

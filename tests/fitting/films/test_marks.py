@@ -21,7 +21,7 @@ def test_swapped_and_shifted_nodes_are_found_and_others_are_not(name):
 
 def test_marks_name_times_and_nodes():
     film = films.FILMS["chain, blurred"]
-    places = film.motion().nodes[:: films.FINE][:, :, [0, 2]] * 600.0
+    places = film.positions() * 600.0
     places[60:72, [1, 3]] = places[60:72, [3, 1]]
     t = np.arange(len(places)) / 60
     (span,) = find_marks(places, np.ones(places.shape[:2], bool)).spans(t)
@@ -41,21 +41,17 @@ def test_a_trace_carries_notes_and_is_read_as_before(tmp_path):
 
 
 def test_slant_and_bending_are_found_from_the_lengths_alone():
-    motion = films.FILMS["loop, slanting camera"].motion().nodes[:: films.FINE][..., [0, 2]]
+    motion = films.FILMS["loop, slanting camera"].positions()
     view = View(slant=(0.13, -0.07), bending=(-0.12, 0.05), centre=(0.14, -0.1), distance=0.7)
-    rng = np.random.default_rng(0)
     pixels = np.stack([view.to_pixels(each) for each in motion])
-    pixels += 0.05 * rng.standard_normal(pixels.shape)
+    pixels += 0.05 * np.random.default_rng(0).standard_normal(pixels.shape)
     found = flatten(pixels, Flat(view.size), 60.0)
     np.testing.assert_allclose(found.parameters[:2], view.slant, atol=0.005)
-    truth = np.arctan2(*np.moveaxis(np.diff(motion, axis=1), -1, 0)[::-1])
-    off = {
-        name: (four_quadrant(to(pixels) * [1.0, -1.0]) - truth + np.pi) % (2 * np.pi) - np.pi
-        for name, to in (("raw", Flat(view.size)), ("found", found))
-    }
-    rms = {name: np.sqrt(np.mean(each**2)) for name, each in off.items()}
-    assert rms["raw"] > 5e-3
-    assert rms["found"] < 1.2e-3
+    link = np.diff(motion, axis=1)
+    truth = np.arctan2(link[..., 1], link[..., 0])
+    off = [films.turns(four_quadrant(to(pixels) * [1.0, -1.0]) - truth) for to in (Flat(view.size), found)]
+    raw, rms = (np.sqrt(np.mean(each**2)) for each in off)
+    assert rms < 1.2e-3 < 5e-3 < raw
     np.testing.assert_allclose(found.back(found(pixels[:3])), pixels[:3], atol=1e-6)
 
 

@@ -50,7 +50,7 @@ def best(site, windows, x, margin=0.01):
 def test_prices_of_limits_and_assumptions_are_those_of_designs_sought_anew():
     site = read_site(SITE)
     start = read_problem(site)
-    windows, _ = start.renew_windows(start.start, silent)
+    windows, _ = start.measure(start.start, silent)
     design, x, values = best(site, windows, start.start)
     low, high = (np.array([getattr(v, key) for v in design.variables]) for key in ("low", "high"))
     found = prices(values, x, low, high, np.zeros(len(x), bool), 0.99)

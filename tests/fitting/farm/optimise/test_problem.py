@@ -12,6 +12,7 @@ from dropper_jax.scene import line_slices
 from fitting.farm.optimise.design import WindowRuns
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model
+from fitting.farm.optimise.quantities import Steps
 from fitting.farm.optimise.run import read_problem
 from fitting.farm.optimise.search import programme
 from fitting.farm.optimise.storm import Peaks, check_windows
@@ -123,14 +124,12 @@ def test_a_constraint_may_limit_a_quantity_by_name():
     model = still_model(own, variables, np.array([v.value for v in variables]), own.cases[0].storm)
     pose = near_rest(model, None)
     tension, offset = read_goals(own).quantities(own, model)[-2:]
-    r, loads = pose.r[None], pose.tension[None]
+    steps = Steps(pose.r[None], pose.tension[None], np.ones(1))
     leg = line_slices(own.scene)[0].links
-    assert float(tension.signal(model, r, loads, np.ones(1)).max()) == pytest.approx(
-        float(pose.tension[leg.stop - 1]) / 2e4
-    )
+    assert float(tension.signal(model, steps).max()) == pytest.approx(float(pose.tension[leg.stop - 1]) / 2e4)
     spec = {point.name: np.asarray(point.position) for point in own.scene.points}
     node = int(model.geometry.point_node[[p.name for p in model.points].index("p1")])
-    assert float(offset.signal(model, r, loads, np.ones(1)).max()) == pytest.approx(
+    assert float(offset.signal(model, steps).max()) == pytest.approx(
         float(np.linalg.norm(np.asarray(pose.r)[node, :2] - spec["p1"][:2])) / 5.0
     )
     # the utilisation of a tested anchor is |load| times factor over capacity; other kinds have their own
@@ -147,7 +146,7 @@ def test_a_constraint_may_limit_a_quantity_by_name():
         own = changed(anchor=[{"points": "*", **kind}])
         anchor = next(q for q in read_goals(own).quantities(own, model) if q.name == "west-anchor")
         factor = own.anchors[0].factor["intact"]
-        assert float(anchor.signal(model, r, loads, np.ones(1)).max()) == pytest.approx(utilisation * factor, rel=1e-6)
+        assert float(anchor.signal(model, steps).max()) == pytest.approx(utilisation * factor, rel=1e-6)
     for name, words in (("tension.west-lag.max", "did you mean 'west-leg'"), ("energy.max", "cannot be limited")):
         with pytest.raises(SceneError, match=words):
             read_goals(changed(constraint=[{"kind": "quantity", "of": name, "maximum": 1.0}]))
@@ -203,15 +202,10 @@ def test_capacities_that_are_the_scene_s_follow_the_design():
 def test_derivatives_of_a_constraint_are_the_mean_of_those_of_its_seeds(characteristic, monkeypatch):
     design = read_problem(changed(run={**SITE["run"], "seeds": 4, "characteristic": characteristic}))
     rng = np.random.default_rng(0)
-    start = design.still(design.start, design.cases[0])
-    count = len(design.quantities(design.cases[0], start.still))
+    start = design.run_start(design.start, design.cases[0].storm)
+    count = len(design.quantities["intact"])
     hard = [rng.uniform(1.0, 2.0, count) for _ in design.cases]
-    runs = WindowRuns(
-        design.start,
-        [np.ones(count) for _ in hard],
-        [Peaks(peaks, peaks, None) for peaks in hard],
-        {design.cases[0].storm.still: start},
-    )
+    runs = WindowRuns(design.start, [np.ones(count) for _ in hard], [Peaks(peaks, peaks, None) for peaks in hard])
     slopes = [rng.standard_normal((count, start.rest.dr.shape[0])) for _ in hard]
     monkeypatch.setattr(design, "slopes", lambda *_: slopes)
     found = design.derivatives(runs, silent)

@@ -20,9 +20,7 @@ def values(*constraints):
 
 
 def test_the_residual_is_that_of_windows_before_they_are_renewed():
-    design = SimpleNamespace(
-        renew_windows=lambda x, say: ((), []), measure_full_runs=lambda x, full: values(0.90, 0.50)
-    )
+    design = SimpleNamespace(measure=lambda x, say: ((), values(0.90, 0.50)))
     search = Search(np.zeros(1), 0.1)
     measure(search, design, None)
     assert search.residual is None
@@ -59,7 +57,7 @@ def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_m
 
 @pytest.mark.parametrize(("slope", "status"), [(3.0, "trusted"), (3e5, "not_trusted"), (np.nan, "not_trusted")])
 def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(monkeypatch, slope, status):
-    def window(x, own, start):
+    def window(x, own):
         peaks = np.array([1.0, 3.0 * x[0]])
         return SimpleNamespace(hard=peaks, soft=peaks)
 
@@ -68,7 +66,6 @@ def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(m
         variables=[SimpleNamespace(span=2.0)],
         window=window,
         slopes=lambda *_: [np.array([[0.0], [slope]])],
-        run_start=lambda *_: None,
     )
     monkeypatch.setattr(run, "first_windows", lambda _: [SimpleNamespace(case=None)])
     found = run.check_along(design)
@@ -196,8 +193,7 @@ def test_sizes_of_a_catalogue_are_taken_though_all_rounds_were_used(rounds):
         settings=SimpleNamespace(margin=1e-3, renew=3, enough=1e-3, reach=0.1, rounds=rounds),
         variables=[halves, any_size],
         **known_values(looked),
-        renew_windows=lambda x, say: ((), []),
-        measure_full_runs=looked,
+        measure=lambda x, say: ((), looked(x)),
     )
     search = Search(np.array([0.3, 0.6]), 0.1)
     run_search(search, design, lambda: None, lambda *_: None)

@@ -6,14 +6,14 @@ circle there that fits their lengths belongs to it, even if it was unassigned, h
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import distance_transform_edt
 
-from fitting.films.detection import Circles
+from fitting.films.detection import Circles, MarkerAppearance, detect_at
 from fitting.films.flattening import Flat, link_lengths
 from fitting.films.identity import bridge, length_errors
 from fitting.films.ordering import Chain, distances, fast_step
@@ -41,10 +41,9 @@ class TrackedChain:
     straight: bool = False
     exposure: float = 0.0
 
-    @property
-    def measured(self) -> np.ndarray:
-        """The same as `flat`, NaN if not detected."""
-        return np.where(self.detected[..., None], self.flat, np.nan)
+    def known(self, positions: np.ndarray) -> np.ndarray:
+        """`flat` or `pixels`, NaN if not detected."""
+        return np.where(self.detected[..., None], positions, np.nan)
 
     def pick(self, frames: slice = slice(None), nodes: slice = slice(None)) -> TrackedChain:
         """Some frames or nodes of its samples."""
@@ -76,11 +75,13 @@ def fill_missed(found: TrackedChain, mapped: list[np.ndarray], circles: list[Cir
     bridge_gaps(found)
 
 
-def detect_again(found: TrackedChain, looked: Callable[[int, np.ndarray], Circles]) -> None:
-    """Search for undetected nodes at their expected positions; `looked` gives the circles there [pixel, video's]."""
+def detect_again(found: TrackedChain, images: Iterable[np.ndarray], appearance: MarkerAppearance) -> None:
+    """Search the frames themselves, in order, for undetected nodes at their expected positions, mainly half hidden."""
+    numbered = enumerate(images)
 
     def there(i: int) -> tuple[np.ndarray, Circles]:
-        circles = looked(i, found.pixels[i, ~found.detected[i]])
+        image = next(image for number, image in numbered if number == i)
+        circles = detect_at(image, appearance, found.pixels[i, ~found.detected[i]])
         apart = distances(circles.centre, found.pixels[i, found.detected[i]])
         circles = circles.pick(np.all(apart > 3.0, axis=1))
         return found.map(circles.centre), circles
@@ -99,7 +100,7 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]
     expected = found.flat.copy()
     # frames to the nearest one in which the node itself is detected
     away = distance_transform_edt(~found.detected, sampling=(1.0, 1e6))
-    fast = 0.2 * fast_step(found.measured)
+    fast = 0.2 * fast_step(found.known(found.flat))
     for i in np.flatnonzero((~found.detected).any(axis=1)):
         flat, circles = there(i)
         if not len(flat):
@@ -143,8 +144,8 @@ def bridge_gaps(found: TrackedChain) -> None:
 
 def remove_blur(found: TrackedChain) -> TrackedChain:
     """The positions corrected for a long exposure."""
-    share = exposure_share(found.measured)
-    shift = share * second_differences(found.measured)
+    share = exposure_share(found.known(found.flat))
+    shift = share * second_differences(found.known(found.flat))
     return replace(found, flat=found.flat - shift, exposure=float(np.sqrt(24 * share)))
 
 

@@ -13,7 +13,7 @@ from dropper_jax.base.errors import Progress, SceneError, silent
 from fitting.films.appearance import scan
 from fitting.films.calibration import Lens, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
-from fitting.films.detection import Circles, MarkerAppearance, detect_at
+from fitting.films.detection import MarkerAppearance
 from fitting.films.flattening import Flat, central_differences, detected_links, level_error
 from fitting.films.following import follow_film
 from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
@@ -162,7 +162,7 @@ def track(
         chain = follow_film(circles, nodes, appearance.radius, film.fps, flat, first, start)
     except AmbiguousOrderError as error:
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
-    _detect_again(film, span, appearance, chain)
+    detect_again(chain, film.frames(*span), appearance)
     chain, offset, message = _trim_frames(remove_blur(chain), film.fps)
     frames = len(chain.detected)
     if frames < FEWEST:
@@ -177,17 +177,16 @@ def track(
         metres = _level_chain(metres)
     elif lens is not None:  # the rows of the picture are as level as the lens is known
         others = [replace(flat_by(other), parameters=chain.map.parameters) for other in lens.others]
-        row_error = level_error(chain.map, others, np.where(chain.detected[..., None], chain.pixels, np.nan))
-    known = detected_links(chain.detected) & ~marks.links
-    error = np.where(known, _angle_errors(chain, ~marks.links, row_error), np.nan)
-    certain = known & (error <= LARGEST_ERROR)
+        row_error = level_error(chain.map, others, chain.known(chain.pixels))
+    error = np.where(marks.links, np.nan, _angle_errors(chain, ~marks.links, row_error))
+    certain = error <= LARGEST_ERROR
     trace = to_trace(film.path.stem, t, metres, error, certain)
     trace = replace(trace, warnings=changing_lengths(chain.flat, certain))
     slant = None
     if plane is None and chain.map.parameters is not None:
         slant = (float(chain.map.parameters[0]), float(chain.map.parameters[1]))
     status = "not_converged" if message else "ok"
-    lost = why_no_chain(chain.measured, marks, error)
+    lost = why_no_chain(chain.known(chain.flat), marks, error)
     if lost:
         status = "lost"
         message = (
@@ -206,7 +205,7 @@ def track(
         fps=film.fps,
         status=status,
         message=message,
-        warnings=_warnings(film, chain, marks, trace.warnings, t, offset, int((known & ~certain).sum())),
+        warnings=_warnings(film, chain, marks, trace.warnings, t, offset, int((error > LARGEST_ERROR).sum())),
         marks=marks,
         slant=slant,
         exposure=chain.exposure / film.fps,
@@ -241,18 +240,6 @@ def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None
     return round(begin * film.fps), None if end is None else round(end * film.fps)
 
 
-def _detect_again(film: Video, span: tuple[int, int | None], appearance: MarkerAppearance, chain: TrackedChain) -> None:
-    """Search the frames themselves for markers whose circles were not found at first, mainly half hidden ones."""
-    if chain.detected.all():
-        return
-    frames = enumerate(film.frames(*span))
-
-    def detect_in_frame(i: int, guesses: np.ndarray) -> Circles:
-        return detect_at(next(image for number, image in frames if number == i), appearance, guesses)
-
-    detect_again(chain, detect_in_frame)
-
-
 def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:
     """The frames from the first to the last with a link, the first one's number, and the reason of an early end."""
     detected = chain.detected
@@ -281,7 +268,7 @@ def _metres(chain: TrackedChain, scale: float | None, distance: float | None) ->
 
 def _angle_errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
     """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
-    found = np.hypot(scatter(chain.measured, chain.error, used), level)
+    found = np.hypot(scatter(chain.known(chain.flat), chain.error, used), level)
     flat = chain.map
     if flat.parameters is None or flat.covariance is None:
         return found

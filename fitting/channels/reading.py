@@ -160,14 +160,17 @@ def read_run(
 ) -> Run:
     check_keys(read_table(table, path), ("file", "name", "from", "until", "scene"), path)
     files, default = _files(value_of(table, path, "file", "a CSV, or a list of them"), path, folder)
-    owners = _files_of_channels(files, [sensor.channel for sensor in sensors], path)
+    named = [sensor.channel.columns for sensor in sensors]
     low = number_of(table, path, "from", -np.inf)
     high = number_of(table, path, "until", np.inf)
     times = []
     values = []
-    for sensor, owner in zip(sensors, owners, strict=True):
+    for i, sensor in enumerate(sensors):
         what = f"{path}: channel {sensor.channel.name!r}"
-        t, y = owner.read(sensor.channel.columns, sensor.channel.unit)
+        columns = named[i]
+        # channels with the same columns are those of the files that have them, in order, if there are as many of both
+        owner = _one_file(files, columns, what, named[:i].count(columns), named.count(columns))
+        t, y = owner.read(columns, sensor.channel.unit)
         keep = (t >= low) & (t <= high)
         if (np.isfinite(y[keep]).sum(axis=0) < FEWEST_READINGS).any():
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
@@ -204,21 +207,6 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
     if not found:
         raise SceneError(f"{path}.file: is empty; allowed: a CSV, or a list of them")
     return found, names[0]
-
-
-def _files_of_channels(files: Sequence[Columns], channels: Sequence[Channel], path: str) -> list[Columns]:
-    """The file of each channel.
-
-    Channels with the same columns are those of the files that have them, in order, if there are as many of both.
-    """
-    found = []
-    all_columns = [channel.columns for channel in channels]
-    for i, channel in enumerate(channels):
-        columns = channel.columns
-        index = all_columns[:i].count(columns)
-        what = f"{path}: channel {channel.name!r}"
-        found.append(_one_file(files, columns, what, index, all_columns.count(columns)))
-    return found
 
 
 def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index: int = 0, count: int = 1) -> Columns:

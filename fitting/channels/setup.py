@@ -235,4 +235,6 @@ def set_parameter(setup: Setup, p: Parameter, value: jax.Array) -> Setup:
     item = items[where.index]
     new = jnp.asarray(getattr(item, where.field)).at[where.entry].set(value)
     items[where.index] = item._replace(**{where.field: new})
-    return setup._replace(**{where.section: tuple(items)})
+    if where.section == "clocks":
+        return setup._replace(clocks=tuple(items))
+    return setup._replace(readings=tuple(items))

@@ -41,7 +41,7 @@ class Marks:
     @property
     def frames(self) -> np.ndarray:
         """Which frames (k,) are marked."""
-        return self.links.any(axis=1)
+        return np.any(self.links, axis=1)
 
     @property
     def links(self) -> np.ndarray:

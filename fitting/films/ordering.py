@@ -137,10 +137,11 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
     for worst in (2.0, 4.0, 8.0):
         found = paths(ratio, still, nodes, worst)
         if found:
-            (spent, path), *others = [*found, (worst**2, None)]
+            spent, path = found[0]
+            next_best = found[1][0] if len(found) > 1 else worst**2
             pairs = path[:-1], path[1:]
             chain = Chain(tracks[at, path], mean[pairs], change[pairs], at, rates(tracks[:, path], at))
-            return chain, float(others[0][0] - spent)
+            return chain, float(next_best - spent)
     return None, 0.0
 
 

@@ -87,7 +87,7 @@ class Design:
         self._strength = [strength_of(part, site.scene) for part in site.parts]
         self._compiled: set[tuple[str, str]] = set()
         self._near: dict[object, State] = {}
-        self._x: np.ndarray | None = None
+        self._x = np.zeros(0)
         self._known: dict[object, Any] = {}
         first = still(self.calm, self.variables, self.start, self.cases[0].storm)
         check_windows(first.model)

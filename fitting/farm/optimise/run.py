@@ -164,10 +164,7 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
         return Search(design.start, design.settings.reach), GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
     try:
         table: Table = json.loads(file.read_text(encoding="utf-8"))
-        if table.pop("site") != mark:
-            raise SceneError(
-                f"--state: {str(file)!r} belongs to another site or version of it. Use its own, or a new file"
-            )
+        site = table.pop("site")
         along: Table = {key: np.nan if x is None else x for key, x in table.pop("along").items()}
         for key in ("x", "best", "fixed"):
             if table[key] is not None:
@@ -176,11 +173,14 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
             table["best_objective"] = np.inf
         if table["before"] is not None:
             table["before"] = Start(**table["before"])
-        return Search(**table), GradientCheck(**along)
+        found = Search(**table), GradientCheck(**along)
     except (ValueError, KeyError, TypeError):
         raise SceneError(
             f"--state: {str(file)!r} is not a state of a search. Use one that it wrote, or a new file"
         ) from None
+    if site != mark:
+        raise SceneError(f"--state: {str(file)!r} belongs to another site or version of it. Use its own, or a new file")
+    return found
 
 
 def _optimum(design: Design, search: Search, before: Start, along: GradientCheck, say: Progress) -> Optimum:

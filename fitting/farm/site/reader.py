@@ -64,8 +64,12 @@ def read_site(source: str | Path | Values) -> Site:
     Raises:
         SceneError: one line with the section, the value and the allowed range.
     """
-    file = None if isinstance(source, Mapping) else Path(source)
-    table = source if file is None else parse_toml(site_text(file), str(file))
+    file = None
+    if isinstance(source, Mapping):
+        table = source
+    else:
+        file = Path(source)
+        table = parse_toml(site_text(file), str(file))
     if "line" in table:
         raise SceneError(
             "line: this is a scene, not a site; `dropper cases small-longline --print` prints a site to edit"

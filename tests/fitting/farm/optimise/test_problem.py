@@ -1,22 +1,26 @@
 """Design problems: what is read and refused, slopes of models and of poses, the linear programme."""
 
 import copy
+import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
 from dropper_jax import SceneError, build, build_model, load_scene, packaged_scene
 from dropper_jax.base.errors import silent
+from dropper_jax.base.toml_text import jsonable
 from dropper_jax.run.line_weights import fixed_point_loads
 from dropper_jax.scene import line_slices
 from dropper_jax.statics.rest_problem import unbalanced
+from dropper_jax.study.gradient_check import GradientCheck
 from fitting.farm.optimise.broken_link import link_of, with_link_mask
 from fitting.farm.optimise.design import CHANGE, WindowRuns
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import still, still_model
 from fitting.farm.optimise.quantities import Steps
-from fitting.farm.optimise.run import read_problem
-from fitting.farm.optimise.search import programme
+from fitting.farm.optimise.run import optimise, read_problem
+from fitting.farm.optimise.search import Search, programme
 from fitting.farm.optimise.storm import Peaks, check_windows
 from fitting.farm.optimise.values import Values, Window, near_rest, rest
 from fitting.farm.optimise.variables import read_variables
@@ -170,6 +174,20 @@ def test_models_and_poses_follow_the_variables_as_differences_say(site):
         places = [near_rest(model, own.state).r for model in ends]
         by = np.asarray(places[0] - places[1]) / (2 * step[k])
         np.testing.assert_allclose(own.dr[k], by, rtol=1e-4, atol=1e-5 * np.max(np.abs(by)))
+
+
+@pytest.mark.parametrize(
+    ("state", "told"),
+    [
+        ({"site": "another", "along": GradientCheck.of(1.0, 1.0)._asdict()}, "belongs to another site"),
+        ({"site": "another"}, "is not a state of a search"),
+    ],
+)
+def test_a_state_of_another_search_is_refused(site, tmp_path, state, told):
+    file = tmp_path / "state.json"
+    file.write_text(json.dumps(jsonable({**state, **asdict(Search(np.zeros(3), 0.1))})))
+    with pytest.raises(SceneError, match=told):
+        optimise(site, file)
 
 
 def test_capacities_that_are_the_scene_s_follow_the_design():

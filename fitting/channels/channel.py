@@ -11,7 +11,7 @@ import jax
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import Table, Values
 from dropper_jax.scene import SceneData
-from fitting.channels.position import Node, Where, line_of, link_of, node_of
+from fitting.channels.position import Node, link_of, node_of
 
 
 class SavedMotion(NamedTuple):
@@ -71,18 +71,12 @@ class Channel(ABC):
         Raises:
             SceneError: a position that the scene does not have, or columns that do not fit.
         """
-        own = cls.read_values(given)
-        return cls(**given.common, **own, **cls.locate(given))
-
-    @classmethod
-    def read_values(cls, given: Given) -> Table:
-        """Fields that only this kind has, by name."""
-        return {}
+        return cls(**given.common, **cls.own_fields(given))
 
     @classmethod
     @abstractmethod
-    def locate(cls, given: Given) -> Table:
-        """Fields that give the position of the sensor, by name."""
+    def own_fields(cls, given: Given) -> Table:
+        """Fields by name that only this kind has, and those that give the position of the sensor."""
 
     @abstractmethod
     def see(self, motion: SavedMotion) -> jax.Array:
@@ -99,14 +93,12 @@ class Given(NamedTuple):
     Attributes:
         table: its entries; path: that of the table, for errors.
         common: fields that every channel has, by name.
-        where: position of the sensor.
         scene: the measured scene; projections: of the cameras (3, 4) by number.
     """
 
     table: Values
     path: str
     common: Table
-    where: Where
     scene: SceneData
     projections: tuple[tuple[tuple[float, ...], ...], ...]
 
@@ -114,10 +106,6 @@ class Given(NamedTuple):
     def columns(self) -> tuple[str, ...]:
         """Its columns in the file."""
         return self.common["columns"]
-
-    def node(self) -> Node:
-        """The position of a sensor on a node or between two."""
-        return node_of(self.scene, self.where, self.path)
 
 
 @dataclass(frozen=True)
@@ -127,14 +115,12 @@ class AtNode(Channel):
     node: Node = Node(0, 0, 0.0)
 
     @classmethod
-    def locate(cls, given: Given) -> Table:
-        return {"node": given.node()}
+    def own_fields(cls, given: Given) -> Table:
+        return {"node": node_of(given.scene, given.table, given.path)}
 
     def positions(self, motion: SavedMotion) -> jax.Array:
         """Positions of the sensor (times, 3) [m]."""
         first = motion.nodes[:, self.node.first]
-        if self.node.share == 0:
-            return first
         return first + self.node.share * (motion.nodes[:, self.node.second] - first)
 
 
@@ -146,9 +132,8 @@ class OnLink(Channel):
     second: int = 1
 
     @classmethod
-    def locate(cls, given: Given) -> Table:
-        line = line_of(given.scene, given.where.line, given.path)
-        link = link_of(given.scene, given.where, given.path) - line.links.start
+    def own_fields(cls, given: Given) -> Table:
+        line, link = link_of(given.scene, given.table, given.path)
         return {"first": int(line.nodes[link]), "second": int(line.nodes[link + 1])}
 
     def links(self, motion: SavedMotion) -> jax.Array:

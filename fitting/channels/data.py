@@ -108,16 +108,15 @@ class Data:
 
     def series(self, sizes: np.ndarray, shown: ByChannel) -> Series:
         """The samples with white noise of these sizes (c,) [SI], relative ones as fractions of predicted values."""
-        run, source, *_ = zip(*self.columns(), strict=True)
+        run, source = np.array([(r, c) for r, c, *_ in self.columns()]).T
         times = []
-        weights = []
+        scales = []
         for one, predicted in zip(self.runs, shown, strict=True):
             times.append([np.tile(t[:, None], y.shape[1]) for t, y in zip(one.t, one.values, strict=True)])
-            scales = map(_scale, self.sensors, predicted)
-            weights.append([1 / (size * scale) for size, scale in zip(sizes, scales, strict=True)])
-        t = self.in_blocks(times)
-        weight = self.in_blocks(weights)
-        return Series(np.array(run), np.array(source), t, weight[..., None], np.zeros(len(run), bool))
+            scales.append(list(map(_scale, self.sensors, predicted)))
+        scale = self.in_blocks(scales) * sizes[source, None]
+        weight = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+        return Series(run, source, self.in_blocks(times), weight[..., None], np.zeros(len(run), bool))
 
     def first_noise(self) -> np.ndarray:
         """Noise of each channel (c,) from the data's file, otherwise from differences of high order."""
@@ -129,10 +128,7 @@ class Data:
         sizes = np.concatenate([noise_by_differences(y) for y in values])
         level = max(float(np.nanmax(np.abs(y))) for y in values)
         spread = max(float(np.nanstd(y, axis=0).max()) for y in values)
-        if np.isfinite(sizes).any():
-            found = float(np.nanmedian(sizes))
-        else:
-            found = 0.1 * spread
+        found = float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 0.1 * spread
         return max(found, 1e-6 * level, 1e-12)
 
 

@@ -63,9 +63,8 @@ def unit_of(table: Values, path: str, key: str, measures: str) -> str:
 
 def columns_of(table: Values, path: str) -> tuple[str, ...]:
     if ("column" in table) == ("columns" in table):
-        raise SceneError(
-            f"{path}: names its columns {'twice' if 'column' in table else 'nowhere'}; allowed: column or columns"
-        )
+        often = "twice" if "column" in table else "nowhere"
+        raise SceneError(f"{path}: names its columns {often}; allowed: column or columns")
     if "column" in table:
         return (read_text(table["column"], f"{path}.column"),)
     items = read_list(table["columns"], f"{path}.columns", None, "a list of names of columns")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -47,13 +48,10 @@ def pose(
     """
     names = [name.strip() for name in (default_free(scene) if free is None else free)]
     mine = [name.strip() for name in own]
-    known = [n for n in [*names, *mine] if ScenePath(n).section not in OF_DATA]
-    if known:
-        scene = with_effects(scene, full_names(scene, known))
-    if isinstance(source, Data):
-        data = source
-    else:
-        data = read_data(source, scene)
+    of_scene = [name for name in (*names, *mine) if ScenePath(name).section not in OF_DATA]
+    if of_scene:
+        scene = with_effects(scene, full_names(scene, of_scene))
+    data = source if isinstance(source, Data) else read_data(source, scene)
     if mine and len(data.runs) < 2:
         raise SceneError(f"own: {mine[0]!r}: there is only one run. Use it with 2 runs or more")
     scenes = []
@@ -64,7 +62,6 @@ def pose(
             raise SceneError(f"run {run.name!r}: {error}") from None
     if len({(s.run.step, s.run.integrator, s.run.save_every) for s in scenes}) > 1:
         raise SceneError("run.scene: runs with other steps or schemes cannot be fitted together. Use one [run]")
-    _check_program(scenes, data)
     _check_spacing(scenes[0], data)
     shared = find_free(scenes[0], data, [n for n in names if n not in mine])
     split = find_free(scenes[0], data, mine, "own")
@@ -73,55 +70,45 @@ def pose(
             raise SceneError(f"own: {p.name!r} is also shared; allowed: one of the two")
     if not shared and not split:
         raise SceneError("free: nothing is free; allowed: paths of parameters")
-    parameters, known_together = rig_priors(scenes[0], build_model(scenes[0]), shared)
+    with_priors, known = rig_priors(scenes[0], build_model(scenes[0]), shared)
     given = by_full_path(scenes[0], start, bounds, priors, OF_DATA)
-    every = adjust_parameters([*parameters, *split], *given, wider=True)
+    every = adjust_parameters([*with_priors, *split], *given, wider=True)
     parameters = list(every[: len(shared)])
     split = every[len(shared) :]
-    plain = []
     of_run = []
     for run in data.runs:
         first = len(parameters)
         parameters += [replace(p, name=f"{p.name}@{run.name}") for p in split]
-        plain.append((*shared, *split))
-        of_run.append((*range(len(shared)), *range(first, first + len(split))))
-    if split:  # joint priors apply only to shared parameters
-        wide = lambda a: np.concatenate([a, np.zeros(len(parameters) - len(a))])  # noqa: E731
-        massive = None
-        if known_together.massive is not None:
-            massive = wide(known_together.massive)
-        known_together = replace(
-            known_together,
-            common=tuple(replace(c, share=wide(c.share)) for c in known_together.common),
-            massive=massive,
-        )
+        of_run.append((*range(len(shared)), *range(first, len(parameters))))
+
+    def widened(share: np.ndarray) -> np.ndarray:
+        """Joint priors apply only to shared parameters."""
+        return np.pad(share, (0, len(parameters) - len(share)))
+
+    common = tuple(replace(one, share=widened(one.share)) for one in known.common)
+    massive = None if known.massive is None else widened(known.massive)
     return Problem(
         data=data,
         scenes=tuple(scenes),
         parameters=tuple(parameters),
         of_run=tuple(of_run),
-        plain=tuple(plain),
+        plain=(*shared, *split),
         near=tuple(initial_state(build_model(s), s.start) for s in scenes),
-        known=known_together,
+        known=replace(known, common=common, massive=massive),
     )
 
 
-def _check_program(scenes: Sequence[Scene], data: Data) -> None:
-    """Reject runs that end before the first samples."""
-    spacing = scenes[0].run.step * scenes[0].run.save_every
+def _check_spacing(scene: Scene, data: Data) -> None:
+    """Reject saved states that are too far apart for a run, or for the differences of an inertial sensor.
+
+    The samples of such a sensor are assumed to follow the motion: states at their interval give its derivatives to 1 %
+    at six samples per period and to 0.02 % at fifteen.
+    """
+    spacing = scene.run.step * scene.run.save_every
     for run in data.runs:
         last = max(float(t[-1]) for t in run.t)
         if last <= 2 * spacing:
             raise SceneError(f"run {run.name!r}: ends at {last:g} s; allowed: more than 2 saved steps of {spacing:g} s")
-
-
-def _check_spacing(scene: Scene, data: Data) -> None:
-    """Reject saved states that are too far apart for the differences of an inertial sensor.
-
-    Its samples are assumed to follow the motion: states at their interval give its derivatives to 1 % at six samples
-    per period and to 0.02 % at fifteen.
-    """
-    spacing = scene.run.step * scene.run.save_every
     for c, sensor in enumerate(data.sensors):
         interval = min(float(np.median(np.diff(run.t[c]))) for run in data.runs)
         if sensor.channel.margin and spacing > interval * (1 + 1e-6):
@@ -220,11 +207,9 @@ def warnings_of(result: ChannelFit) -> list[str]:
         elif kind != "yes":
             found.append(f"{p.name}: {kind}: {why}")
     for row in result.channels():
-        claimed = row["noise_claimed"]
-        estimated = row["noise"]
-        if claimed is None:
+        if row["noise_claimed"] is None:
             continue
-        ratio = estimated / claimed
+        ratio = row["noise"] / row["noise_claimed"]
         times = f"channel {row['name']}: residuals are {ratio:.2g} times the noise of its sensor"
         if not 0.5 < ratio < 2:
             found.append(times)
@@ -261,10 +246,7 @@ def first_point(problem: Problem, loss: Loss = LEAST_SQUARES) -> ChannelSolution
         problem = problem.finer()
         e = problem.evaluate(values)
     if e.failed:
-        if e.unstable:
-            hint = ", --integrator generalized_alpha (which damps the ringing of stiff lines)"
-        else:
-            hint = ""
+        hint = ", --integrator generalized_alpha (which damps the ringing of stiff lines)" if e.unstable else ""
         raise SceneError(
             f"start: the run at the start values fails, {e.failed}. Try a smaller --dt{hint}, or other values"
         )
@@ -277,12 +259,11 @@ SAME_NOISE = 0.01
 
 def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = silent) -> ChannelSolution:
     """Alternate fit and noise estimate up to their common fixed point."""
-    turn = 0
+    turns = count()
 
     def descend(point: ChannelSolution) -> ChannelSolution:
-        nonlocal turn
-        turn += 1
-        return continue_windows(point, iterations, part_of(progress, (turn - 1) / (ROUNDS + 2), turn / (ROUNDS + 2)))
+        turn = next(turns)
+        return continue_windows(point, iterations, part_of(progress, turn / (ROUNDS + 2), (turn + 1) / (ROUNDS + 2)))
 
     def claimed_series(point: ChannelSolution) -> Series:
         return point.problem.data.series(point.problem.claimed_noise, point.evaluation.shown)
@@ -301,12 +282,11 @@ def settle_noise(point: ChannelSolution, iterations: int, progress: Progress = s
 def growth(e: Evaluation) -> float:
     """Ratio of the derivatives in the last fifth of the samples to those in the middle one; inf if not finite."""
     most = 0.0
-    for run in e.slopes:
-        for slopes in run:
-            if not np.isfinite(slopes).all():
-                return np.inf
-            n = len(slopes)
-            ends = (slice(2 * n // 5, 3 * n // 5), slice(4 * n // 5, n))
-            middle, last = (np.abs(slopes[part]).max(axis=(0, 1), initial=0.0) for part in ends)
-            most = max(most, float((last[middle > 0] / middle[middle > 0]).max(initial=0.0)))
+    for slopes in chain(*e.slopes):
+        if not np.isfinite(slopes).all():
+            return np.inf
+        n = len(slopes)
+        ends = (slice(2 * n // 5, 3 * n // 5), slice(4 * n // 5, n))
+        middle, last = (np.abs(slopes[part]).max(axis=(0, 1), initial=0.0) for part in ends)
+        most = max(most, float((last[middle > 0] / middle[middle > 0]).max(initial=0.0)))
     return most

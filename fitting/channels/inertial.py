@@ -25,7 +25,7 @@ from dropper_jax.base.numerics import safe_norm
 from dropper_jax.base.read import Table
 from fitting.channels.channel import Channel, Given, OnLink, SavedMotion
 from fitting.channels.entries import axes_of, number_of
-from fitting.channels.position import line_of, link_of
+from fitting.channels.position import link_of, node_of
 
 #: Axes of an accelerometer.
 AXES = ("along", "across", "side")
@@ -67,18 +67,20 @@ class Accelerometer(Inertial):
     turn: Any = 0.0
 
     @classmethod
-    def read_values(cls, given: Given) -> Table:
-        axes = axes_of(given.table, given.path, AXES, AXES[: len(given.columns)], given.columns)
-        line = line_of(given.scene, given.where.line, given.path)
-        link = link_of(given.scene, given.where, given.path) - line.links.start
+    def own_fields(cls, given: Given) -> Table:
+        table = given.table
+        path = given.path
+        axes = axes_of(table, path, AXES, AXES[: len(given.columns)], given.columns)
+        line, link = link_of(given.scene, table, path)
         length = float(line.spec.length[link])
-        if given.where.at is None:
-            position = number_of(given.table, given.path, "position", 0.5 * length, low=0.0, high=length)
-        elif "position" in given.table:
-            raise SceneError(f"{given.path}.position: given twice, by `at` too; allowed: one of them")
+        if "at" not in table:
+            position = number_of(table, path, "position", 0.5 * length, low=0.0, high=length)
+        elif "position" in table:
+            raise SceneError(f"{path}.position: given twice, by `at` too; allowed: one of them")
         else:
-            position = given.node().share * length
-        return {"axes": axes, "position": position, "turn": number_of(given.table, given.path, "turn", 0.0)}
+            position = node_of(given.scene, table, path).share * length
+        turn = number_of(table, path, "turn", 0.0)
+        return {"axes": axes, "position": position, "turn": turn, **super().own_fields(given)}
 
     def mounted(self, position: jax.Array, turn: jax.Array) -> Channel:
         return replace(self, position=position, turn=turn)
@@ -89,10 +91,11 @@ class Accelerometer(Inertial):
         inner = along[self.margin : -self.margin]
         force = differences(mount, SECOND) / motion.spacing**2 + jnp.array([0.0, 0.0, 1.0]) * motion.gravity
         side = self.side(inner)
-        shown = [jnp.sum(force * axis, axis=1) for axis in (inner, jnp.cross(side, inner), side)]
+        axes = jnp.stack([inner, jnp.cross(side, inner), side])
+        first, second, third = jnp.sum(force * axes, axis=2)
         c = jnp.cos(self.turn)
         s = jnp.sin(self.turn)
-        turned = (c * shown[0] + s * shown[1], c * shown[1] - s * shown[0], shown[2])
+        turned = (c * first + s * second, c * second - s * first, third)
         return jnp.stack([turned[i] for i in self.axes], axis=1)
 
 

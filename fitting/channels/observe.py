@@ -55,11 +55,7 @@ def at_times(y: jax.Array, first: jax.Array, spacing: jax.Array, t: jax.Array) -
     """Values (k, m) at times t (k,) [s] of rows y (S, m) at `first + i spacing`: cubics through four rows."""
     row = (t - first) / spacing
     i = jax.lax.stop_gradient(jnp.clip(jnp.floor(row) - 1, 0, y.shape[0] - 4)).astype(int)
-    u = row - i
-    a = u
-    b = u - 1
-    c = u - 2
-    d = u - 3
+    a, b, c, d = (row - i - k for k in range(4))
     shares = (-b * c * d / 6, a * c * d / 2, -a * b * d / 2, a * b * c / 6)
     return sum(share[:, None] * y[i + k] for k, share in enumerate(shares))
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
+from dropper_jax.base.read import Values, read_integer, read_number, read_text
 from dropper_jax.scene import SceneData, WholeLine, whole_lines
 
 #: Relative rounding of a line's length, which is a sum of links.
@@ -21,79 +22,66 @@ class Node(NamedTuple):
     share: float
 
 
-class Where(NamedTuple):
-    """Entries of a channel's table that give the position of its sensor; missing ones are empty."""
-
-    line: str | None = None
-    link: int | None = None
-    node: int | None = None
-    end: str | None = None
-    at: float | None = None
-    point: str | None = None
-
-
-def line_of(scene: SceneData, name: str | None, path: str) -> WholeLine:
-    """The line of this name as specified; a scene with one line needs no name.
+def line_of(scene: SceneData, table: Values, path: str) -> WholeLine:
+    """The line that a channel's table names, as specified; a scene with one line needs no name.
 
     Raises:
         SceneError: no such line.
     """
-    lines = whole_lines(scene)
-    if name is None and len(lines) == 1:
-        return lines[0]
-    known = [line.name for line in lines]
-    if name not in known:
-        raise SceneError(f"{path}.line: {name!r} is not a line of the scene; {nearest(str(name), known)}")
-    return lines[known.index(name)]
+    lines = {line.name: line for line in whole_lines(scene)}
+    if "line" not in table and len(lines) == 1:
+        (name,) = lines
+    else:
+        name = read_text(table["line"], f"{path}.line") if "line" in table else None
+    if name not in lines:
+        raise SceneError(f"{path}.line: {name!r} is not a line of the scene; {nearest(str(name), lines)}")
+    return lines[name]
 
 
-def node_of(scene: SceneData, where: Where, path: str) -> Node:
+def node_of(scene: SceneData, table: Values, path: str) -> Node:
     """The position of a sensor on a node, at a point, or at a length along a line.
 
     Raises:
         SceneError: no position or more than one; a node, point or length that the line does not have.
     """
-    _one_of(where, ("node", "end", "at", "point"), path)
-    if where.point is not None:
-        node = ends_at(scene, where.point, path)[0][0]
+    key = _one_of(table, ("node", "end", "at", "point"), path)
+    if key == "point":
+        node = ends_at(scene, read_text(table["point"], f"{path}.point"), path)[0][0]
         return Node(node, node, 0.0)
-    line = line_of(scene, where.line, path)
-    if where.at is not None:
+    line = line_of(scene, table, path)
+    links = line.spec.links
+    if key == "at":
+        at = _length_along(table, line, path)
         total = np.concatenate([[0.0], np.cumsum(line.spec.length)])
-        _inside(where.at, total[-1], line.name, path)
-        link = int(np.clip(np.searchsorted(total, where.at, side="right") - 1, 0, line.spec.links - 1))
-        share = (where.at - total[link]) / line.spec.length[link]
+        link = int(np.clip(np.searchsorted(total, at, side="right") - 1, 0, links - 1))
+        share = (at - total[link]) / line.spec.length[link]
         return Node(int(line.nodes[link]), int(line.nodes[link + 1]), float(share))
-    if where.node is not None:
-        number = where.node
-    else:
-        number = _end(where.end, 0, line.spec.links, path)
-    if not 0 <= number <= line.spec.links:
+    number = read_integer(table["node"], f"{path}.node") if key == "node" else _end(table, 0, links, path)
+    if not 0 <= number <= links:
         raise SceneError(
-            f"{path}.node: {number} is outside line {line.name!r}; allowed: 0 (its first point) to {line.spec.links}"
+            f"{path}.node: {number} is outside line {line.name!r}; allowed: 0 (its first point) to {links}"
         )
     return Node(int(line.nodes[number]), int(line.nodes[number]), 0.0)
 
 
-def link_of(scene: SceneData, where: Where, path: str) -> int:
-    """Number, from 0 among all links, of the link that carries a sensor.
+def link_of(scene: SceneData, table: Values, path: str) -> tuple[WholeLine, int]:
+    """The line and the number in it, from 0, of the link that carries a sensor.
 
     Raises:
         SceneError: no position or more than one; a link or length that the line does not have.
     """
-    _one_of(where, ("link", "end", "at"), path)
-    line = line_of(scene, where.line, path)
-    if where.at is not None:
-        total = np.cumsum(line.spec.length)
-        _inside(where.at, total[-1], line.name, path)
-        number = int(np.searchsorted(total, where.at - 1e-12)) + 1
-    elif where.link is not None:
-        number = where.link
+    key = _one_of(table, ("link", "end", "at"), path)
+    line = line_of(scene, table, path)
+    if key == "at":
+        at = _length_along(table, line, path)
+        number = int(np.searchsorted(np.cumsum(line.spec.length), at - 1e-12)) + 1
+    elif key == "link":
+        number = read_integer(table["link"], f"{path}.link")
     else:
-        number = _end(where.end, 1, line.spec.links, path)
+        number = _end(table, 1, line.spec.links, path)
     if not 1 <= number <= line.spec.links:
         raise SceneError(f"{path}.link: {number} is outside line {line.name!r}; allowed: 1 to {line.spec.links}")
-    return line.links.start + number - 1
+    return line, number - 1
 
 
 def ends_at(scene: SceneData, point: str, path: str) -> tuple[tuple[int, int, int], ...]:
@@ -116,28 +104,29 @@ def ends_at(scene: SceneData, point: str, path: str) -> tuple[tuple[int, int, in
     return found
 
 
-def _end(end: str | None, first: int, last: int, path: str) -> int:
-    if end not in ("from", "to"):
+def _end(table: Values, first: int, last: int, path: str) -> int:
+    numbers = {"from": first, "to": last}
+    end = read_text(table["end"], f"{path}.end")
+    if end not in numbers:
         raise SceneError(f"{path}.end: {end!r} is not an end of a line; allowed: from, to")
-    if end == "from":
-        return first
-    return last
+    return numbers[end]
 
 
-def _inside(at: float, length: float, line: str, path: str) -> None:
+def _length_along(table: Values, line: WholeLine, path: str) -> float:
+    at = read_number(table["at"], f"{path}.at", {"unit": "m"})
+    length = float(np.sum(line.spec.length))
     if not 0 <= at <= length * (1.0 + ROUNDING):
-        raise SceneError(f"{path}.at: {at:g} m is outside line {line!r}; allowed: 0 to {length:g} m")
+        raise SceneError(f"{path}.at: {at:g} m is outside line {line.name!r}; allowed: 0 to {length:g} m")
+    return at
 
 
-def _one_of(where: Where, keys: tuple[str, ...], path: str) -> None:
-    """Reject a position that is missing, given twice, or given by a key that this kind does not support."""
-    given = [key for key in ("link", "node", "end", "at", "point") if getattr(where, key) is not None]
+def _one_of(table: Values, keys: tuple[str, ...], path: str) -> str:
+    """The key that gives the position; rejects one that is missing, given twice, or that this kind does not support."""
+    given = [key for key in ("link", "node", "end", "at", "point") if key in table]
     wrong = [key for key in given if key not in keys]
     if wrong:
         raise SceneError(f"{path}.{wrong[0]}: not a position for this kind of sensor; allowed: {', '.join(keys)}")
     if len(given) != 1:
-        if not given:
-            what = "position missing"
-        else:
-            what = f"position given twice, by {' and '.join(given)}"
+        what = f"position given twice, by {' and '.join(given)}" if given else "position missing"
         raise SceneError(f"{path}: {what}; allowed: one of {', '.join(keys)}")
+    return given[0]

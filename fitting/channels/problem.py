@@ -63,7 +63,7 @@ class Problem(Residuals):
         data: the measured data.
         scenes: of each run, with its own values.
         parameters: all of them, shared ones and those of single runs.
-        of_run: numbers of the parameters of each run, in the order of its directions.
+        of_run: numbers of the parameters of each run, in the order of `plain`: the same with their names in any run.
         near: a start of each run from which the next one is solved.
         halved: number of halvings of the scene's step.
         retries: whether steps that do not converge are halved and tried again.
@@ -77,7 +77,7 @@ class Problem(Residuals):
     data: Data
     scenes: tuple[Scene, ...]
     of_run: tuple[tuple[int, ...], ...]
-    plain: tuple[tuple[Parameter, ...], ...]
+    plain: tuple[Parameter, ...]
     near: tuple[State, ...]
     halved: int = 0
     retries: bool = False
@@ -97,10 +97,11 @@ class Problem(Residuals):
     def floor(self) -> np.ndarray:
         """Minimum noise of each channel (c,): the rounding of its sensor, `resolution/sqrt(12)`."""
         fit = self.scenes[0].fit
-        least = []
-        for sensor in self.data.sensors:
-            least.append(0.0 if fit is None or sensor.relative else fit.resolution(sensor.channel.kind) / np.sqrt(12))
-        return np.maximum(least, 1e-15)
+        least = np.full(len(self.data.sensors), 1e-15)
+        for c, sensor in enumerate(self.data.sensors):
+            if fit is not None and not sensor.relative:
+                least[c] = max(fit.resolution(sensor.channel.kind) / np.sqrt(12), least[c])
+        return least
 
     @cached_property
     def claimed_noise(self) -> np.ndarray:
@@ -134,9 +135,8 @@ class Problem(Residuals):
             p = self.parameters[i]
             value = values[i]
             if is_axial_stiffness(p) and value > 0:
-                ends = max(p.low, value / FACTOR), min(p.high, value * FACTOR)
-                low[i] = value * (1 - value / ends[0])
-                high[i] = value * (1 - value / ends[1])
+                low[i] = value * (1 - value / max(p.low, value / FACTOR))
+                high[i] = value * (1 - value / min(p.high, value * FACTOR))
             elif p.low >= 0 and value > 0:
                 low[i] = max(low[i], (1 / FACTOR - 1) * value) if p.low > 0 else low[i]
                 high[i] = min(high[i], (FACTOR - 1) * max(value, 0.1 * p.scale))
@@ -211,13 +211,13 @@ class Problem(Residuals):
 
     def _saves(self) -> int:
         """Number of saved states beyond the last sample of the longest run, with delays and rates at their bounds."""
-        late = max(float(t[-1]) for run in self.data.runs for t in run.t)
         free = [p for p in self.parameters if isinstance(p.where, SetupPlace)]
         delays = [p.low for p in free if p.where.field == "delay"]
         rates = [p.high for p in free if p.where.field == "rate"]
-        given = [s.delay for s in self.data.sensors] + [c.delay for c in self.data.cameras]
-        rate = max([1.0, *rates, *(c.rate for c in self.data.cameras)])
-        late = late * rate - min([0.0, *given, *(d for d in delays if np.isfinite(d))]) * (2 if delays else 1)
+        given = [one.delay for one in (*self.data.sensors, *self.data.cameras)]
+        rate = max([1.0, *rates, *(camera.rate for camera in self.data.cameras)])
+        early = min([0.0, *given, *filter(np.isfinite, delays)]) * (2 if delays else 1)
+        late = max(float(t[-1]) for run in self.data.runs for t in run.t) * rate - early
         spacing = self.scenes[0].run.step * self.scenes[0].run.save_every
         # cubics through four rows need three saved states after the last sample
         return max(int(np.ceil(late / spacing - 1e-9)) + 3, 5)
@@ -233,22 +233,22 @@ class Problem(Residuals):
         for run, scene in enumerate(self.scenes):
             mine = list(self.of_run[run])
             try:
-                at = setup_with_directions(scene, self.data, self.plain[run], values[mine])
+                at = setup_with_directions(scene, self.data, self.plain, values[mine])
             except SceneError as error:  # such as a static pose that does not exist
                 return Evaluation((), (), tuple(near), f"{self.data.runs[run].name}: {error}")
             dt = jnp.asarray(self.dt, at.setup.model.dtype)
             motion, slope, start, bad = differentiate_channels(
                 self.plan(run), at.setup, at.tangents, near[run], dt, self._pad_stamps(run, dt.dtype)
             )
-            if int(bad) >= 0 or not all(np.isfinite(y).all() for y in motion):
-                if int(bad) >= 0:
-                    when = f"step {int(bad) + 1} at {(int(bad) + 1) * self.dt:g} s"
-                else:
-                    when = "the start"
-                failed = failed or f"{self.data.runs[run].name}: {when} did not solve"
+            name = self.data.runs[run].name
+            step = int(bad) + 1
+            if step > 0:
+                failed = failed or f"{name}: step {step} at {step * self.dt:g} s did not solve"
+            elif not all(np.isfinite(y).all() for y in motion):
+                failed = failed or f"{name}: the start did not solve"
             elif not all(np.abs(s).max(initial=0.0) < 1e100 for s in slope):  # squares must not overflow in a sum
                 unstable = True
-                failed = failed or f"{self.data.runs[run].name}: derivatives grow without bound, the motion is chaotic"
+                failed = failed or f"{name}: derivatives grow without bound, the motion is chaotic"
             counts = [len(t) for t in self.data.runs[run].t]
             shown.append(tuple(np.asarray(y)[:n] for y, n in zip(motion, counts, strict=True)))
             slopes.append(tuple(self._spread(np.asarray(s)[:n], mine) for s, n in zip(slope, counts, strict=True)))

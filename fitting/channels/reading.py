@@ -41,7 +41,6 @@ from dropper_jax.base.read import (
     Table,
     Values,
     check_keys,
-    read_integer,
     read_items,
     read_list,
     read_table,
@@ -54,7 +53,6 @@ from fitting.channels.channel import Channel, Given
 from fitting.channels.data import CameraSpec, Data, Run, Sensor
 from fitting.channels.entries import check_once, columns_of, name_of, number_of, unit_of, value_of
 from fitting.channels.inertial import Accelerometer, Gyro
-from fitting.channels.position import Where
 from fitting.channels.sensors import Angle, Depth, Pixel, Position, Tension, read_camera
 from fitting.traces.csv_table import check_times, read_csv, refuse_twice
 
@@ -106,68 +104,51 @@ def read_sensor(table: Values, path: str, scene: SceneData, cameras: tuple[Camer
     read_table(table, path)
     cls = KINDS[read_text(value_of(table, path, "kind", ", ".join(KINDS)), f"{path}.kind", KINDS)]
     check_keys(table, (*COMMON, *LOCATIONS, *cls.KEYS), path)
-    names = [camera.name for camera in cameras]
-    camera = table.get("camera")
-    if camera is not None and camera not in names:
-        raise SceneError(f"{path}.camera: {camera!r} is not a camera; {nearest(str(camera), names)}")
+    camera = None
+    if "camera" in table:
+        names = [camera.name for camera in cameras]
+        name = table["camera"]
+        if name not in names:
+            raise SceneError(f"{path}.camera: {name!r} is not a camera; {nearest(str(name), names)}")
+        camera = names.index(name)
     columns = columns_of(table, path)
     unit = unit_of(table, path, "unit", cls.measures)
     if cls.scalar and len(columns) != 1:
         raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 1, because this kind is a single number")
-    common = {
-        "name": name_of(table, path),
-        "columns": columns,
-        "unit": unit,
-        "camera": None if camera is None else names.index(camera),
-    }
-    texts: dict[str, str] = {}
-    for key in ("line", "end", "point"):
-        if key in table:
-            texts[key] = read_text(table[key], f"{path}.{key}")
-    numbers: dict[str, int] = {}
-    for key in ("link", "node"):
-        if key in table:
-            numbers[key] = read_integer(table[key], f"{path}.{key}")
-    where = Where(
-        texts.get("line"),
-        numbers.get("link"),
-        numbers.get("node"),
-        texts.get("end"),
-        number_of(table, path, "at", None),
-        texts.get("point"),
-    )
-    channel = cls.make(Given(table, path, common, where, scene, tuple(c.matrix for c in cameras)))
-    relative = table.get("noise_unit") == "%"
-    size = number_of(table, path, "noise", None, low=0.0, open_low=True)
-    if relative:
-        factor_of_noise = 0.01
-    else:
-        key = "unit"
-        if "noise_unit" in table:
-            key = "noise_unit"
-        factor_of_noise = in_si(1.0, unit_of(table, path, key, cls.measures))[0]
+    common = {"name": name_of(table, path), "columns": columns, "unit": unit, "camera": camera}
+    channel = cls.make(Given(table, path, common, scene, tuple(c.matrix for c in cameras)))
+    noise = number_of(table, path, "noise", None, low=0.0, open_low=True)
+    noise_unit = table.get("noise_unit", unit)
+    if noise_unit != "%":
+        noise_unit = unit_of({"noise_unit": noise_unit}, path, "noise_unit", cls.measures)
     return Sensor(
         channel,
-        None if size is None else size * factor_of_noise,
-        relative,
+        None if noise is None else in_si(noise, noise_unit)[0],
+        noise_unit == "%",
         in_si(number_of(table, path, "offset", 0.0), unit)[0],
         number_of(table, path, "gain", 1.0),
         number_of(table, path, "delay", 0.0),
     )
 
 
-def read_motion(table: Values, path: str, scene: SceneData) -> tuple[str, tuple[str, ...], str]:
-    """A fixed point that moves as measured, its columns and their unit."""
+class RecordedMotion(NamedTuple):
+    """`[[motion]]`: a fixed point that moves as measured, its columns and their unit."""
+
+    point: str
+    columns: tuple[str, ...]
+    unit: str
+
+
+def read_motion(table: Values, path: str, scene: SceneData) -> RecordedMotion:
     check_keys(read_table(table, path), ("point", "columns", "unit"), path)
     held = [point.name for point in scene.points if not point.is_free]
-    if table.get("point") not in held:
-        raise SceneError(
-            f"{path}.point: {table.get('point')!r} is not a fixed point; {nearest(str(table.get('point')), held)}"
-        )
+    point = table.get("point")
+    if point not in held:
+        raise SceneError(f"{path}.point: {point!r} is not a fixed point; {nearest(str(point), held)}")
     columns = columns_of(table, path)
     if len(columns) != 3:
         raise SceneError(f"{path}.columns: {len(columns)} columns; allowed: 3, x, y and z")
-    return table["point"], columns, unit_of(table, path, "unit", "m")
+    return RecordedMotion(point, columns, unit_of(table, path, "unit", "m"))
 
 
 def read_run(
@@ -175,19 +156,21 @@ def read_run(
     path: str,
     folder: Path,
     sensors: tuple[Sensor, ...],
-    motions: tuple[tuple[str, tuple[str, ...], str], ...],
-    scene: SceneData,
+    motions: tuple[RecordedMotion, ...],
 ) -> Run:
     check_keys(read_table(table, path), ("file", "name", "from", "until", "scene"), path)
     files, default = _files(value_of(table, path, "file", "a CSV, or a list of them"), path, folder)
-    owners = _files_of_channels(files, [sensor.channel for sensor in sensors], path)
+    named = [sensor.channel.columns for sensor in sensors]
     low = number_of(table, path, "from", -np.inf)
     high = number_of(table, path, "until", np.inf)
     times = []
     values = []
-    for sensor, owner in zip(sensors, owners, strict=True):
+    for i, sensor in enumerate(sensors):
         what = f"{path}: channel {sensor.channel.name!r}"
-        t, y = owner.read(sensor.channel.columns, sensor.channel.unit)
+        columns = named[i]
+        # channels with the same columns are those of the files that have them, in order, if there are as many of both
+        owner = _one_file(files, columns, what, named[:i].count(columns), named.count(columns))
+        t, y = owner.read(columns, sensor.channel.unit)
         keep = (t >= low) & (t <= high)
         if (np.isfinite(y[keep]).sum(axis=0) < FEWEST_READINGS).any():
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
@@ -196,7 +179,7 @@ def read_run(
         times.append(t[keep])
         values.append(y[keep])
     own = dict(read_table(table.get("scene", {}), f"{path}.scene"))
-    own.update(_recorded_motions(files, motions, scene, path))
+    own |= _recorded_motions(files, motions, path)
     return Run(name_of(table, path, default), tuple(times), tuple(values), own)
 
 
@@ -213,40 +196,22 @@ def _files(given: Plain, path: str, folder: Path) -> tuple[list[Columns], str]:
                 raise SceneError(f"{path}.file: {name} has {column.size} values for {len(t)} times; allowed: as many")
         return [Columns(path, t, columns)], path.replace(".", "_")
     if isinstance(given, str):
-        items = [given]
-    else:
-        items = read_list(given, f"{path}.file", None, "a file or a list of files")
+        return [read_columns(folder / given)], Path(given).stem
     found = []
-    for i, item in enumerate(items):
-        if isinstance(item, Mapping):
-            found.append(_files(item, path, folder)[0][0])
-        else:
-            found.append(read_columns(folder / read_text(item, f"{path}.file.{i}")))
+    names = []
+    for i, item in enumerate(read_list(given, f"{path}.file", None, "a file or a list of files")):
+        own = item if isinstance(item, Mapping) else read_text(item, f"{path}.file.{i}")
+        files, name = _files(own, path, folder)
+        found += files
+        names.append(name)
     if not found:
         raise SceneError(f"{path}.file: is empty; allowed: a CSV, or a list of them")
-    if isinstance(items[0], str):
-        return found, Path(items[0]).stem
-    return found, path.replace(".", "_")
-
-
-def _files_of_channels(files: Sequence[Columns], channels: Sequence[Channel], path: str) -> list[Columns]:
-    """The file of each channel.
-
-    Channels with the same columns are those of the files that have them, in order, if there are as many of both.
-    """
-    found = []
-    for i, channel in enumerate(channels):
-        same = [k for k, other in enumerate(channels) if other.columns == channel.columns]
-        found.append(_one_file(files, channel.columns, f"{path}: channel {channel.name!r}", same.index(i), len(same)))
-    return found
+    return found, names[0]
 
 
 def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index: int = 0, count: int = 1) -> Columns:
     """The file that contains all of these columns: the only one, or number `index` of as many as `count`."""
-    found = []
-    for file in files:
-        if all(map(file.name_of, columns)):
-            found.append(file)
+    found = [file for file in files if all(map(file.name_of, columns))]
     if len(found) == 1 or (found and len(found) == count):
         return found[index % len(found)]
     if found:
@@ -260,13 +225,11 @@ def _one_file(files: Sequence[Columns], columns: Sequence[str], what: str, index
     raise SceneError(f"{what}: column {missing!r} is in no file with the others; {nearest(missing, known)}")
 
 
-def _recorded_motions(
-    files: Sequence[Columns], motions: tuple[tuple[str, tuple[str, ...], str], ...], scene: SceneData, path: str
-) -> Table:
+def _recorded_motions(files: Sequence[Columns], motions: tuple[RecordedMotion, ...], path: str) -> Table:
     """Values of the scene that make fixed points move as measured."""
     if not motions:
         return {}
-    times = np.zeros(0)
+    times = None
     paths = []
     for point, columns, unit in motions:
         what = f"{path}: motion of {point!r}"
@@ -274,12 +237,12 @@ def _recorded_motions(
         keep = np.isfinite(y).all(axis=1)
         if keep.sum() < FEWEST_READINGS:
             raise SceneError(f"{what} has fewer than {FEWEST_READINGS} samples; allowed: more")
-        if paths and not np.array_equal(times, t[keep]):
+        if times is not None and not np.array_equal(times, t[keep]):
             raise SceneError(f"{what} has other times; allowed: those of the other points that move")
         times = t[keep]
         paths.append(y[keep])
     return {
-        "effects.recorded_motion.points": [point for point, *_ in motions],
+        "effects.recorded_motion.points": [motion.point for motion in motions],
         "effects.recorded_motion.time": times.tolist(),
         "effects.recorded_motion.positions": np.concatenate(paths).tolist(),
     }
@@ -309,8 +272,7 @@ def read_data(source: str | Path | Values, scene: SceneData, folder: Path | None
     sensors = read_items(read_sensor, source.get("channel", []), "channel", scene, cameras, needed=True)
     check_once([s.channel.name for s in sensors], "channel")
     motions = read_items(read_motion, source.get("motion", []), "motion", scene)
-    check_once([point for point, _, _ in motions], "motion")
-    more = folder or Path(), sensors, motions, scene
-    runs = read_items(read_run, source.get("run", []), "run", *more, needed=True)
+    check_once([motion.point for motion in motions], "motion")
+    runs = read_items(read_run, source.get("run", []), "run", folder or Path(), sensors, motions, needed=True)
     check_once([run.name for run in runs], "run")
     return Data(sensors, cameras, runs)

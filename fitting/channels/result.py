@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -25,19 +25,19 @@ class Between:
 
     Attributes:
         name: its path.
-        values, errors: of the runs (n,).
         mean, std_error, low, high: of the mean, with a 90 % interval.
         spread: tau, the standard deviation between runs.
+        values, std_errors: of the runs (n,).
     """
 
     name: str
-    values: np.ndarray
-    errors: np.ndarray
     mean: float
     std_error: float
     low: float
     high: float
     spread: float
+    values: np.ndarray
+    std_errors: np.ndarray
 
 
 def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float = 0.90) -> Between:
@@ -54,17 +54,15 @@ def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float 
     """
     n = len(values)
     own = np.sqrt(np.diag(covariance))
-    ones = np.ones(n)
-    eye = np.eye(n)
     # a typical size, so that the search works in any unit
     top = float(np.var(values, ddof=1) + np.max(own**2)) or 1.0
 
     def solve_variance(variance: float) -> tuple[float, float, float, float]:
         """Mean, 1'V^-1 1, the weighted sum of squares, minus twice the restricted log likelihood."""
-        total = covariance + (variance + 1e-14 * top) * eye
+        total = covariance + (variance + 1e-14 * top) * np.eye(n)
         inverse = np.linalg.inv(total)
-        weight = float(ones @ inverse @ ones)
-        mean = float(ones @ inverse @ values) / weight
+        weight = float(inverse.sum())
+        mean = float(inverse.sum(axis=0) @ values) / weight
         square = float((values - mean) @ inverse @ (values - mean))
         return mean, weight, square, float(np.linalg.slogdet(total)[1]) + np.log(weight) + square
 
@@ -77,7 +75,8 @@ def between(name: str, values: np.ndarray, covariance: np.ndarray, level: float 
     mean, weight, square, _ = solve_variance(variance)
     error = float(np.sqrt(max(square / (n - 1), 1.0 if variance == 0.0 else 0.0) / weight))
     reach = float(stdtrit(n - 1, 0.5 + level / 2)) * error
-    return Between(name, np.asarray(values), own, mean, error, mean - reach, mean + reach, float(np.sqrt(variance)))
+    spread = float(np.sqrt(variance))
+    return Between(name, mean, error, mean - reach, mean + reach, spread, np.asarray(values), own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,12 +119,10 @@ def _sensitivity(point: ChannelSolution) -> np.ndarray:
     for c, sensor in enumerate(data.sensors):
         shown = np.concatenate([run[c] for run in e.shown])
         slope = np.concatenate([run[c] for run in e.slopes])
-        about = 0.0
-        if not sensor.channel.of_tension:
-            about = shown.mean(axis=0)
+        about = 0.0 if sensor.channel.of_tension else shown.mean(axis=0)
         size = np.sqrt(np.mean((shown - about) ** 2))
-        size = max(float(size), float(point.problem.noise_size[c]) if not sensor.relative else 0.0, 1e-300)
-        found[:, c] = np.sqrt(np.mean(slope**2, axis=(0, 1))) * np.abs(point.values) / size
+        least = 1e-300 if sensor.relative else point.problem.noise_size[c]
+        found[:, c] = np.sqrt(np.mean(slope**2, axis=(0, 1))) * np.abs(point.values) / max(size, least)
     return found
 
 
@@ -136,29 +133,26 @@ PRIOR_ALONE = 0.95
 def _verdict(point: ChannelSolution, i: int, se: float, sensitivity: np.ndarray) -> tuple[str, str]:
     p = point.problem.parameters[i]
     value = float(point.values[i])
+    known = ("yes", "")
     if not p.low < p.high:
-        return "yes", ""
+        return known
     if p.prior is not None:
-        if se >= PRIOR_ALONE * p.prior[1]:
-            return ("prior", "determined by its prior only")
-        return ("yes", "")
+        alone = se >= PRIOR_ALONE * p.prior[1]
+        return ("prior", "determined by its prior only") if alone else known
     if p.low < 0:
-        return "yes", ""
+        return known
     most = float(sensitivity.max(initial=0.0))
     reach = quantile(0.95) * se
-    bound = "upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %"
+    bound = ("upper bound", f"below {max(value, 0.0) + reach:.3g} {p.unit} with 95 %")
     if p.in_model and p.low == 0 and value < reach:  # it is compatible with zero
         return bound
     if value > 0 and most <= 0.05:
-        name = point.problem.data.sensors[int(sensitivity.argmax())].channel.name
+        moves = "no channel is sensitive to it"
         if most > 1e-6:
+            name = point.problem.data.sensors[int(sensitivity.argmax())].channel.name
             moves = f"1 % of channel {name!r} is {1 / most:.0f} % of it"
-        else:
-            moves = "no channel is sensitive to it"
         return "no", f"{moves} (d ln y/d ln p = {most:.2g})"
-    if value < reach:
-        return bound
-    return ("yes", "")
+    return bound if value < reach else known
 
 
 #: Remark for each way in which a parameter is determined.
@@ -189,9 +183,10 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
     def fitted_scene(self, run: int = 0) -> Scene:
         """The scene of a run with the fitted values, including the run's own ones."""
         problem = self.solution.problem
-        mine = list(problem.of_run[run])
-        at = setup_with_directions(problem.scenes[run], problem.data, problem.plain[run], self.values[mine])
-        return fitted_scene(problem.scenes[run], at.setup.model, problem.plain[run], self.values[mine])
+        scene = problem.scenes[run]
+        values = self.values[list(problem.of_run[run])]
+        at = setup_with_directions(scene, problem.data, problem.plain, values)
+        return fitted_scene(scene, at.setup.model, problem.plain, values)
 
     def channels(self) -> list[dict[str, Any]]:
         """Of every channel: kind, unit, samples, RMS of the residuals, estimated noise, remaining correlation."""
@@ -202,9 +197,6 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
         for c, sensor in enumerate(problem.data.sensors):
             off = deviations[(problem.windows.weight[..., 0] > 0) & (problem.windows.source == c)[:, None]]
             interval = float(np.median(np.concatenate([np.diff(run.t[c]) for run in problem.data.runs])))
-            noise_unit = "-"
-            if not sensor.relative:
-                noise_unit = sensor.channel.measures
             found.append(
                 {
                     "name": sensor.channel.name,
@@ -213,7 +205,7 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
                     "samples": int(off.size),
                     "rms": float(np.sqrt(np.mean(off**2))),
                     "noise": float(problem.noise_size[c]),
-                    "noise_unit": noise_unit,
+                    "noise_unit": "-" if sensor.relative else sensor.channel.measures,
                     "noise_claimed": sensor.noise,
                     "kept": float(np.exp(-noise.decay[c, 0] * interval)),
                     "correlation": float(self.errors.correlation_1[c]),
@@ -228,21 +220,7 @@ class ChannelFit(SceneFit[Problem, Evaluation]):
         table = self.estimates()
         for row, determined, why, felt in zip(table.values(), e.determined, e.why, e.sensitivity, strict=True):
             row |= {"determined": determined, "why": why, "sensitivity": dict(zip(names, felt, strict=True))}
-        found = {
-            "parameters": table,
-            "channels": self.channels(),
-            "between": {
-                b.name: {
-                    "mean": b.mean,
-                    "std_error": b.std_error,
-                    "low": b.low,
-                    "high": b.high,
-                    "spread": b.spread,
-                    "values": b.values,
-                    "std_errors": b.errors,
-                }
-                for b in self.between
-            },
-        }
+        between = {row.pop("name"): row for row in map(asdict, self.between)}
+        found = {"parameters": table, "channels": self.channels(), "between": between}
         found = self.common_json("channels", self.solution.problem.dt) | found
         return {key: jsonable(value) for key, value in found.items()}

@@ -30,13 +30,12 @@ class Tension(Channel):
     link: int = 0
 
     @classmethod
-    def locate(cls, given: Given) -> Table:
-        if given.where.point is None:
-            return {"link": link_of(given.scene, given.where, given.path)}
-        ends = ends_at(given.scene, given.where.point, given.path)
-        if len(ends) > 1:
-            return {"ends": ends}
-        return {"link": ends[0][2]}
+    def own_fields(cls, given: Given) -> Table:
+        if "point" not in given.table:
+            line, link = link_of(given.scene, given.table, given.path)
+            return {"link": line.links.start + link}
+        ends = ends_at(given.scene, read_text(given.table["point"], f"{given.path}.point"), given.path)
+        return {"ends": ends} if len(ends) > 1 else {"link": ends[0][2]}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         if not self.ends:
@@ -56,10 +55,10 @@ def projection(position: np.ndarray, look_at: np.ndarray, focal: float, centre: 
         focal: [px].
         centre: point of the picture (2,) [px] that shows `look_at`.
     """
-    ahead = (look_at - position) / np.linalg.norm(look_at - position)
+    ahead = look_at - position
     right = np.cross(ahead, [0.0, 0.0, 1.0])
-    right = right / np.linalg.norm(right)
     turn = np.stack([right, np.cross(ahead, right), ahead])
+    turn /= np.linalg.norm(turn, axis=1, keepdims=True)
     inner = np.array([[focal, 0.0, centre[0]], [0.0, focal, centre[1]], [0.0, 0.0, 1.0]])
     return inner @ np.column_stack([turn, -turn @ position])
 
@@ -75,16 +74,17 @@ class Pixel(AtNode):
     matrix: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
-    def read_values(cls, given: Given) -> Table:
+    def own_fields(cls, given: Given) -> Table:
         value_of(given.table, given.path, "camera", "the name of a [[camera]]")
         if len(given.columns) != 2:
             raise SceneError(f"{given.path}.columns: {len(given.columns)} columns; allowed: 2, u and v")
-        return {"matrix": given.projections[given.common["camera"]]}
+        return {"matrix": given.projections[given.common["camera"]], **super().own_fields(given)}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         matrix = np.array(self.matrix)
-        seen_at = self.positions(motion) @ matrix[:, :3].T + matrix[:, 3]
-        return seen_at[:, :2] / jnp.where(seen_at[:, 2:] == 0, 1.0, seen_at[:, 2:])
+        seen = self.positions(motion) @ matrix[:, :3].T + matrix[:, 3]
+        depth = seen[:, 2:]
+        return seen[:, :2] / jnp.where(depth == 0, 1.0, depth)
 
 
 #: Definitions of an angle: in the x-z plane from the horizontal, positive downwards; in that plane from straight down,
@@ -104,8 +104,9 @@ class Angle(OnLink):
     zero: str = "horizontal"
 
     @classmethod
-    def read_values(cls, given: Given) -> Table:
-        return {"zero": read_text(given.table.get("zero", "horizontal"), f"{given.path}.zero", ANGLES)}
+    def own_fields(cls, given: Given) -> Table:
+        zero = read_text(given.table.get("zero", "horizontal"), f"{given.path}.zero", ANGLES)
+        return {"zero": zero, **super().own_fields(given)}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         d = self.links(motion)
@@ -132,8 +133,9 @@ class Position(AtNode):
     axes: tuple[int, ...] = (0, 1, 2)
 
     @classmethod
-    def read_values(cls, given: Given) -> Table:
-        return {"axes": axes_of(given.table, given.path, AXES, AXES, given.columns)}
+    def own_fields(cls, given: Given) -> Table:
+        axes = axes_of(given.table, given.path, AXES, AXES, given.columns)
+        return {"axes": axes, **super().own_fields(given)}
 
     def see(self, motion: SavedMotion) -> jax.Array:
         return self.positions(motion)[:, list(self.axes)]

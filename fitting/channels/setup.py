@@ -14,7 +14,7 @@ axis in front), so that one compiled program serves every choice of free paramet
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,23 +31,26 @@ from fitting.parameters.of_scene import find_parameters, scene_parameter
 from fitting.parameters.parameter import Parameter, check_once
 from fitting.parameters.targets import Direction, ModelPlace, SetupPlace
 
+#: A number or array, of JAX in a program.
+Array = Any
+
 
 class Reading(NamedTuple):
     """Sensor of one channel: offset (m,) [SI], gain () [-], delay () [s], and how it is mounted on its link: position
     () [m], turn () [rad]."""
 
-    offset: jax.Array
-    gain: jax.Array
-    delay: jax.Array
-    position: jax.Array
-    turn: jax.Array
+    offset: Array
+    gain: Array
+    delay: Array
+    position: Array = 0.0
+    turn: Array = 0.0
 
 
 class Clock(NamedTuple):
     """Clock of one camera: a stamp t is taken at `rate t - delay` of the scene's time."""
 
-    delay: jax.Array
-    rate: jax.Array
+    delay: Array
+    rate: Array
 
 
 class Setup(NamedTuple):
@@ -61,7 +64,7 @@ class Setup(NamedTuple):
     """
 
     model: Model
-    start: dict[str, jax.Array]
+    start: dict[str, Array]
     readings: tuple[Reading, ...]
     clocks: tuple[Clock, ...]
 
@@ -113,24 +116,30 @@ def _of_setup(scene: Scene, data: Data, name: str, option: str) -> list[Paramete
     return found
 
 
+def _given_start(scene: Scene) -> dict[str, np.ndarray]:
+    """Numeric fields that the scene's start gives, by name."""
+    given = {}
+    for key in STARTS:
+        value = getattr(scene.start, key)
+        if value is not None:
+            given[key] = np.asarray(value, float)
+    return given
+
+
 def _numbers(scene: Scene, data: Data) -> list[Parameter]:
     """Every number of the start, the sensors and the cameras."""
     found = []
-    for key, unit in STARTS.items():
-        given = getattr(scene.start, key)
-        array = np.asarray([] if given is None else given, float)
-        for at in np.ndindex(array.shape):
+    for key, given in _given_start(scene).items():
+        for at, value in np.ndenumerate(given):
             path = ".".join(["start", key, *map(str, at)])
-            found.append(Parameter(path, SetupPlace("start", 0, key, at), float(array[at]), unit=unit))
+            found.append(Parameter(path, SetupPlace("start", 0, key, at), float(value), unit=STARTS[key]))
     for i, sensor in enumerate(data.sensors):
         path = f"channel.{sensor.channel.name}"
-        unit = sensor.channel.measures
+        several = len(sensor.channel.columns) > 1
         for j in range(len(sensor.channel.columns)):
-            column = ""
-            if len(sensor.channel.columns) > 1:
-                column = f".{j}"
+            name = f"{path}.offset.{j}" if several else f"{path}.offset"
             where = SetupPlace("readings", i, "offset", (j,))
-            found.append(Parameter(f"{path}.offset{column}", where, sensor.offset, unit=unit))
+            found.append(Parameter(name, where, sensor.offset, unit=sensor.channel.measures))
         found.append(Parameter(f"{path}.gain", SetupPlace("readings", i, "gain"), sensor.gain, 0.0))
         found.append(_of_time(f"{path}.delay", SetupPlace("readings", i, "delay"), sensor.delay))
         for key, unit in sensor.channel.mounting.items():
@@ -147,8 +156,7 @@ def _numbers(scene: Scene, data: Data) -> list[Parameter]:
 def _why_missing(scene: Scene, data: Data, section: str, rest: Sequence[str], name: str) -> str:
     """Why a name of `section.rest` does not exist, and what is allowed."""
     if section == "start":
-        every = {f"start.{key}": getattr(scene.start, key) for key in STARTS}
-        given = {path: np.shape(value) for path, value in every.items() if value is not None}
+        given = {f"start.{key}": np.shape(value) for key, value in _given_start(scene).items()}
         shape = given.get(ScenePath(name).stem)
         if shape is None:
             return f" is not given in the scene's start; {nearest(name, given)}"
@@ -187,45 +195,30 @@ def setup_with_directions(scene: Scene, data: Data, parameters: Sequence[Paramet
     """
     written = {p.name: float(v) for p, v in zip(parameters, values, strict=True) if p.moves_model}
     scene = scene.with_values(written) if written else scene
-    setup = first_setup(scene, data)
+    first = setup = first_setup(scene, data)
     directions: list[Setup] = []
-    for p in parameters:
+    for p, v in zip(parameters, values, strict=True):
         if p.moves_model:
-            still = jax.tree.map(jnp.zeros_like, setup)
+            still = jax.tree.map(jnp.zeros_like, first)
             leaves, tree = jax.tree.flatten(still.model)
-            for leaf, slope in scene_parameter(scene, setup.model, p.name).where.slopes.items():
+            for leaf, slope in scene_parameter(scene, first.model, p.name).where.slopes.items():
                 leaves[leaf] = jnp.asarray(slope, leaves[leaf].dtype)
             directions.append(still._replace(model=jax.tree.unflatten(tree, leaves)))
         else:
-            directions.append(jax.jvp(lambda v, p=p: set_parameter(setup, p, v), (1.0,), (1.0,))[1])
-    for p, v in zip(parameters, values, strict=True):
-        if not p.moves_model:
+            directions.append(jax.jvp(lambda v, p=p: set_parameter(first, p, v), (1.0,), (1.0,))[1])
             setup = set_parameter(setup, p, v)
     return Placed(setup, jax.tree.map(lambda *parts: jnp.stack(parts), *directions))
 
 
 def first_setup(scene: Scene, data: Data) -> Setup:
     """The setup with the values of the scene and the data's file."""
-    dtype = jnp.dtype(scene.run.dtype)
-    array = lambda x: jnp.asarray(x, dtype)  # noqa: E731
-    start = {key: array(getattr(scene.start, key)) for key in STARTS if getattr(scene.start, key) is not None}
-    return Setup(
-        model=jax.tree.map(array, build_model(scene)),
-        start=start,
-        readings=tuple(
-            Reading(
-                array(np.full(len(s.channel.columns), s.offset)),
-                array(s.gain),
-                array(s.delay),
-                *(array(getattr(s.channel, key, 0.0) if s.channel.mounting else 0.0) for key in ("position", "turn")),
-            )
-            for s in data.sensors
-        ),
-        clocks=tuple(Clock(array(c.delay), array(c.rate)) for c in data.cameras),
-    )
-
-
-Item = TypeVar("Item", Reading, Clock)
+    readings = []
+    for s in data.sensors:
+        mounted = {key: getattr(s.channel, key) for key in s.channel.mounting}
+        readings.append(Reading(np.full(len(s.channel.columns), s.offset), s.gain, s.delay, **mounted))
+    clocks = tuple(Clock(c.delay, c.rate) for c in data.cameras)
+    setup = Setup(build_model(scene), _given_start(scene), tuple(readings), clocks)
+    return jax.tree.map(lambda x: jnp.asarray(x, scene.run.dtype), setup)
 
 
 def set_parameter(setup: Setup, p: Parameter, value: jax.Array) -> Setup:
@@ -236,16 +229,12 @@ def set_parameter(setup: Setup, p: Parameter, value: jax.Array) -> Setup:
     if not isinstance(where, SetupPlace):
         raise TypeError(f"{p.name}: does not belong to a setup")
     if where.section == "start":
-        start = dict(setup.start)
-        start[where.field] = start[where.field].at[where.entry].set(value)
-        return setup._replace(start=start)
-    if where.section == "clocks":
-        return setup._replace(clocks=_with_number(setup.clocks, where, value))
-    return setup._replace(readings=_with_number(setup.readings, where, value))
-
-
-def _with_number(items: tuple[Item, ...], where: SetupPlace, value: jax.Array) -> tuple[Item, ...]:
-    """The sensors or cameras with one number set."""
+        new = setup.start[where.field].at[where.entry].set(value)
+        return setup._replace(start={**setup.start, where.field: new})
+    items = list(getattr(setup, where.section))  # sensors or cameras
     item = items[where.index]
     new = jnp.asarray(getattr(item, where.field)).at[where.entry].set(value)
-    return (*items[: where.index], item._replace(**{where.field: new}), *items[where.index + 1 :])
+    items[where.index] = item._replace(**{where.field: new})
+    if where.section == "clocks":
+        return setup._replace(clocks=tuple(items))
+    return setup._replace(readings=tuple(items))

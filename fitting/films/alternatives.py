@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from fitting.films.ordering import AmbiguousOrderError
-from fitting.films.overlay import write_sheet, write_text
-from fitting.films.render import BRIDGED, LINK, TEXT
+from fitting.films.overlay import BRIDGED, TEXT, draw_links, write_sheet, write_text
 from fitting.films.video import Video, opencv
 
 #: Maximum number of orders that are drawn.
@@ -24,13 +22,9 @@ def write_alternatives(error: AmbiguousOrderError, video: str | Path, path: str 
 
 
 def _tile(image: np.ndarray, positions: np.ndarray, number: int) -> np.ndarray:
-    cv2 = opencv()
     scale = 560 / image.shape[1]  # pixels of one picture over those of the frame
-    picture = cv2.cvtColor(cv2.resize(image, None, fx=scale, fy=scale), cv2.COLOR_GRAY2BGR)
-    points = [(round(scale * x), round(scale * y)) for x, y in positions.tolist()]
-    for a, b in pairwise(points):
-        cv2.line(picture, a, b, LINK, 2, cv2.LINE_AA)
-    labels = [(str(k), (x + 8, y - 8), 0.6, BRIDGED) for k, (x, y) in enumerate(points)]
-    for text, position, size, colour in [*labels, (f"order {number + 1}", (12, 28), 0.8, TEXT)]:
-        write_text(picture, text, position, size, colour)
+    picture = draw_links(opencv().resize(image, None, fx=scale, fy=scale), scale * positions, 2)
+    for k, position in enumerate(scale * positions):
+        write_text(picture, str(k), position + [8, -8], 0.6, BRIDGED)
+    write_text(picture, f"order {number + 1}", np.array([12, 28]), 0.8, TEXT)
     return picture

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-
 import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError
@@ -41,23 +38,19 @@ def _learn_appearance(
         if len(images) > 16:  # spread over the film
             images = images[::2]
             stride = 2 * stride
-    best = None
-    most = 0
-    for image in images:
-        appearance = learn_appearance(image, nodes, radius, bright)
-        if stands_out(image, appearance, nodes):
-            count = len(detect(image, appearance))
-        else:
-            count = 0
-        if count >= nodes and (best is None or appearance.answer > best.answer):
-            best = appearance
-        most = max(most, count)
-    if best is not None:
-        return best
+
+    def learn(image: np.ndarray, count: int) -> tuple[int, MarkerAppearance]:
+        appearance = learn_appearance(image, count, radius, bright)
+        return len(detect(image, appearance)) if stands_out(image, appearance, count) else 0, appearance
+
+    learned = [learn(image, nodes) for image in images]
+    complete = [appearance for count, appearance in learned if count >= nodes]
+    if complete:
+        return max(complete, key=lambda appearance: appearance.answer)
+    most = max(count for count, _ in learned)
     for fewer in range(nodes - 1, most, -1):
         for image in images[::5]:
-            appearance = learn_appearance(image, fewer, radius, bright)
-            most = max(most, len(detect(image, appearance)) if stands_out(image, appearance, fewer) else 0)
+            most = max(most, learn(image, fewer)[0])
     if most == 0:
         raise SceneError(
             f"{film.path.name}: no circles found in {len(images)} frames; needed: a circle on every node "
@@ -67,10 +60,3 @@ def _learn_appearance(
         f"{film.path.name}: at most {most} circles in a frame, but {nodes} nodes; "
         "needed: as many circles as nodes (use --radius and --marker to describe them)"
     )
-
-
-def map_circles(circles: list[Circles], to: Callable[[np.ndarray], np.ndarray]) -> list[Circles]:
-    """The circles with their centres mapped by `to`: points (m, 2) to points (m, 2)."""
-    ends = np.cumsum([len(each) for each in circles])
-    centres = np.split(to(np.concatenate([each.centre for each in circles])), ends[:-1])
-    return [replace(each, centre=centre) for each, centre in zip(circles, centres, strict=True)]

@@ -35,6 +35,16 @@ class Lens:
     size: tuple[int, int]
     others: tuple[Lens, ...] = ()
 
+    @property
+    def focus(self) -> np.ndarray:
+        """Focal lengths (2,) [pixel], across and down."""
+        return self.matrix[[0, 1], [0, 1]]
+
+    @property
+    def centre(self) -> np.ndarray:
+        """Intersection of the camera's axis with the picture (2,) [pixel]."""
+        return self.matrix[:2, 2]
+
     def straighten(self, points: np.ndarray) -> np.ndarray:
         """Straight pixels (k, 2) of image pixels (k, 2)."""
         if not len(points):
@@ -46,11 +56,10 @@ class Lens:
         """The inverse of `straighten`."""
         if not len(points):
             return np.zeros((0, 2))
-        focus = self.matrix[[0, 1], [0, 1]]
-        centre = self.matrix[:2, 2]
-        rays = np.concatenate([(np.asarray(points, float) - centre) / focus, np.ones((len(points), 1))], axis=1)
+        cv2 = opencv()
+        rays = cv2.convertPointsToHomogeneous((np.asarray(points, float) - self.centre) / self.focus)
         none = np.zeros(3)
-        return opencv().projectPoints(rays, none, none, self.matrix, self.distortion)[0].reshape(-1, 2)
+        return cv2.projectPoints(rays, none, none, self.matrix, self.distortion)[0].reshape(-1, 2)
 
 
 @dataclass(frozen=True)
@@ -61,7 +70,7 @@ class Plane:
 
     def to_metres(self, points: np.ndarray) -> np.ndarray:
         """(..., 2) [m] of straight pixels (..., 2)."""
-        mapped = np.concatenate([points, np.ones_like(points[..., :1])], axis=-1) @ self.homography.T
+        mapped = points @ self.homography[:, :2].T + self.homography[:, 2]
         return mapped[..., :2] / mapped[..., 2:]
 
     def metres_per_pixel(self, middle: np.ndarray) -> float:
@@ -84,9 +93,8 @@ def corners(image: np.ndarray, board: tuple[int, int]) -> np.ndarray | None:
 def board_points(board: tuple[int, int], square: float) -> np.ndarray:
     """The same corners on the board, (columns x rows, 3) [m]."""
     column, row = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
-    return np.stack([column.ravel(), row.ravel(), np.zeros(column.size)], axis=1).astype(np.float32) * np.float32(
-        square
-    )
+    corners = np.stack([column.ravel(), row.ravel(), np.zeros(column.size)], axis=1)
+    return corners.astype(np.float32) * np.float32(square)
 
 
 def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -> Lens:
@@ -106,10 +114,7 @@ def calibrate(pictures: Sequence[str | Path], board: tuple[int, int] = (9, 6)) -
     sizes = {image.shape for _, image in images}
     if len(sizes) > 1:
         raise SceneError(f"calibration: pictures of different sizes, {sorted(sizes)}; allowed: one size, the video's")
-    found = []
-    for c in (corners(image, board) for _, image in images):
-        if c is not None:
-            found.append(c)
+    found = [there for _, image in images if (there := corners(image, board)) is not None]
     if len(found) < fewest_pictures:
         raise SceneError(
             f"calibration: a board of {board[0]} x {board[1]} inner corners found in {len(found)} of {len(images)} "
@@ -141,11 +146,11 @@ def _lens(found: list[np.ndarray], board: tuple[int, int], size: tuple[int, int]
         error, matrix, bending, *_ = cv2.calibrateCamera(points, found, size, None, None, flags=flags)
     except cv2.error:
         return None
-    focus = matrix[[0, 1], [0, 1]]
-    sensible = (focus > 0).all() and (focus < LONGEST_FOCUS * size[0]).all()
-    if not (sensible and np.isfinite(error) and np.isfinite(bending).all()):
-        return None
-    return Lens(matrix, np.ravel(bending)[:5], float(error), len(found), size)
+    lens = Lens(matrix, np.ravel(bending)[:5], float(error), len(found), size)
+    sensible = ((lens.focus > 0) & (lens.focus < LONGEST_FOCUS * size[0])).all()
+    if sensible and np.isfinite(error) and np.isfinite(bending).all():
+        return lens
+    return None
 
 
 def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, int], square: float) -> Plane:
@@ -167,10 +172,7 @@ def plane_from_board(picture: str | Path, lens: Lens | None, board: tuple[int, i
         )
     straight = found.astype(float) if lens is None else lens.straighten(found)
     homography, _ = opencv().findHomography(straight, board_points(board, square)[:, :2].astype(float))
-    if lens is None:
-        middle = (np.array(image.shape[::-1]) - 1) / 2
-    else:
-        middle = lens.matrix[:2, 2]
+    middle = (np.array(image.shape[::-1]) - 1) / 2 if lens is None else lens.centre
     return Plane(_level_homography(homography, middle))
 
 

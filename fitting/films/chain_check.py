@@ -30,14 +30,14 @@ MOVES = 0.15
 LARGEST_ERROR = 0.2
 
 
-def why_no_chain(positions: np.ndarray, detected: np.ndarray, marks: Marks, error: np.ndarray) -> str:
+def why_no_chain(positions: np.ndarray, marks: Marks, error: np.ndarray) -> str:
     """Why the circles do not move as a chain; empty if they do.
 
     Args:
-        positions: (k, n, 2) in the plane of motion; detected: (k, n).
+        positions: (k, n, 2) in the plane of motion, NaN if not detected.
         error: standard errors of the angles (k, n - 1) [rad], NaN for missing samples.
     """
-    _, length, deviation = robust_lengths(positions, detected)
+    _, length, deviation = robust_lengths(positions)
     change = deviation / np.maximum(length, 1e-9)
     worst = int(np.argmax(change))
     if change[worst] > LENGTH_CHANGE:
@@ -45,23 +45,22 @@ def why_no_chain(positions: np.ndarray, detected: np.ndarray, marks: Marks, erro
     share = float(marks.frames.mean())
     if share > MARKED_SHARE:
         return f"nodes swap, jump or violate the lengths of their links in {100 * share:.0f} % of the frames"
-    if jerk := _why_jerky(positions, detected, float(np.mean(length))):
+    if jerk := _why_jerky(positions, float(np.mean(length))):
         return jerk
-    known = np.isfinite(error)
-    for j in range(error.shape[1]):
-        if known[:, j].any() and (typical := float(np.median(error[known[:, j], j]))) > LARGEST_ERROR:
-            return f"the angle of link {j + 1} has a standard error of {typical:.2g} rad"
-        if (good := int((error[known[:, j], j] <= LARGEST_ERROR).sum())) < FEWEST:
-            return f"link {j + 1} is seen in {good} frames, fewer than {FEWEST}"
+    for j, column in enumerate(error.T, 1):
+        known = column[np.isfinite(column)]
+        if len(known) and (typical := float(np.median(known))) > LARGEST_ERROR:
+            return f"the angle of link {j} has a standard error of {typical:.2g} rad"
+        if (good := int((known <= LARGEST_ERROR).sum())) < FEWEST:
+            return f"link {j} is seen in {good} frames, fewer than {FEWEST}"
     return ""
 
 
-def _why_jerky(positions: np.ndarray, detected: np.ndarray, length: float) -> str:
+def _why_jerky(positions: np.ndarray, length: float) -> str:
     """Why the nodes do not move as masses do; empty if they do."""
-    smooth = False
-    tested = False
-    for k in range(detected.shape[1]):
-        frames = np.flatnonzero(detected[:, k])
+    ratios = []
+    for k in range(positions.shape[1]):
+        frames = np.flatnonzero(np.isfinite(positions[:, k, 0]))
         if len(frames) < FEWEST:
             continue
         here = positions[frames, k]
@@ -70,12 +69,11 @@ def _why_jerky(positions: np.ndarray, detected: np.ndarray, length: float) -> st
         spread = float(np.sqrt(np.var(here, axis=0).sum()))
         if near.sum() < FEWEST or not spread > 0:
             continue
-        tested = True
         ratio = float(np.median(off[near])) / spread
         low, high = np.percentile(here, (2, 98), axis=0)
         if ratio > JERK and np.linalg.norm(high - low) > MOVES * length:
             return f"node {k} jumps from frame to frame"
-        smooth = smooth or ratio <= JERK
-    if tested and not smooth:
+        ratios.append(ratio)
+    if min(ratios, default=0.0) > JERK:
         return "no node moves"
     return ""

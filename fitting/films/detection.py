@@ -9,6 +9,7 @@ are rejected, so that half a circle is enough. Motion blur lengthens a marker eq
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from itertools import product
 
 import numpy as np
 
@@ -58,11 +59,12 @@ def learn_appearance(
     # radius of the disc to which the difference of two Gaussians responds best [radius]
     responding = 1.15
     best = MarkerAppearance(radius or RADII[0], bool(bright), 0.0)
-    for shade in (True, False) if bright is None else (bright,):
-        for size in RADII if radius is None else (radius / responding,):
-            answers = _spots(image, size, shade)[1]
-            if len(answers) >= nodes and answers[nodes - 1] > best.answer:
-                best = MarkerAppearance(responding * size, shade, float(answers[nodes - 1]))
+    shades = (True, False) if bright is None else (bright,)
+    sizes = RADII if radius is None else (radius / responding,)
+    for shade, size in product(shades, sizes):
+        answers = _spots(image, size, shade)[1]
+        if len(answers) >= nodes and answers[nodes - 1] > best.answer:
+            best = MarkerAppearance(responding * size, shade, float(answers[nodes - 1]))
     if best.answer < 2.0:  # grey levels above the noise
         return replace(best, answer=0.0)
     for _ in range(3):  # the search radius for the rim depends on the radius
@@ -106,9 +108,7 @@ def _at(image: np.ndarray, appearance: MarkerAppearance, seeds: np.ndarray) -> C
         return NONE
     smooth = opencv().GaussianBlur(image, (0, 0), 0.8).astype(np.float32)
     circles = _fit(smooth, seeds, appearance)
-    if len(circles):
-        return _distinct(_fit(smooth, circles.centre, appearance), appearance)
-    return NONE
+    return _distinct(_fit(smooth, circles.centre, appearance), appearance) if len(circles) else NONE
 
 
 def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -124,11 +124,11 @@ def _spots(image: np.ndarray, radius: float, bright: bool) -> tuple[np.ndarray, 
     answer = cv2.GaussianBlur(small, (0, 0), 0.6 * r) - cv2.GaussianBlur(small, (0, 0), 1.2 * r)
     answer = answer if bright else -answer
     reach = 2 * int(np.ceil(0.7 * r)) + 1
-    row, column = np.nonzero((answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0))
-    strength = answer[row, column]
+    where = np.argwhere((answer == cv2.dilate(answer, np.ones((reach, reach), np.uint8))) & (answer > 0))
+    strength = answer[tuple(where.T)]
     order = np.argsort(-strength)[:200]
-    factor = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
-    return (np.stack([column, row], axis=1)[order] + 0.5) * factor - 0.5, strength[order]
+    factor = np.array(image.shape) / small.shape
+    return ((where[order] + 0.5) * factor - 0.5)[:, ::-1], strength[order]
 
 
 #: Minimum fraction of rays that show an edge.
@@ -142,11 +142,12 @@ WEAKEST = 0.85
 def _fit(image: np.ndarray, seeds: np.ndarray, appearance: MarkerAppearance) -> Circles:
     """A circle around each seed (m, 2); those without enough of an edge are omitted."""
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
-    ray = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ray = np.column_stack([np.cos(angle), np.sin(angle)])
     along = np.arange(0.0, 1.8 * appearance.radius + RAY_STEP, RAY_STEP)
     edge, contrast = _edges(_brightness(image, seeds, ray, along), along, appearance)
     centre, radius, error, used = _circle(edge, ray, appearance.radius)
-    good = (used >= SHOWN_RAYS) & (radius > WEAKEST * appearance.radius) & (radius < LARGEST_RADIUS * appearance.radius)
+    size = radius / appearance.radius
+    good = (used >= SHOWN_RAYS) & (size > WEAKEST) & (size < LARGEST_RADIUS)
     good &= (np.hypot(*centre.T) < appearance.radius) & (contrast > 0.6 * appearance.contrast)
     return Circles(seeds + centre, error, radius, used, contrast).pick(good)
 
@@ -159,28 +160,25 @@ def _brightness(image: np.ndarray, seeds: np.ndarray, ray: np.ndarray, along: np
     # in pieces: remap takes pictures of less than 32768 rows
     parts = []
     for part in np.array_split(flat, max(1, len(flat) // 20000)):
-        parts.append(cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        parts.append(cv2.remap(image, part, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
     return np.concatenate(parts).reshape(len(seeds), RAYS, along.size)
 
 
 def _edges(light: np.ndarray, along: np.ndarray, appearance: MarkerAppearance) -> tuple[np.ndarray, np.ndarray]:
     """Distance (m, rays) at which each ray crosses half way from inside to outside, otherwise NaN; contrast (m,)."""
-    inside = np.median(light[..., along <= 0.5 * appearance.radius], axis=(1, 2))
-    rim = (along > 1.25 * appearance.radius) & (along < 1.6 * appearance.radius)
-    outside = np.median(light[..., rim], axis=(1, 2))
-    contrast = (inside - outside) if appearance.bright else (outside - inside)
-    half = 0.5 * (inside + outside)
-    if appearance.bright:
-        above = light > half[:, None, None]
-    else:
-        above = light < half[:, None, None]
-    last = np.argmin(above, axis=2)  # the first sample beyond the edge
-    known = above[..., 0] & (last > 0) & (contrast > 0.3 * appearance.answer)[:, None]
+    light = light if appearance.bright else -light
+    at = along / appearance.radius
+    inside = np.median(light[..., at <= 0.5], axis=(1, 2))
+    outside = np.median(light[..., (at > 1.25) & (at < 1.6)], axis=(1, 2))
+    contrast = inside - outside
+    over = light - (0.5 * (inside + outside))[:, None, None]
+    last = np.argmin(over > 0, axis=2)  # the first sample beyond the edge
+    known = (over[..., 0] > 0) & (last > 0) & (contrast > 0.3 * appearance.answer)[:, None]
     last = np.maximum(last, 1)[..., None]
-    before = np.take_along_axis(light, last - 1, axis=2)[..., 0]
-    after = np.take_along_axis(light, last, axis=2)[..., 0]
-    step = np.where(after == before, 1.0, after - before)
-    return np.where(known, along[last[..., 0] - 1] + RAY_STEP * (half[:, None] - before) / step, np.nan), contrast
+    before = np.take_along_axis(over, last - 1, axis=2)[..., 0]
+    after = np.take_along_axis(over, last, axis=2)[..., 0]
+    step = np.where(after == before, 1.0, before - after)
+    return np.where(known, along[last[..., 0] - 1] + RAY_STEP * before / step, np.nan), contrast
 
 
 def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray, ...]:
@@ -192,27 +190,26 @@ def _circle(edge: np.ndarray, ray: np.ndarray, usual: float) -> tuple[np.ndarray
     """
     # standard deviation of an edge point [pixel]
     edge_noise = 0.1
-    design = np.concatenate([ray, np.ones((RAYS, 1))], axis=1)
+    design = np.column_stack([ray, np.ones(RAYS)])
     known = np.isfinite(edge)
     value = np.where(known, edge, usual) - usual
     free, fixed = (np.diag([1e-9, 1e-9, 1 / (spread * usual) ** 2]) for spread in (0.04, 1e-4))  # spread of radii
     near = known & (np.abs(value) < 0.6 * usual)
     weight = near / edge_noise**2
-    found = np.zeros((len(edge), 3))
     for _ in range(8):
         off, found = _solve(design, weight, value, fixed)
         weight = near / (edge_noise * np.maximum(np.abs(off), edge_noise))
-    spread = 1.4826 * np.nanmedian(np.where(near, np.abs(off), np.nan)[near.any(axis=1)], axis=1)
-    limit = np.zeros(len(edge))
-    limit[near.any(axis=1)] = np.maximum(3 * spread, 2 * edge_noise)
-    used = near & (np.abs(off) < limit[:, None])
+    off = np.where(near, np.abs(off), np.nan)
+    off[~near.any(axis=1)] = np.inf
+    spread = 1.4826 * np.nanmedian(off, axis=1, keepdims=True)
+    used = off < np.maximum(3 * spread, 2 * edge_noise)
     off, found = _solve(design, used / edge_noise**2, value, free)
     count = used.sum(axis=1)
     variance = (used * off**2).sum(axis=1) / np.maximum(count - 2, 1)
     inverse = np.linalg.inv(np.einsum("mr,ri,rj->mij", used, ray, ray) + 1e-9 * np.eye(2))
     # neighbouring rays share pixels: at most one independent edge point per pixel of the rim
     shared = max(1.0, RAYS / (2 * np.pi * usual))
-    error = np.sqrt(shared * variance * 0.5 * (inverse[:, 0, 0] + inverse[:, 1, 1]))
+    error = np.sqrt(shared * variance * 0.5 * np.trace(inverse, axis1=1, axis2=2))
     # an obstacle that hides part of the rim shifts the centre by as much as it reduces the radius (behind posts by 0.9
     # to 2 times as much)
     error = np.where(count < 0.95 * RAYS, np.hypot(error, 1.2 * found[:, 2]), error)

@@ -45,7 +45,7 @@ class Flat:
         """Intersection of the camera's axis with the picture (2,) [pixel]."""
         if self.lens is None:
             return (np.array(self.size) - 1) / 2
-        return self.lens.matrix[:2, 2]
+        return self.lens.centre
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
         """Flat pixels (..., 2) of pixels of the video (..., 2)."""
@@ -82,10 +82,7 @@ class Flat:
     def _tilt_points(self, points: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         pan, pitch, bending, focus = parameters
         # usual focal length: 1.25 image widths
-        if self.lens is None:
-            usual = 1.25 * self.size[0] * np.ones(2)
-        else:
-            usual = self.lens.matrix[[0, 1], [0, 1]]
+        usual = 1.25 * self.size[0] if self.lens is None else self.lens.focus
         size = usual * np.exp(focus)
         ray = bent = (points - self.middle) / size
         for _ in range(6):  # bent = ray (1 + k1 |ray|^2)
@@ -108,35 +105,30 @@ def central_differences(f: Callable[[np.ndarray], np.ndarray], at: np.ndarray, s
     return np.stack([f(at + d) - f(at - d) for d in step * np.eye(np.shape(at)[-1])], axis=-1) / (2 * step)
 
 
-def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) -> Flat:
+def flatten(pixels: np.ndarray, flat: Flat, fps: float) -> Flat:
     """The map that minimises the variation of the links' lengths.
 
     Args:
-        pixels: (k, n, 2) of the video; seen: (k, n).
+        pixels: (k, n, 2) of the video, NaN if not detected.
     """
     # maximum values of pan, pitch, k1 and log(focus / usual)
     parameter_limits = np.array([0.6, 0.6, 0.6, 0.9])
-    both = detected_links(detected)
-    keep = np.flatnonzero(both.any(axis=1))
-    if len(keep):
-        keep = keep[np.unique(np.linspace(0, len(keep) - 1, 300).astype(int))]
-    spread = flat.spread
+    keep = np.flatnonzero(np.isfinite(link_lengths(pixels)).any(axis=1))
+    keep = keep[spread_out(len(keep), 300)]
     positions = pixels[keep]
-    both = both[keep]
+    lengths = link_lengths(positions)
+    both = np.isfinite(lengths)
+    spread = flat.spread
     if both.sum() < 10 * len(spread):
         return flat
 
     def off(parameters: np.ndarray) -> np.ndarray:
         log = np.log(np.maximum(link_lengths(replace(flat, parameters=parameters)(positions)), 1e-9))
-        mean = np.sum(np.where(both, log, 0.0), axis=0) / np.maximum(both.sum(axis=0), 1)
-        return np.where(both, log - mean, 0.0)
+        return np.nan_to_num(log - np.nansum(log, axis=0) / np.maximum(both.sum(axis=0), 1))
 
-    size = np.nanmedian(np.where(both, link_lengths(positions), np.nan), axis=0)
-    if flat.parameters is None:
-        found = np.zeros(len(spread))
-    else:
-        found = flat.parameters
-    noise = np.full(both.shape[1], 0.3) / size
+    size = np.nanmedian(lengths, axis=0)
+    found = np.zeros(len(spread)) if flat.parameters is None else flat.parameters
+    noise = 0.3 / size
     for _ in range(3):
         result = least_squares(
             lambda p, noise=noise: np.concatenate([(off(p) / noise).ravel(), p / spread]),
@@ -145,15 +137,20 @@ def flatten(pixels: np.ndarray, detected: np.ndarray, flat: Flat, fps: float) ->
             loss="soft_l1",
         )
         found = result.x
-        left = np.where(both, off(found), np.nan)
+        left = np.where(both, np.abs(off(found)), np.nan)
         # noise of a centre: at least 0.03 pixels
-        noise = np.maximum(1.4826 * np.nanmedian(np.abs(left), axis=0), 0.03 / size)
+        noise = np.maximum(1.4826 * np.nanmedian(left, axis=0), 0.03 / size)
         noise = np.where(np.isfinite(noise), noise, np.nanmedian(noise))
     return replace(flat, parameters=found, covariance=_covariance(off, found, noise, spread, keep, fps))
 
 
+def spread_out(count: int, most: int) -> np.ndarray:
+    """At most `most` of the numbers below `count`, spread evenly from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, most).astype(int))[:count]
+
+
 def link_lengths(positions: np.ndarray) -> np.ndarray:
-    """Lengths (k, n - 1) of positions (k, n, 2)."""
+    """Lengths (k, n - 1) of positions (k, n, 2); NaN unless both ends are known."""
     return np.linalg.norm(np.diff(positions, axis=1), axis=-1)
 
 
@@ -162,33 +159,32 @@ def detected_links(detected: np.ndarray) -> np.ndarray:
     return detected[..., 1:] & detected[..., :-1]
 
 
-def robust_lengths(positions: np.ndarray, detected: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lengths (k, n - 1) of links, NaN unless both ends are detected, their medians and robust deviations (n - 1,).
+def robust_lengths(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lengths (k, n - 1) of links, their medians and robust deviations (n - 1,).
 
     Both are zero for a link that is never detected.
+
+    Args:
+        positions: (k, n, 2), NaN if not detected.
     """
-    lengths = np.where(detected_links(detected), link_lengths(positions), np.nan)
+    lengths = link_lengths(positions)
     known = np.where(np.isfinite(lengths).any(axis=0), lengths, 0.0)
     usual = np.nanmedian(known, axis=0)
     return lengths, usual, 1.4826 * np.nanmedian(np.abs(known - usual), axis=0)
 
 
-def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray, detected: np.ndarray) -> float:
+def level_error(flat: Flat, others: list[Flat], pixels: np.ndarray) -> float:
     """Standard error [rad] of a rotation of the whole picture, which lengths do not show, by the jackknife.
 
     Args:
         others: the same map with the lens and plane from all pictures of the board but one, for each.
-        pixels: (k, n, 2) of the video; seen: (k, n).
+        pixels: (k, n, 2) of the video, NaN if not detected.
     """
-    rows = np.unique(np.linspace(0, len(pixels) - 1, 20).astype(int))
+    rows = pixels[spread_out(len(pixels), 20)]
     if len(others) < 3 or not len(rows):
         return 0.0
-    both = detected_links(detected[rows])
-    turns = []
-    for each in others:
-        here = np.diff(flat(pixels[rows]), axis=1)[both] @ [1.0, 1j]
-        there = np.diff(each(pixels[rows]), axis=1)[both] @ [1.0, 1j]
-        turns.append(float(np.angle(np.sum(there * here.conj()))))
+    links = [np.diff(to(rows), axis=1) @ [1.0, 1j] for to in (flat, *others)]
+    turns = np.angle([np.nansum(link * links[0].conj()) for link in links[1:]])
     return float(np.sqrt((len(turns) - 1) * np.var(turns)))
 
 

@@ -7,16 +7,15 @@ searched for between the positions before and after.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from fitting.films.appearance import map_circles
 from fitting.films.detection import Circles
 from fitting.films.flattening import Flat, flatten, robust_lengths
 from fitting.films.hindsight import TrackedChain, fill_missed, reverse_chain
-from fitting.films.identity import Follower, length_errors
+from fitting.films.identity import follow, length_errors
 from fitting.films.marks import find_marks
 from fitting.films.ordering import (
     AmbiguousOrderError,
@@ -34,16 +33,6 @@ from fitting.films.ordering import (
 
 #: Changes [tolerances] up to which another order is equally good.
 AS_GOOD = 3.0
-
-
-def follow(circles: list[Circles], chain: Chain) -> np.ndarray:
-    """Number of each node's circle in each frame (k, n), -1 if not detected, followed from `chain.at` both ways."""
-    found = np.full((len(circles), len(chain.positions)), -1)
-    for way in (1, -1):
-        follower = Follower(chain, way)
-        for i in range(chain.at, len(circles) if way > 0 else -1, way):
-            found[i] = follower.advance(circles[i])
-    return found
 
 
 def follow_film(
@@ -65,48 +54,48 @@ def follow_film(
     Raises:
         SceneError: no chain, or no circles at `start`; AmbiguousOrderError: several orders fit.
     """
-    mapped = map_circles(circles, flat)
+    centres = [each.centre for each in circles]
+    mapped = map_centres(centres, flat)
     if start is None:
-        chain = clearest_chain([each.centre for each in mapped], nodes, radius, fps)
+        chain = clearest_chain(mapped, nodes, radius, fps)
     else:
-        chain = named_chain(mapped, circles, np.asarray(start, float), flat, radius, fps)
+        chain = named_chain(mapped, centres, np.asarray(start, float), flat, radius, fps)
     straight = chain is None
     if chain is None:
         chain = chain_in_line(mapped, nodes)
     for _ in range(3):
         found = follow(mapped, chain)
-        flat = flatten(_of_nodes([each.centre for each in circles], found), found >= 0, flat, fps)
-        mapped = map_circles(circles, flat)
-        positions = _of_nodes([each.centre for each in mapped], found)
-        still = resting(positions, radius, nodes)
-        chain, changed = _learn(positions, chain, still, start is None and not straight)
+        flat = flatten(_of_nodes(centres, found), flat, fps)
+        mapped = map_centres(centres, flat)
+        positions = _of_nodes(mapped, found)
+        chain, changed = _learn(positions, chain, resting(positions, radius, nodes), start is None and not straight)
         if not changed:
             break
     found = follow(mapped, chain)
-    detected = found >= 0
-    pixels = np.nan_to_num(_of_nodes([each.centre for each in circles], found))
-    positions = _of_nodes([each.centre for each in mapped], found)
+    pixels = np.nan_to_num(_of_nodes(centres, found))
+    positions = _of_nodes(mapped, found)
     still = resting(positions, radius, nodes)
     if start is None:
         straight = _check_order(positions, pixels, still, straight)
-    error = _of_nodes([each.error for each in circles], found)
-    marks = find_marks(np.nan_to_num(positions), detected)
+    marks = find_marks(np.nan_to_num(positions), found >= 0)
     # a single frame between gaps has no confirmation yet: with hindsight it is accepted again where it fits
-    well = detected & ~marks.swapped & ~marks.jumped
+    well = (found >= 0) & ~marks.nodes
     beside = np.pad(well, ((1, 1), (0, 0)))
-    dropped = detected & ~(well & (beside[:-2] | beside[2:]))
-    error = np.where(dropped, np.nan, error)
-    result = TrackedChain(positions, pixels, error, detected & ~dropped, chain, flat, still, straight)
-    fill_missed(result, mapped, circles, np.where(dropped, -1, found))
-    if start is None and turn_round(_ends(result), still, first):
+    detected = well & (beside[:-2] | beside[2:])
+    found = np.where(detected, found, -1)
+    error = _of_nodes([each.error for each in circles], found)
+    result = TrackedChain(positions, pixels, error, detected, chain, flat, still, straight)
+    fill_missed(result, mapped, circles, found)
+    # positions of the nodes, each at its first detection
+    begin = result.flat[np.argmax(result.detected, axis=0), np.arange(nodes)]
+    if start is None and turn_round(begin, still, first):
         result = reverse_chain(result)
     return result
 
 
-def _ends(found: TrackedChain) -> np.ndarray:
-    """Positions of the nodes, each at its first detection."""
-    when = np.argmax(found.detected, axis=0)
-    return found.flat[when, np.arange(len(when))]
+def map_centres(centres: list[np.ndarray], to: Callable[[np.ndarray], np.ndarray]) -> list[np.ndarray]:
+    """The centres of the circles (m, 2) of each frame, mapped by `to`: points (m, 2) to points (m, 2)."""
+    return np.split(to(np.concatenate(centres)), np.cumsum([len(each) for each in centres])[:-1])
 
 
 def _of_nodes(values: list[np.ndarray], found: np.ndarray) -> np.ndarray:
@@ -126,25 +115,22 @@ def _learn(tracks: np.ndarray, chain: Chain, still: np.ndarray, order: bool) -> 
     path = np.arange(len(still))
     changed = False
     if order and len(still) > 2:
-        found = _orders(tracks, still)
-        line = on_a_line(tracks) if len(found) > 1 else None
-        best = found[0] if found else path
-        if line is not None:
-            best = line
+        best, *others = _orders(tracks, still) or [path]
+        if others:
+            line = on_a_line(tracks)
+            best = best if line is None else line
         if not np.array_equal(best, path) and not np.array_equal(best[::-1], path):
             path = best
             changed = True
     tracks = tracks[:, path]
     detected = np.isfinite(tracks[..., 0])
-    length, new, spread = robust_lengths(tracks, detected)
+    length, new, spread = robust_lengths(tracks)
     known = np.isfinite(length).any(axis=0)
     new = np.where(known, new, chain.length)
     spread = np.where(known, spread, 3.0)
     # from the frame that shows all nodes with the best-fitting lengths
-    off = np.where(np.isfinite(length), np.abs(length - new) / np.hypot(0.3, spread), np.inf).max(axis=1)
-    at = chain.at
-    if np.isfinite(off.min()):
-        at = int(np.argmin(off))
+    off = np.nan_to_num(np.abs(length - new) / np.hypot(0.3, spread), nan=np.inf).max(axis=1)
+    at = int(np.argmin(off)) if np.isfinite(off.min()) else chain.at
     if not detected[at].all():
         return chain, False
     changed = changed or bool((np.abs(new - chain.length) > length_errors(chain)).any()) or at != chain.at
@@ -168,17 +154,16 @@ def _check_order(tracks: np.ndarray, pixels: np.ndarray, still: np.ndarray, stra
     nodes = len(still)
     if nodes <= 2 or straight:
         return straight
-    others = [path for path in _orders(tracks, still) if not np.array_equal(path, np.arange(nodes))]
+    own = np.arange(nodes)
+    others = [path for path in _orders(tracks, still) if not np.array_equal(path, own)]
     if not others:
         return False
     line = on_a_line(tracks)
     if line is not None and (np.abs(np.diff(line)) == 1).all():
         return True
     frame = int(np.argmax(np.isfinite(tracks[..., 0]).sum(axis=1)))
-    orders = [pixels[frame, path] for path in [np.arange(nodes), *others]]
-    count = "many orders"
-    if len(orders) < 50:
-        count = f"{len(orders)} orders"
+    orders = [pixels[frame, path] for path in (own, *others)]
+    count = f"{len(orders)} orders" if len(orders) < 50 else "many orders"
     raise AmbiguousOrderError(
         f"the order of the nodes is not known: in {count} of the {nodes} circles all links keep their lengths; "
         "use a film in which every joint bends, or --start with the nodes' positions in the first frame",
@@ -187,16 +172,16 @@ def _check_order(tracks: np.ndarray, pixels: np.ndarray, still: np.ndarray, stra
     )
 
 
-def chain_in_line(circles: list[Circles], nodes: int) -> Chain:
+def chain_in_line(centres: list[np.ndarray], nodes: int) -> Chain:
     """The chain of markers in a row, if as many circles as nodes always lie on a line.
 
     Raises:
         SceneError: otherwise.
     """
-    counts = [len(each) for each in circles]
+    counts = [len(each) for each in centres]
     if nodes in counts:
         at = counts.index(nodes)
-        tracks = follow_unnamed([each.centre for each in circles[at:]], 0)
+        tracks = follow_unnamed(centres, at)
         line = on_a_line(tracks)
         if line is not None:
             change, mean = changes(tracks)
@@ -211,7 +196,7 @@ def chain_in_line(circles: list[Circles], nodes: int) -> Chain:
 
 
 def named_chain(
-    mapped: list[Circles], circles: list[Circles], named: np.ndarray, flat: Flat, radius: float, fps: float
+    mapped: list[np.ndarray], centres: list[np.ndarray], named: np.ndarray, flat: Flat, radius: float, fps: float
 ) -> Chain:
     """The chain given by the user (n, 2) [pixel of the video] in the first frame.
 
@@ -222,30 +207,26 @@ def named_chain(
         SceneError: a position that is neither.
     """
     # distance of a given position from its circle [radius]
-    near_circle = 3.0
-    nodes = len(named)
-    first = circles[0].centre
+    near_circle = 3.0 * radius
     positions = flat(named)
-    error = np.zeros(nodes)
-    apart = distances(named, first)
-    own = np.full(nodes, -1)
+    apart = distances(named, centres[0])
+    error = np.full(len(named), near_circle)
     for _ in range(min(apart.shape)):  # the nearest pairs first, no circle twice
         k, j = np.unravel_index(np.argmin(apart), apart.shape)
-        if apart[k, j] > near_circle * radius:
+        if apart[k, j] > near_circle:
             break
-        own[k], positions[k] = j, mapped[0].centre[j]
-        apart[k], apart[:, j] = np.inf, np.inf
-    spare = len(first) - int((own >= 0).sum())
+        positions[k] = mapped[0][j]
+        error[k] = 0.0
+        apart[k] = np.inf
+        apart[:, j] = np.inf
+    missing = np.flatnonzero(error)
     # a missing circle may appear within half a second
-    soon = circles[1 : max(2, round(0.5 * fps))]
-    for k in np.flatnonzero(own < 0):
-        comes = any(
-            np.linalg.norm(each.centre - named[k], axis=1).min(initial=np.inf) <= near_circle * radius for each in soon
-        )
-        if spare and not comes:
+    soon = np.concatenate([centres[0][:0], *centres[1 : max(2, round(0.5 * fps))]])
+    away = distances(named, soon).min(axis=1, initial=np.inf)
+    for k in missing[away[missing] > near_circle]:
+        if len(centres[0]) > len(named) - len(missing):
             raise SceneError(
                 f"--start: no separate circle found near node {k}; allowed: positions within 3 radii of the circles"
             )
-        error[k] = near_circle * radius
     length = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     return Chain(positions, length, np.hypot(error[1:], error[:-1]), 0)

@@ -6,17 +6,17 @@ circle there that fits their lengths belongs to it, even if it was unassigned, h
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import distance_transform_edt
 
-from fitting.films.detection import Circles
-from fitting.films.flattening import Flat, detected_links, link_lengths
+from fitting.films.detection import Circles, MarkerAppearance, detect_at
+from fitting.films.flattening import Flat, link_lengths
 from fitting.films.identity import bridge, length_errors
-from fitting.films.ordering import Chain, distances, steps
+from fitting.films.ordering import Chain, distances, fast_step
 
 
 @dataclass
@@ -41,32 +41,47 @@ class TrackedChain:
     straight: bool = False
     exposure: float = 0.0
 
+    def known(self, positions: np.ndarray) -> np.ndarray:
+        """`flat` or `pixels`, NaN if not detected."""
+        return np.where(self.detected[..., None], positions, np.nan)
+
+    def pick(self, frames: slice = slice(None), nodes: slice = slice(None)) -> TrackedChain:
+        """Some frames or nodes of its samples."""
+        arrays = {name: getattr(self, name)[frames, nodes] for name in ("flat", "pixels", "error", "detected")}
+        return replace(self, **arrays)
+
 
 def reverse_chain(found: TrackedChain) -> TrackedChain:
     """The same chain read from its other end."""
     parts = {name: getattr(found.chain, name) for name in ("positions", "length", "spread", "rate", "held")}
     chain = replace(found.chain, **{name: part[::-1] for name, part in parts.items() if part is not None})
-    arrays = {name: getattr(found, name)[:, ::-1] for name in ("flat", "pixels", "error", "detected")}
-    return replace(found, **arrays, chain=chain, resting=found.resting[::-1])
+    return replace(found.pick(nodes=slice(None, None, -1)), chain=chain, resting=found.resting[::-1])
 
 
-def fill_missed(found: TrackedChain, mapped: list[Circles], circles: list[Circles], which: np.ndarray) -> None:
-    """Fill in existing circles that were not assigned, and bridge the rest, in place."""
+def fill_missed(found: TrackedChain, mapped: list[np.ndarray], circles: list[Circles], which: np.ndarray) -> None:
+    """Fill in existing circles that were not assigned, and bridge the rest, in place.
+
+    Args:
+        mapped: centres of the circles of each frame in the plane of motion.
+        which: numbers of the circles that are assigned (k, n), -1 for none.
+    """
 
     def free_circles(i: int) -> tuple[np.ndarray, Circles]:
         free = np.setdiff1d(np.arange(len(circles[i])), which[i])
-        return mapped[i].centre[free], circles[i].pick(free)
+        return mapped[i][free], circles[i].pick(free)
 
     bridge_gaps(found)
     _take(found, free_circles)
     bridge_gaps(found)
 
 
-def detect_again(found: TrackedChain, looked: Callable[[int, np.ndarray], Circles]) -> None:
-    """Search for undetected nodes at their expected positions; `looked` gives the circles there [pixel, video's]."""
+def detect_again(found: TrackedChain, images: Iterable[np.ndarray], appearance: MarkerAppearance) -> None:
+    """Search the frames themselves, in order, for undetected nodes at their expected positions, mainly half hidden."""
+    numbered = enumerate(images)
 
     def there(i: int) -> tuple[np.ndarray, Circles]:
-        circles = looked(i, found.pixels[i, ~found.detected[i]])
+        image = next(image for number, image in numbered if number == i)
+        circles = detect_at(image, appearance, found.pixels[i, ~found.detected[i]])
         apart = distances(circles.centre, found.pixels[i, found.detected[i]])
         circles = circles.pick(np.all(apart > 3.0, axis=1))
         return found.map(circles.centre), circles
@@ -85,20 +100,17 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]
     expected = found.flat.copy()
     # frames to the nearest one in which the node itself is detected
     away = distance_transform_edt(~found.detected, sampling=(1.0, 1e6))
-    moved = steps(found.flat, found.detected)
-    fast = 0.0
-    if len(moved):
-        fast = 0.2 * float(np.percentile(moved, 98))
+    fast = 0.2 * fast_step(found.known(found.flat))
     for i in np.flatnonzero((~found.detected).any(axis=1)):
         flat, circles = there(i)
+        if not len(flat):
+            continue
         for k in np.flatnonzero(~found.detected[i]):
-            if not len(flat):
-                break
             # error [pixel] between samples: there, and per frame from the nearest one
             size = 2.0 + 1.0 * min(away[i, k], 12) + fast * min(away[i, k], 2)
             price = np.linalg.norm(flat - expected[i, k], axis=1) / size
             for j, other in ((k - 1, k - 1), (k, k + 1)):
-                if 0 <= other < found.detected.shape[1] and found.detected[i, other]:
+                if 0 <= j < len(error) and found.detected[i, other]:
                     miss = np.linalg.norm(flat - found.flat[i, other], axis=1) - found.chain.length[j]
                     price = np.maximum(price, np.abs(miss) / error[j])
             best = int(np.argmin(price))
@@ -114,18 +126,17 @@ def _take(found: TrackedChain, there: Callable[[int], tuple[np.ndarray, Circles]
 def bridge_gaps(found: TrackedChain) -> None:
     """Put undetected nodes between the positions before and after, shifted towards their links; in place."""
     frames = np.arange(len(found.detected))
-    for k in range(found.detected.shape[1]):
-        known = found.detected[:, k]
-        if known.all():
-            continue
-        if known.sum() < 2:
-            found.flat[~known, k] = found.flat[known, k][0] if known.any() else found.chain.positions[k]
-            continue
-        # no overshoot in long gaps; before the first and after the last sample the position is constant
-        inside = np.clip(frames[~known], frames[known][0], frames[known][-1])
-        found.flat[~known, k] = PchipInterpolator(frames[known], found.flat[known, k])(inside)
-    error = length_errors(found.chain)
     hidden = ~found.detected
+    for k, gaps in enumerate(hidden.T):
+        known = frames[~gaps]
+        positions = found.flat[known, k]
+        if len(known) > 1:
+            # no overshoot in long gaps; before the first and after the last sample the position is constant
+            inside = np.clip(frames[gaps], known[0], known[-1])
+            found.flat[gaps, k] = PchipInterpolator(known, positions)(inside)
+        else:
+            found.flat[gaps, k] = positions[0] if len(known) else found.chain.positions[k]
+    error = length_errors(found.chain)
     for i in np.flatnonzero(hidden.any(axis=1)):
         found.flat[i] = bridge(found.flat[i], hidden[i], found.chain.length, error)
     found.pixels[hidden] = found.map.back(found.flat[hidden])
@@ -133,35 +144,31 @@ def bridge_gaps(found: TrackedChain) -> None:
 
 def remove_blur(found: TrackedChain) -> TrackedChain:
     """The positions corrected for a long exposure."""
-    share = exposure_share(found.flat, found.detected)
-    shift = share * second_differences(found.flat, found.detected)
+    share = exposure_share(found.known(found.flat))
+    shift = share * second_differences(found.known(found.flat))
     return replace(found, flat=found.flat - shift, exposure=float(np.sqrt(24 * share)))
 
 
-def second_differences(positions: np.ndarray, detected: np.ndarray) -> np.ndarray:
-    """Second differences (k, n, 2) of the positions (k, n, 2), zero if a neighbour in time is missing."""
-    found = np.zeros_like(positions)
-    whole = detected[1:-1] & detected[:-2] & detected[2:]
-    found[1:-1] = np.where(whole[..., None], positions[2:] - 2 * positions[1:-1] + positions[:-2], 0.0)
-    return found
+def second_differences(positions: np.ndarray) -> np.ndarray:
+    """Second differences (k, n, 2) of the positions (k, n, 2), zero if a neighbour in time is missing (NaN)."""
+    return np.pad(np.nan_to_num(np.diff(positions, 2, axis=0)), ((1, 1), (0, 0), (0, 0)))
 
 
 #: Deviations beyond 3 standard deviations count as much as one there.
 OUTLYING = 3.0
 
 
-def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
-    """c of the film, 0 if the lengths do not show it; positions (k, n, 2), seen (k, n)."""
-    change = second_differences(positions, detected)
-    link = np.diff(positions, axis=1)
-    length = np.maximum(link_lengths(positions), 1e-9)
-    slope = np.sum(np.diff(change, axis=1) * link, axis=-1) / length
-    usable = detected & change.any(axis=-1)
-    known = detected_links(usable)
+def exposure_share(positions: np.ndarray) -> float:
+    """c of the film, 0 if the lengths do not show it; positions (k, n, 2), NaN if not detected."""
+    change = second_differences(positions)
+    usable = np.where(change.any(axis=-1, keepdims=True), positions, np.nan)
+    length = np.maximum(link_lengths(usable), 1e-9)
+    slope = np.sum(np.diff(change, axis=1) * np.diff(positions, axis=1), axis=-1) / length
     parts = [np.zeros((2, 0))]
-    for here, *pair in zip(known.T, slope.T, length.T, strict=True):
-        if here.sum() >= 10:
-            parts.append(np.stack([values[here] - values[here].mean() for values in pair]))
+    for pair in np.stack([slope, length]).transpose(2, 0, 1):
+        known = pair[:, np.isfinite(pair[1])]
+        if known.shape[1] >= 10:
+            parts.append(known - known.mean(axis=1, keepdims=True))
     x, y = np.concatenate(parts, axis=1)
     if not np.sum(x**2) > 0:
         return 0.0
@@ -174,6 +181,4 @@ def exposure_share(positions: np.ndarray, detected: np.ndarray) -> float:
         weight = np.minimum(1.0, OUTLYING * scale / np.maximum(off, 1e-12))
     error = scale / np.sqrt(np.sum(weight * x**2))
     # at most c of an exposure as long as a frame; below 4 standard errors nothing is corrected
-    if share > 4.0 * error:
-        return min(share, 1 / 24)
-    return 0.0
+    return min(share, 1 / 24) if share > 4.0 * error else 0.0

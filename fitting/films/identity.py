@@ -10,9 +10,10 @@ within its reach fits the lengths, because the expectation for a node that was h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from fitting.films.detection import Circles
 from fitting.films.ordering import Chain, distances
 
 #: Fastest step before any was observed, in mean links.
@@ -48,8 +49,8 @@ class Follower:
         self.past = [chain.positions]
         if chain.rate is not None:
             self.past.append(chain.positions - direction * chain.rate)
-        self.held = np.zeros(len(chain.positions), bool) if chain.held is None else chain.held
         self.lost = np.zeros(len(chain.positions), int)
+        self.held = np.zeros(len(chain.positions), bool) if chain.held is None else chain.held
         self.last_positions = chain.positions
         self.fastest = FIRST_STEP * float(np.mean(chain.length))
         self.length_error = length_errors(chain)
@@ -58,10 +59,14 @@ class Follower:
         """Positions (n, 2) expected in the next frame: by a parabola through the last three, or a line through two."""
         if len(self.past) == 1:
             return self.past[0]
-        guess = 2 * self.past[0] - self.past[1]
-        if len(self.past) > 2:
-            guess = 3 * self.past[0] - 3 * self.past[1] + self.past[2]
+        guess = self.past[0] + self._differences(1) + self._differences(2)
         return self._at_rest(self._bridge(guess, self.lost > 0))
+
+    def _differences(self, order: int) -> np.ndarray:
+        """The last differences (n, 2) in time of first or second order; 0 before there are any."""
+        if len(self.past) <= order:
+            return np.zeros_like(self.past[0])
+        return np.diff(self.past[order::-1], order, axis=0)[0]
 
     def _at_rest(self, positions: np.ndarray) -> np.ndarray:
         """The positions (n, 2) with resting nodes at their own."""
@@ -70,21 +75,19 @@ class Follower:
     def _errors(self) -> np.ndarray:
         # minimum error of an expected position [pixel]
         floor = 1.5
-        step = np.zeros(len(self.lost))
-        change = np.full(len(self.lost), max(4.0, FIRST_CHANGE * float(np.mean(self.chain.length))))
-        if len(self.past) > 1:
-            step = np.linalg.norm(self.past[0] - self.past[1], axis=1)
+        step = np.linalg.norm(self._differences(1), axis=1)
+        change = max(4.0, FIRST_CHANGE * float(np.mean(self.chain.length)))
         if len(self.past) > 2:
-            change = np.linalg.norm(self.past[0] - 2 * self.past[1] + self.past[2], axis=1)
+            change = np.linalg.norm(self._differences(2), axis=1)
         return np.where(self.held, floor, (floor + STEP_SHARE * step + CHANGE_SHARE * change) * (1.0 + self.lost))
 
-    def advance(self, circles: Circles) -> np.ndarray:
-        """Process the next frame; returns for each node the number of its circle, or -1 if undetected (n,)."""
+    def advance(self, centres: np.ndarray) -> np.ndarray:
+        """Process the circles (m, 2) of the next frame; returns for each node the number of its circle, or -1 (n,)."""
         guess = self.expected_positions()
-        found = self._assign(circles.centre, guess, self._errors())
+        found = self._assign(centres, guess)
         detected = found >= 0
         positions = self._at_rest(guess)
-        positions[detected] = circles.centre[found[detected]]
+        positions[detected] = centres[found[detected]]
         positions = self._bridge(positions, ~detected & ~self.held)
         steady = np.linalg.norm(positions - self.past[0], axis=1)[detected & (self.lost == 0)]
         self.fastest = max(0.95 * self.fastest, float(steady.max(initial=0.0)))
@@ -93,39 +96,34 @@ class Follower:
         self.past = [positions, *self.past[:2]]
         return found
 
-    def _assign(self, centre: np.ndarray, guess: np.ndarray, error: np.ndarray) -> np.ndarray:
+    def _assign(self, centre: np.ndarray, guess: np.ndarray) -> np.ndarray:
         # penalty for an undetected node, in squared standard deviations: 4 sigma
         lost_price = 16.0
         # penalty for a node that reappears away from its expected position, in squared standard deviations
         return_price = 12.0
         if not len(centre):
             return np.full(len(guess), -1)
-        unary = np.sum((centre[None] - guess[:, None]) ** 2, axis=-1) / error[:, None] ** 2
+        unary = (distances(guess, centre) / self._errors()[:, None]) ** 2
         reach = np.where(self.held, 0.0, REACH + REACH_PER_FRAME * self.lost * self.fastest)
         away = distances(self.last_positions, centre) < reach[:, None]
-        back = (self.lost > 0)[:, None] & away
-        unary = np.where(back, np.minimum(unary, return_price), unary)
-        far = back & (unary >= return_price)
+        far = (self.lost > 0)[:, None] & away & (unary >= return_price)
+        unary[far] = return_price
         unary[unary > 2 * lost_price] = np.inf
-        unary = np.concatenate([unary, np.full((len(guess), 1), lost_price)], axis=1)
-        apart = distances(centre, centre)
-        pair = np.zeros((len(guess) - 1, len(centre) + 1, len(centre) + 1))
-        miss = (apart[None] - self.chain.length[:, None, None]) / self.length_error[:, None, None]
-        pair[:, :-1, :-1] = np.minimum(miss**2, LARGEST_MISS)
+        unary = np.pad(unary, ((0, 0), (0, 1)), constant_values=lost_price)
+        miss = (distances(centre, centre) - self.chain.length[:, None, None]) / self.length_error[:, None, None]
+        pair = np.pad(np.minimum(miss**2, LARGEST_MISS), ((0, 0), (0, 1), (0, 1)))
         pair[:, np.arange(len(centre)), np.arange(len(centre))] = np.inf
         best = _without_doubles(unary, pair)[1]
         return self._confirm_returns(np.where(best == len(centre), -1, best), far, pair)
 
     def _confirm_returns(self, found: np.ndarray, far: np.ndarray, pair: np.ndarray) -> np.ndarray:
         """The assignment (n,) without reappearing nodes far off that no neighbouring link confirms."""
-        found = found.copy()
         for k in np.flatnonzero(found >= 0):
-            if not far[k, found[k]]:
-                continue
-            links = [(j, a, b) for j, a, b in ((k - 1, k - 1, k), (k, k, k + 1)) if 0 <= j < len(pair)]
-            prices = [pair[j, found[a], found[b]] for j, a, b in links if found[a] >= 0 and found[b] >= 0]
-            if not prices or max(prices) > 3.0**2:  # standard deviations of a length
-                found[k] = -1
+            if far[k, found[k]]:
+                links = [j for j in (k - 1, k) if 0 <= j < len(pair) and found[j] >= 0 and found[j + 1] >= 0]
+                prices = [pair[j, found[j], found[j + 1]] for j in links]
+                if max(prices, default=np.inf) > 3.0**2:  # standard deviations of a length
+                    found[k] = -1
         return found
 
     def _bridge(self, positions: np.ndarray, unknown: np.ndarray) -> np.ndarray:
@@ -136,13 +134,22 @@ class Follower:
         """
         if not unknown.any():
             return positions
-        positions = positions.copy()
-        if len(self.past) > 1:
-            rate = self.past[0] - self.past[1]
-        else:
-            rate = np.zeros_like(positions)
-        positions[unknown] = (self.past[0] + rate)[unknown]
+        positions = np.where(unknown[:, None], self.past[0] + self._differences(1), positions)
         return bridge(positions, unknown, self.chain.length, self.length_error)
+
+
+def follow(centres: Sequence[np.ndarray], chain: Chain) -> np.ndarray:
+    """Number of each node's circle in each frame (k, n), -1 if not detected, followed from `chain.at` both ways.
+
+    Args:
+        centres: of the circles (m, 2) of each frame.
+    """
+    found = np.full((len(centres), len(chain.positions)), -1)
+    for way in (1, -1):
+        follower = Follower(chain, way)
+        for i in range(chain.at, len(centres) if way > 0 else -1, way):
+            found[i] = follower.advance(centres[i])
+    return found
 
 
 #: Minimum error of a length [pixel].
@@ -155,9 +162,8 @@ LARGEST_SPREAD = 0.25
 
 def length_errors(chain: Chain) -> np.ndarray:
     """Permitted errors of the links' lengths (n - 1,) [pixel]."""
-    return np.maximum(
-        np.maximum(LENGTH_ERROR, LENGTH_SHARE * chain.length), np.minimum(chain.spread, LARGEST_SPREAD * chain.length)
-    )
+    low = np.maximum(LENGTH_ERROR, LENGTH_SHARE * chain.length)
+    return np.maximum(low, np.minimum(chain.spread, LARGEST_SPREAD * chain.length))
 
 
 def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -165,40 +171,31 @@ def bridge(positions: np.ndarray, unknown: np.ndarray, length: np.ndarray, error
     # error of a bridged position that continues at its rate [pixel]
     bridge_error = 5.0
     positions = positions.copy()
-    move = np.repeat(unknown, 2)
-    expected = positions.reshape(-1)[move].copy()
+    expected = positions[unknown]
+    ends = np.diff(np.eye(len(positions)), axis=0)[:, unknown]  # signs with which a node ends a link
     for _ in range(6):
-        rows, size = _length_rows(positions)
-        rows = rows[:, move] / error[:, None]
-        short = (length - size) / error
-        off = (positions.reshape(-1)[move] - expected) / bridge_error**2
-        normal = rows.T @ rows + np.eye(len(expected)) / bridge_error**2
-        positions.reshape(-1)[move] += np.linalg.solve(normal, rows.T @ short - off)
+        link = np.diff(positions, axis=0)
+        size = np.maximum(np.linalg.norm(link, axis=1), 1e-6)
+        rows = (ends[..., None] * (link / (size * error)[:, None])[:, None]).reshape(len(link), -1)
+        off = (positions[unknown] - expected).ravel() / bridge_error**2
+        normal = rows.T @ rows + np.eye(expected.size) / bridge_error**2
+        move = np.linalg.solve(normal, rows.T @ ((length - size) / error) - off)
+        positions[unknown] += move.reshape(-1, 2)
     return positions
-
-
-def _length_rows(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives (n - 1, 2 n) of the links' lengths by the positions, and the lengths (n - 1,) [pixel]."""
-    link = np.diff(positions, axis=0)
-    size = np.maximum(np.linalg.norm(link, axis=1), 1e-6)
-    rows = np.zeros((len(size), len(positions), 2))
-    j = np.arange(len(size))
-    rows[j, j], rows[j, j + 1] = -link / size[:, None], link / size[:, None]
-    return rows.reshape(len(size), -1), size
 
 
 def _without_doubles(unary: np.ndarray, pair: np.ndarray, depth: int = 0) -> tuple[float, np.ndarray]:
     """The cheapest assignment in which no circle serves two nodes: a shared circle is denied to either in turn."""
     price, states = _viterbi(unary, pair)
-    taken = states[states < unary.shape[1] - 1]
-    double = [c for c in np.unique(taken) if (taken == c).sum() > 1]
-    if not double or depth >= 8:
+    circles, counts = np.unique(states[states < unary.shape[1] - 1], return_counts=True)
+    double = circles[counts > 1]
+    if not len(double) or depth >= 8:
         return price, states
     tries = []
     owners = np.flatnonzero(states == double[0])
     for keeper in owners:
         denied = unary.copy()
-        denied[np.setdiff1d(owners, keeper), double[0]] = np.inf
+        denied[owners[owners != keeper], double[0]] = np.inf
         tries.append(_without_doubles(denied, pair, depth + 1))
     return min(tries, key=lambda found: found[0])
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.films.flattening import detected_links, link_lengths
+from fitting.films.flattening import link_lengths
 from fitting.traces.trace import Convention, Trace
 
 
@@ -29,7 +29,7 @@ def angle_errors(positions: np.ndarray, error: np.ndarray) -> np.ndarray:
     return np.sqrt(error[:, 1:] ** 2 + error[:, :-1] ** 2) / np.maximum(link_lengths(positions), 1e-12)
 
 
-def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, used: np.ndarray) -> np.ndarray:
+def scatter(positions: np.ndarray, fit_error: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Standard errors (k, n - 1) [rad] of the angles, estimated from the errors of the links' lengths.
 
     An error that moves a node across its link also moves it along the link, where the truth is known: the length is
@@ -41,33 +41,28 @@ def scatter(positions: np.ndarray, fit_error: np.ndarray, detected: np.ndarray, 
     It contains all errors that vary with position and direction: vibration, and residual errors of lens and slant.
 
     Args:
-        positions: (k, n, 2), in one unit with `fit_error`; seen: (k, n).
+        positions: (k, n, 2), in one unit with `fit_error`, NaN if not detected.
         used: (k, n - 1) valid samples.
     """
-    link = link_lengths(positions)
-    both = detected_links(detected)
-    expected = angle_errors(positions, np.where(detected, fit_error, 0.0))
-    found = np.full(link.shape, np.nan)
-    for j in range(link.shape[1]):
-        good = both[:, j] & used[:, j]
+    length = link_lengths(positions)
+    found = angle_errors(positions, fit_error)
+    for link, expected, good in zip(length.T, found.T, used.T, strict=True):
+        known = np.isfinite(link)
         # at least ten samples for the scatter of a link
-        good = good if good.sum() >= 10 else both[:, j]
+        good = known & good if (known & good).sum() >= 10 else known
         if good.sum() < 2:
-            found[:, j] = expected[:, j]
             continue
-        variance = expected[good, j] ** 2
-        off = (link[good, j] / np.median(link[good, j]) - 1) ** 2
+        variance = expected[good] ** 2
+        off = (link[good] / np.median(link[good]) - 1) ** 2
         more = float(np.mean(off))
         for _ in range(20):
             weight = 1 / (variance + max(more, 0.0)) ** 2
             more = float(np.sum(weight * (off - variance)) / np.sum(weight))
-        # edges that scatter more than the lengths share pixels: the lengths are right
-        if more < 0:
+        scale = 1.0
+        if more < 0:  # edges that scatter more than the lengths share pixels: the lengths are right
             scale = max(0.3, float(np.sqrt(np.mean(np.minimum(off / variance, 1.0)))))
-        else:
-            scale = 1.0
-        found[:, j] = np.sqrt((scale * expected[:, j]) ** 2 + max(more, 0.0))
-    return np.where(both, found, np.nan)
+        expected[:] = np.sqrt((scale * expected) ** 2 + max(more, 0.0))
+    return found
 
 
 def to_trace(name: str, t: np.ndarray, positions: np.ndarray, error: np.ndarray, valid: np.ndarray) -> Trace:

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import find_objects, label, maximum_filter, median_filter
 
-from fitting.films.detection import Circles
 from fitting.films.flattening import robust_lengths
-from fitting.films.identity import Follower
-from fitting.films.ordering import Chain, distances, rates, steps
+from fitting.films.identity import follow
+from fitting.films.ordering import Chain, distances, fast_step, rates
 
 
 @dataclass(frozen=True)
@@ -35,24 +34,27 @@ class Marks:
     length: np.ndarray
 
     @property
+    def nodes(self) -> np.ndarray:
+        """Samples of nodes (k, n) that are wrong."""
+        return self.swapped | self.jumped
+
+    @property
     def frames(self) -> np.ndarray:
         """Which frames (k,) are marked."""
-        return np.any(self.swapped | self.jumped, axis=1) | np.any(self.length, axis=1)
+        return np.any(self.links, axis=1)
 
     @property
     def links(self) -> np.ndarray:
         """Samples of links (k, n - 1) that are unreliable."""
-        nodes = self.swapped | self.jumped
-        return self.length | nodes[:, 1:] | nodes[:, :-1]
+        return self.length | self.nodes[:, 1:] | self.nodes[:, :-1]
 
     def spans(self, t: np.ndarray) -> list[dict[str, Any]]:
         """Stretches of marked frames: from_s, to_s [s], nodes, and why (swapped, jumped, length)."""
         found = []
         for part in stretches(self.frames):
-            nodes = (self.swapped | self.jumped)[part].any(axis=0)
-            links = self.length[part].any(axis=0)
+            nodes = self.nodes[part].any(axis=0)
             if not nodes.any():
-                nodes = np.append(links, False) | np.insert(links, 0, False)
+                nodes = _ends_of(self.length[part]).any(axis=0)
             found.append(
                 {
                     "from_s": float(t[part.start]),
@@ -62,6 +64,12 @@ class Marks:
                 }
             )
         return found
+
+
+def _ends_of(links: np.ndarray) -> np.ndarray:
+    """Which nodes (k, n) are at an end of the links in a mask (k, n - 1)."""
+    wide = np.pad(links, ((0, 0), (1, 1)))
+    return wide[:, 1:] | wide[:, :-1]
 
 
 def stretches(which: np.ndarray) -> list[slice]:
@@ -79,63 +87,53 @@ LENGTH_SHARE = 0.015
 
 def find_marks(positions: np.ndarray, detected: np.ndarray) -> Marks:
     """Marks of positions (k, n, 2) [pixel of the plane of motion], `detected` (k, n) of which are measured."""
-    lengths, usual, deviation = robust_lengths(positions, detected)
+    known = np.where(detected[..., None], positions, np.nan)
+    lengths, usual, deviation = robust_lengths(known)
     length = np.abs(lengths - usual) > np.maximum(
         WRONG_LENGTH * deviation, np.hypot(LENGTH_ERROR, LENGTH_SHARE * usual)
     )
-    swapped = _swapped_names(positions, detected, length, usual, deviation)
+    # two nodes closer than 0.05 links may have either name
+    near = distances(positions, positions) + 1e9 * np.eye(len(usual) + 1) <= 0.05 * np.median(usual)
+    swapped = _swapped_names(known, length, usual, deviation) & ~near.any(axis=2)
     # samples that are already marked must not make their neighbours in time look wrong
-    wrong = swapped.copy()
-    wrong[:, 1:] |= length
-    wrong[:, :-1] |= length
-    return Marks(swapped, _jumps(positions, detected & ~wrong, float(np.median(usual))), length)
+    wrong = swapped | _ends_of(length)
+    jumped = _jumps(np.where(wrong[..., None], np.nan, known), float(np.median(usual)))
+    return Marks(swapped, jumped, length)
 
 
-def _swapped_names(
-    positions: np.ndarray, detected: np.ndarray, wrong: np.ndarray, usual: np.ndarray, deviation: np.ndarray
-) -> np.ndarray:
+def _swapped_names(positions: np.ndarray, wrong: np.ndarray, usual: np.ndarray, deviation: np.ndarray) -> np.ndarray:
     """Samples (k, n) whose position is assigned to another node when all are named again."""
+    detected = np.isfinite(positions[..., 0])
+    swapped = detected.copy()
     parts = stretches(np.all(detected, axis=1) & ~np.any(wrong, axis=1))
     if not parts:
-        return np.zeros(detected.shape, bool)
+        return np.zeros_like(swapped)
     long = min(12, max(part.stop - part.start for part in parts))
     middles = [(part.start + part.stop) // 2 for part in parts if part.stop - part.start >= long]
-    first = middles[0]
-    last = middles[-1]
-    runs = [(first, len(positions), 1), (first, -1, -1), (last, len(positions), 1), (last, -1, -1)]
-    asked = np.zeros(len(positions), int)
-    other = np.zeros(detected.shape, int)
-    for at, stop, way in runs[:2] if first == last else [runs[0], runs[3], runs[1], runs[2]]:
-        rate = rates(np.where(detected[..., None], positions, np.nan), at)
-        follower = Follower(Chain(positions[at], usual, 2 * deviation, at, rate), way)
-        for i in range(at, stop, way):
-            here = np.flatnonzero(detected[i])
-            found = follower.advance(Circles(positions[i, here], *[np.zeros(len(here))] * 4))
-            asked[i] += 1
-            for k in np.flatnonzero(found >= 0):
-                if here[found[k]] != k:
-                    other[i, here[found[k]]] += 1
-    # two nodes closer than 0.05 links may have either name
-    near = distances(positions, positions) + 1e9 * np.eye(detected.shape[1])
-    alone = near.min(axis=2) > 0.05 * np.median(usual)
-    return (other > 0) & (other >= asked[:, None]) & detected & alone
+    centres = [here[known] for here, known in zip(positions, detected, strict=True)]
+    circle = np.where(detected, np.cumsum(detected, axis=1) - 1, -2)
+    for at in {middles[0], middles[-1]}:
+        found = follow(centres, Chain(positions[at], usual, 2 * deviation, at, rates(positions, at)))
+        # by frame, which node got the circle of which one
+        given = found[:, :, None] == circle[:, None]
+        swapped &= (given & ~np.eye(len(usual) + 1, dtype=bool)).any(axis=1)
+    return swapped
 
 
 #: The largest jumps are removed and the others checked again.
 MOST_JUMPS = 6
-
-
 #: Deviation from the neighbouring frames beyond which a node has jumped, in usual deviations.
 JUMP = 8.0
 #: Minimum deviation of a jump, as a fraction of a link.
 SMALLEST_JUMP = 0.15
 
 
-def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
+def _jumps(positions: np.ndarray, length: float) -> np.ndarray:
     """Samples (k, n) off the cubics through the two detected before and the two after them."""
     # number of samples before and after, which give the usual deviation of a position from its neighbours in time
     neighbours = 8
-    result = np.zeros(detected.shape, bool)
+    detected = np.isfinite(positions[..., 0])
+    result = np.zeros_like(detected)
     for k in range(detected.shape[1]):
         for _ in range(MOST_JUMPS):
             frames = np.flatnonzero(detected[:, k] & ~result[:, k])
@@ -150,20 +148,20 @@ def _jumps(positions: np.ndarray, detected: np.ndarray, length: float) -> np.nda
             if not now.any():
                 break
             result[frames[now], k] = True
-    return result | _out_of_reach(positions, detected & ~result, length)
+    return result | _out_of_reach(np.where(result[..., None], np.nan, positions), length)
 
 
 #: A node cannot move by more than nearly the fastest steps and this number of links.
 SPARE_STEP = 0.2
 
 
-def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) -> np.ndarray:
+def _out_of_reach(positions: np.ndarray, length: float) -> np.ndarray:
     """Short runs of samples (k, n) that no node can have reached, also across gaps."""
-    result = np.zeros(detected.shape, bool)
-    moved = steps(positions, detected)
-    if not len(moved):
+    detected = np.isfinite(positions[..., 0])
+    result = np.zeros_like(detected)
+    fastest = 1.5 * fast_step(positions)
+    if not fastest:
         return result
-    fastest = 1.5 * float(np.percentile(moved, 98))
     for k in range(detected.shape[1]):
         frames = np.flatnonzero(detected[:, k])
         way = np.linalg.norm(np.diff(positions[frames, k], axis=0), axis=-1)
@@ -176,17 +174,15 @@ def _out_of_reach(positions: np.ndarray, detected: np.ndarray, length: float) ->
 
 def off_cubic(frames: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Deviations (k,) of positions (k, 2) from the cubic through their neighbours; distance of the inner ones."""
-    t = frames.astype(float)
     off = np.zeros(len(frames))
     apart = np.full(len(frames), 1e9)
-    where = [np.arange(2, len(t) - 2) + step for step in (-2, -1, 1, 2)]
-    now = t[2:-2]
-    guess = np.zeros((len(now), 2))
-    for i in where:
-        share = np.ones(len(now))
-        for j in where:
-            if j is not i:
-                share *= (now - t[j]) / (t[i] - t[j])
+    inner = np.arange(2, len(frames) - 2)
+    near = [inner + step for step in (-2, -1, 1, 2)]
+    times = [frames[i] - frames[inner] for i in near]
+    guess = np.zeros((len(inner), 2))
+    for i, own in zip(near, times, strict=True):
+        share = np.prod([t / (t - own) for t in times if t is not own], axis=0)
         guess += share[:, None] * positions[i]
-    off[2:-2], apart[2:-2] = np.linalg.norm(positions[2:-2] - guess, axis=1), t[where[2]] - t[where[1]]
+    off[inner] = np.linalg.norm(positions[inner] - guess, axis=1)
+    apart[inner] = times[2] - times[1]
     return off, apart

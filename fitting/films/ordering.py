@@ -13,6 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from fitting.films.flattening import spread_out
+
 #: Maximum number of steps in the search for paths.
 MOST_PATH_STEPS = 40_000
 
@@ -64,9 +66,11 @@ def distances(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.linalg.norm(one[..., :, None, :] - other[..., None, :, :], axis=-1)
 
 
-def steps(positions: np.ndarray, detected: np.ndarray) -> np.ndarray:
-    """Lengths (m,) of the steps of positions (k, n, 2) between frames that both show the node."""
-    return np.linalg.norm(np.diff(positions, axis=0), axis=-1)[detected[1:] & detected[:-1]]
+def fast_step(positions: np.ndarray) -> float:
+    """98th percentile of the steps from frame to frame of positions (k, n, 2), NaN if not detected; 0 without any."""
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=-1)
+    known = steps[np.isfinite(steps)]
+    return float(np.percentile(known, 98)) if len(known) else 0.0
 
 
 def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
@@ -89,9 +93,9 @@ def follow_unnamed(frames: list[np.ndarray], begin: int) -> np.ndarray:
             for i, j in zip(*linear_sum_assignment(np.minimum(apart, 1e3)), strict=True):
                 if apart[i, j] < limit[i]:
                     now[i] = centres[j]
-        detected = np.isfinite(now[:, 0])
-        rate = np.where(detected[:, None], now - last, RATE_DECAY * rate)
-        last = np.where(detected[:, None], now, guess)
+        detected = np.isfinite(now)
+        rate = np.where(detected, now - last, RATE_DECAY * rate)
+        last = np.where(detected, now, guess)
         tracks.append(now)
     return np.stack(tracks)
 
@@ -133,11 +137,11 @@ def best_chain(tracks: np.ndarray, nodes: int, radius: float, at: int = 0) -> tu
     for worst in (2.0, 4.0, 8.0):
         found = paths(ratio, still, nodes, worst)
         if found:
-            path = found[0][1]
+            spent, path = found[0]
+            next_best = found[1][0] if len(found) > 1 else worst**2
             pairs = path[:-1], path[1:]
-            margin = min((spent for spent, _ in found[1:]), default=worst**2) - found[0][0]
             chain = Chain(tracks[at, path], mean[pairs], change[pairs], at, rates(tracks[:, path], at))
-            return chain, float(margin)
+            return chain, float(next_best - spent)
     return None, 0.0
 
 
@@ -146,9 +150,7 @@ def rates(tracks: np.ndarray, at: int) -> np.ndarray | None:
     if not 0 < at < len(tracks) - 1:
         return None
     found = 0.5 * (tracks[at + 1] - tracks[at - 1])
-    if np.isfinite(found).all():
-        return found
-    return None
+    return found if np.isfinite(found).all() else None
 
 
 #: Sum of squared changes [tolerances] by which the second best path must be worse.
@@ -163,7 +165,7 @@ def clearest_chain(frames: list[np.ndarray], nodes: int, radius: float, fps: flo
     # durations of the stretches [s]
     for duration in (1.0, 2.0, 4.0):
         size = min(len(frames), max(20, round(duration * fps)))
-        for start in np.unique(np.linspace(0, len(frames) - size, 16).astype(int)):
+        for start in spread_out(len(frames) - size + 1, 16):
             # a frame with at least as many circles as nodes, the one in which most others agree
             here = counts[start : start + size]
             if here.max(initial=0) < nodes:
@@ -198,11 +200,9 @@ def resting(tracks: np.ndarray, radius: float, nodes: int) -> np.ndarray:
     still_motion = (0.5, 0.12)
     known = np.where(np.isfinite(tracks).any(axis=0), tracks, 0.0)
     low, high = np.nanpercentile(known, (2, 98), axis=0)
-    size = np.linalg.norm(high - low, axis=1)
-    still = size < still_motion[0] * radius
-    if (~still).sum() >= nodes - 2:
-        return still
-    return size < still_motion[1] * radius
+    size = np.linalg.norm(high - low, axis=1) / radius
+    few = (size >= still_motion[0]).sum() < nodes - 2
+    return size < still_motion[int(few)]
 
 
 def paths(
@@ -254,9 +254,7 @@ def on_a_line(tracks: np.ndarray) -> np.ndarray | None:
         return None
     orders = np.argsort(np.einsum("kmi,ki->km", middle, axes[:, 0]), axis=1)
     same = (orders == orders[0]).all(axis=1) | (orders == orders[0][::-1]).all(axis=1)
-    if same.all():
-        return orders[0]
-    return None
+    return orders[0] if same.all() else None
 
 
 def turn_round(positions: np.ndarray, still: np.ndarray, first: str) -> bool:

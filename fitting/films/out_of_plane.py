@@ -33,8 +33,8 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
             f"motion out of the plane: link {worst + 1} seems to change its length by {100 * away[worst]:.2g} %, which "
             "a fixed camera cannot show for a motion in the plane",
         )
-    known = [column[good] for column, good in zip(link_lengths(flat).T, used.T, strict=True)]
-    change = np.array([np.std(column) / np.mean(column) if len(column) else 0.0 for column in known])
+    mean, deviation = length_statistics(flat, used)
+    change = np.nan_to_num(deviation / mean)
     worst = int(np.argmax(change))
     if change[worst] > 0.03:
         return (
@@ -44,29 +44,34 @@ def changing_lengths(flat: np.ndarray, used: np.ndarray) -> tuple[str, ...]:
     return ()
 
 
+def length_statistics(positions: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (n - 1,) of the links' lengths in the frames `used` (k, n - 1); NaN without any."""
+    found = np.full((2, used.shape[1]), np.nan)
+    for j in np.flatnonzero(used.any(axis=0)):
+        length = link_lengths(positions[:, j : j + 2])[used[:, j]]
+        found[:, j] = np.mean(length), np.std(length)
+    return found[0], found[1]
+
+
 def out_of_plane(flat: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Relative standard deviation of the links' lengths (n - 1,) due to motion out of the plane."""
     # minimum number of pairs of frames from which motion out of the plane is detected
     fewest_pairs = 30
-    length = link_lengths(flat)
-    middle = 0.5 * (flat[:, 1:] + flat[:, :-1])
-    along = np.diff(flat, axis=1)
-    twice = 2 * np.arctan2(along[..., 1], along[..., 0])
-    found = np.zeros(length.shape[1])
+    found = np.zeros(used.shape[1])
     for j in range(len(found)):
-        keep = used[:, j] & (length[:, j] > 0)
+        link = np.diff(flat[:, j : j + 2], axis=1)[:, 0] @ [1.0, 1j]
+        keep = used[:, j] & (link != 0)
         if keep.sum() < fewest_pairs:
             continue
-        position = middle[keep, j] - middle[keep, j].mean(axis=0)
-        x, z = (position / max(np.abs(position).max(), 1e-300)).T
-        c = np.cos(twice[keep, j])
-        s = np.sin(twice[keep, j])
-        one = np.ones_like(x)
-        products = [f * g for f in (one, x, z) for g in (c, s)]
-        columns = np.stack([one, x, z, x * x, x * z, z * z, *products], axis=1)
-        log_length = np.log(length[keep, j])
+        middle = flat[keep, j : j + 2].mean(axis=1)
+        middle = middle - middle.mean(axis=0)
+        x, z = (middle / max(np.abs(middle).max(), 1e-300)).T
+        log = np.log(link[keep])
+        basis = np.stack([np.ones_like(x), x, z])
+        twice = 2 * log.imag
+        columns = np.concatenate([basis, [x * x, x * z, z * z], basis * np.cos(twice), basis * np.sin(twice)]).T
         rest = np.full(len(keep), np.nan)
-        rest[keep] = log_length - columns @ np.linalg.lstsq(columns, log_length, rcond=None)[0]
+        rest[keep] = log.real - columns @ np.linalg.lstsq(columns, log.real, rcond=None)[0]
         pairs = rest[1:] * rest[:-1]
         pairs = pairs[np.isfinite(pairs)]
         if len(pairs) >= fewest_pairs:

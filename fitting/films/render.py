@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fitting.films.calibration import Lens
+from fitting.films.calibration import Lens, Plane
 from fitting.films.flattening import central_differences, rotation
 from fitting.films.video import opencv
 from fitting.traces.synthetic import Motion
@@ -43,8 +43,8 @@ class Cover:
         share = (t - self.begin) / (self.end - self.begin)
         if not 0 <= share <= 1:
             return None
-        middle = np.asarray(self.start) + share * (np.asarray(self.stop) - np.asarray(self.start))
-        return middle + 0.5 * np.asarray(self.size) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+        middle = np.array([1.0 - share, share]) @ [self.start, self.stop]
+        return middle + 0.5 * np.array(self.size) * [[-1, -1], [1, -1], [1, 1], [-1, 1]]
 
 
 @dataclass(frozen=True)
@@ -130,19 +130,16 @@ def chessboards(
 ) -> Iterator[np.ndarray]:
     """Pictures of a chessboard of `board` inner corners: the first in the plane of motion, the others slanting."""
     rng = np.random.default_rng(seed)
+    turn = view.rotation
+    away = np.array([0.0, 0.0, view.distance])
     for i in range(count):
-        if i == 0:
-            turn = opencv().Rodrigues(view.rotation)[0].ravel()
-        else:
-            turn = rng.uniform(-0.5, 0.5, 3)
-        far = view.distance * (1.0 if i == 0 else rng.uniform(0.75, 1.1))
-        # alternately to the sides, where a lens bends most; only complete boards are found
         if i:
+            turn = opencv().Rodrigues(rng.uniform(-0.5, 0.5, 3))[0]
+            far = view.distance * rng.uniform(0.75, 1.1)
+            # alternately to the sides, where a lens bends most; only complete boards are found
             side = 0.22 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]][i % 4])
-        else:
-            side = np.zeros(2)
-        shift = side * np.array(view.size) / view.focus * far
-        yield _develop(_board(view, board, square, turn, np.array([*shift, far])), view, rng)
+            away = np.array([*side * view.size / view.focus * far, far])
+        yield _develop(_board(view, board, square, turn, away), view, rng)
 
 
 def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.ndarray:
@@ -153,8 +150,7 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
     stretch = view.stretch(positions)
     cv2 = opencv()
     thick = max(1, round(1.6 * view.radius * view.pixels_per_metre))
-    for a, b in pairwise(nodes):
-        cv2.line(image, *in_sixteenths([a, b]), 150.0, thick, cv2.LINE_AA, 4)
+    cv2.polylines(image, [in_sixteenths(nodes)], False, 150.0, thick, cv2.LINE_AA, 4)
     for k, position in enumerate(nodes):
         _disc(image, position, 1.7 * view.radius, stretch[k], 22.0)
         if k not in hidden:
@@ -162,15 +158,16 @@ def _shot(view: View, positions: np.ndarray, hidden: list[int], t: float) -> np.
     if view.post is not None:
         x, wide = view.post
         edges = view.to_pixels(np.array([[x - wide / 2, view.centre[1]], [x + wide / 2, view.centre[1]]]))[:, 0]
-        image[:, max(0, round(edges[0])) : max(0, round(edges[1]))] = POST
+        left, right = np.maximum(np.rint(edges).astype(int), 0)
+        image[:, left:right] = POST
     if view.cover is not None and (corners := view.cover.corners(t)) is not None:
-        cv2.fillPoly(image, [np.array(in_sixteenths(view.to_pixels(corners)))], POST, cv2.LINE_AA, 4)
+        cv2.fillPoly(image, [in_sixteenths(view.to_pixels(corners))], POST, cv2.LINE_AA, 4)
     return image
 
 
-def in_sixteenths(points: np.ndarray | list[np.ndarray]) -> list[tuple[int, int]]:
+def in_sixteenths(points: np.ndarray) -> np.ndarray:
     """Coordinates with 4 binary digits behind the point, as OpenCV draws them."""
-    return [(round(16 * float(x)), round(16 * float(y))) for x, y in points]
+    return np.rint(16 * points).astype(np.int32)
 
 
 def _disc(image: np.ndarray, centre: np.ndarray, radius: float, stretch: np.ndarray, grey: float) -> None:
@@ -182,8 +179,8 @@ def _disc(image: np.ndarray, centre: np.ndarray, radius: float, stretch: np.ndar
     if (low >= high).any():
         return
     y, x = np.mgrid[low[1] : high[1], low[0] : high[0]]
-    flat = np.stack([x - centre[0], y - centre[1]], axis=-1) @ np.linalg.inv(stretch).T
-    cover = np.clip(0.5 + scale * (radius - np.hypot(flat[..., 0], flat[..., 1])), 0.0, 1.0)
+    flat = (np.stack([x, y], axis=-1) - centre) @ np.linalg.inv(stretch).T
+    cover = np.clip(0.5 + scale * (radius - np.linalg.norm(flat, axis=-1)), 0.0, 1.0)
     patch = image[low[1] : high[1], low[0] : high[0]]
     patch += cover * (grey - patch)
 
@@ -196,34 +193,22 @@ def _develop(image: np.ndarray, view: View, rng: np.random.Generator) -> np.ndar
 
 
 def _board(view: View, board: tuple[int, int], square: float, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """A board with a white margin, its middle at `shift` from the camera, computed along every pixel's ray."""
+    """A board with a white margin, its middle at `shift` from the camera, rotated by `turn` (3, 3), along every ray."""
     fine = 3  # samples per pixel and axis, averaged; the lens is uniform within a pixel
     width, height = view.size
-    lens = view.lens
-    rotation = opencv().Rodrigues(turn)[0]
-    to_board = np.linalg.inv(lens.matrix @ np.stack([rotation[:, 0], rotation[:, 1], shift], axis=1))
-    u, v = np.meshgrid(np.arange(width), np.arange(height))
-    straight = lens.straighten(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(height, width, 2)
-    total = np.zeros((height, width))
+    to_board = Plane(np.linalg.inv(view.lens.matrix @ np.column_stack([turn[:, :2], shift])))
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+    straight = view.lens.straighten(pixels.reshape(-1, 2)).reshape(height, width, 2)
     step = (np.arange(fine) + 0.5) / fine - 0.5
-    for du, dv in product(step, step):
-        total += _squares(to_board, straight + (du, dv), board, square)
-    return (total / fine**2).astype(np.float32)
+    greys = [_squares(to_board.to_metres(straight + shifted) / square, board) for shifted in product(step, step)]
+    return np.mean(greys, axis=0).astype(np.float32)
 
 
-def _squares(to_board: np.ndarray, straight: np.ndarray, board: tuple[int, int], square: float) -> np.ndarray:
-    """Grey of the board at straight pixels (height, width, 2)."""
-    x, y, w = (straight[..., 0] * row[0] + straight[..., 1] * row[1] + row[2] for row in to_board)
-    column, row = (a / w / square + (b + 1) / 2 for a, b in zip((x, y), board, strict=True))
-    wide = board[0] + 1
-    high = board[1] + 1
-    inside = (column >= 0) & (column < wide) & (row >= 0) & (row < high)
-    margin = (column > -1) & (column < wide + 1) & (row > -1) & (row < high + 1)
-    black = inside & ((np.floor(column) + np.floor(row)) % 2 == 0)
+def _squares(positions: np.ndarray, board: tuple[int, int]) -> np.ndarray:
+    """Grey of the board at positions (height, width, 2) from its middle [side of a square]."""
+    size = np.array(board) + 1
+    entry = positions + size / 2
+    inside = ((entry >= 0) & (entry < size)).all(axis=-1)
+    margin = ((entry > -1) & (entry < size + 1)).all(axis=-1)
+    black = inside & (np.floor(entry).sum(axis=-1) % 2 == 0)
     return np.where(black, 25.0, np.where(margin, 225.0, PLATE))
-
-
-#: Blue, green, red: links, bridged nodes, text.
-LINK = (178, 114, 0)
-BRIDGED = (0, 94, 213)
-TEXT = (40, 40, 40)

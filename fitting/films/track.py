@@ -11,16 +11,16 @@ import numpy as np
 
 from dropper_jax.base.errors import Progress, SceneError, silent
 from fitting.films.appearance import scan
-from fitting.films.calibration import Lens, Plane, calibrate, plane_from_board
+from fitting.films.calibration import Lens, calibrate, plane_from_board
 from fitting.films.chain_check import LARGEST_ERROR, why_no_chain
-from fitting.films.detection import Circles, MarkerAppearance, detect_at
-from fitting.films.flattening import Flat, central_differences, detected_links, level_error, link_lengths
+from fitting.films.detection import MarkerAppearance
+from fitting.films.flattening import Flat, central_differences, detected_links, level_error
 from fitting.films.following import follow_film
 from fitting.films.hindsight import TrackedChain, detect_again, remove_blur
 from fitting.films.link_angles import four_quadrant, scatter, to_trace
 from fitting.films.marks import Marks, find_marks
 from fitting.films.ordering import AmbiguousOrderError
-from fitting.films.out_of_plane import changing_lengths
+from fitting.films.out_of_plane import changing_lengths, length_statistics
 from fitting.films.video import Video
 from fitting.traces.trace import FEWEST, Trace
 
@@ -67,14 +67,7 @@ class Tracked:
     @property
     def link_lengths(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean and standard deviation (n - 1,) of the links' measured lengths."""
-        used = detected_links(self.detected) & ~self.marks.links
-        mean = np.full(used.shape[1], np.nan)
-        deviation = mean.copy()
-        for j, (column, good) in enumerate(zip(link_lengths(self.metres).T, used.T, strict=True)):
-            if good.any():
-                mean[j] = np.mean(column[good])
-                deviation[j] = np.std(column[good])
-        return mean, deviation
+        return length_statistics(self.metres, detected_links(self.detected) & ~self.marks.links)
 
     def to_json(self) -> dict[str, Any]:
         """The result without its samples."""
@@ -82,12 +75,6 @@ class Tracked:
         angle_se_rad = None
         if self.trace.se is not None and np.isfinite(self.trace.se).any():
             angle_se_rad = float(np.nanmedian(self.trace.se))
-        link_length_m = None
-        if self.scaled:
-            link_length_m = mean.tolist()
-        reprojection_error_pixel = None
-        if self.lens is not None:
-            reprojection_error_pixel = self.lens.error
         found = {
             "schema": 1,
             "status": self.status,
@@ -99,18 +86,18 @@ class Tracked:
             "longest_gap_s": float(_longest_gaps(self.detected).max() / self.fps),
             "angle_se_rad": angle_se_rad,
             "marker_radius_pixel": self.appearance.radius,
-            "link_length_m": link_length_m,
+            "link_length_m": mean.tolist() if self.scaled else None,
             "link_length_deviation": (deviation / mean).tolist(),
             "marked": self.marks.spans(self.trace.t),
             "marked_frames": int(self.marks.frames.sum()),
             "slant_rad": self.slant,
             "exposure_s": self.exposure,
-            "reprojection_error_pixel": reprojection_error_pixel,
+            "reprojection_error_pixel": None if self.lens is None else self.lens.error,
             "warnings": list(self.warnings),
         }
-        if self.status == "ok":
-            return found
-        return {**found, "error": self.message}
+        if self.status != "ok":
+            found["error"] = self.message
+        return found
 
 
 def track(
@@ -155,17 +142,27 @@ def track(
     _check_options(nodes, start, plane, square, scale, distance)
     say = progress or silent
     film = Video(video, fps)
-    setup = _Setup.of(film, calibration, board, plane, square)
+    lens = calibrate(calibration, board) if calibration else None
+    if lens is not None and lens.size != film.size:
+        raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
+
+    def flat_by(lens: Lens | None) -> Flat:
+        """The map by a lens, and by the board in the plane of motion as a camera with this lens sees it."""
+        seen = None
+        if plane is not None and square is not None:
+            seen = plane_from_board(plane, lens, board, square)
+        return Flat(film.size, lens, seen)
+
     span = _span(film, begin, end)
     say(0.0, "looking for markers")
     appearance, circles = scan(film, span, nodes, radius, bright, say)
     say(0.75, "finding the order of the nodes")
-    flat = Flat(film.size, setup.lens, setup.seen_by(setup.lens))
+    flat = flat_by(lens)
     try:
         chain = follow_film(circles, nodes, appearance.radius, film.fps, flat, first, start)
     except AmbiguousOrderError as error:
         raise AmbiguousOrderError(f"{film.path.name}: {error}", error.orders, error.frame + span[0]) from None
-    _detect_again(film, span, appearance, chain)
+    detect_again(chain, film.frames(*span), appearance)
     chain, offset, message = _trim_frames(remove_blur(chain), film.fps)
     frames = len(chain.detected)
     if frames < FEWEST:
@@ -175,15 +172,21 @@ def track(
         message = f"the video breaks off after {t[-1]:.3g} s of {film.announced / film.fps:.3g} s"
     marks = find_marks(chain.flat, chain.detected)
     metres = _metres(chain, scale, distance)
+    row_error = 0.0
     if level:
         metres = _level_chain(metres)
-    known = detected_links(chain.detected) & ~marks.links
-    error = np.where(known, _angle_errors(chain, ~marks.links, 0.0 if level else setup.level_error(chain)), np.nan)
-    certain = known & (error <= LARGEST_ERROR)
+    elif lens is not None:  # the rows of the picture are as level as the lens is known
+        others = [replace(flat_by(other), parameters=chain.map.parameters) for other in lens.others]
+        row_error = level_error(chain.map, others, chain.known(chain.pixels))
+    error = np.where(marks.links, np.nan, _angle_errors(chain, ~marks.links, row_error))
+    certain = error <= LARGEST_ERROR
     trace = to_trace(film.path.stem, t, metres, error, certain)
     trace = replace(trace, warnings=changing_lengths(chain.flat, certain))
+    slant = None
+    if plane is None and chain.map.parameters is not None:
+        slant = (float(chain.map.parameters[0]), float(chain.map.parameters[1]))
     status = "not_converged" if message else "ok"
-    lost = why_no_chain(chain.flat, chain.detected, marks, error)
+    lost = why_no_chain(chain.known(chain.flat), marks, error)
     if lost:
         status = "lost"
         message = (
@@ -196,15 +199,15 @@ def track(
         metres=metres - metres[0, 0],
         detected=chain.detected,
         appearance=appearance,
-        lens=setup.lens,
+        lens=lens,
         scaled=not (plane is None and scale is None and distance is None),
         first_frame=span[0] + offset,
         fps=film.fps,
         status=status,
         message=message,
-        warnings=_warnings(film, chain, marks, trace.warnings, t, offset, int((known & ~certain).sum())),
+        warnings=_warnings(film, chain, marks, trace.warnings, t, offset, int((error > LARGEST_ERROR).sum())),
         marks=marks,
-        slant=setup.slant(chain),
+        slant=slant,
         exposure=chain.exposure / film.fps,
     )
     say(1.0, tracked.status)
@@ -229,58 +232,6 @@ def _check_options(
         raise SceneError(f"--start: {len(start)} positions; allowed: {nodes}, one x,y per node")
 
 
-@dataclass(frozen=True)
-class _Setup:
-    """The camera's lens, and the board in the plane of motion, as far as there are pictures of them.
-
-    Attributes:
-        lens: from pictures of a board, or None.
-        plane, board, square: a picture of the board in the plane, its inner corners, and its squares [m].
-    """
-
-    lens: Lens | None
-    plane: str | Path | None
-    board: tuple[int, int]
-    square: float | None
-
-    @classmethod
-    def of(
-        cls,
-        film: Video,
-        calibration: Sequence[str | Path],
-        board: tuple[int, int],
-        plane: str | Path | None,
-        square: float | None,
-    ) -> _Setup:
-        """The setup of a film; refuses pictures of another size."""
-        lens = None
-        if calibration:
-            lens = calibrate(calibration, board)
-        if lens is not None and lens.size != film.size:
-            raise SceneError(f"calibration: pictures of {lens.size} pixels; allowed: {film.size}, those of the video")
-        return cls(lens, plane, board, square)
-
-    def seen_by(self, lens: Lens | None) -> Plane | None:
-        """The plane of motion as a camera with this lens sees it; None without a picture of the board there."""
-        if self.plane is None or self.square is None:
-            return None
-        return plane_from_board(self.plane, lens, self.board, self.square)
-
-    def level_error(self, chain: TrackedChain) -> float:
-        """Standard error [rad] of the angle of the picture's rows, from the uncertainty of the lens; 0 without one."""
-        if self.lens is None:
-            return 0.0
-        others = [replace(chain.map, lens=lens, plane=self.seen_by(lens)) for lens in self.lens.others]
-        return level_error(chain.map, others, chain.pixels, chain.detected)
-
-    def slant(self, chain: TrackedChain) -> tuple[float, float] | None:
-        """Pan and pitch [rad] found from the motion; None where the board's plane is known."""
-        parameters = chain.map.parameters
-        if parameters is None or self.plane is not None:
-            return None
-        return float(parameters[0]), float(parameters[1])
-
-
 def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None]:
     if begin < 0 or (end is not None and end <= begin):
         raise SceneError(f"--from, --until: {begin:g} to {end} s; allowed: 0 <= from < until")
@@ -289,35 +240,20 @@ def _span(film: Video, begin: float, end: float | None) -> tuple[int, int | None
     return round(begin * film.fps), None if end is None else round(end * film.fps)
 
 
-def _detect_again(film: Video, span: tuple[int, int | None], appearance: MarkerAppearance, chain: TrackedChain) -> None:
-    """Search the frames themselves for markers whose circles were not found at first, mainly half hidden ones."""
-    if chain.detected.all():
-        return
-    frames = enumerate(film.frames(*span))
-
-    def detect_in_frame(i: int, guesses: np.ndarray) -> Circles:
-        return detect_at(next(image for number, image in frames if number == i), appearance, guesses)
-
-    detect_again(chain, detect_in_frame)
-
-
 def _trim_frames(chain: TrackedChain, fps: float) -> tuple[TrackedChain, int, str]:
     """The frames from the first to the last with a link, the first one's number, and the reason of an early end."""
     detected = chain.detected
-    some = np.flatnonzero(detected_links(detected).any(axis=1))
-    first, last = (int(some[0]), len(detected)) if len(some) else (0, 0)
+    some = detected_links(detected).any(axis=1)
+    first = int(np.argmax(some))
+    last = len(detected) if some.any() else 0
     until = len(detected) - np.argmax(detected[::-1], axis=0)
     lost = np.flatnonzero((len(detected) - until > LONGEST_GAP * fps) | ~detected.any(axis=0))
     why = ""
     if len(lost):
         worst = int(lost[np.argmin(until[lost])])
-        last = first
-        if detected[:, worst].any():
-            last = int(until[worst])
+        last = int(until[worst]) if detected[:, worst].any() else first
         why = f"marker {worst} is lost after {last / fps:.3g} s;"
-    part = slice(first, max(first, last))
-    arrays = {name: getattr(chain, name)[part] for name in ("flat", "pixels", "error", "detected")}
-    return replace(chain, **arrays), first, why
+    return chain.pick(frames=slice(first, max(first, last))), first, why
 
 
 def _metres(chain: TrackedChain, scale: float | None, distance: float | None) -> np.ndarray:
@@ -332,7 +268,7 @@ def _metres(chain: TrackedChain, scale: float | None, distance: float | None) ->
 
 def _angle_errors(chain: TrackedChain, used: np.ndarray, level: float) -> np.ndarray:
     """Standard errors (k, n - 1) [rad]: scatter, and the uncertainty of `level` and of the map to the plane."""
-    found = np.hypot(scatter(chain.flat, chain.error, chain.detected, used), level)
+    found = np.hypot(scatter(chain.known(chain.flat), chain.error, used), level)
     flat = chain.map
     if flat.parameters is None or flat.covariance is None:
         return found
@@ -381,10 +317,9 @@ def _warnings(
         found.append(f"{name}: {uncertain} angles with standard errors above {LARGEST_ERROR:g} rad left empty")
     gaps = _longest_gaps(detected) / film.fps
     for node in np.flatnonzero((~detected).any(axis=0)):
+        long = ""
         if gaps[node] > LONGEST_GAP:
             long = f"; the longest gap is {gaps[node]:.2g} s, turns in it are not counted"
-        else:
-            long = ""
         found.append(
             f"{name}: marker {node} not seen in {(~detected[:, node]).sum()} frames, bridged and left empty{long}"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
+from itertools import count
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -68,13 +69,13 @@ class Video:
         cv2 = opencv()
         capture = self._open()
         _, frame = capture.read()  # of a damaged film it may be None though called good
-        rate, self.announced = capture.get(cv2.CAP_PROP_FPS), int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+        self.announced = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+        self.fps = float(fps or capture.get(cv2.CAP_PROP_FPS))
         capture.release()
         if frame is None:
             raise SceneError(
                 f"{self.path.name}: has no frame that can be read; allowed: a video such as MP4, AVI or MOV"
             )
-        self.fps = float(fps or rate)
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise SceneError(f"{self.path.name}: has no frame rate. Use --fps FRAMES_PER_SECOND")
         self.size = (frame.shape[1], frame.shape[0])
@@ -90,8 +91,8 @@ class Video:
         cv2 = opencv()
         capture = self._open()
         try:
-            for i in range(2**62 if last is None else last):
-                if not capture.grab():
+            for i in count():
+                if i == last or not capture.grab():
                     return
                 if i >= first:
                     _, frame = capture.retrieve()

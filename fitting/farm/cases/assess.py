@@ -10,11 +10,10 @@ import numpy as np
 
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.fatigue import YEAR, damage
-from fitting.farm.cases.anchors import anchor_found, anchor_row
 from fitting.farm.cases.case_store import CaseStore
-from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, flags_of
+from fitting.farm.cases.flags import FINAL_SEEDS, characteristic, exceeds_uplift, flags_of
 from fitting.farm.cases.one import Found
-from fitting.farm.site import Part, Site, Storm
+from fitting.farm.site import Anchor, Part, Site, Storm
 
 
 def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
@@ -29,6 +28,7 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
     runs = CaseStore(folder, site)
     rows: dict[str, list[Table]] = {part.name: [] for part in site.parts}
     held: dict[str, list[Table]] = {name: [] for name in runs.held}
+    anchors = {name: anchor for anchor in site.anchors for name in anchor.points}
     cases = []
     failed = []
     for storm in site.storms:
@@ -42,8 +42,7 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
             rows[part.name].append(_part_row(site, part, storm, runs, good))
         for number, name in enumerate(runs.held):
             loads = [run["held_loads"][:, number].astype(float) for run in good]
-            held[name].append(anchor_row(site, name, storm, loads))
-    parts = [_part(part, rows[part.name], site, None if step is None else step.get(part.name)) for part in site.parts]
+            held[name].append(_anchor_row(site, anchors.get(name), storm, loads))
     found = {
         "schema": 1,
         "site": site.name,
@@ -58,8 +57,8 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
         "factors": asdict(site.factors),
         "standard": site.lists.standard,
         "cases": cases,
-        "parts": parts,
-        "anchors": [anchor_found(site, name, held[name]) for name in runs.held],
+        "parts": [_part(part, rows[part.name], site, (step or {}).get(part.name)) for part in site.parts],
+        "anchors": [_anchor(name, anchors.get(name), held[name]) for name in runs.held],
         "exclusion": _exclusion(site, cases),
         "backbone": _backbone(site, cases),
         "failed": failed,
@@ -70,9 +69,6 @@ def assess(site: Site, folder: str | Path, step: Table | None = None) -> Table:
 
 
 def _labels(site: Site, storm: Storm) -> Table:
-    break_s = site.break_time
-    if storm.broken is None:
-        break_s = None
     return {
         "case": storm.number,
         "name": storm.name,
@@ -84,27 +80,25 @@ def _labels(site: Site, storm: Storm) -> Table:
         "crop": storm.crop,
         "return_periods": storm.periods,
         "state": storm.state,
-        "break_s": break_s,
+        "break_s": None if storm.broken is None else site.break_time,
     }
 
 
 def _position_results(site: Site, storm: Storm, runs: CaseStore, good: Sequence[Found]) -> Table:
     """Maximum excursion [m] over the lines of the exclusion zone, depths of the backbone at rest [m], breaks."""
     found: Table = {"broken": sum(len(run["broken"]) for run in good)}
+    own = site.run_of(storm)
     for name in site.quantities:  # a characteristic maximum, or the mean of another statistic
-        own = site.run_of(storm)
-        if not name.endswith(".max"):
-            own = replace(own, characteristic="mean")
-        values = [run[f"quantity:{name}"] for run in good]
-        found.setdefault("quantities", {})[name] = asdict(characteristic(np.array(values), own))
-    index = {name: i for i, name in enumerate(runs.links)}
+        kind = own if name.endswith(".max") else replace(own, characteristic="mean")
+        values = np.array([run[f"quantity:{name}"] for run in good])
+        found.setdefault("quantities", {})[name] = asdict(characteristic(values, kind))
+    lines = list(runs.links)
     if site.exclusion is not None:
-        rows = [index[name] for name in site.matching(site.exclusion.lines)]
-        way = [run["excursion"][rows].max() for run in good]
-        found["excursion_m"] = asdict(characteristic(np.array(way), site.run_of(storm)))
+        rows = [lines.index(name) for name in site.matching(site.exclusion.lines)]
+        way = np.array([run["excursion"][rows].max() for run in good])
+        found["excursion_m"] = asdict(characteristic(way, own))
     if site.backbone is not None:
-        rows = [index[name] for name in site.matching(site.backbone.lines)]
-        depth = good[0]["depth"][rows]
+        depth = good[0]["depth"][[lines.index(name) for name in site.matching(site.backbone.lines)]]
         found["depth_m"] = [float(depth[:, 0].min()), float(depth[:, 1].max())]
     return found
 
@@ -117,16 +111,12 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Seque
     share = np.array([load.value for load in found]) * factor / part.capacity
     worst = int(np.argmax(share))
     load = found[worst]
-    scale = factor / float(part.capacity[worst])
+    capacity = float(part.capacity[worst])
     links = runs.links[part.lines[worst]]
     first = good[0]
-    at = links.start + int(np.argmax(first["largest"][links]))
-    utilisation_error = None
-    if load.error is not None:
-        utilisation_error = load.error * scale
     after_break_s = None
     if storm.broken is not None:
-        after_break_s = float(first["when"][at]) - site.break_time
+        after_break_s = float(first["when"][links][np.argmax(first["largest"][links])]) - site.break_time
     return {
         "case": storm.number,
         "line": part.lines[worst],
@@ -136,10 +126,10 @@ def _part_row(site: Site, part: Part, storm: Storm, runs: CaseStore, good: Seque
         "kind": load.kind,
         "at_rest_n": float(first["rest"][links].max()),
         "mean_n": float(np.mean([run["mean"][links].max() for run in good])),
-        "capacity_n": float(part.capacity[worst]),
+        "capacity_n": capacity,
         "factor": factor,
         "utilisation": float(share[worst]),
-        "utilisation_error": utilisation_error,
+        "utilisation_error": load.error_of(factor / capacity),
         "after_break_s": after_break_s,
         "damage_per_hour": _damage(part, good, run.duration - run.skip),
     }
@@ -149,17 +139,66 @@ def _damage(part: Part, good: Sequence[Found], counted: float) -> float | None:
     """Damage per hour of the part's worst line, mean over the seeds; None without a curve or without cycles."""
     if part.curve is None:
         return None
-    most = None
-    for name, capacity in zip(part.lines, part.capacity, strict=True):
-        worst = []
-        for run in good:
+    found = np.zeros((len(part.lines), len(good)))
+    for i, (name, capacity) in enumerate(zip(part.lines, part.capacity, strict=True)):
+        for j, run in enumerate(good):
             cycles = [rows for key, rows in run.items() if key.startswith(f"cycles:{name}:")]
             if not cycles:
                 return None
             whole = [np.insert(rows, 1, 0.0, axis=1).astype(float) for rows in cycles]
-            worst.append(max(damage(rows, capacity, part.curve.k, part.curve.m) for rows in whole))
-        most = max(most or 0.0, float(np.mean(worst)) * 3600.0 / counted)
-    return most
+            found[i, j] = max(damage(rows, capacity, part.curve.k, part.curve.m) for rows in whole)
+    return float(found.mean(axis=1).max()) * 3600.0 / counted
+
+
+#: Below 1 % of its mean a load has no defined direction.
+NO_DIRECTION = 0.01
+
+
+def _anchor_row(site: Site, anchor: Anchor | None, storm: Storm, loads: Sequence[np.ndarray]) -> Table:
+    """A fixed point in one case: loads, uplift and utilisation, each the characteristic value of the seeds' maxima.
+
+    Args:
+        anchor: of the point, None if the site does not define one.
+        loads: horizontal and upward loads (k, 2) [N] of each seed.
+    """
+    run = site.run_of(storm)
+    row: Table = {
+        "case": storm.number,
+        "total_n": asdict(characteristic(np.array([np.hypot(*load.T).max() for load in loads]), run)),
+        "upward_n": asdict(characteristic(np.array([load[:, 1].max() for load in loads]), run)),
+        "uplift_deg": max(map(_uplift, loads)),
+        "utilisation": None,
+        "utilisation_error": None,
+    }
+    if anchor is not None:
+        factor = anchor.factor[storm.kind]
+        used = characteristic(np.array([anchor.table.utilisation(*load.T).max() for load in loads]), run)
+        error = used.error_of(factor)
+        row |= {"factor": factor, "utilisation": factor * used.value, "utilisation_error": error}
+    return row
+
+
+def _uplift(load: np.ndarray) -> float:
+    """Maximum angle [deg] above the horizontal of loads (k, 2), among those that have a direction."""
+    size = np.hypot(*load.T)
+    loaded = load[size >= max(NO_DIRECTION * size.mean(), 1e-12)]
+    return float(np.degrees(np.arctan2(loaded[:, 1], loaded[:, 0]).max())) if len(loaded) else 0.0
+
+
+def _anchor(name: str, anchor: Anchor | None, rows: list[Table]) -> Table:
+    """A fixed point over all cases: its rows, the worst of them, and the uplift with its limit [deg]."""
+
+    def load(row: Table) -> float:
+        return row["total_n"]["value"] if anchor is None else row["utilisation"]
+
+    return {
+        "point": name,
+        "anchor": None if anchor is None else anchor.name,
+        "cases": rows,
+        "worst": max(rows, key=load, default=None),
+        "uplift_deg": max((row["uplift_deg"] for row in rows), default=None),
+        "allowed_uplift_deg": None if anchor is None else anchor.table.uplift,
+    }
 
 
 def _part(part: Part, rows: list[Table], site: Site, step: Table | None) -> Table:
@@ -182,10 +221,9 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
         return {"skipped": "cycles were not counted: the package rainflow is missing (extra `fatigue`)"}
     storms = {storm.number: storm for storm in site.storms}
     intact = [row for row in rows if storms[row["case"]].broken is None]
-    hourly = max((row["damage_per_hour"] for row in rows), default=None)
     found = {
         "curve": asdict(part.curve),
-        "largest_damage_per_hour": hourly,
+        "largest_damage_per_hour": max((row["damage_per_hour"] for row in rows), default=None),
         "damage_per_year": None,
         "life_years": None,
     }
@@ -197,13 +235,10 @@ def _fatigue(part: Part, rows: list[Table], site: Site) -> Table:
         own = [row["damage_per_hour"] for row in intact if storms[row["case"]].sea_state.name == name]
         if own:
             yearly += yearly_hours * float(np.mean(own))
-    life_years = None
-    if yearly > 0.0:
-        life_years = 1.0 / yearly
     return {
         **found,
         "damage_per_year": yearly,
-        "life_years": life_years,
+        "life_years": 1.0 / yearly if yearly > 0.0 else None,
         "share_of_year": sum(hours.values()) * 3600.0 / YEAR,
     }
 
@@ -214,9 +249,9 @@ def _exclusion(site: Site, cases: list[Table]) -> Table | None:
     if site.exclusion is None or not rows:
         return None
     worst = max(rows, key=lambda case: case["excursion_m"]["value"])
-    value = worst["excursion_m"]
     limit = site.exclusion.excursion
-    return {"case": worst["case"], **value, "allowed_m": limit, "utilisation": value["value"] / limit}
+    used = worst["excursion_m"]["value"] / limit
+    return {"case": worst["case"], **worst["excursion_m"], "allowed_m": limit, "utilisation": used}
 
 
 def _backbone(site: Site, cases: list[Table]) -> Table | None:
@@ -226,15 +261,15 @@ def _backbone(site: Site, cases: list[Table]) -> Table | None:
         return None
     high = min(rows, key=lambda case: case["depth_m"][0])
     low = max(rows, key=lambda case: case["depth_m"][1])
-    own = site.backbone
+    shallowest = high["depth_m"][0]
+    deepest = low["depth_m"][1]
     return {
-        "shallowest_m": high["depth_m"][0],
+        "shallowest_m": shallowest,
         "shallowest_case": high["case"],
-        "deepest_m": low["depth_m"][1],
+        "deepest_m": deepest,
         "deepest_case": low["case"],
-        "allowed_m": [own.shallowest, own.deepest],
-        "holds": (own.shallowest is None or high["depth_m"][0] >= own.shallowest)
-        and (own.deepest is None or low["depth_m"][1] <= own.deepest),
+        "allowed_m": [site.backbone.shallowest, site.backbone.deepest],
+        "holds": site.backbone.holds(shallowest, deepest),
     }
 
 
@@ -244,8 +279,5 @@ def _passes(found: Table) -> bool:
     anchors = [anchor["worst"] for anchor in found["anchors"]]
     limits = all((row["utilisation"] or 0.0) <= 1.0 for row in (*parts, *anchors, found["exclusion"]) if row)
     backbone = found["backbone"] is None or found["backbone"]["holds"]
-    uplift = all(
-        a["allowed_uplift_deg"] is None or a["uplift_deg"] is None or a["uplift_deg"] <= a["allowed_uplift_deg"]
-        for a in found["anchors"]
-    )
+    uplift = not any(map(exceeds_uplift, found["anchors"]))
     return limits and backbone and uplift and not found["failed"] and bool(parts)

@@ -43,7 +43,8 @@ class CaseStore(Store[Case, Found]):
     stopped = CasesStopped
 
     def __init__(self, folder: str | Path, site: Site) -> None:
-        self.path, self.site = Path(folder) / RUNS, site
+        self.path = Path(folder) / RUNS
+        self.site = site
         self.links = {line.name: line.links for line in whole_lines(site.scene)}
         self.held = [point.name for point in site.scene.points if not point.is_free]
         try:
@@ -64,9 +65,8 @@ class CaseStore(Store[Case, Found]):
     def file(self, case: Case) -> Path:
         """The file of a run."""
         storm = case.storm
-        broken = None
-        if storm.broken is not None:
-            broken = [storm.broken.line, storm.broken.link, self.site.break_time]
+        state = storm.broken
+        broken = None if state is None else [state.line, state.link, self.site.break_time]
         own = {
             "changes": self.site.still_changes(storm),
             "waves": storm.sea_state.waves(storm.direction, case.seed),

@@ -32,6 +32,10 @@ class Characteristic:
     seeds: int
     kind: str
 
+    def error_of(self, scale: float) -> float | None:
+        """The standard error of the load times a scale."""
+        return None if self.error is None else scale * self.error
+
 
 def characteristic(maxima: np.ndarray, run: RunValues) -> Characteristic:
     """Mean of the seeds' maxima (seeds,), or the most probable maximum of a storm.
@@ -42,9 +46,7 @@ def characteristic(maxima: np.ndarray, run: RunValues) -> Characteristic:
     maxima = np.asarray(maxima, float)
     n = len(maxima)
     counted = run.duration - run.skip
-    error = None
-    if n > 1:
-        error = float(maxima.std(ddof=1) / np.sqrt(n))
+    error = float(maxima.std(ddof=1) / np.sqrt(n)) if n > 1 else None
     mean = Characteristic(float(maxima.mean()), error, None, n, "mean")
     whole = storm_extreme(maxima, counted, counted, run.confidence)
     if "skipped" in whole:
@@ -61,15 +63,13 @@ def flags_of(found: Table, site: Site) -> list[str]:
     """Lines about seeds, steps, limits that are exceeded or undecided, and failed runs."""
     notes = []
     if found["failed"]:
-        rows = found["failed"]
-        first = rows[0]
-        at = ""
-        if first["time_s"] is not None:
-            at = f" at {first['time_s']:.4g} s"
+        first = found["failed"][0]
+        at = "" if first["time_s"] is None else f" at {first['time_s']:.4g} s"
         why = f": {first['why']}" if first["why"] else ""
         notes.append(
-            f"{len(rows)} of {len(site.cases)} runs are missing or failed, the first in case {first['case']}, seed "
-            f"{first['seed']} ({first['status']}{at}{why}): their cases are not assessed with all seeds"
+            f"{len(found['failed'])} of {len(site.cases)} runs are missing or failed, the first in case "
+            f"{first['case']}, seed {first['seed']} ({first['status']}{at}{why}): their cases are not assessed with "
+            "all seeds"
         )
     if found["seeds"] < FINAL_SEEDS:
         notes.append(f"not a final check: {found['seeds']} of at least {FINAL_SEEDS} seeds")
@@ -81,37 +81,43 @@ def flags_of(found: Table, site: Site) -> list[str]:
         if case["state"] != "intact" and case["runs"] and case["broken"] < case["runs"]:
             notes.append(f"case {case['case']}: {case['state']} did not break in all runs")
     for anchor in found["anchors"]:
-        worst = anchor["worst"]
+        point = anchor["point"]
         if anchor["anchor"] is None:
-            notes.append(f"point {anchor['point']}: fixed, but without an [[anchor]] that gives its capacity")
-        elif worst is not None:
-            notes += _limit(f"anchor {anchor['point']}", worst)
-        allowed = anchor["allowed_uplift_deg"]
-        if allowed is not None and anchor["uplift_deg"] is not None and anchor["uplift_deg"] > allowed:
-            notes.append(f"anchor {anchor['point']}: uplift {anchor['uplift_deg']:.3g} deg; allowed: {allowed:g} deg")
+            notes.append(f"point {point}: fixed, but without an [[anchor]] that gives its capacity")
+        elif anchor["worst"] is not None:
+            notes += _limit(f"anchor {point}", anchor["worst"])
+        if exceeds_uplift(anchor):
+            allowed = anchor["allowed_uplift_deg"]
+            notes.append(f"anchor {point}: uplift {anchor['uplift_deg']:.3g} deg; allowed: {allowed:g} deg")
     zone = found["exclusion"]
     if zone is not None and zone["utilisation"] > 1.0:
         notes.append(f"exclusion: {zone['value']:.3g} m in case {zone['case']}; allowed: {zone['allowed_m']:g} m")
-    if found["backbone"] is not None and not found["backbone"]["holds"]:
-        own = found["backbone"]
+    own = found["backbone"]
+    if own is not None and not own["holds"]:
         notes.append(
             f"backbone: {own['shallowest_m']:.3g} to {own['deepest_m']:.3g} m deep at rest, outside its limits"
         )
     return notes
 
 
+def exceeds_uplift(anchor: Table) -> bool:
+    """Whether the uplift of a fixed point is above its limit."""
+    allowed = anchor["allowed_uplift_deg"]
+    return allowed is not None and anchor["uplift_deg"] is not None and anchor["uplift_deg"] > allowed
+
+
 def _part(part: Table) -> list[str]:
-    worst = part["worst"]
+    name = f"part {part['part']}"
     step = part["step"]
-    if worst is None:
-        return [f"part {part['part']}: no run to assess it by"]
-    notes = _limit(f"part {part['part']}", worst)
+    if part["worst"] is None:
+        return [f"{name}: no run to assess it by"]
+    notes = _limit(name, part["worst"])
     if step is None:
-        notes.append(f"part {part['part']}: step error unknown")
+        notes.append(f"{name}: step error unknown")
     elif "skipped" in step:
-        notes.append(f"part {part['part']}: step error unknown: {step['skipped']}")
+        notes.append(f"{name}: step error unknown: {step['skipped']}")
     elif step["relative"] > UNRESOLVED:
-        notes.append(f"part {part['part']}: step error {step['relative']:.0%} of its maximum load: not resolved")
+        notes.append(f"{name}: step error {step['relative']:.0%} of its maximum load: not resolved")
     return notes
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -40,14 +41,17 @@ class Tally:
     """
 
     def __init__(self, scene: Scene, skip: float, positions: np.ndarray, curved: Sequence[str]) -> None:
-        self.skip, self.positions = skip, positions
+        self.skip = skip
+        self.positions = positions
         self.lines = whole_lines(scene)
         self.held = [point.name for point in scene.points if not point.is_free]
         self.links = EndLinks(scene)
-        self.ends = [(point, end) for point, end in line_ends(scene) if point in self.held]
+        self.ends = [(self.held.index(point), end) for point, end in line_ends(scene) if point in self.held]
         links = sum(line.links for line in scene.lines)
-        self.largest, self.when = np.full(links, -np.inf), np.full(links, np.nan)
-        self.total, self.samples = np.zeros(links), 0
+        self.largest = np.full(links, -np.inf)
+        self.when = np.full(links, np.nan)
+        self.total = np.zeros(links)
+        self.samples = 0
         self.excursion = np.zeros(len(self.lines))
         self.loads = [np.zeros((0, len(self.held), 2), np.float32)]
         self.curved = {line.name: line.links for line in self.lines if line.name in curved}
@@ -60,37 +64,30 @@ class Tally:
         counts = t > self.skip
         if not counts.any():
             return
-        t = t[counts]
-        positions = positions[counts]
-        tension = tension[counts]
-        largest = largest[counts]
+        t, positions, tension, largest = (values[counts] for values in (t, positions, tension, largest))
         top = largest.argmax(axis=0)
         value = np.take_along_axis(largest, top[None], axis=0)[0]
-        higher = value > self.largest
-        self.largest, self.when = np.where(higher, value, self.largest), np.where(higher, t[top], self.when)
+        self.when = np.where(value > self.largest, t[top], self.when)
+        self.largest = np.fmax(value, self.largest)
         self.total += tension.sum(axis=0)
         self.samples += len(t)
         way = np.linalg.norm(positions[..., :2] - self.positions[:, :2], axis=-1).max(axis=0)
         self.excursion = np.maximum(self.excursion, [way[line.nodes].max() for line in self.lines])
-        self.loads.append(self._held_loads(t, positions, largest).astype(np.float32))
+        # horizontal and upward force of lines on fixed points
+        total = np.zeros((len(t), len(self.held), 3))
+        for number, end in self.ends:
+            total[:, number] += self.links.force(end, positions[:, end.nodes], largest, t)
+        loads = np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)
+        self.loads.append(loads.astype(np.float32))
         for name, links in self.curved.items():
             self.series[name].append(tension[:, links].astype(np.float32))
-
-    def _held_loads(self, t: np.ndarray, positions: np.ndarray, tension: np.ndarray) -> np.ndarray:
-        """Horizontal and upward force (k, held, 2) [N] of lines on fixed points."""
-        total = np.zeros((len(tension), len(self.held), 3))
-        for point, end in self.ends:
-            total[:, self.held.index(point)] += self.links.force(end, positions[:, end.nodes], tension, t)
-        return np.stack([np.hypot(total[..., 0], total[..., 1]), total[..., 2]], axis=-1)
 
     def collect(self) -> Found:
         """Arrays of the whole run; cycles are omitted if the package that counts them is not installed."""
         counted = {}
-        for name, parts in self.series.items():
-            try:
+        with suppress(SceneError):
+            for name, parts in self.series.items():
                 counted |= _cycles(name, np.concatenate(parts))
-            except SceneError:
-                break
         return {
             "largest": self.largest,
             "when": self.when,
@@ -104,10 +101,9 @@ class Tally:
 def _cycles(name: str, tension: np.ndarray) -> Found:
     """Rainflow cycles of the links with the most varying and the highest tension: rows of range and count."""
     found = {}
-    if len(tension):
-        picked = {int(np.argmax(tension.std(axis=0))), int(np.argmax(tension.max(axis=0)))}
-    else:
-        picked = set()
+    if not len(tension):
+        return found
+    picked = {int(np.argmax(tension.std(axis=0))), int(np.argmax(tension.max(axis=0)))}
     for i, link in enumerate(sorted(picked)):
         own = cycles(tension[:, link].astype(float))
         own = own[own[:, 0] > RANGE_ROUNDING * float(np.abs(tension).max())]
@@ -126,7 +122,8 @@ class Runner:
     """
 
     def __init__(self, site: Site) -> None:
-        self.site, self.base = site, site.prepared()
+        self.site = site
+        self.base = site.prepared()
         self._scenes: dict[Any, Scene] = {}
         self._starts: dict[Any, tuple[State, np.ndarray, np.ndarray]] = {}
 
@@ -156,9 +153,7 @@ class Runner:
         signals: dict[Quantity, list[np.ndarray]] = {
             quantity(name, model, "quantities"): [] for name in self.site.quantities
         }
-        watch = None
-        if scene.run.accuracy is not None:
-            watch = quantity_signals(list(signals), start.r)
+        watch = None if scene.run.accuracy is None else quantity_signals(list(signals), start.r)
         run = compile_run(stepper, model, first_carry(stepper, model, start, scene.run), scene.run, watch=watch)
         carry = run.carry
         done = 0
@@ -167,28 +162,28 @@ class Runner:
         while done < scene.run.rows:
             carry, (rows, _) = run.go_on(carry, scene.run.rows - done)
             t = (done + 1 + np.arange(len(rows.r))) * scene.run.interval
-            good = len(t)
-            if np.any(rows.first_bad >= 0):
-                good = int(np.argmax(rows.first_bad >= 0))
+            failed = np.append(rows.first_bad >= 0, True)
+            good = int(np.argmax(failed))
             largest = rows.tension
             extremes = {}
             if watch is not None and rows.extremes is not None:
                 largest = rows.extremes.largest[:, : rows.tension.shape[1]]
                 extremes = watch.over_steps(rows.extremes)
-            nodes = np.asarray(_nodes(model, rows.r, t))
-            tally.add(t[:good], nodes[:good], np.asarray(rows.tension)[:good], np.asarray(largest)[:good])
+            samples = (t, _nodes(model, rows.r, t), rows.tension, largest)
+            tally.add(*(np.asarray(values)[:good] for values in samples))
             for one, parts in signals.items():
-                now = rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted
+                now = (rows.r, rows.v, rows.tension, jnp.asarray(t, model.dtype), rows.parted)
                 values = extremes[one] if one in extremes else one.in_time(model, start.r, *now)
                 parts.append(np.asarray(values)[:good][t[:good] > skip])
-            done = done + len(t)
-            retried = retried + int(np.sum(rows.retried[:good]))
+            done += len(t)
+            retried += int(np.sum(rows.retried[:good]))
             if good < len(t):
                 code = "not_converged" if np.isfinite(rows.residual[good]) else "non_finite"
                 info = {"status": np.array(STATUS.index(code)), "failed_at": np.array(t[good])}
                 break
         broken = [row["time_s"] for row in breaks(scene, carry.state.parted)]
-        depth = np.stack([_depth(start, model, line.nodes, case.storm.level) for line in tally.lines])
+        below = case.storm.level - np.asarray(model.nodes(start.r, model.ends(start.t)))[:, 2]
+        depth = np.array([(below[line.nodes].min(), below[line.nodes].max()) for line in tally.lines])
         more = {"rest": rest, "depth": depth, "broken": np.array(broken), "retried": np.array(retried)}
         for one, parts in signals.items():
             found = statistic(one.statistic, jnp.concatenate(parts), scene.run.interval, over_steps=watch is not None)
@@ -200,7 +195,7 @@ class Runner:
         key = storm.still
         if key not in self._starts:
             start = initial_state(model, scene.start)
-            positions = _rest_nodes(model, start)
+            positions = model.nodes(start.r, model.ends(start.t))
             if self.site.exclusion is not None and model.sea.current is not None:
                 still = equilibrium(replace(model, sea=replace(model.sea, current=None)))
                 if still.status != "ok":
@@ -214,12 +209,3 @@ class Runner:
 def _nodes(model: Model, r: np.ndarray, t: np.ndarray) -> jax.Array:
     """All nodes (k, nodes, 3) [m], line by line, from saved free nodes."""
     return jax.vmap(lambda free, time: model.nodes(free, model.ends(time)))(r, jnp.asarray(t, model.dtype))
-
-
-def _rest_nodes(model: Model, start: State) -> np.ndarray:
-    return np.asarray(model.nodes(start.r, model.ends(start.t)))
-
-
-def _depth(start: State, model: Model, nodes: np.ndarray, level: float) -> np.ndarray:
-    below = level - _rest_nodes(model, start)[nodes, 2]
-    return np.array([below.min(), below.max()])

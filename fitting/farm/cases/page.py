@@ -37,6 +37,8 @@ COLUMNS = (
     "step_error",
     "damage_per_hour",
 )
+#: Meaning of `run.characteristic`, in words.
+CHARACTERISTIC = {"mean": "mean of the seeds' maxima", "most_probable": "most probable maximum of the storm"}
 #: Labels of the cases by number.
 Labels = dict[int, str]
 #: Bars of parts within and beyond their limits, and dots of cases with intact and with broken lines.
@@ -53,22 +55,15 @@ def write_page(found: Table, folder: str | Path) -> dict[str, Path]:
 def page(found: Table) -> str:
     """The page's text."""
     labels = {case["case"]: _label(case) for case in found["cases"]}
+    verdict = "Not all limits hold, or not all runs are there: see below."
     if found["passes"]:
         verdict = "All limits hold."
-    else:
-        verdict = "Not all limits hold, or not all runs are there: see below."
-    if found["characteristic"] == "mean":
-        what = "mean of the seeds' maxima"
-    else:
-        what = "most probable maximum of the storm"
-    if found["dt_s"] is None:
-        steps = f"accuracy {found['accuracy']:g}"
-    else:
-        steps = f"steps of {found['dt_s']:g} s"
+    steps = f"accuracy {found['accuracy']:g}" if found["dt_s"] is None else f"steps of {found['dt_s']:g} s"
     parts = [
         f"# Load cases: {found['site']}",
         f"{verdict} Load cases: {len(labels)}, seeds of each: {found['seeds']}, {found['duration_s']:g} s of which the "
-        f"first {found['skip_s']:g} s do not count, {steps}. Characteristic load: {what}. "
+        f"first {found['skip_s']:g} s do not count, {steps}. Characteristic load: "
+        f"{CHARACTERISTIC[found['characteristic']]}. "
         f"Factors: {found['factors']['source']} (edition: {found['factors']['edition']}).",
         bullets(found["flags"]),
         "## Parts, each in its worst case",
@@ -136,9 +131,7 @@ def _quantities(found: Table, labels: Labels) -> str:
         worst = max(cases, key=lambda case: abs(case["quantities"][name]["value"]))
         value = worst["quantities"][name]
         rows.append([name, f"{value['value']:.4g}", cell(value["error"], ".2g"), labels[worst["case"]]])
-    if rows:
-        return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows)
-    return ""
+    return "## Quantities\n\n" + table(["quantity", "value [SI]", "+- seeds", "case"], rows) if rows else ""
 
 
 def _part_cells(part: Table, labels: Labels) -> list[str]:
@@ -151,40 +144,34 @@ def _part_cells(part: Table, labels: Labels) -> list[str]:
         row["line"],
         f"{row['load_n']:.0f}",
         cell(row["load_error_n"], ".0f"),
-        _step(part["step"]),
+        _step_error(part["step"]),
         f"{row['at_rest_n']:.0f}",
-        f"{row['utilisation']:.2f}" + _plus(row["utilisation_error"]),
+        _utilisation(row),
         labels[row["case"]],
     ]
 
 
 def _label(case: Table) -> str:
     """The label of a case; its end names the line that breaks and the time of the break."""
-    if case["break_s"] is None:
-        return case["name"]
-    return f"{case['name']} at {case['break_s']:g} s"
+    return case["name"] if case["break_s"] is None else f"{case['name']} at {case['break_s']:g} s"
 
 
-def _step(step: Table | None) -> str:
+def _step_error(step: Table | None) -> str:
     if step is None or "skipped" in step:
         return "not known"
     return f"{step['error_n']:.0f} ({step['relative']:.0%})"
 
 
-def _plus(error: float | None) -> str:
-    if error is None:
-        return ""
-    return f" +- {error:.2f}"
+def _utilisation(row: Table) -> str:
+    """Utilisation and its error; of a fixed point without an anchor it is not known."""
+    used = "not given" if row["utilisation"] is None else f"{row['utilisation']:.2f}"
+    return used if row["utilisation_error"] is None else f"{used} +- {row['utilisation_error']:.2f}"
 
 
 def _anchor_cells(anchor: Table, labels: Labels) -> list[str]:
     row = anchor["worst"]
     if row is None:
         return [anchor["point"], *["-"] * 6]
-    if row["utilisation"] is None:
-        used = "not given"
-    else:
-        used = f"{row['utilisation']:.2f}"
     allowed = anchor["allowed_uplift_deg"]
     return [
         anchor["point"],
@@ -192,7 +179,7 @@ def _anchor_cells(anchor: Table, labels: Labels) -> list[str]:
         f"{row['total_n']['value']:.0f}",
         f"{row['upward_n']['value']:.0f}",
         f"{anchor['uplift_deg']:.1f}" + ("" if allowed is None else f" of {allowed:g}"),
-        used + _plus(row["utilisation_error"]),
+        _utilisation(row),
         labels[row["case"]],
     ]
 
@@ -200,8 +187,9 @@ def _anchor_cells(anchor: Table, labels: Labels) -> list[str]:
 def _position_lines(found: Table, labels: Labels) -> list[str]:
     zone = found["exclusion"]
     backbone = found["backbone"]
-    lines = ["No exclusion zone is given."]
-    if zone is not None:
+    if zone is None:
+        lines = ["No exclusion zone is given."]
+    else:
         lines = [f"Largest excursion {zone['value']:.2f} m of {zone['allowed_m']:g} m, in {labels[zone['case']]}."]
     if backbone is not None:
         low, high = ("any" if limit is None else f"{limit:g}" for limit in backbone["allowed_m"])
@@ -217,15 +205,11 @@ def _fatigue_cells(part: Table) -> list[str]:
     if "skipped" in own:
         return [part["part"], own["skipped"], "-", "-", "-"]
     curve = own["curve"]
-    if own["damage_per_year"] is None:
-        yearly = own.get("why")
-    else:
-        yearly = f"{own['damage_per_year']:.2g}"
     return [
         part["part"],
         f"K = {curve['k']:g}, m = {curve['m']:g} ({curve['source']})",
         cell(own["largest_damage_per_hour"], ".2g"),
-        yearly or "-",
+        own["why"] if "why" in own else f"{own['damage_per_year']:.2g}",
         cell(own["life_years"], ".3g"),
     ]
 
@@ -240,9 +224,7 @@ def _worst_cases(found: Table, labels: Labels) -> str:
             by_case[row["case"]] = max(by_case.get(row["case"], (0.0, "-")), (row["utilisation"], part["part"]))
     ordered = sorted(by_case.items(), key=lambda item: -item[1][0])
     rows = [[str(n), labels[n], part, f"{used:.2f}"] for n, (used, part) in ordered[:most_cases]]
-    more = ""
-    if len(ordered) > most_cases:
-        more = f"\n\n{len(ordered) - most_cases} more in cases.csv."
+    more = f"\n\n{len(ordered) - most_cases} more in cases.csv." if len(ordered) > most_cases else ""
     return table(["case", "", "part used most", "utilisation"], rows) + more
 
 
@@ -266,29 +248,25 @@ def _rows(found: Table) -> Iterator[Table]:
 @style.plot_style()
 def draw_utilisation(found: Table, path: Path) -> Path:
     """A row for each part and each fixed point with an anchor: dots are cases, bars extend to the worst one."""
-    rows = [(part["part"], part["cases"], part["worst"], part["step"]) for part in found["parts"]]
-    rows += [(f"anchor {a['point']}", a["cases"], a["worst"], None) for a in found["anchors"] if a["anchor"]]
-    rows = [row for row in rows if row[2] is not None]
-    figure = style.new_figure(7.5, 1.5 + 0.34 * max(len(rows), 1))
+    bars = {part["part"]: part for part in found["parts"]}
+    bars |= {f"anchor {anchor['point']}": anchor for anchor in found["anchors"] if anchor["anchor"]}
+    bars = {name: bar for name, bar in reversed(bars.items()) if bar["worst"] is not None}
+    figure = style.new_figure(7.5, 1.5 + 0.34 * max(len(bars), 1))
     axes = figure.subplots()
-    states = {case["case"]: case["state"] for case in found["cases"]}
-    for i, (_, cases, worst, step) in enumerate(rows):
-        y = len(rows) - 1 - i
-        color = HOLDS
-        if worst["utilisation"] > 1.0:
-            color = WEAK
-        axes.barh(y, worst["utilisation"], height=0.55, color=color, zorder=1)
-        share = 0.0
-        if step is not None:
-            share = step.get("relative", 0.0)
-        error = np.hypot(worst["utilisation_error"] or 0.0, share * worst["utilisation"])
-        axes.errorbar(worst["utilisation"], y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
-        for broken in sorted({state != "intact" for state in states.values()}):
-            used = [c["utilisation"] for c in cases if (states[c["case"]] != "intact") == broken]
-            label = ("a line breaks" if broken else "intact") if i == 0 else None
-            axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=style.CYCLE[broken], zorder=3, label=label)
+    intact = [case["case"] for case in found["cases"] if case["state"] == "intact"]
+    for y, bar in enumerate(bars.values()):
+        worst = bar["worst"]["utilisation"]
+        axes.barh(y, worst, height=0.55, color=HOLDS if worst <= 1.0 else WEAK, zorder=1)
+        step_error = (bar.get("step") or {}).get("relative", 0.0) * worst
+        error = np.hypot(bar["worst"]["utilisation_error"] or 0.0, step_error)
+        axes.errorbar(worst, y, xerr=error, color=style.DARK, capsize=3, lw=1, zorder=4)
+        for i, (label, is_intact) in enumerate((("intact", True), ("a line breaks", False))):
+            used = [row["utilisation"] for row in bar["cases"] if (row["case"] in intact) == is_intact]
+            if used:
+                name = label if y == 0 else None
+                axes.plot(used, np.full(len(used), y), "o", ms=3.5, color=style.CYCLE[i], zorder=3, label=name)
     axes.axvline(1.0, color=style.ALERT, lw=1, ls="--")
-    axes.set_yticks(range(len(rows)), [row[0] for row in reversed(rows)])
+    axes.set_yticks(range(len(bars)), list(bars))
     axes.grid(False, axis="y")
     axes.set(xlim=(0.0, None), xlabel="utilisation: factor times load over capacity; error by chance and by the step")
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)

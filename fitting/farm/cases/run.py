@@ -56,24 +56,26 @@ def run_cases(
     todo = [case for case in cases if not store.has(case)]
     kept = len(cases) - len(todo)
     started = time.perf_counter()
+    identity = json.dumps(site.portable())
+    jobs = [(identity, case.storm.number, case.seed) for case in todo]
     if scheduler is not None:
-        source = _remote(site, todo, scheduler)
+        source = done_on(scheduler, run_one, jobs)
     elif workers > 1 and len(todo) > 1:
-        source = _local(site, todo, min(workers, len(todo)))
+        source = _local(jobs, min(workers, len(todo)))
     else:
         source = _here(site, todo)
 
     def words(ran: int, seconds: float) -> str:
         return f"{kept + ran} of {len(cases)} runs, {seconds / ran * (len(todo) - ran):.0f} s left"
 
-    store.fill(source, kept, len(cases), progress or silent, words)
+    results = ((todo[i], found) for i, found in source)
+    store.fill(results, kept, len(cases), progress or silent, words)
     return Done(len(cases), kept, time.perf_counter() - started)
 
 
-def _here(site: Site, todo: list[Case]) -> Iterator[tuple[Case, Found]]:
+def _here(site: Site, todo: list[Case]) -> Iterator[tuple[int, Found]]:
     if todo:
-        runner = Runner(site)
-        yield from ((case, runner(case)) for case in todo)
+        yield from enumerate(map(Runner(site), todo))
 
 
 @lru_cache(maxsize=2)
@@ -89,13 +91,12 @@ def run_one(identity: str, number: int, seed: int) -> Found:
     return runner(Case(runner.site.storms[number], seed))
 
 
-def _local(site: Site, todo: list[Case], workers: int) -> Iterator[tuple[Case, Found]]:
-    """Results from processes of this machine, as they finish."""
-    identity = json.dumps(site.portable())
+def _local(jobs: list[tuple[str, int, int]], workers: int) -> Iterator[tuple[int, Found]]:
+    """Results from processes of this machine by number of the job, as they finish."""
     with ProcessPoolExecutor(
         workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(os.getpid(), REGISTERED_FILES)
     ) as pool:
-        futures = {pool.submit(run_one, identity, c.storm.number, c.seed): c for c in todo}
+        futures = {pool.submit(run_one, *job): i for i, job in enumerate(jobs)}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()
@@ -116,10 +117,3 @@ def _begin(parent: int, effect_files: list[str]) -> None:
         os._exit(1)
 
     threading.Thread(target=watch_parent, daemon=True).start()
-
-
-def _remote(site: Site, todo: list[Case], scheduler: Any) -> Iterator[tuple[Case, Found]]:
-    """Over a cluster."""
-    identity = json.dumps(site.portable())
-    jobs = [(identity, case.storm.number, case.seed) for case in todo]
-    return ((todo[i], found) for i, found in done_on(scheduler, run_one, jobs))

@@ -38,9 +38,9 @@ def step_errors(
     if not site.run.halvings:
         return {part["part"]: {"skipped": "run.halvings is 0"} for part in found["parts"]}
     worst = {part["part"]: part["worst"] for part in found["parts"] if part["worst"] is not None}
-    storms = {site.storms[row["case"]].number: site.storms[row["case"]] for row in worst.values()}
+    numbers = dict.fromkeys(row["case"] for row in worst.values())
     seeds = site.seeds[: site.run.step_seeds]
-    cases = [Case(storm, seed) for storm in storms.values() for seed in seeds]
+    cases = [Case(site.storms[number], seed) for number in numbers for seed in seeds]
     sites = [site, *(site.finer(k) for k in range(1, min(site.run.halvings, 2) + 1))]
     for finer in sites[1:]:
         run_cases(finer, folder, cases=cases, workers=workers, scheduler=scheduler, progress=progress)
@@ -48,24 +48,23 @@ def step_errors(
 
 
 def _error(sites: list[Site], folder: str | Path, row: Table, seeds: Sequence[int]) -> Table:
-    means = []
-    steps = []
+    means = {}
     for site in sites:
         runs = CaseStore(folder, site)
         good, bad = runs.runs_of(site.storms[row["case"]], seeds)
         ((key, value),) = site.steps.items()
         if bad:
             return {"skipped": f"a run with {key} = {value:g} ended with {bad[0]['status']}"}
-        steps.append(f"{value:g}")
-        means.append(float(np.mean(runs.maxima(good, row["line"]))))
+        means[f"{value:g}"] = float(np.mean(runs.maxima(good, row["line"])))
+    first, *_, last = means.values()
     gain = 2.0 ** (len(means) - 1)
-    error = gain / (gain - 1.0) * abs(means[0] - means[-1])
+    error = gain / (gain - 1.0) * abs(first - last)
     return {
         "case": row["case"],
         "line": row["line"],
-        "value_n": means[0],
+        "value_n": first,
         "error_n": error,
-        "relative": error / max(means[0], 1e-300),
-        "by_step": dict(zip(steps, means, strict=True)),
+        "relative": error / max(first, 1e-300),
+        "by_step": means,
         "seeds": len(seeds),
     }

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.model import Model
-from fitting.farm.optimise.models import Still, slopes_of
+from fitting.farm.optimise.models import Still
 from fitting.farm.site.case import Break
 
 
@@ -36,5 +36,4 @@ def with_link_mask(model: Model, broken_link: int | None) -> Model:
 
 def masked_still(found: Still, broken_link: int | None) -> Still:
     """The same for a model, including the derivatives of its leaves with respect to the variables."""
-    model = with_link_mask(found.model, broken_link)
-    return Still(model, slopes_of(model, found), found.assumed)
+    return replace(found, model=with_link_mask(found.model, broken_link))

@@ -21,14 +21,13 @@ from dropper_jax.scene import whole_lines
 from dropper_jax.scene.run import DEFAULT_ACCURACY
 from fitting.farm.optimise.broken_link import link_of, masked_still
 from fitting.farm.optimise.full_storm import Storms, full_storm
-from fitting.farm.optimise.goals import Goals, check_depths
+from fitting.farm.optimise.goals import DepthLimit, Goals, check_depths
 from fitting.farm.optimise.maxima_weights import check_seeds, weights
-from fitting.farm.optimise.models import ASSUMPTIONS, Still, designs_beside, idle, in_assumed, sea_of, still
-from fitting.farm.optimise.quantities import Quantity
+from fitting.farm.optimise.models import ASSUMPTIONS, Still, designs_beside, idle, sea_of, still
 from fitting.farm.optimise.storm import WINDOW_RAMP, Peaks, Settings, WindowRun, check_windows, peaks, slopes
-from fitting.farm.optimise.values import RunStart, Values, Window, rest
+from fitting.farm.optimise.values import Rest, RunStart, Values, Window, rest
 from fitting.farm.optimise.variables import Variable, with_design
-from fitting.farm.site import Case, Part, Site
+from fitting.farm.site import Case, Part, Site, Storm
 from fitting.farm.site.site import LONGEST_INTERVAL
 
 #: Change of a variable up and down in derivatives of windows, relative to its range, and of the assumptions.
@@ -43,13 +42,12 @@ class WindowRuns:
     Attributes:
         x: the design (p,).
         factors: ratio of the whole run's hard peaks to the soft ones, for each window (q,).
-        windows: one of each case; starts: equilibria by what cases share.
+        windows: one of each case.
     """
 
     x: np.ndarray
     factors: Sequence[np.ndarray]
     windows: Sequence[Peaks]
-    starts: dict[object, RunStart]
 
     @property
     def peaks(self) -> list[np.ndarray]:
@@ -62,67 +60,86 @@ class WindowRuns:
 
 
 class Design:
-    """The problem; stores the last equilibria, from which the next ones are solved."""
+    """The problem; stores the equilibria of the last design, from which the next ones are solved.
+
+    Attributes:
+        start: the design at the start (p,).
+        quantities: that apply to storms, by kind of state (`Storm.kind`).
+
+    Raises:
+        SceneError: a scene that cannot be designed, variables without effect, contradicting depths, too few seeds.
+    """
 
     def __init__(self, site: Site, variables: Sequence[Variable], goals: Goals, settings: Settings) -> None:
         check_seeds(site.run)
-        self.site, self.calm = site, replace(site, states=(None,))  # windows break their lines themselves
-        self.variables, self.goals, self.settings = tuple(variables), goals, settings
-        self.cases = self.site.cases
+        self.site = site
+        self.calm = replace(site, states=(None,))  # windows break their lines themselves
+        self.variables = tuple(variables)
+        self.goals = goals
+        self.settings = settings
+        self.cases = site.cases
+        self.start = np.array([v.value for v in variables])
         steps = site.prepared().run
-        interval, accuracy = min(steps.interval, LONGEST_INTERVAL), steps.accuracy or DEFAULT_ACCURACY
         #: Windows follow the accuracy of the site's runs, or the default one where these take equal steps.
-        self.window_run = WindowRun(settings.window, interval, accuracy)
-        self._changes = CHANGE * np.array([v.span for v in self.variables])
-        self._near: dict[object, State] = {}
-        self._quantities: dict[str, tuple[Quantity, ...]] = {}
-        self._strength = [strength_of(part, self.site.scene) for part in self.site.parts]
+        self.window_run = WindowRun(
+            settings.window, min(steps.interval, LONGEST_INTERVAL), steps.accuracy or DEFAULT_ACCURACY
+        )
+        self._strength = [strength_of(part, site.scene) for part in site.parts]
         self._compiled: set[tuple[str, str]] = set()
-        self._scene_cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] = b"", (np.zeros(0), np.zeros(0))
+        self._near: dict[object, State] = {}
+        self._x = np.zeros(0)
+        self._known: dict[object, Any] = {}
+        first = still(self.calm, self.variables, self.start, self.cases[0].storm)
+        check_windows(first.model)
+        check_depths(goals.depths, first.model)
+        self.quantities = {kind: goals.quantities(site, first.model, kind) for kind in site.kinds}
+        self._check_effects(first)
 
-    @property
-    def start(self) -> np.ndarray:
-        return np.array([v.value for v in self.variables])
+    def _check_effects(self, first: Still) -> None:
+        """Reject variables that change neither the model nor what the scene costs and carries."""
+        costs = np.any(self.scene_constraints(self.start)[1] != 0, axis=0)
+        named = [repr(v.name) for k, v in enumerate(self.variables) if idle(first, k) and not costs[k]]
+        if named:
+            raise SceneError(f"variable: {', '.join(named)} moves nothing. Use numbers that do")
 
-    def still(self, x: np.ndarray, case: Case) -> RunStart:
-        """Calm model and equilibrium of a design in the current and level of a case, all lines intact."""
-        found = in_assumed(still(self.calm, self.variables, x, case.storm))
-        own = rest(found, self._near.get(case.storm.still))
-        self._near[case.storm.still] = own.state
-        return RunStart(found, own)
+    def _of_design(self, x: np.ndarray, key: object, make: Callable[[], Any]) -> Any:
+        """A property of a design, made once until another design is asked for."""
+        if not np.array_equal(x, self._x):
+            self._x = np.array(x)
+            self._known = {}
+        if key not in self._known:
+            self._known[key] = make()
+        return self._known[key]
 
-    def run_start(self, x: np.ndarray, case: Case, cache: dict[object, RunStart], polished: bool = False) -> RunStart:
-        """The same for a case, with the later model of its window; `cache` stores what cases share."""
-        whole = case.storm.still
-        if whole not in cache:
-            cache[whole] = self.still(x, case)
-        broken = case.storm.broken
-        if broken is None:
-            return cache[whole]
-        key = (*whole, broken.name, polished)
-        if key not in cache:
-            found = cache[whole].still
-            link = link_of(cache[whole].still.model, broken)
-            masked = masked_still(found, link)
-            if polished:
-                own = rest(masked, self._near.get(key))
-                self._near[key] = own.state
-                cache[key] = RunStart(masked, own, masked)
-            else:
-                cache[key] = RunStart(masked_still(found, None), cache[whole].rest, masked)
-        return cache[key]
+    def run_start(self, x: np.ndarray, storm: Storm, polished: bool = False) -> RunStart:
+        """Start of a window: calm model and equilibrium of a design in the current and level of a load case.
 
-    def quantities(self, case: Case, found: Still) -> tuple[Quantity, ...]:
-        """The quantities that apply to a case."""
-        kind = case.storm.kind
-        if kind not in self._quantities:
-            self._quantities[kind] = self.goals.quantities(self.site, found.model, kind)
-        return self._quantities[kind]
+        Args:
+            polished: whether a line that breaks is missing from the start on; otherwise all lines are intact there.
+        """
+        key = (*storm.still, storm.state, polished)
+        return self._of_design(x, key, lambda: self._make_start(x, storm, polished, key))
 
-    def count_limited(self, case: Case) -> int:
+    def _make_start(self, x: np.ndarray, storm: Storm, polished: bool, key: object) -> RunStart:
+        if storm.broken is None:
+            found = still(self.calm, self.variables, x, storm)
+            return RunStart(found, self._rest(found, key))
+        whole = self.run_start(x, replace(storm, broken=None))
+        parted = masked_still(whole.still, link_of(whole.still.model, storm.broken))
+        if polished:
+            return RunStart(parted, self._rest(parted, key), parted)
+        return RunStart(masked_still(whole.still, None), whole.rest, parted)
+
+    def _rest(self, found: Still, key: object) -> Rest:
+        """The equilibrium, solved from the last one under this key."""
+        own = rest(found, self._near.get(key))
+        self._near[key] = own.state
+        return own
+
+    def count_limited(self, kind: str) -> int:
         """Number of quantities with a limit: all but a motion that is the objective."""
-        own = self._quantities[case.storm.kind]
-        return len(own) - (1 if self.goals.objective.of == "motion" and case.storm.broken is None else 0)
+        objective = self.goals.objective.of == "motion" and kind == "intact"
+        return len(self.quantities[kind]) - objective
 
     def scene_constraints(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Properties of a design without a run: material, then the strength of each part over that at the start.
@@ -130,64 +147,56 @@ class Design:
         Returns:
             (1 + parts,) and the derivatives by the variables (1 + parts, p).
         """
-        key = np.asarray(x, float).tobytes()
-        if key != self._scene_cache[0]:
+
+        def differentiate() -> tuple[np.ndarray, np.ndarray]:
             slopes = []
             for distance, higher, lower in designs_beside(self.variables, x):
                 slopes.append((self._evaluate_scene(higher) - self._evaluate_scene(lower)) / distance)
-            self._scene_cache = key, (self._evaluate_scene(x), np.stack(slopes, axis=1))
-        return self._scene_cache[1]
+            return self._evaluate_scene(x), np.stack(slopes, axis=1)
+
+        return self._of_design(x, "scene", differentiate)
 
     def _evaluate_scene(self, x: np.ndarray) -> np.ndarray:
         scene = with_design(self.site.scene, self.variables, x)
         strength = np.array([strength_of(part, scene) for part in self.site.parts]) / self._strength
         return np.array([self.goals.objective.material(scene), *strength])
 
-    def check(self) -> None:
-        """Reject scenes that cannot be designed, variables without effect, and contradicting depths.
+    def depths(self, x: np.ndarray, storm: Storm) -> list[DepthLimit]:
+        """Depths of a design at rest, all lines intact, in the water of a load case."""
+        start = self.run_start(x, replace(storm, broken=None))
+        found = []
+        for depth in self.goals.depths:
+            found += depth.over(start.still.model, np.asarray(start.rest.state.r), start.rest.dr, float(storm.level))
+        return found
 
-        Raises:
-            SceneError: with their names.
-        """
-        found = still(self.calm, self.variables, self.start, self.cases[0].storm)
-        check_windows(found.model)
-        check_depths(self.goals.depths, found.model)
-        costs = np.any(self.scene_constraints(self.start)[1] != 0, axis=0)
-        free = [v.name for v, moves in zip(self.variables, costs, strict=True) if not moves]
-        named = [name for name in idle(found, self.variables) if name in free]
-        if named:
-            raise SceneError(f"variable: {', '.join(map(repr, named))} moves nothing. Use numbers that do")
-
-    def window(self, x: np.ndarray, window: Window, start: RunStart) -> Peaks:
+    def window(self, x: np.ndarray, window: Window) -> Peaks:
         """Peaks of a window of a design."""
+        storm = window.case.storm
         scene = with_design(self.calm.scene, self.variables, x)
         sea = sea_of(self.calm, scene, window.case, WINDOW_RAMP, window.begin)
-        quantities = self.quantities(window.case, start.still)
-        return peaks(start.still, start.rest, sea, quantities, self.window_run, window.height, start.after)
+        start = self.run_start(x, storm, window.polished)
+        return peaks(start, sea, self.quantities[storm.kind], self.window_run, window.height)
 
     def slopes(self, found: Sequence[Peaks], say: Progress, assumptions: bool = False) -> list[np.ndarray]:
         """Derivatives of the soft peaks of windows (q, p + a) by the variables, and by the assumptions if wanted, else
         0."""
-        assumed = CHANGE if assumptions else 0.0
-        sizes = np.append(self._changes, np.full(len(ASSUMPTIONS), assumed))
+        spans = [v.span for v in self.variables]
+        sizes = CHANGE * np.array([*spans, *[float(assumptions)] * len(ASSUMPTIONS)])
         return slopes(found, sizes, lambda done, of: say(done / of, f"derivatives: {done} of {of}"))
 
-    def renew_windows(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], list[Storms]]:
-        """Windows around the peak loads of the whole runs of a design, and these runs' hard peaks.
+    def measure(self, x: np.ndarray, say: Progress) -> tuple[tuple[Window, ...], Values]:
+        """Windows around the peak loads of the whole runs of a design, and its values by the hard peaks of these runs,
+        without derivatives of storm quantities.
 
         Raises:
             SceneError: a run that failed.
         """
         scene = with_design(self.site.scene, self.variables, x)
-        cache = {}
-        stands = [self.run_start(x, case, cache) for case in self.cases]
-        for case, start in zip(self.cases, stands, strict=True):
-            self.quantities(case, start.still)
+        states = [self.run_start(x, case.storm).rest.state for case in self.cases]
 
         def run_fully(i: int) -> Storms:
             case = self.cases[i]
-            start = stands[i]
-            return full_storm(self.site, scene, case, self.quantities(case, start.still), start.rest.state)
+            return full_storm(self.site, scene, case, self.quantities[case.storm.kind], states[i])
 
         full = self._run_parallel(run_fully, "whole runs", say)
         for storm in full:
@@ -195,20 +204,18 @@ class Design:
                 (steps,) = self.site.steps
                 raise SceneError(f"design: {storm.message}. Use a smaller run.{steps}, or bounds nearer to the start")
         windows = [self._window_around_peak(case, storm) for case, storm in zip(self.cases, full, strict=True)]
-        stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
-
-        def scale_window(i: int) -> Window:
-            soft = self.window(x, windows[i], stands[i])
+        found = self._run_windows(x, windows, say)
+        for i, soft in enumerate(found):
             if not soft.solved:
-                name = windows[i].case.storm.name
+                name = self.cases[i].storm.name
                 raise SceneError(f"design: a window of {name} has steps that do not converge")
-            return replace(windows[i], factor=full[i].hard / soft.soft, height=soft.hard)
-
-        return tuple(self._run_parallel(scale_window, "windows", say)), full
+            windows[i] = replace(windows[i], factor=full[i].hard / soft.soft, height=soft.hard)
+        hard = [storm.hard for storm in full]
+        return tuple(windows), self._together(x, hard, self._no_slopes(hard), True)
 
     def _window_around_peak(self, case: Case, storm: Storms) -> Window:
         """The window around the peak of a whole run that is nearest to its limit; its scale factor comes later."""
-        when = storm.when[int(np.argmax(storm.hard[: self.count_limited(case)]))]
+        when = storm.when[int(np.argmax(storm.hard[: self.count_limited(case.storm.kind)]))]
         last = max(self.site.run.duration - self.settings.window, 0.0)
         begin = float(np.clip(when - self.settings.before, 0.0, last))
         window = Window(case, begin, np.ones(len(storm.hard)))
@@ -221,10 +228,10 @@ class Design:
         return replace(window, polished=True)
 
     def _run_parallel(self, one: Callable[[int], Any], what: str, say: Progress) -> list[Any]:
-        """`one` of every case; a program that is not yet compiled runs alone the first time."""
+        """`one` of the number of every case; a program that is not yet compiled runs alone the first time."""
         count = len(self.cases)
         found = {}
-        for kind in dict.fromkeys(case.storm.kind for case in self.cases):
+        for kind in self.site.kinds:
             own = [i for i, case in enumerate(self.cases) if case.storm.kind == kind]
             done = len(found)
             tell = lambda k, done=done: say((done + k) / count, f"{what}: {done + k} of {count}")  # noqa: E731
@@ -233,47 +240,33 @@ class Design:
             self._compiled.add((what, kind))
         return [found[i] for i in range(count)]
 
+    def _run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> list[Peaks]:
+        for window in windows:  # equilibria are made before threads ask for them
+            self.run_start(x, window.case.storm, window.polished)
+        return self._run_parallel(lambda i: self.window(x, windows[i]), "windows", say)
+
     def run_windows(self, x: np.ndarray, windows: Sequence[Window], say: Progress) -> WindowRuns:
         """Runs of the windows of a design, one of each case."""
-        cache: dict[object, RunStart] = {}
-        stands = [self.run_start(x, window.case, cache, window.polished) for window in windows]
-        found = self._run_parallel(lambda i: self.window(x, windows[i], stands[i]), "windows", say)
-        factors = [window.factor for window in windows]
-        return WindowRuns(x, factors, found, cache)
+        return WindowRuns(x, [window.factor for window in windows], self._run_windows(x, windows, say))
 
     def values(self, runs: WindowRuns) -> Values:
         """Objective and constraints of a design by its windows, without derivatives of storms."""
-        return self._together(runs.x, runs.peaks, self._no_slopes(runs.peaks), runs.starts, runs.solved)
+        return self._together(runs.x, runs.peaks, self._no_slopes(runs.peaks), runs.solved)
 
     def derivatives(self, runs: WindowRuns, say: Progress, assumptions: bool = False) -> Values:
         """The same with derivatives by the variables, and by the assumptions if wanted."""
         found = self.slopes(runs.windows, say, assumptions)
         slope = [own * factor[:, None] for own, factor in zip(found, runs.factors, strict=True)]
         solved = runs.solved and all(np.isfinite(own).all() for own in slope)
-        return self._together(runs.x, runs.peaks, slope, runs.starts, solved)
+        return self._together(runs.x, runs.peaks, slope, solved)
 
     def _no_slopes(self, hard: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Zero derivatives of quantities (q,) of each case, (q, p + a)."""
         return [np.zeros((len(peaks), len(self.variables) + len(ASSUMPTIONS))) for peaks in hard]
 
-    def measure_full_runs(self, x: np.ndarray, full: Sequence[Storms]) -> Values:
-        """The same by the hard peaks of whole runs, without derivatives of storm quantities."""
-        cache: dict[object, RunStart] = {}
-        for case in self.cases:
-            self.run_start(x, case, cache)
-        hard = [storm.hard for storm in full]
-        return self._together(x, hard, self._no_slopes(hard), cache, True)
-
-    def _together(
-        self,
-        x: np.ndarray,
-        hard: Sequence[np.ndarray],
-        slope: Sequence[np.ndarray],
-        cache: dict[object, RunStart],
-        solved: bool,
-    ) -> Values:
+    def _together(self, x: np.ndarray, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray], solved: bool) -> Values:
         """Objective and constraints from the quantities (q,) of every case and their slopes (q, p + a)."""
-        rows: list[tuple[str, float, np.ndarray]] = []
+        rows: list[DepthLimit] = []
         by_seed: dict[str, np.ndarray] = {}
         (material, *strength), of_scene = self.scene_constraints(x)
         of_scene = np.pad(of_scene, ((0, 0), (0, len(ASSUMPTIONS))))
@@ -285,41 +278,32 @@ class Design:
             for h, s in zip(hard, slope, strict=True)
         ]
         hard = [np.concatenate([h[:n] / now[:, 0], h[n:]]) for h in hard]
-        for number in sorted({case.storm.number for case in self.cases}):
-            own = [i for i, case in enumerate(self.cases) if case.storm.number == number]
-            case = self.cases[own[0]]
-            peaks = np.array([hard[i] for i in own])
-            share = weights(peaks, self.site.run_of(case.storm))
-            shares = share[:, :, None] * np.array([slope[i] for i in own])
-            mean = np.sum(share * peaks, axis=0)
-            way = shares.sum(axis=0)
-            for q in range(self.count_limited(case)):
-                name = f"{self._quantities[case.storm.kind][q].name}: {case.storm.name}"
-                rows.append((name, float(mean[q]), way[q]))
-                by_seed[name] = len(own) * shares[:, q]
-        storms = {case.storm.still: case.storm for case in self.cases if case.storm.still in cache}
-        for key, storm in storms.items():
-            start = cache[key]
-            level = float(storm.level)
-            label = ""
-            if len(storms) != 1:
-                label = f": {storm.current_name or ''} level {level:+g} m"
-            for depth in self.goals.depths:
-                own = depth.over(start.still.model, np.asarray(start.rest.state.r), start.rest.dr, level)
-                rows += [(name + label, near, by) for name, near, by in own]
+        seeds = len(self.site.seeds)
+        for i, storm in enumerate(self.site.storms):
+            own = slice(i * seeds, (i + 1) * seeds)  # seeds vary fastest
+            peaks = np.array(hard[own])
+            share = weights(peaks, self.site.run_of(storm))
+            shares = share[:, :, None] * np.array(slope[own])
+            for q in range(self.count_limited(storm.kind)):
+                name = f"{self.quantities[storm.kind][q].name}: {storm.name}"
+                rows.append((name, float(share[:, q] @ peaks[:, q]), shares[:, q].sum(axis=0)))
+                by_seed[name] = seeds * shares[:, q]
+        storms = {storm.still: storm for storm in self.site.storms}
+        for storm in storms.values():
+            label = "" if len(storms) == 1 else f": {storm.current_name or ''} level {storm.level:+g} m"
+            rows += [(name + label, near, by) for name, near, by in self.depths(x, storm)]
         names, value, slopes = zip(*rows, strict=True) if rows else ((), (), ())
-        objective = material
+        objective = float(material)
         way = of_scene[0]
         if self.goals.objective.of != "material":
             objective, way = self._largest(hard, slope)
-        return Values(float(objective), way, tuple(names), np.array(value), np.array(slopes), solved, by_seed)
+        return Values(objective, way, tuple(names), np.array(value), np.array(slopes), solved, by_seed)
 
     def _largest(self, hard: Sequence[np.ndarray], slope: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
         """The objective if it depends on storms: the maximum of all cases."""
         of = self.goals.objective
+        q = -1 if of.of == "motion" else [part.name for part in self.site.parts].index(of.part)
         intact = [i for i, case in enumerate(self.cases) if case.storm.broken is None]
-        names = [q.name for q in self._quantities[self.cases[intact[0]].storm.kind]]
-        q = len(names) - 1 if of.of == "motion" else names.index(of.part)
         worst = max(intact, key=lambda i: hard[i][q])
         return float(hard[worst][q]), slope[worst][q]
 

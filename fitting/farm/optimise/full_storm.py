@@ -5,7 +5,6 @@ They take the steps of load cases, an accuracy or equal ones; windows always fol
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
@@ -19,7 +18,7 @@ from dropper_jax.model import Model, State, state
 from dropper_jax.run.build import build_model, stepper_of
 from dropper_jax.run.chunks import compile_run, first_carry, run_chunks
 from fitting.farm.optimise.models import in_waves, sea_of, still_scene
-from fitting.farm.optimise.quantities import Quantity
+from fitting.farm.optimise.quantities import Quantity, Steps
 from fitting.farm.optimise.storm import highest_signals
 from fitting.farm.optimise.values import near_rest
 from fitting.farm.site import Case, Site
@@ -41,25 +40,22 @@ class StepPeaks:
     quantities: tuple[Quantity, ...] = option("of the storm")
 
     def __call__(self, model: Model, before: State, after: State) -> tuple[jax.Array, jax.Array]:
-        peaks = highest_signals(self.quantities, model, after.r[None], after.tension[None], jnp.ones(1))
+        peaks = highest_signals(self.quantities, model, Steps(after.r[None], after.tension[None], jnp.ones(1)))
         return jnp.concatenate(peaks), after.t
 
 
-def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quantity], near: State | None) -> Storms:
+def full_storm(site: Site, scene: Scene, case: Case, quantities: tuple[Quantity, ...], near: State) -> Storms:
     """The whole run of a case of a design.
 
     The time before `skip`, or before a line breaks, is not counted.
     """
     own = still_scene(site, scene, case.storm)
     model = build_model(own)
-    if near is not None:
-        near = state(model, near.r, tension=near.tension)
-    start = near_rest(model, near)
+    start = near_rest(model, state(model, near.r, tension=near.tension))
     model = in_waves(model, sea_of(site, scene, case, site.run.ramp or max(site.run.skip, 1.0)))
     run = own.run
     stepper = stepper_of(model, run, track_work=False)
-    watch = StepPeaks(tuple(quantities))
-    pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run, watch)
+    pieces = compile_run(stepper, model, first_carry(stepper, model, start, run), run, StepPeaks(quantities))
     found = run_chunks(pieces, run.rows, silent).trajectory
     if found.extremes is None:
         raise ValueError("a run that is watched has extremes")
@@ -67,18 +63,14 @@ def full_storm(site: Site, scene: Scene, case: Case, quantities: Sequence[Quanti
         none = np.full(len(quantities), np.nan)
         return Storms(none, none, f"a step of {case.storm.name}, seed {case.seed}, failed")
     first = int(np.floor(site.run_of(case.storm).skip / run.interval))
-    hard, when = _peaks_of_steps(found.extremes.largest[first:], found.extremes.largest_at[first:])
-    r, tension = found.r[first:], found.tension[first:]
+    largest = found.extremes.largest[first:]
+    peak = (np.argmax(largest, axis=0), np.arange(largest.shape[1]))
+    hard = np.array(largest[peak], float)
+    when = np.array(found.extremes.largest_at[first:][peak], float)
+    steps = Steps(found.r[first:], found.tension[first:], jnp.ones(len(found.r) - first))
     for i, quantity in enumerate(quantities):
         if not quantity.is_instant:
-            (rows,) = highest_signals((quantity,), model, r, tension, jnp.ones(len(r)))
+            (rows,) = highest_signals((quantity,), model, steps)
             hard[i] = np.max(rows)
             when[i] = (first + np.argmax(rows) + 1) * run.interval
     return Storms(hard, when)
-
-
-def _peaks_of_steps(largest: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The largest of rows (k, q), and their times (q,)."""
-    row = np.argmax(largest, axis=0)
-    column = np.arange(largest.shape[1])
-    return np.array(largest[row, column], float), np.array(at[row, column], float)

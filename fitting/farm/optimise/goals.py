@@ -19,12 +19,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.read import Plain, Values, check_keys, read_list, read_number, read_table, read_text
+from dropper_jax.base.read import Values, check_keys, read_list, read_number, read_table, read_text
 from dropper_jax.load.scene import Scene
 from dropper_jax.model import Model
 from dropper_jax.run.arrays import bare_model
@@ -39,7 +39,7 @@ from fitting.farm.optimise.quantities import (
     part_load,
 )
 from fitting.farm.site import Site
-from fitting.farm.site.case import match_names
+from fitting.farm.site.case import match_names, read_patterns
 
 OBJECTIVES = ("material", "load", "motion")
 KINDS = {
@@ -71,6 +71,10 @@ class Objective:
         return total + self.float_price * sum(float(p.mass or 0.0) for p in floats)
 
 
+#: Name of a bound, its utilisation (1 at the bound), and the derivative of this by the variables (p,).
+DepthLimit = tuple[str, float, np.ndarray]
+
+
 @dataclass(frozen=True)
 class Depth:
     """Range of depths for nodes at rest [m] below the water's level."""
@@ -83,13 +87,12 @@ class Depth:
 
     def nodes(self, model: Model) -> np.ndarray:
         """Numbers of the free nodes that it applies to."""
-        index = {point.name: i for i, point in enumerate(model.points)}
-        free = [int(model.geometry.point_node[index[name]]) for name in self.points]
-        of_lines = line_nodes(model, self.lines)
-        return np.array([*free, *(int(i) for name in self.lines for i in of_lines[name])], int)
+        names = [point.name for point in model.points]
+        free = [model.geometry.point_node[names.index(name)] for name in self.points]
+        return np.concatenate([free, *line_nodes(model, self.lines).values()]).astype(int)
 
-    def over(self, model: Model, r: np.ndarray, dr: np.ndarray, level: float) -> list[tuple[str, float, np.ndarray]]:
-        """Each bound's utilisation (1 at the bound) and its derivative by the variables (p,), at the worst node."""
+    def over(self, model: Model, r: np.ndarray, dr: np.ndarray, level: float) -> list[DepthLimit]:
+        """Each bound at the worst node."""
         own = self.nodes(model)
         depth = level - r[own, 2]
         found = []
@@ -121,14 +124,30 @@ def check_depths(depths: Sequence[Depth], model: Model) -> None:
 
 
 @dataclass(frozen=True)
+class StormLimit:
+    """A constraint on storms: its kind and path, the lines or the quantity that it applies to, and its limit."""
+
+    kind: str
+    path: str
+    of: tuple[str, ...] | str
+    limit: float
+
+    def quantity(self, model: Model, number: int) -> Quantity:
+        """The quantity with a limit of 1; `number` counts constraints of this kind from 1."""
+        if isinstance(self.of, str):
+            return named_quantity(self.of, model, self.path, self.limit)
+        if self.kind == "clearance":
+            return Clearance(f"clearance {number}", _pairs(model, self.of), self.limit)
+        return Motion(f"motion {number}", _nodes(model, self.of), 1.0 / self.limit)
+
+
+@dataclass(frozen=True)
 class Goals:
-    """Objective and constraints, read."""
+    """Objective and constraints, read; those on storms by kind."""
 
     objective: Objective
     depths: tuple[Depth, ...]
-    clearances: tuple[tuple[tuple[str, ...], float], ...]
-    motions: tuple[tuple[tuple[str, ...], float], ...]
-    named: tuple[tuple[str, str, float], ...] = ()
+    limits: tuple[StormLimit, ...]
 
     def quantities(self, site: Site, model: Model, kind: str = "intact") -> tuple[Quantity, ...]:
         """The quantities of storms: all with a limit of 1, and the objective last if it depends on storms.
@@ -139,26 +158,20 @@ class Goals:
         found += [quantity for anchor in site.anchors for quantity in anchor_loads(model, anchor, kind)]
         if kind != "intact":
             return tuple(found)
-        for i, (lines, least) in enumerate(self.clearances, 1):
-            found.append(Clearance(f"clearance {i}", _pairs(model, lines), least))
-        for i, (lines, most) in enumerate(self.motions, 1):
-            found.append(Motion(f"motion {i}", _nodes(model, lines), 1.0 / most))
-        found += [named_quantity(of, model, path, most) for path, of, most in self.named]
+        for _, limits in groupby(self.limits, key=lambda limit: limit.kind):
+            found += [limit.quantity(model, i) for i, limit in enumerate(limits, 1)]
         if self.objective.of == "motion":
             found.append(Motion("largest motion", _nodes(model, self.objective.lines)))
         return tuple(found)
 
 
 def _nodes(model: Model, lines: Sequence[str]) -> tuple[int, ...]:
-    return tuple(dict.fromkeys(int(i) for own in line_nodes(model, lines).values() for i in own))
+    return tuple(dict.fromkeys(np.concatenate([*line_nodes(model, lines).values()]).tolist()))
 
 
 def _pairs(model: Model, lines: Sequence[str]) -> tuple[tuple[int, int], ...]:
     """Nodes of each line with those of the next one, without ends and shared nodes."""
-    inner = int(model.geometry.inner)
-    nodes = []
-    for own in line_nodes(model, lines).values():
-        nodes.append([int(i) for i in own if i < inner])
+    nodes = [own[own < model.geometry.inner].tolist() for own in line_nodes(model, lines).values()]
     return tuple((a, b) for one, other in pairwise(nodes) for a in one for b in other)
 
 
@@ -172,9 +185,7 @@ def read_goals(site: Site) -> Goals:
     free = [p.name for p in site.scene.points if p.is_free]
     objective = _objective(read_table(site.raw.get("objective", {}), "objective"), site)
     depths = []
-    clearances = []
-    motions = []
-    named = []
+    limits = []
     if site.backbone is not None:
         own = site.backbone
         lines = match_names(own.lines, names, "backbone.lines")
@@ -182,7 +193,7 @@ def read_goals(site: Site) -> Goals:
     items = read_list(site.raw.get("constraint", []), "constraint", None, "one or more [[constraint]] tables")
     for i, item in enumerate(items):
         path = f"constraint.{i}"
-        table = read_table(item, f"constraint.{i}")
+        table = read_table(item, path)
         kind = read_text(table.get("kind"), f"{path}.kind", KINDS)
         check_keys(table, KINDS[kind], path)
         if kind == "depth":
@@ -194,13 +205,14 @@ def read_goals(site: Site) -> Goals:
         if kind == "quantity":
             of = read_text(table.get("of"), f"{path}.of")
             named_quantity(of, bare_model(overgrown(site.scene)), f"{path}.of", limit)
-            named.append((f"{path}.of", of, limit))
+            limits.append(StormLimit(kind, f"{path}.of", of, limit))
             continue
-        lines = match_names(_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
+        lines = match_names(read_patterns(table.get("lines"), f"{path}.lines"), names, f"{path}.lines")
         if kind == "clearance" and len(lines) < 2:
             raise SceneError(f"{path}.lines: matches only {lines[0]!r}. Use patterns of two lines or more")
-        (clearances if kind == "clearance" else motions).append((lines, limit))
-    return Goals(objective, tuple(depths), tuple(clearances), tuple(motions), tuple(named))
+        limits.append(StormLimit(kind, path, lines, limit))
+    limits.sort(key=lambda limit: list(KINDS).index(limit.kind))
+    return Goals(objective, tuple(depths), tuple(limits))
 
 
 def _objective(table: Values, site: Site) -> Objective:
@@ -213,28 +225,24 @@ def _objective(table: Values, site: Site) -> Objective:
     part = ""
     if of == "load":
         part = read_text(table.get("part"), "objective.part", [p.name for p in site.parts])
-    lines = match_names(_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
+    lines = match_names(read_patterns(table.get("lines", "*"), "objective.lines"), site.lines, "objective.lines")
     per_float = read_number(table.get("float_price", 1.0), "objective.float_price", {"low": 0.0})
     return Objective(of, prices, per_float, part, lines)
 
 
-def _patterns(given: Plain, path: str) -> list[str]:
-    if isinstance(given, str):
-        return [given]
-    return [read_text(x, path) for x in read_list(given, path, None, "patterns")]
-
-
 def _depth(table: Values, path: str, lines: Sequence[str], free: Sequence[str]) -> Depth:
-    keys = ("shallowest", "deepest")
-    low, high = (read_number(table[key], f"{path}.{key}", {"unit": "m"}) if key in table else None for key in keys)
+    bounds = {}
+    for key in ("shallowest", "deepest"):
+        if key in table:
+            bounds[key] = read_number(table[key], f"{path}.{key}", {"unit": "m"})
+    low = bounds.get("shallowest")
+    high = bounds.get("deepest")
     if low is None and high is None:
         raise SceneError(f"{path}: no bound is given; needed: `shallowest`, `deepest` or both [m]")
     if low is not None and high is not None and not low < high:
         raise SceneError(f"{path}.deepest: {high:g} m contradicts shallowest; allowed: > {low:g} m")
-    points, own = (
-        match_names(_patterns(table[key], path), names, f"{path}.{key}", what) if key in table else ()
-        for key, names, what in (("points", free, "free point"), ("lines", lines, "line"))
-    )
+    points = match_names(read_patterns(table.get("points", []), path), free, f"{path}.points", "free point")
+    own = match_names(read_patterns(table.get("lines", []), path), lines, f"{path}.lines")
     if not (points or own):
         raise SceneError(f"{path}: has neither points nor lines; needed: patterns of one or both")
     return Depth(f"depth {path.split('.')[1]}", points, own, low, high)

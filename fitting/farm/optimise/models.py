@@ -29,6 +29,8 @@ DIFFERENCE_STEP = 1e-4
 #: Relative changes of the site's assumptions: heights of all waves, speed of the current. They follow the variables in
 #: every derivative, so that the end of a design reports the cost of an error in them.
 ASSUMPTIONS = ("wave height", "current")
+#: Name of the leaf that holds the amplitudes of the waves.
+WAVES = ".sea.waves.amplitude"
 
 
 @dataclass(frozen=True)
@@ -37,13 +39,11 @@ class Still:
 
     Attributes:
         model: without waves.
-        slopes: by number of the model's leaf, its derivative by the variables (p, ...).
-        assumed: whether `ASSUMPTIONS` follow the variables.
+        slopes: by name of the model's leaf, its derivative by the variables and `ASSUMPTIONS` (p + a, ...).
     """
 
     model: Model
-    slopes: dict[int, np.ndarray]
-    assumed: bool = False
+    slopes: dict[str, np.ndarray]
 
 
 def still_scene(site: Site, scene: Scene, storm: Storm) -> Scene:
@@ -61,23 +61,32 @@ def still_model(site: Site, variables: Sequence[Variable], values: np.ndarray, s
 
 
 def still(site: Site, variables: Sequence[Variable], values: np.ndarray, storm: Storm) -> Still:
-    """The model with the derivatives of its leaves with respect to the variables.
+    """The model with the derivatives of its leaves with respect to the variables, and to the current's relative change.
 
     Raises:
         SceneError: a variable that changes the model's shape.
     """
     model = still_model(site, variables, values, storm)
-    shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(model)]
-    slopes: dict[int, np.ndarray] = {}
+    leaves = named_leaves(model)
+    shapes = {name: jnp.shape(leaf) for name, leaf in leaves.items()}
+    rows: dict[str, dict[int, np.ndarray]] = {}
     for k, (distance, *designs) in enumerate(designs_beside(variables, values)):
-        ends = [jax.tree.leaves(still_model(site, variables, moved, storm)) for moved in designs]
-        if any([jnp.shape(leaf) for leaf in leaves] != shapes for leaves in ends):
+        high, low = (named_leaves(still_model(site, variables, moved, storm)) for moved in designs)
+        if any({name: jnp.shape(leaf) for name, leaf in end.items()} != shapes for end in (high, low)):
             name = variables[k].name
             raise SceneError(f"variable.{k}.name: {name!r} changes the number of parts. Use another one")
-        for i, (high, low) in enumerate(zip(*ends, strict=True)):
-            slope = (np.asarray(high, float) - np.asarray(low, float)) / distance
+        for name in shapes:
+            slope = (np.asarray(high[name], float) - np.asarray(low[name], float)) / distance
             if np.any(slope):
-                slopes.setdefault(i, np.zeros((len(variables), *slope.shape)))[k] = slope
+                rows.setdefault(name, {})[k] = slope
+    last = len(variables) + ASSUMPTIONS.index("current")
+    for name in (".sea.current.speed", ".sea.current.velocities"):
+        if name in leaves:
+            rows.setdefault(name, {})[last] = np.asarray(leaves[name])
+    slopes = {}
+    for name, own in rows.items():
+        slopes[name] = np.zeros((len(variables) + len(ASSUMPTIONS), *shapes[name]))
+        slopes[name][list(own)] = list(own.values())
     return Still(model, slopes)
 
 
@@ -88,13 +97,9 @@ def designs_beside(variables: Sequence[Variable], values: np.ndarray) -> Iterato
         yield 2 * step, values + step * axis, values - step * axis
 
 
-def idle(found: Still, variables: Sequence[Variable]) -> list[str]:
-    """Names of variables without effect on the model."""
-    rows = []
-    for k, v in enumerate(variables):
-        if not any(np.any(slope[k]) for slope in found.slopes.values()):
-            rows.append(v.name)
-    return rows
+def idle(found: Still, k: int) -> bool:
+    """Whether variable number k has no effect on the model."""
+    return not any(np.any(slope[k]) for slope in found.slopes.values())
 
 
 def sea_of(site: Site, scene: Scene, case: Case, ramp: float, begin: float = 0.0) -> Sea:
@@ -111,35 +116,17 @@ def in_waves(model: Model, sea: Sea) -> Model:
     return replace(model, sea=replace(model.sea, waves=waves))
 
 
-def leaf_names(model: Model) -> list[str]:
-    """Names of the leaves of a model."""
-    return [jax.tree_util.keystr(key) for key, _ in jax.tree_util.tree_flatten_with_path(model)[0]]
+def named_leaves(model: Model) -> dict[str, jax.Array]:
+    """Leaves of a model by name, in order."""
+    return {jax.tree_util.keystr(key): leaf for key, leaf in jax.tree_util.tree_flatten_with_path(model)[0]}
 
 
-def slopes_of(model: Model, found: Still) -> dict[int, np.ndarray]:
-    """Slopes by number of the leaf of a model that has all leaves of the calm one, and others."""
-    number = {name: i for i, name in enumerate(leaf_names(model))}
-    names = leaf_names(found.model)
-    return {number[names[i]]: slope for i, slope in found.slopes.items()}
-
-
-def leaf_numbers(model: Model, still_: Still) -> dict[int, np.ndarray]:
-    """Slopes by number of the leaf of a model in waves, from those of the calm one."""
-    found = slopes_of(model, still_)
-    if still_.assumed:
+def numbered_slopes(model: Model, found: Still) -> dict[int, np.ndarray]:
+    """Slopes by number of the leaf of a model that has all leaves of the calm one, and others; with those of waves."""
+    slopes = dict(found.slopes)
+    names = list(named_leaves(model))
+    if WAVES in names:
         size = np.asarray(model.sea.waves.amplitude)
-        count = next(iter(found.values())).shape[0]
-        own = found.setdefault(leaf_names(model).index(".sea.waves.amplitude"), np.zeros((count, *size.shape)))
-        own[count - len(ASSUMPTIONS)] = size
-    return found
-
-
-def in_assumed(found: Still) -> Still:
-    """The slopes with the current's relative change as a further variable, and space for the waves (`leaf_numbers`)."""
-    more = len(ASSUMPTIONS)
-    slopes = {i: np.concatenate([slope, np.zeros((more, *slope.shape[1:]))]) for i, slope in found.slopes.items()}
-    count = next(iter(slopes.values())).shape[0]
-    for i, (name, leaf) in enumerate(zip(leaf_names(found.model), jax.tree.leaves(found.model), strict=True)):
-        if name in (".sea.current.speed", ".sea.current.velocities"):
-            slopes.setdefault(i, np.zeros((count, *np.shape(leaf))))[count - 1] = np.asarray(leaf)
-    return Still(found.model, slopes, assumed=True)
+        slopes[WAVES] = np.zeros((len(next(iter(slopes.values()))), *size.shape))
+        slopes[WAVES][ASSUMPTIONS.index("wave height") - len(ASSUMPTIONS)] = size
+    return {names.index(name): slope for name, slope in slopes.items()}

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +27,14 @@ from fitting.farm.site import Anchor, Part
 PEAK_WIDTH = 0.01
 
 
+class Steps(NamedTuple):
+    """Free nodes (k, nodes, 3) [m] and tensions (k, n) [N] after steps, and the time that each step counts (k,) [s]."""
+
+    r: jax.Array
+    tension: jax.Array
+    time: jax.Array
+
+
 @dataclass(frozen=True)
 class Quantity(ABC):
     """A signal over time with a peak; `name` in tables, static."""
@@ -37,15 +45,13 @@ class Quantity(ABC):
     is_instant: ClassVar[bool] = True
 
     @abstractmethod
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
-        """Values (k, m) of k steps, from free nodes (k, nodes, 3), tensions (k, n) and the time that each counts
-        (k,) [s]."""
+    def signal(self, model: Model, steps: Steps) -> jax.Array:
+        """Values (k, m) of k steps."""
 
-    def soft(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array, height: jax.Array) -> jax.Array:
+    def soft(self, model: Model, steps: Steps, height: jax.Array) -> jax.Array:
         """The soft peak for hard ones of about `height`, which is fixed; differentiable."""
         width = PEAK_WIDTH * height
-        signal = self.signal(model, r, tension, time)
-        return width * jax.scipy.special.logsumexp(signal / width, b=time[:, None])
+        return width * jax.scipy.special.logsumexp(self.signal(model, steps) / width, b=steps.time[:, None])
 
 
 @dataclass(frozen=True)
@@ -55,8 +61,8 @@ class Load(Quantity):
     links: tuple[int, ...]
     scale: tuple[float, ...]
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
-        return jnp.maximum(tension[:, np.array(self.links)], 0.0) * np.array(self.scale)
+    def signal(self, model: Model, steps: Steps) -> jax.Array:
+        return jnp.maximum(steps.tension[:, np.array(self.links)], 0.0) * np.array(self.scale)
 
 
 @dataclass(frozen=True)
@@ -77,20 +83,20 @@ class AnchorLoad(Quantity):
     any_direction: bool
     uplift: float | None = None
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
-        start = jnp.zeros((), r.dtype)
-        pulled = jnp.maximum(tension, 0.0)
+    def signal(self, model: Model, steps: Steps) -> jax.Array:
+        start = jnp.zeros((), steps.r.dtype)
         load = lambda r, tension: load_on_fixed_point(model, self.links, self.signs, r, tension, start)  # noqa: E731
-        force = jax.vmap(load)(r, pulled)
-        horizontal = horizontal_norm(force)
-        up = jnp.maximum(force[:, 2], 0.0)
+        force = jax.vmap(load)(steps.r, jnp.maximum(steps.tension, 0.0))
+        horizontal = horizontal_norm(force)[:, None]
+        upward = force[:, 2:]
         if self.uplift is not None:
             # V <= H tan(a), as a number that is positive and reaches 1 there
-            return (1.0 + (force[:, 2] - self.uplift * horizontal) / (1.0 / self.up))[:, None]
+            return 1.0 + (upward - self.uplift * horizontal) * self.up
         across = self.across * horizontal
-        rising = self.up * up
-        both = jnp.stack([across, jnp.zeros_like(across), rising], axis=-1)
-        return (safe_norm(both) if self.any_direction else across + rising)[:, None]
+        rising = self.up * jnp.maximum(upward, 0.0)
+        if self.any_direction:
+            return safe_norm(jnp.concatenate([across, jnp.zeros_like(across), rising], axis=1))[:, None]
+        return across + rising
 
 
 @dataclass(frozen=True)
@@ -100,9 +106,9 @@ class Clearance(Quantity):
     pairs: tuple[tuple[int, int], ...]
     least: float
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
+    def signal(self, model: Model, steps: Steps) -> jax.Array:
         one, other = np.array(self.pairs).T
-        return self.least / jnp.maximum(safe_norm(r[:, one] - r[:, other]), 1e-3 * self.least)
+        return self.least / jnp.maximum(safe_norm(steps.r[:, one] - steps.r[:, other]), 1e-3 * self.least)
 
 
 @dataclass(frozen=True)
@@ -114,9 +120,9 @@ class Motion(Quantity):
 
     is_instant = False
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
-        own = r[:, np.array(self.nodes)]
-        mean = jnp.tensordot(time, own, axes=1) / jnp.sum(time)
+    def signal(self, model: Model, steps: Steps) -> jax.Array:
+        own = steps.r[:, np.array(self.nodes)]
+        mean = jnp.tensordot(steps.time, own, axes=1) / jnp.sum(steps.time)
         return self.scale * safe_norm(own - mean)
 
 
@@ -127,9 +133,10 @@ class Named(Quantity):
     of: named.Quantity
     scale: float
 
-    def signal(self, model: Model, r: jax.Array, tension: jax.Array, time: jax.Array) -> jax.Array:
-        now = jnp.zeros((), r.dtype)
-        return self.scale * jax.vmap(lambda r, tension: self.of.instant(model, r, r, r, tension, now))(r, tension)
+    def signal(self, model: Model, steps: Steps) -> jax.Array:
+        now = jnp.zeros((), steps.r.dtype)
+        at = lambda r, tension: self.of.instant(model, r, r, r, tension, now)  # noqa: E731
+        return self.scale * jax.vmap(at)(steps.r, steps.tension)
 
 
 #: Signals of `Named`: positive ones that positions and tensions determine.
@@ -150,20 +157,21 @@ def named_quantity(name: str, model: Model, option: str, limit: float) -> Named:
 
 def line_nodes(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Numbers of the free nodes of each line, including free ends."""
-    links = model.geometry.line_links(names)
     graph = model.geometry
     found = {}
-    for name, own in links.items():
-        found[name] = np.array([i for i in dict.fromkeys([*graph.first[own], *graph.last[own]]) if i < graph.free], int)
+    for name, own in graph.line_links(names).items():
+        ends = dict.fromkeys([*graph.first[own], *graph.last[own]])
+        found[name] = np.array([i for i in ends if i < graph.free], int)
     return found
 
 
 def part_load(model: Model, part: Part, kind: str) -> Load:
     """Utilisation of a part: load times factor over capacity, the worst of its links."""
     links = model.geometry.line_links(part.lines)
-    factor = part.factors.by_kind[kind]
-    scale = [factor / c for name, c in zip(part.lines, part.capacity, strict=True) for _ in links[name]]
-    return Load(part.name, tuple(int(i) for name in part.lines for i in links[name]), tuple(map(float, scale)))
+    counts = [len(links[name]) for name in part.lines]
+    scale = np.repeat(part.factors.by_kind[kind] / part.capacity, counts)
+    every = np.concatenate([links[name] for name in part.lines])
+    return Load(part.name, tuple(every.tolist()), tuple(scale.tolist()))
 
 
 def anchor_loads(model: Model, anchor: Anchor, kind: str) -> list[AnchorLoad]:
@@ -175,10 +183,10 @@ def anchor_loads(model: Model, anchor: Anchor, kind: str) -> list[AnchorLoad]:
     names = [point.name for point in model.points]
     for name in anchor.points:
         node = graph.point_node[names.index(name)]
-        first = tuple(map(int, np.flatnonzero(graph.first == node)))
-        last = tuple(map(int, np.flatnonzero(graph.last == node)))
+        first = np.flatnonzero(graph.first == node).tolist()
+        last = np.flatnonzero(graph.last == node).tolist()
         signs = (1.0,) * len(first) + (-1.0,) * len(last)
-        load = AnchorLoad(name, first + last, signs, factor / horizontal, factor / upward, any_direction)
+        load = AnchorLoad(name, (*first, *last), signs, factor / horizontal, factor / upward, any_direction)
         found.append(load)
         if anchor.table.uplift is not None:
             tangent = float(np.tan(np.radians(anchor.table.uplift)))

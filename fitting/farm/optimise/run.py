@@ -19,7 +19,7 @@ from fitting.farm.optimise.design import Design
 from fitting.farm.optimise.goals import read_goals
 from fitting.farm.optimise.models import ASSUMPTIONS
 from fitting.farm.optimise.prices import prices
-from fitting.farm.optimise.search import RESIDUAL, Search, Start, constraints_by_name, measure, programme, run_search
+from fitting.farm.optimise.search import RESIDUAL, Search, Start, constraints_by_name, programme, run_search
 from fitting.farm.optimise.storm import Settings
 from fitting.farm.optimise.values import Dominated, Values, Window, dominated_slopes
 from fitting.farm.optimise.variables import Variable, bounds, read_variables
@@ -94,11 +94,9 @@ def read_problem(site: Site) -> Design:
         SceneError: for any invalid input, before anything runs.
     """
     variables = read_variables(site.raw.get("variable", []), site.scene)
-    if all(state is not None for state in site.states):
+    if None not in site.states:
         raise SceneError("cases.states: must include 'intact', because the intact farm is optimised")
-    design = Design(site, variables, read_goals(site), Settings.read(site.raw.get("optimise", {}), "optimise"))
-    design.check()
-    return design
+    return Design(site, variables, read_goals(site), Settings.read(site.raw.get("optimise", {}), "optimise"))
 
 
 def optimise(site: Site, state: str | Path | None = None, say: Progress = silent) -> Optimum:
@@ -133,16 +131,12 @@ def optimise(site: Site, state: str | Path | None = None, say: Progress = silent
 
 def _possible(design: Design) -> None:
     """Reject depths at rest that no design within the bounds meets to first order, before any storm is run."""
-    for case in {c.storm.still: c for c in design.cases}.values():
-        found, own, _ = design.still(design.start, case)
-        rows = []
-        for depth in design.goals.depths:
-            for row in depth.over(found.model, np.asarray(own.state.r), own.dr, float(case.storm.level)):
-                rows.append(row)
+    low, high = bounds(design.variables)
+    for storm in {storm.still: storm for storm in design.site.storms}.values():
+        rows = design.depths(design.start, storm)
         if not rows:
             continue
         names, value, slopes = zip(*rows, strict=True)
-        low, high = bounds(design.variables)
         values = Values(0.0, np.zeros(len(low)), names, np.array(value), np.array(slopes))
         step = programme(values, low - design.start, high - design.start, 1.0, 1.0)
         if step.violation > 1e-3:
@@ -170,10 +164,7 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
         return Search(design.start, design.settings.reach), GradientCheck(np.nan, np.nan, np.nan, NOT_TRUSTED)
     try:
         table: Table = json.loads(file.read_text(encoding="utf-8"))
-        if table.pop("site") != mark:
-            raise SceneError(
-                f"--state: {str(file)!r} belongs to another site or version of it. Use its own, or a new file"
-            )
+        site = table.pop("site")
         along: Table = {key: np.nan if x is None else x for key, x in table.pop("along").items()}
         for key in ("x", "best", "fixed"):
             if table[key] is not None:
@@ -182,11 +173,14 @@ def _resume_search(file: Path | None, mark: str, design: Design) -> tuple[Search
             table["best_objective"] = np.inf
         if table["before"] is not None:
             table["before"] = Start(**table["before"])
-        return Search(**table), GradientCheck(**along)
+        found = Search(**table), GradientCheck(**along)
     except (ValueError, KeyError, TypeError):
         raise SceneError(
             f"--state: {str(file)!r} is not a state of a search. Use one that it wrote, or a new file"
         ) from None
+    if site != mark:
+        raise SceneError(f"--state: {str(file)!r} belongs to another site or version of it. Use its own, or a new file")
+    return found
 
 
 def _optimum(design: Design, search: Search, before: Start, along: GradientCheck, say: Progress) -> Optimum:
@@ -195,7 +189,7 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
     if feasible:
         search.x = search.best
     say(0.95, "final whole runs and prices")
-    windows, found, _ = measure(replace(search, history=[]), design, say)
+    windows, found = design.measure(search.x, say)
     here = design.derivatives(design.run_windows(search.x, windows, say), say, assumptions=True)
     p = len(design.variables)
     limit = 1.0 - design.settings.margin
@@ -204,6 +198,10 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
     price = prices(here, search.x, low, high, fixed, limit)
     costs = here.slope[p:] + price.of @ here.slopes[:, p:]
     dominated = dominated_slopes(here, high - low, limit)
+    rows = []
+    for one in dominated:
+        name = design.variables[one.variable].name
+        rows.append({**one._asdict(), "variable": name, "seed": design.site.run.first_seed + one.seed})
     residual = np.nan if search.best_residual is None else search.best_residual
     return Optimum(
         variables=design.variables,
@@ -223,14 +221,7 @@ def _optimum(design: Design, search: Search, before: Start, along: GradientCheck
         characteristic=CHARACTERISTIC[design.site.run.characteristic],
         along=along,
         warnings=tuple(design_warnings(residual, 1.0 - price.left, search.reach, dominated, along)),
-        dominated=tuple(
-            {
-                **one._asdict(),
-                "variable": design.variables[one.variable].name,
-                "seed": design.site.run.first_seed + one.seed,
-            }
-            for one in dominated
-        ),
+        dominated=tuple(rows),
     )
 
 
@@ -288,29 +279,22 @@ def check_along(design: Design, say: Progress = silent) -> GradientCheck:
     span = np.array([v.span for v in design.variables])
     found = []
     for window in first_windows(design):
-        start = design.run_start(design.start, window.case, {})
-        peaks = design.window(design.start, window, start)
+        peaks = design.window(design.start, window)
         (slopes,) = design.slopes([peaks], silent)
         highest = int(np.argmax(peaks.hard))
 
         def peak(x: np.ndarray, window: Window = window, highest: int = highest) -> float:
-            x = np.asarray(x)
-            return design.window(x, window, design.run_start(x, window.case, {})).soft[highest]
+            return design.window(np.asarray(x), window).soft[highest]
 
-        slope = slopes[highest, : len(span)]
-        found.append(check_gradient(peak, design.start, slope, span))
+        found.append(check_gradient(peak, design.start, slopes[highest, : len(span)], span))
     return max(found, key=lambda one: np.nan_to_num(abs(one.ratio - 1.0), nan=np.inf))
 
 
 def first_windows(design: Design) -> list[Window]:
     """A window of one case of each kind, from the start of the storm."""
     windows = []
-    known = {}
-    for kind in design.site.kinds:
+    for kind, quantities in design.quantities.items():
         case = next(case for case in design.cases if case.storm.kind == kind)
-        start = design.run_start(design.start, case, known)
-        count = len(design.quantities(case, start.still))
-        begin = Window(case, 0.0, np.ones(count))
-        heights = design.window(design.start, begin, start).hard
-        windows.append(replace(begin, height=heights))
+        begin = Window(case, 0.0, np.ones(len(quantities)))
+        windows.append(replace(begin, height=design.window(design.start, begin).hard))
     return windows

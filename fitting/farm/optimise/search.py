@@ -19,7 +19,6 @@ import numpy as np
 from dropper_jax.base.errors import Progress, SceneError
 from dropper_jax.base.read import Table
 from fitting.farm.optimise.design import Design, WindowRuns
-from fitting.farm.optimise.full_storm import Storms
 from fitting.farm.optimise.values import Values, Window
 from fitting.farm.optimise.variables import bounds
 
@@ -49,7 +48,7 @@ class Search:
     """State of the search; everything that a restart needs.
 
     Attributes:
-        x: the design (p,); `reach`: fraction of the ranges; `round`: rounds done.
+        x: the design (p,); `reach`: largest fraction of the ranges by which a step moves it; `round`: rounds done.
         scale: objective at the start.
         best: the best design whose whole runs meet all constraints, and its objective; None before the first one.
         fixed: variables that have been set to a size of their catalogue (p,); `sized`: rounds done by then.
@@ -122,7 +121,8 @@ def run_round(
     one = _Round(search, design, windows, save, say, here)
     renew = settings.renew if (search.residual or 0.0) <= RESIDUAL else 1
     search.reach = max(search.reach, LEAST_REACH * settings.reach)
-    while one.taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
+    taken = 0
+    while taken < renew and one.tried < 3 * settings.renew and search.reach > SMALLEST_REACH:
         first = one.attempt(one.here)
         if first is None:
             break
@@ -131,7 +131,9 @@ def run_round(
             seen = first.values.value - one.here.slopes[:, : len(first.step)] @ first.step
             last = one.attempt(replace(one.here, value=seen)) or first
         if last.good and last.values is not None:
-            search.x, one.here, one.taken = last.x, last.values, one.taken + 1
+            search.x = last.x
+            one.here = last.values
+            taken += 1
         if last.won < 0.25 * last.gain:  # a step that did not use its full reach would be tried again
             search.reach = 0.4 * min(search.reach, first.size)
         elif last.won > 0.6 * last.gain:
@@ -158,7 +160,7 @@ class _Attempt:
 
 @dataclass
 class _Round:
-    """A round in progress: current values, steps tried and taken."""
+    """A round in progress: current values, steps tried."""
 
     search: Search
     design: Design
@@ -166,7 +168,6 @@ class _Round:
     save: Callable[[], None]
     say: Progress
     here: Values
-    taken: int = 0
     tried: int = 0
 
     @property
@@ -186,31 +187,34 @@ class _Round:
         reach = search.reach * span
         if search.fixed is not None:
             reach = np.where(search.fixed, 0.0, reach)
-        least = np.maximum(low - search.x, -reach)
-        most = np.minimum(high - search.x, reach)
-        step = programme(model, least, most, search.scale, self.limit)
-        gain = self.merit(self.here) - (step.objective / search.scale + PRICE * step.violation)
+        step = programme(
+            model, np.maximum(low - search.x, -reach), np.minimum(high - search.x, reach), search.scale, self.limit
+        )
+        merit = self.merit(self.here)
+        gain = merit - (step.objective / search.scale + PRICE * step.violation)
         if gain < 1e-4 * settings.enough + 1e-9:
             return None
         self.tried += 1
         x = np.clip(search.x + step.step, low, high)
         size = float(np.max(np.abs(step.step) / span))
+        attempt = _Attempt(x, step.step, size, None, gain, -np.inf)
+        row = {"round": search.round + 1, "taken": False, "reach": search.reach, "values": x.tolist()}
         runs, failure = _try_design(self.design, x, self.windows, self.say)
-        found = None if runs is None else self.design.values(runs)
-        won = -np.inf if found is None else self.merit(self.here) - self.merit(found)
-        attempt = _Attempt(x, step.step, size, found, gain, won)
-        if attempt.good and runs is not None:
-            found = self.design.derivatives(runs, self.say)
-            attempt = replace(attempt, values=found)
-            if not found.solved:
-                found, failure = None, FAILED
-                attempt = replace(attempt, values=None, won=-np.inf)
-        row = {"round": search.round + 1, "taken": attempt.good, "reach": search.reach, "values": x.tolist()}
-        if found is None:
-            search.history.append({**row, "failure": failure})
-        else:
-            search.history.append({**row, "objective": found.objective, "worst": found.worst})
-            failure = f"objective {found.objective:.5g}, worst {found.worst:.3f}"
+        if runs is not None:
+            found = self.design.values(runs)
+            tried = replace(attempt, values=found, won=merit - self.merit(found))
+            if tried.good:
+                found = self.design.derivatives(runs, self.say)
+                tried = replace(tried, values=found)
+            if found.solved:
+                attempt = tried
+                row |= {"taken": attempt.good, "objective": found.objective, "worst": found.worst}
+                failure = f"objective {found.objective:.5g}, worst {found.worst:.3f}"
+            else:
+                failure = FAILED
+        if attempt.values is None:
+            row["failure"] = failure
+        search.history.append(row)
         self.say(min(self.tried / (3 * settings.renew), 1.0), failure)
         self.save()
         return attempt
@@ -224,28 +228,26 @@ def _try_design(
         found = design.run_windows(x, windows, say)
     except SceneError as error:
         return None, str(error)
-    if found.solved:
-        return found, ""
-    return None, FAILED
+    return (found, "") if found.solved else (None, FAILED)
 
 
 def measure(
     search: Search, design: Design, say: Progress, predicted: Values | None = None
-) -> tuple[tuple[Window, ...], Values, list[Storms]]:
+) -> tuple[tuple[Window, ...], Values]:
     """Update the windows and compute the constraints by whole runs; the best design so far is stored.
 
     Args:
         predicted: values of this design with the previous windows and factors, for the residual.
     """
-    windows, full = design.renew_windows(search.x, say)
-    found = design.measure_full_runs(search.x, full)
+    windows, found = design.measure(search.x, say)
     search.residual = None if predicted is None else float(np.max(np.abs(predicted.value - found.value), initial=0.0))
     whole = {"whole": True, "residual": search.residual, "values": search.x.tolist()}
     search.history.append({"round": search.round, "objective": found.objective, "worst": found.worst, **whole})
     if found.worst <= 1.0 + PERMITTED_EXCESS and found.objective < search.best_objective:
-        search.best, search.best_objective = search.x.copy(), found.objective
+        search.best = search.x.copy()
+        search.best_objective = found.objective
         search.best_residual = search.residual
-    return windows, found, full
+    return windows, found
 
 
 def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndarray | None:
@@ -259,21 +261,18 @@ def snap_to_catalogue(search: Search, design: Design, values: Values) -> np.ndar
     x = search.x.copy()
     limit = 1.0 - design.settings.margin
     for k, variable in enumerate(design.variables):
-
-        def merit(size: float, k: int = k) -> float:
-            d = size - search.x[k]
-            over = np.maximum(values.value + values.slopes[:, k] * d - limit, 0.0)
-            return (values.objective + values.slope[k] * d) / search.scale + PRICE * float(over.sum())
-
         if variable.catalogue:
-            x[k] = min(variable.sizes(float(search.x[k])), key=merit)
+            sizes = np.array(variable.sizes(x[k]))
+            d = sizes - x[k]
+            over = np.maximum(values.value[:, None] + values.slopes[:, k, None] * d - limit, 0.0)
+            x[k] = sizes[np.argmin(values.slope[k] * d / search.scale + PRICE * over.sum(axis=0))]
     return x
 
 
 def run_search(search: Search, design: Design, save: Callable[[], None], say: Progress) -> Start:
     """The whole search, from its current state; returns the design at its start."""
     settings = design.settings
-    windows, found, _ = measure(search, design, say)
+    windows, found = measure(search, design, say)
     start = search.before
     if start is None:
         start = Start(search.x.tolist(), found.objective, constraints_by_name(found))
@@ -285,7 +284,7 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
     while search.round < search.sized + settings.rounds and still_better:
         here = run_round(search, design, windows, save, say)
         search.round += 1
-        windows, found, _ = measure(search, design, say, here)
+        windows, found = measure(search, design, say, here)
         save()
         gained = last - search.best_objective if np.isfinite(last) else np.inf
         # windows that were off by more than the margin are other ones now, in which steps may be longer again
@@ -300,12 +299,15 @@ def run_search(search: Search, design: Design, save: Callable[[], None], say: Pr
                 continue
             # sizes are fixed, and the other variables are optimised again
             search.fixed = np.array([bool(v.catalogue) for v in design.variables])
-            search.x, search.reach, search.sized, still_better = x, settings.reach, search.round, True
-            search.best, search.best_objective, last = None, np.inf, np.inf
-            there, _ = _try_design(design, search.x, windows, say)
-            predicted = None if there is None else design.values(there)
-            windows, found, _ = measure(search, design, say, predicted)
+            search.x = x
+            search.reach = settings.reach
+            search.sized = search.round
+            search.best = None
+            search.best_objective = np.inf
+            there, _ = _try_design(design, x, windows, say)
+            windows, found = measure(search, design, say, None if there is None else design.values(there))
             last = search.best_objective
+            still_better = True
             save()
     search.done = True
     save()

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import jax
@@ -41,9 +42,9 @@ from dropper_jax.stepping.integrate import (
 )
 from dropper_jax.stepping.stepper import make_stepper
 from dropper_jax.study.march import spare_rows
-from fitting.farm.optimise.models import Still, in_waves, leaf_numbers
-from fitting.farm.optimise.quantities import Quantity
-from fitting.farm.optimise.values import Rest
+from fitting.farm.optimise.models import in_waves, numbered_slopes
+from fitting.farm.optimise.quantities import Quantity, Steps
+from fitting.farm.optimise.values import RunStart
 from fitting.sensitivity.own_steps import find_own_lengths
 
 #: Time [s] in which the waves of a window rise; it is not counted.
@@ -80,49 +81,45 @@ class Peaks:
 
 
 def peaks(
-    still: Still,
-    rest: Rest,
+    start: RunStart,
     sea: Sea,
-    quantities: Sequence[Quantity],
+    quantities: tuple[Quantity, ...],
     run: WindowRun,
     heights: np.ndarray | None = None,
-    after: Still | None = None,
 ) -> Peaks:
     """Peaks of a window in a sea whose waves rise at its start.
 
     Args:
-        after: the model of the second and last third of the window, without one link, to which the peaks then apply
-            (see `broken`); default: `still`.
+        start: with a later model for the second and last third of the window, without one link, the peaks apply to that
+            part (see `broken_link`).
         heights: approximate peaks (q,), which define the width of soft ones; default: the hard peaks. They are fixed:
             two calls that are compared must use the same.
     """
-    quantities = tuple(quantities)
-    stills = [still] if after is None else [still, after]
+    stills = [start.still] if start.after is None else [start.still, start.after]
     models = [in_waves(one.model, sea) for one in stills]
+    rest = start.rest
     # windows do not record work: every phase has the same kind of state, and so one program
-    start = replace(rest.state, work=jnp.zeros(0, models[0].dtype))
+    state = replace(rest.state, work=jnp.zeros(0, models[0].dtype))
     stepper = make_stepper(models[0], track_work=False)
-    own = _own_run(stepper, models, start, run)
+    own = _run_phases(stepper, models, state, run)
     none = np.full(len(quantities), np.nan)
     if own is None:
         return Peaks(none, none, None)
-    hard = np.asarray(_hard(quantities, models[-1], *own.signals))
+    lengths, steps = own
+    hard = np.asarray(_hard(quantities, models[-1], steps))
     scale = jnp.asarray(hard if heights is None else heights, models[0].dtype)
-    soft = np.asarray(_soft(quantities, models[-1], scale, *own.signals))
-    numbers = leaf_numbers(models[-1], stills[-1])
-    lengths = own.lengths
+    soft = np.asarray(_soft(quantities, models[-1], scale, steps))
+    slopes = numbered_slopes(models[-1], stills[-1])
 
     def shifted_peaks(shift: np.ndarray) -> np.ndarray:
-        shifted = [shift_model(model, list(numbers), list(numbers.values()), jnp.asarray(shift)) for model in models]
+        shifted = [shift_model(model, list(slopes), list(slopes.values()), jnp.asarray(shift)) for model in models]
         s = replace(
-            start,
-            r=start.r + jnp.tensordot(shift, rest.dr, axes=1),
-            tension=start.tension + jnp.tensordot(shift, rest.dtension, axes=1),
+            state,
+            r=state.r + jnp.tensordot(shift, rest.dr, axes=1),
+            tension=state.tension + jnp.tensordot(shift, rest.dtension, axes=1),
         )
-        there = _run_along(stepper, shifted, s, lengths)
-        if there is None:
-            return none
-        return np.asarray(_soft(quantities, shifted[-1], scale, *there.signals))
+        there = _run_phases(stepper, shifted, s, run, lengths)
+        return none if there is None else np.asarray(_soft(quantities, shifted[-1], scale, there[1]))
 
     return Peaks(hard, soft, shifted_peaks)
 
@@ -134,22 +131,18 @@ def slopes(windows: Sequence[Peaks], sizes: np.ndarray, say: Callable[[int, int]
         sizes: changes h of the variables (p,); derivatives by those with 0 are 0.
         say: called with the numbers of finished and of all runs.
     """
-    shifts = []
-    for window in windows:
-        for k in np.flatnonzero(sizes):
-            shift = np.zeros(len(sizes))
-            shift[k] = sizes[k]
-            shifts += [(window, shift), (window, -shift)]
+    moving = np.flatnonzero(sizes)
+    shifts = list(product(windows, np.diag(sizes)[moving], (1.0, -1.0)))
 
-    def run_shifted(item: tuple[Peaks, np.ndarray]) -> np.ndarray:
-        window, shift = item
-        return np.full(len(window.soft), np.nan) if window.shifted is None else window.shifted(shift)
+    def run_shifted(item: tuple[Peaks, np.ndarray, float]) -> np.ndarray:
+        window, shift, sign = item
+        return np.full(len(window.soft), np.nan) if window.shifted is None else window.shifted(sign * shift)
 
     ends = iter(run_parallel(run_shifted, shifts, lambda done: say(done, len(shifts))))
     found = []
     for window in windows:
         slope = np.zeros((len(window.soft), len(sizes)))
-        for k in np.flatnonzero(sizes):
+        for k in moving:
             slope[:, k] = (next(ends) - next(ends)) / (2.0 * sizes[k])
         found.append(slope)
     return found
@@ -170,51 +163,35 @@ def check_windows(model: Model) -> None:
         raise SceneError(f"scene: {what} cannot be designed. Use a scene without them")
 
 
-class _Run(NamedTuple):
-    """A run of a window: steps of each phase [s]; positions, tensions, and the time that each step counts in peaks."""
-
-    lengths: list[jax.Array]
-    signals: tuple[jax.Array, jax.Array, jax.Array]
-
-
-def _own_run(stepper: Stepper, models: Sequence[Model], s: State, run: WindowRun) -> _Run | None:
-    """The run in steps that follow the accuracy; None if a step fails."""
-    parts = [1.0] if len(models) == 1 else [INTACT_PART, 1.0 - INTACT_PART]
-
-    def own_lengths(phase: int, s: State) -> jax.Array | None:
-        model = models[phase]
-        duration = parts[phase] * run.duration
-        intervals = max(1, round(duration / run.interval))
-        interval, accuracy = (jnp.asarray(x, model.dtype) for x in (duration / intervals, run.accuracy))
-        length, number, failed = find_own_lengths(stepper, model, s, interval, jnp.asarray(intervals), accuracy)
-        return None if failed else length[: spare_rows(int(number))]
-
-    return _run_phases(stepper, models, s, own_lengths)
-
-
-def _run_along(stepper: Stepper, models: Sequence[Model], s: State, lengths: list[jax.Array]) -> _Run | None:
-    """The run in known steps; None if one fails."""
-    return _run_phases(stepper, models, s, lambda phase, _: lengths[phase])
-
-
 def _run_phases(
-    stepper: Stepper, models: Sequence[Model], s: State, lengths_of: Callable[[int, State], jax.Array | None]
-) -> _Run | None:
-    """The phases of a window in a row, each in the steps that `lengths_of` has for its number and start; None if it has
-    none, or a step fails."""
+    stepper: Stepper, models: Sequence[Model], s: State, run: WindowRun, known: Sequence[jax.Array] = ()
+) -> tuple[list[jax.Array], Steps] | None:
+    """The phases of a window in a row: lengths of the steps of each [s], and what they count; None if a step fails.
+
+    Args:
+        known: lengths of the steps; by default they follow the accuracy.
+    """
+    parts = [1.0] if len(models) == 1 else [INTACT_PART, 1.0 - INTACT_PART]
     lengths = []
     rows = []
     for phase, model in enumerate(models):
-        length = lengths_of(phase, s)
-        if length is None:
-            return None
+        if known:
+            length = known[phase]
+        else:
+            duration = parts[phase] * run.duration
+            intervals = max(1, round(duration / run.interval))
+            interval, accuracy = (jnp.asarray(x, model.dtype) for x in (duration / intervals, run.accuracy))
+            length, number, failed = find_own_lengths(stepper, model, s, interval, jnp.asarray(intervals), accuracy)
+            if failed:
+                return None
+            length = length[: spare_rows(int(number))]
         progress, found = _advance_along(stepper, model, s, length)
         if progress.first_bad >= 0:
             return None
         lengths.append(length)
         rows.append(found)
         s = progress.state
-    return _Run(lengths, _signals(lengths, rows))
+    return lengths, _counted_steps(lengths, rows)
 
 
 @cached_jit(static=("stepper",), kernel=True)
@@ -229,45 +206,31 @@ def _advance_along(stepper: Stepper, model: Model, s: State, length: jax.Array) 
     return scan_steps(take, first, jnp.sum(length > 0.0), empty_trajectory(first, len(length)))
 
 
-def _signals(lengths: list[jax.Array], rows: list[Trajectory]) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Positions (k, nodes, 3), tensions (k, n) and counted time (k,) of the phases in a row: none in the phase before a
-    line breaks, or while waves rise."""
+def _counted_steps(lengths: list[jax.Array], rows: list[Trajectory]) -> Steps:
+    """The steps of the phases in a row; none count in the phase before a line breaks, or while waves rise."""
     last = lengths[-1]
     if len(lengths) > 1:
         time = jnp.concatenate([jnp.zeros_like(lengths[0]), last])
     else:
         time = jnp.where(jnp.cumsum(last) > WINDOW_RAMP, last, 0.0)
-    r = jnp.concatenate([row.r for row in rows])
-    tension = jnp.concatenate([row.tension for row in rows])
-    return r, tension, time
+    return Steps(jnp.concatenate([row.r for row in rows]), jnp.concatenate([row.tension for row in rows]), time)
 
 
 @cached_jit(static=("quantities",))
-def _hard(
-    quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array, time: jax.Array
-) -> jax.Array:
+def _hard(quantities: tuple[Quantity, ...], model: Model, steps: Steps) -> jax.Array:
     """Hard peaks (q,)."""
-    highest = highest_signals(quantities, model, r, tension, time)
-    return jnp.stack([jnp.max(jnp.where(time > 0.0, x, -jnp.inf)) for x in highest])
+    highest = highest_signals(quantities, model, steps)
+    return jnp.stack([jnp.max(jnp.where(steps.time > 0.0, x, -jnp.inf)) for x in highest])
 
 
 @cached_jit(static=("quantities",))
-def _soft(
-    quantities: tuple[Quantity, ...],
-    model: Model,
-    heights: jax.Array,
-    r: jax.Array,
-    tension: jax.Array,
-    time: jax.Array,
-) -> jax.Array:
-    return jnp.stack([q.soft(model, r, tension, time, heights[i]) for i, q in enumerate(quantities)])
+def _soft(quantities: tuple[Quantity, ...], model: Model, heights: jax.Array, steps: Steps) -> jax.Array:
+    return jnp.stack([q.soft(model, steps, heights[i]) for i, q in enumerate(quantities)])
 
 
-def highest_signals(
-    quantities: tuple[Quantity, ...], model: Model, r: jax.Array, tension: jax.Array, time: jax.Array
-) -> list[jax.Array]:
+def highest_signals(quantities: tuple[Quantity, ...], model: Model, steps: Steps) -> list[jax.Array]:
     """The largest value of each quantity at every time (q lists of k)."""
-    return [jnp.max(q.signal(model, r, tension, time), axis=1) for q in quantities]
+    return [jnp.max(q.signal(model, steps), axis=1) for q in quantities]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from dropper_jax.statics.host_stiffness import stiffness
 from dropper_jax.statics.rest_problem import system_tolerance, unbalanced
 from dropper_jax.statics.static_pose import equilibrium
 from dropper_jax.statics.system import find_rest
-from fitting.farm.optimise.models import Still
+from fitting.farm.optimise.models import Still, numbered_slopes
 from fitting.farm.site import Case
 
 
@@ -63,8 +63,9 @@ def rest(still: Still, near: State | None = None) -> Rest:
 
     s = near_rest(still.model, near)
     loads = jnp.zeros_like(s.r)
-    slopes = [jnp.asarray(slope) for slope in still.slopes.values()]
-    rows, force = (np.asarray(a) for a in _by_variables(tuple(still.slopes), still.model, slopes, s, loads))
+    slopes = numbered_slopes(still.model, still)
+    fixed = np.zeros((len(next(iter(slopes.values()))), *s.r.shape))
+    rows = np.asarray(_by_variables(tuple(slopes), still.model, list(slopes.values()), s, fixed)[0])
     try:
         matrix = splu(stiffness(still.model, s, loads).tocsc())
     except RuntimeError:
@@ -72,29 +73,23 @@ def rest(still: Still, near: State | None = None) -> Rest:
             "design: it has unsupported parts, so its equilibrium is not unique. Use another design"
         ) from None
     dr = -matrix.solve(rows.reshape(len(rows), -1).T).T.reshape(rows.shape)
-    along = _along(still.model, s, loads, jnp.asarray(dr))
-    return Rest(s, dr, force + np.asarray(along))
+    dtension = _by_variables(tuple(slopes), still.model, list(slopes.values()), s, dr)[1]
+    return Rest(s, dr, np.asarray(dtension))
 
 
 @cached_jit(static=("moving",))
 def _by_variables(
-    moving: tuple[int, ...], model: Model, slopes: list[jax.Array], s: State, loads: jax.Array
+    moving: tuple[int, ...], model: Model, slopes: list[np.ndarray], s: State, dr: np.ndarray
 ) -> tuple[jax.Array, jax.Array]:
-    """Derivative of minus the forces (p, free, 3), and of the tensions (p, n), at fixed positions."""
+    """Derivative of minus the forces (p, free, 3), and of the tensions (p, n); positions move by dr (p, free, 3)."""
 
     def rows(shift: jax.Array) -> tuple[jax.Array, jax.Array]:
         own = shift_model(model, moving, slopes, shift)
-        return unbalanced(own, state(own, s.r, t=s.t), loads)
+        r = s.r + jnp.tensordot(shift, dr, axes=1)
+        return unbalanced(own, state(own, r, t=s.t), jnp.zeros_like(r))
 
-    zero = jnp.zeros(len(slopes[0]), s.r.dtype)
+    zero = jnp.zeros(len(dr), s.r.dtype)
     return jax.vmap(lambda direction: jax.jvp(rows, (zero,), (direction,))[1])(jnp.eye(len(zero), dtype=s.r.dtype))
-
-
-@cached_jit()
-def _along(model: Model, s: State, loads: jax.Array, ways: jax.Array) -> jax.Array:
-    """Derivatives of the tensions (p, n) along directions of the positions (p, free, 3)."""
-    tension = lambda r: unbalanced(model, state(model, r, t=s.t), loads)[1]  # noqa: E731
-    return jax.vmap(lambda direction: jax.jvp(tension, (s.r,), (direction,))[1])(ways)
 
 
 @dataclass(frozen=True)

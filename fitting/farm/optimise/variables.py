@@ -40,10 +40,7 @@ class Variable(DeclaredSection):
     def of(cls, table: Plain, path: str, scene: Scene) -> Variable:
         """A variable of a scene, checked."""
         found = cls.read(table, path)
-        if "." in found.name or scene.template is None:
-            where = found.name
-        else:
-            where = f"parameters.{found.name}"
+        where = found.name if "." in found.name or scene.template is None else f"parameters.{found.name}"
         try:
             value = scene.value(where)
         except SceneError as error:
@@ -59,10 +56,7 @@ class Variable(DeclaredSection):
         if not found.low <= value <= found.high:
             outside = f"and high leave out the scene's {value:g}; allowed: bounds around it"
             raise SceneError(f"{path}.low: {found.low} {outside}")
-        if found.catalogue is None:
-            sizes = ()
-        else:
-            sizes = tuple(np.unique(found.catalogue).tolist())
+        sizes = () if found.catalogue is None else tuple(np.unique(found.catalogue).tolist())
         return replace(found, path=where, value=float(value), catalogue=sizes)
 
     @raises_first

@@ -32,9 +32,7 @@ class Water(NamedTuple):
 
 def waters(site: Site, season: SeasonValues) -> tuple[Water, ...]:
     """Every combination of level and current of `[season]`, otherwise of `[cases]`."""
-    levels = site.lists.levels
-    if season.levels is not None:
-        levels = season.levels
+    levels = site.lists.levels if season.levels is None else season.levels
     speeds = season.currents
     if speeds is None:
         speeds = sorted({float(current["speed"]) for current in site.lists.currents if "speed" in current}) or [None]
@@ -52,13 +50,10 @@ def scene_of(site: Site, month: str, water: Water, points: dict[str, Table]) -> 
     sea = {key: value for key, value in table["sea"].items() if key not in ("waves", "wave_current", "ramp")}
     sea["level"] = {"offset": water.level}
     if water.speed is not None:
-        profile = {key: value for key, value in sea.get("current", {}).items() if key not in CHANGING}
-        heading = site.lists.current_direction
-        if heading is None:
-            more = {}
-        else:
-            more = {"direction": float(np.radians(heading))}
-        sea["current"] = {**profile, "speed": water.speed, **more}
+        current = {key: value for key, value in sea.get("current", {}).items() if key not in CHANGING}
+        sea["current"] = {**current, "speed": water.speed}
+        if site.lists.current_direction is not None:
+            sea["current"]["direction"] = float(np.radians(site.lists.current_direction))
     table["sea"] = sea
     return overgrown(Scene.from_dict(table, site.scene.name))
 
@@ -69,10 +64,10 @@ CHANGING = ("time", "factor", "amplitude", "period", "phase")
 
 def bare_points(site: Site, names: Sequence[str]) -> dict[str, Table]:
     """The points as specified, without the fields that floats give them."""
-    points = {point["name"]: point for point in site.scene.as_written()["point"]}
     found = {}
-    for name in names:
-        found[name] = {k: v for k, v in points[name].items() if k not in BODY}
+    for point in site.scene.as_written()["point"]:
+        if point["name"] in names:
+            found[point["name"]] = {key: value for key, value in point.items() if key not in BODY}
     return found
 
 
@@ -108,8 +103,8 @@ class Floating:
 def floating(site: Site, season: SeasonValues, month: str, water: Water, floats: dict[str, int]) -> Floating:
     """The equilibrium on its floats; depths are below the level."""
     points = bare_points(site, list(floats))
-    for name, count in floats.items():
-        points[name] |= _body(season, count)
+    for name, point in points.items():
+        point |= _body(season, floats[name])
     scene = scene_of(site, month, water, points)
     pose = equilibrium(build_model(scene))
     z = pose.positions[:, 2]

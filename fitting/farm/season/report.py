@@ -39,22 +39,6 @@ def page(found: Table) -> str:
     verdict = "The schedule does not hold: see below."
     if found["holds"]:
         verdict = "The schedule holds in every month."
-    rows = []
-    for row in found["months"]:
-        rows.append(
-            [
-                row["month"],
-                f"{row['wet_weight_n']:.0f}",
-                f"{row['need_n']:.0f}",
-                f"{row['least']} to {row['most']}",
-                str(row["floats"]),
-                f"{row['change']:+d}" if row["change"] else "-",
-                cell(row["reserve"], ".2f"),
-                f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
-                _margin(row["sinking_m"]),
-                _margin(row["lifting_m"]),
-            ]
-        )
     head = ["month", "wet weight [N]", "to carry [N]", "allowed", "floats", "change", "reserve", "backbone [m]"]
     parts = [
         f"# Season: {found['site']}",
@@ -63,16 +47,25 @@ def page(found: Table) -> str:
         f"{found['least_share']:.0%} of their lift. Depths are those at rest below the water's level, over all levels "
         "and currents.",
         bullets(found["flags"]),
-        table([*head, "to sinking [m]", "to lifting [m]"], rows),
+        table([*head, "to sinking [m]", "to lifting [m]"], [_cells(row) for row in found["months"]]),
         "![Floats and their bounds](season.png)",
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _margin(value: float | None) -> str:
-    if value is None:
-        return "no limit"
-    return f"{value:+.2f}"
+def _cells(row: Table) -> list[str]:
+    margins = (row["sinking_m"], row["lifting_m"])
+    return [
+        row["month"],
+        f"{row['wet_weight_n']:.0f}",
+        f"{row['need_n']:.0f}",
+        f"{row['least']} to {row['most']}",
+        str(row["floats"]),
+        f"{row['change']:+d}" if row["change"] else "-",
+        cell(row["reserve"], ".2f"),
+        f"{row['shallowest_m']:.2f} to {row['deepest_m']:.2f}",
+        *("no limit" if margin is None else f"{margin:+.2f}" for margin in margins),
+    ]
 
 
 @style.plot_style()

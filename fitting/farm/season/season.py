@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from dropper_jax.base.errors import Progress, SceneError, silent
+from dropper_jax.base.errors import Progress, SceneError, part_of, silent
 from dropper_jax.base.read import Table
 from dropper_jax.load.library import FAMILIES, PREFIX
 from fitting.farm.season.poses import Floating, Water, floating, needs, waters
@@ -84,13 +84,14 @@ def _best_plan(best: dict[int | None, Plan], floats: int) -> Plan:
 
 def spread(count: int, need: Sequence[float] | np.ndarray) -> list[int]:
     """Floats distributed over points in proportion to their needs, as whole numbers by largest remainders."""
-    total = sum(max(x, 0.0) for x in need)
-    share = [count * max(x, 0.0) / total if total > 0.0 else count / len(need) for x in need]
-    found = [int(x) for x in share]
-    order = sorted(range(len(need)), key=lambda i: found[i] - share[i])
-    for i in order[: count - sum(found)]:
-        found[i] += 1
-    return found
+    wanted = np.maximum(need, 0.0)
+    if not wanted.any():
+        wanted = np.ones(len(need))
+    share = count * wanted / wanted.sum()
+    found = share.astype(int)
+    order = np.argsort(found - share, kind="stable")
+    found[order[: count - found.sum()]] += 1
+    return found.tolist()
 
 
 def season(site: Site, progress: Progress | None = None) -> Table:
@@ -111,43 +112,29 @@ def season(site: Site, progress: Progress | None = None) -> Table:
         raise SceneError("season: missing; needed: [season] with `points` and `volume`")
     if not site.growth:
         raise SceneError("growth: missing; needed: [[growth]] tables, one or more for each month")
-    names = list(match_names(season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
-    lift = _lift(site, season)
+    points = list(match_names(season.points, [p.name for p in site.scene.points if p.is_free], "season.points"))
+    farm = _Farm(site, season, points, _lift(site, season), waters(site, season))
     say = progress or silent
-    all_waters = waters(site, season)
-    months = list(site.growth)
-    rows = []
-    # at the scene's water level, for which its points are placed: floats at the surface follow the tide, others stay
-    held = []
-    for speed in dict.fromkeys(water.speed for water in all_waters):
-        held.append(Water(0.0, speed))
-    for i, month in enumerate(months):
-        pulls = []
-        for j, water in enumerate(held):
-            say(0.5 * (i + j / len(held)) / len(months), f"{month}: lift required of the floats")
-            force, weights = needs(site, month, water, names)
-            pulls.append(force)
-        rows.append(_month(site, season, month, weights, np.array(pulls), lift))
+    step = 0.5 / len(site.growth)
+    rows = [farm.month(month, part_of(say, i * step, (i + 1) * step)) for i, month in enumerate(site.growth)]
     low = [row.least for row in rows]
     high = [row.most for row in rows]
-    known: dict[tuple[str, int], list[Floating]] = {}
     for _ in range(TIGHTENED):
-        plan = schedule(low, high, season.start)
         lying = []
         again = False
-        for i, (row, count) in enumerate(zip(rows, plan, strict=True)):
-            say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {count}")
-            found = _lying(site, season, row, names, count, all_waters, known)
+        for i, (row, floats) in enumerate(zip(rows, schedule(low, high, season.start), strict=True)):
+            say(0.5 + 0.5 * i / len(rows), f"{row.month}: equilibria, floats: {floats}")
+            found = farm.lying(row, floats)
             lying.append(found)
             if found.sinking_m is not None and found.sinking_m < 0.0 and low[i] <= high[i]:
-                low[i] = max(low[i], count + 1)
+                low[i] = max(low[i], floats + 1)
                 again = True
             elif found.lifting_m is not None and found.lifting_m < 0.0 and low[i] < high[i]:
-                high[i] = min(high[i], count - 1)
+                high[i] = min(high[i], floats - 1)
                 again = True
         if not again:
             break
-    return _season_table(site, season, names, lift, rows, lying)
+    return farm.table(rows, lying)
 
 
 def _lift(site: Site, season: SeasonValues) -> float:
@@ -161,89 +148,93 @@ def _lift(site: Site, season: SeasonValues) -> float:
     return lift
 
 
-def _month(
-    site: Site, season: SeasonValues, month: str, weights: dict[str, float], pulls: np.ndarray, lift: float
-) -> Month:
-    """Weights and bounds of a month; forces on the points (waters, points) [N]."""
-    total = pulls.sum(axis=1)
-    if season.least_share > 0.0:
-        most = math.floor(max(total.min(), 0.0) / (season.least_share * lift) + 1e-9)
-    else:
+@dataclass(frozen=True)
+class _Farm:
+    """The farm over its season.
+
+    Attributes:
+        points: names of those that carry floats; lift: of a float [N]; waters: states of the tide.
+        known: equilibria in every water, by month and number of floats.
+    """
+
+    site: Site
+    season: SeasonValues
+    points: list[str]
+    lift: float
+    waters: tuple[Water, ...]
+    known: dict[tuple[str, int], list[Floating]] = field(default_factory=dict)
+
+    def month(self, month: str, say: Progress) -> Month:
+        """Weights of a month, forces on the points and bounds on the number of floats."""
+        season = self.season
+        pulls = []
+        # at the scene's level, for which its points are placed: floats at the surface follow the tide, others stay
+        held = list(dict.fromkeys(water._replace(level=0.0) for water in self.waters))
+        for i, water in enumerate(held):
+            say(i / len(held), f"{month}: lift required of the floats")
+            force, weights = needs(self.site, month, water, self.points)
+            pulls.append(force)
+        total = np.sum(pulls, axis=1)
         most = 10**6
-    return Month(
-        month=month,
-        wet_weight_n=sum(weights.values()),
-        mussels_wet_n=sum(weights[name] for name in site.growth[month]),
-        need_n=float(total.max()),
-        least_need_n=float(total.min()),
-        need_by_point_n=pulls.max(axis=0),
-        least=math.ceil(season.reserve * max(total.max(), 0.0) / lift - 1e-9),
-        most=most,
-    )
+        if season.least_share > 0.0:
+            most = math.floor(max(total.min(), 0.0) / (season.least_share * self.lift) + 1e-9)
+        return Month(
+            month=month,
+            wet_weight_n=sum(weights.values()),
+            mussels_wet_n=sum(weights[name] for name in self.site.growth[month]),
+            need_n=float(total.max()),
+            least_need_n=float(total.min()),
+            need_by_point_n=np.max(pulls, axis=0),
+            least=math.ceil(season.reserve * max(total.max(), 0.0) / self.lift - 1e-9),
+            most=most,
+        )
 
+    def lying(self, row: Month, count: int) -> Lying:
+        """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
+        floats = dict(zip(self.points, spread(count, row.need_by_point_n), strict=True))
+        key = (row.month, count)
+        if key not in self.known:
+            self.known[key] = [floating(self.site, self.season, row.month, water, floats) for water in self.waters]
+        poses = self.known[key]
+        deepest = max(pose.deepest_m for pose in poses)
+        shallowest = min(pose.shallowest_m for pose in poses)
+        limits = self.site.backbone
+        sinking, lifting = (None, None) if limits is None else limits.margins(shallowest, deepest)
+        inside = limits is None or limits.holds(shallowest, deepest)
+        return Lying(
+            floats=count,
+            by_point=floats,
+            poses=poses,
+            deepest_m=deepest,
+            shallowest_m=shallowest,
+            sinking_m=sinking,
+            lifting_m=lifting,
+            holds=inside and all(pose.status == "ok" for pose in poses) and row.least <= count <= row.most,
+        )
 
-def _lying(
-    site: Site,
-    season: SeasonValues,
-    row: Month,
-    names: list[str],
-    count: int,
-    all_waters: tuple[Water, ...],
-    cache: dict[tuple[str, int], list[Floating]],
-) -> Lying:
-    """Geometry of the farm on this number of floats: rows by state of the tide, and distance from its limits."""
-    floats = dict(zip(names, spread(count, row.need_by_point_n), strict=True))
-    key = (row.month, count)
-    if key not in cache:
-        cache[key] = [floating(site, season, row.month, water, floats) for water in all_waters]
-    poses = cache[key]
-    deepest = max(p.deepest_m for p in poses)
-    shallowest = min(p.shallowest_m for p in poses)
-    backbone = site.backbone
-    sinking = None
-    lifting = None
-    if backbone is not None and backbone.deepest is not None:
-        sinking = backbone.deepest - deepest
-    if backbone is not None and backbone.shallowest is not None:
-        lifting = shallowest - backbone.shallowest
-    inside = all(margin is None or margin >= 0.0 for margin in (sinking, lifting))
-    return Lying(
-        floats=count,
-        by_point=floats,
-        poses=poses,
-        deepest_m=deepest,
-        shallowest_m=shallowest,
-        sinking_m=sinking,
-        lifting_m=lifting,
-        holds=inside and all(p.status == "ok" for p in poses) and row.least <= count <= row.most,
-    )
-
-
-def _season_table(
-    site: Site, season: SeasonValues, names: list[str], lift: float, months: list[Month], lying: list[Lying]
-) -> Table:
-    before = season.start
-    rows: list[Table] = []
-    for month, found in zip(months, lying, strict=True):
-        change = 0 if before is None else found.floats - before
-        reserve = found.floats * lift / month.need_n if month.need_n > 0.0 else None
-        before = found.floats
-        rows.append({**asdict(month), **asdict(found), "change": change, "reserve": reserve})
-    return {
-        "schema": 1,
-        "status": "ok",
-        "site": site.name,
-        "scene": site.scene.name,
-        "points": names,
-        "lift_n": lift,
-        "wanted_reserve": season.reserve,
-        "least_share": season.least_share,
-        "months": rows,
-        "visits": sum(row["change"] != 0 for row in rows),
-        "handled": sum(abs(row["change"]) for row in rows),
-        "holds": all(row["holds"] for row in rows),
-        "flags": [*double_crops(site), *(flag for row in rows for flag in _flags(row))],
-    }
+    def table(self, months: list[Month], lying: list[Lying]) -> Table:
+        """The season as plain values."""
+        floats = [found.floats for found in lying]
+        start = floats[0] if self.season.start is None else self.season.start
+        rows: list[Table] = []
+        for month, found, change in zip(months, lying, np.diff(floats, prepend=start).tolist(), strict=True):
+            reserve = found.floats * self.lift / month.need_n if month.need_n > 0.0 else None
+            rows.append({**asdict(month), **asdict(found), "change": change, "reserve": reserve})
+        return {
+            "schema": 1,
+            "status": "ok",
+            "site": self.site.name,
+            "scene": self.site.scene.name,
+            "points": self.points,
+            "lift_n": self.lift,
+            "wanted_reserve": self.season.reserve,
+            "least_share": self.season.least_share,
+            "months": rows,
+            "visits": sum(row["change"] != 0 for row in rows),
+            "handled": sum(abs(row["change"]) for row in rows),
+            "holds": all(row["holds"] for row in rows),
+            "flags": [*double_crops(self.site), *(flag for row in rows for flag in _flags(row))],
+        }
 
 
 def double_crops(site: Site) -> list[str]:
@@ -253,10 +244,7 @@ def double_crops(site: Site) -> list[str]:
     for line in site.scene.as_written()["line"]:
         types[line["name"]] = [str(part.get("type", "")) for part in (line, *line.get("sections", ()))]
     grown = dict.fromkeys(name for lines in site.growth.values() for name in lines)
-    both = []
-    for name in grown:
-        if any(kind.startswith(crops) for kind in types.get(name, ())):
-            both.append(name)
+    both = [name for name in grown if any(kind.startswith(crops) for kind in types.get(name, ()))]
     if not both:
         return []
     return [

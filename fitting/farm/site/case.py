@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Table, refuse
+from dropper_jax.base.read import Plain, Table, read_list, read_text, refuse
 from dropper_jax.load.scene import Scene
 from dropper_jax.scene import LineSpec, whole_lines
 from fitting.farm.site.sections import AnchorTable, Curve, Factors, SeaState
@@ -57,22 +57,25 @@ def match_names(patterns: Iterable[str], names: Sequence[str], path: str, what: 
         own = [name for name in names if fnmatchcase(name, pattern)]
         if not own:
             hint = nearest(pattern, names)
-            known = hint
             if hint.startswith("known:"):
-                known = f"known: {short(names)}"
-            raise SceneError(f"{path}: {pattern!r} matches no {what}; {known}")
+                hint = f"known: {short(names)}"
+            raise SceneError(f"{path}: {pattern!r} matches no {what}; {hint}")
         found.update(own)
     return tuple(name for name in names if name in found)
+
+
+def read_patterns(given: Plain, path: str) -> list[str]:
+    """A pattern of names, or a list of them."""
+    if isinstance(given, str):
+        return [given]
+    return [read_text(item, path) for item in read_list(given, path, None, "patterns")]
 
 
 def short(names: Sequence[str]) -> str:
     """The first names of a long list."""
     # maximum number of names in an error message
     most_names = 6
-    names = list(names)
-    more = ""
-    if len(names) > most_names:
-        more = f", ... ({len(names)} in total)"
+    more = f", ... ({len(names)} in total)" if len(names) > most_names else ""
     return (", ".join(names[:most_names]) or "none") + more
 
 
@@ -130,23 +133,17 @@ class Storm:
 
     @property
     def state(self) -> str:
-        if self.broken is None:
-            return INTACT
-        return self.broken.name
+        return INTACT if self.broken is None else self.broken.name
 
     @property
     def kind(self) -> str:
         """`intact` or `broken`: selects the factor."""
-        if self.broken is None:
-            return INTACT
-        return BROKEN
+        return INTACT if self.broken is None else BROKEN
 
     @property
     def still(self) -> tuple[object, ...]:
         """The values that the equilibrium depends on."""
-        heading = None
-        if self.current is not None:
-            heading = self.current["direction"]
+        heading = None if self.current is None else self.current["direction"]
         return self.current_name, heading, self.level, self.month, self.crop
 
     @property
@@ -177,7 +174,7 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
     Raises:
         SceneError: an unknown line or link, or a duplicate state.
     """
-    lines = {line.name: line for line in whole_lines(scene)}
+    lines = [line.name for line in whole_lines(scene)]
     found: list[Break | None] = []
     for i, state in enumerate(states):
         if state == INTACT:
@@ -186,9 +183,9 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
         pattern, colon, link = state.partition(":")
         if colon and not link.isdecimal():
             raise refuse(f"{path}.{i}", state, "has no link number after its colon", "LINE or LINE:LINK, links from 1")
-        for name in match_names([pattern], list(lines), f"{path}.{i}"):
-            entry = len(scene.failures) + sum(item is not None for item in found)
-            found.append(Break(name, *_locate_link(scene, name, int(link) if link else None, f"{path}.{i}"), entry))
+        for name in match_names([pattern], lines, f"{path}.{i}"):
+            entry = len(scene.failures) + len(found) - found.count(None)
+            found.append(Break(name, *_locate_link(scene, name, link, f"{path}.{i}"), entry))
     names = [INTACT if item is None else item.name for item in found]
     for name in names:
         if names.count(name) > 1:
@@ -196,11 +193,11 @@ def breaks(scene: Scene, states: tuple[str, ...], path: str) -> tuple[Break | No
     return tuple(found)
 
 
-def _locate_link(scene: Scene, name: str, link: int | None, path: str) -> tuple[str, int]:
-    """Line or piece and link (from 1) of a link of a whole line; the middle link if none is given."""
+def _locate_link(scene: Scene, name: str, link: str, path: str) -> tuple[str, int]:
+    """Line or piece and link (from 1) of a link of a whole line; the middle link if the text is empty."""
     pieces: list[LineSpec] = [line for line in scene.lines if name in (line.name, line.piece_of)]
     total = sum(line.links for line in pieces)
-    at = total // 2 + 1 if link is None else link
+    at = int(link) if link else total // 2 + 1
     if not 1 <= at <= total:
         raise refuse(path, f"{name}:{link}", "is not a link of it", f"{name}:1 to {name}:{total}")
     for line in pieces:

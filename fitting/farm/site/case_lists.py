@@ -32,10 +32,9 @@ class CaseLists(Section):
         standard = _case_standard(own, path)
         currents = own.pop("currents", [])
         heading = own.pop("current_direction", "waves")
-        if heading == "waves":
-            heading = None
-        else:
-            heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, "'waves', or a number in deg")
+        allowed = "'waves', or a number in deg"
+        if heading != "waves":
+            heading = read_number(heading, f"{path}.current_direction", {"unit": "deg"}, allowed)
         found = super().values_of(own, path)
         for key in ("directions", "levels", "states"):
             if len(found[key]) == 0:
@@ -44,13 +43,14 @@ class CaseLists(Section):
             found[key] = [float(x) for x in found[key]]
             if len(set(found[key])) < len(found[key]):
                 raise refuse(f"{path}.{key}", found[key], "has a duplicate value", "every value once")
+        found["current_direction"] = None if heading == "waves" else heading
         allowed = "a list of speeds [m/s], or of tables as [sea.current]"
         currents = read_list(currents, f"{path}.currents", None, allowed)
         tables = [_current(item, f"{path}.currents.{i}") for i, item in enumerate(currents)]
         names = [item["name"] for item in tables]
         if len(set(names)) < len(names):
             raise refuse(f"{path}.currents", names, "has a duplicate current", "every current once")
-        return found | {"currents": tuple(tables), "current_direction": heading, "standard": standard}
+        return found | {"currents": tuple(tables), "standard": standard}
 
 
 def _case_standard(table: Table, path: str) -> Table | None:

@@ -33,7 +33,7 @@ from dropper_jax.run.statistics import PERIOD
 from dropper_jax.scene import whole_lines
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
-from fitting.farm.site.case import Anchor, Part, breaks, match_names, refuse_overlap, short
+from fitting.farm.site.case import Anchor, Part, breaks, match_names, read_patterns, refuse_overlap, short
 from fitting.farm.site.case_lists import CaseLists
 from fitting.farm.site.sections import (
     AnchorTable,
@@ -64,8 +64,8 @@ def read_site(source: str | Path | Values) -> Site:
     Raises:
         SceneError: one line with the section, the value and the allowed range.
     """
+    file = None
     if isinstance(source, Mapping):
-        file = None
         table = source
     else:
         file = Path(source)
@@ -92,11 +92,6 @@ def read_site(source: str | Path | Values) -> Site:
         for i, name in enumerate(names):
             read_text(name, f"{path}.{i}", known)
         _unique(path, names)
-    unchecked = table.get("unchecked", [])
-    if isinstance(unchecked, str):
-        unchecked = [unchecked]
-    else:
-        unchecked = read_list(unchecked, "unchecked", None, "patterns")
     kinds_of_section = {"exclusion": Exclusion, "backbone": Backbone, "season": SeasonValues}
     sections: Table = {name: cls.read(table[name], name) for name, cls in kinds_of_section.items() if name in table}
     for name in sorted(sections.keys() & {"exclusion", "backbone"}):
@@ -115,7 +110,7 @@ def read_site(source: str | Path | Values) -> Site:
         crop=crop,
         states=broken,
         factors=factors,
-        parts=_parts(table, scene, lines, factors, kinds, unchecked),
+        parts=_parts(table, scene, lines, factors, kinds),
         anchors=_anchors(table, scene, factors, kinds),
         quantities=_quantities(table, scene),
         raw={key: plain(table[key]) for key in PASSED if key in table},
@@ -160,10 +155,7 @@ def site_text(source: str | Path) -> bytes:
     try:
         return file.read_bytes()
     except OSError as error:
-        if file.suffix:
-            hint = "see `dropper cases small-longline --print`"
-        else:
-            hint = nearest(str(source), packaged)
+        hint = "see `dropper cases small-longline --print`" if file.suffix else nearest(str(source), packaged)
         raise SceneError(f"site: cannot read {str(file)!r}: {error.strerror or error}; {hint}") from None
 
 
@@ -181,9 +173,7 @@ def _scene(table: Values, folder: Path) -> Scene:
         scene = Scene.from_dict(*find_scene(source))
     values = {f"parameters.{key}": value for key, value in _table(table, "parameters").items()}
     values |= _flat(_table(table, "set"))
-    if values:
-        return scene.with_values(values)
-    return scene
+    return scene.with_values(values) if values else scene
 
 
 def _table(table: Values, key: str) -> Values:
@@ -243,10 +233,10 @@ def _parts(
     lines: tuple[str, ...],
     factors: Factors,
     kinds: set[str],
-    unchecked: Sequence[str],
 ) -> tuple[Part, ...]:
     specs = {line.name: line.spec for line in whole_lines(scene)}
     found = []
+    unchecked = read_patterns(table.get("unchecked", []), "unchecked")
     groups = [("unchecked", match_names(unchecked, lines, "unchecked"))]
     for i, part in enumerate(read_items(PartTable.read, table.get("part", []), "part")):
         path = f"part.{i}"
@@ -257,10 +247,8 @@ def _parts(
         found.append(Part(part.name, names, capacity, own, part.curve, part.capacity is None))
     _unique("part.name", [part.name for part in found])
     refuse_overlap(groups, "line")
-    left = []
-    for name in lines:
-        if not any(name in names for _, names in groups):
-            left.append(name)
+    taken = [name for _, names in groups for name in names]
+    left = [name for name in lines if name not in taken]
     if left:
         raise SceneError(f"part: no part has the lines {short(left)}. Use a [[part]] with them, or `unchecked`")
     return tuple(found)

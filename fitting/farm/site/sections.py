@@ -227,6 +227,16 @@ class Backbone(Section):
         if low is not None and high is not None and not low < high:
             raise refuse(f"{path}.deepest", high, "is not below shallowest", f"> {low:g} m")
 
+    def margins(self, shallowest: float, deepest: float) -> tuple[float | None, float | None]:
+        """Distances [m] of depths from both limits, before sinking and before lifting; None without a limit."""
+        sinking = None if self.deepest is None else self.deepest - deepest
+        lifting = None if self.shallowest is None else shallowest - self.shallowest
+        return sinking, lifting
+
+    def holds(self, shallowest: float, deepest: float) -> bool:
+        """Whether depths [m] are within the limits."""
+        return all(margin is None or margin >= 0.0 for margin in self.margins(shallowest, deepest))
+
 
 @dataclass(frozen=True)
 class SeasonValues(Section):

@@ -105,15 +105,10 @@ class Site:
             lists.crops or tuple(self.crop) or (None,),
             self.states,
         ):
-            table = None
-            name = None
-            current_period = None
-            if current is not None:
-                table = self._current_table(current, way)
-                name = current["name"]
-                current_period = current.get("return_period")
-            periods = (sea.return_period, current_period)
-            combined.append(Storm(0, sea, way, table, name, level, month, state, crop, periods))
+            own = current or {}
+            table = None if current is None else self._current_table(current, way)
+            periods = (sea.return_period, own.get("return_period"))
+            combined.append(Storm(0, sea, way, table, own.get("name"), level, month, state, crop, periods))
         if lists.standard is not None:
             pairs = lists.standard["pairs"]
             for waves, current in pairs:
@@ -155,10 +150,8 @@ class Site:
     @property
     def break_time(self) -> float:
         """Time of breaks [s]."""
-        given = self.lists.break_time
-        if given is None:
-            return 0.5 * (self.run.skip + self.run.duration)
-        return given
+        middle = 0.5 * (self.run.skip + self.run.duration)
+        return middle if self.lists.break_time is None else self.lists.break_time
 
     def run_of(self, storm: Storm) -> RunValues:
         """Values of the run of a load case: if a line breaks, the time before the break is not counted."""
@@ -169,8 +162,8 @@ class Site:
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of states that occur: `intact`, `broken`."""
-        found = {INTACT if state is None else BROKEN for state in self.states}
-        return tuple(kind for kind in (INTACT, BROKEN) if kind in found)
+        broken = (BROKEN,) if any(self.states) else ()
+        return (INTACT, *broken) if None in self.states else broken
 
     @property
     def curve_lines(self) -> list[str]:
@@ -187,10 +180,9 @@ class Site:
     def steps(self) -> dict[str, float]:
         """The `accuracy`, or `dt` [s], of the runs: the site's, otherwise that of its scene."""
         for run in (self.run, self.scene.run):
-            if run.dt is not None:
-                return {"dt": run.dt}
-            if run.accuracy is not None:
-                return {"accuracy": run.accuracy}
+            for key in ("dt", "accuracy"):
+                if getattr(run, key) is not None:
+                    return {key: getattr(run, key)}
         raise ValueError("a scene has one of both")
 
     def finer(self, halvings: int) -> Site:

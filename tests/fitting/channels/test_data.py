@@ -1,7 +1,5 @@
 """Files of channels: what they say is read, and what cannot be is refused in one line."""
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -52,64 +50,34 @@ def test_values_are_in_si_and_places_on_the_whole_line(scene):
 
 
 def test_an_anchor_is_pulled_by_its_one_line_and_a_knot_by_two(scene):
-    data = read_data(
-        {
-            **GOOD,
-            "channel": [
-                {**{k: v for k, v in TENSION.items() if k not in ("line", "end")}, "point": "anchor"},
-                {**{k: v for k, v in TENSION.items() if k not in ("line", "end")}, "point": "knot", "name": "k"},
-            ],
-        },
-        scene,
-    )
-    assert (data.sensors[0].channel.link, data.sensors[0].channel.ends) == (0, ())
-    assert len(data.sensors[1].channel.ends) == 2
+    tension = {key: value for key, value in TENSION.items() if key not in ("line", "end")}
+    channels = [{**tension, "point": "anchor"}, {**tension, "point": "knot", "name": "k"}]
+    one, two = (sensor.channel for sensor in read_data({**GOOD, "channel": channels}, scene).sensors)
+    assert (one.link, one.ends) == (0, ())
+    assert len(two.ends) == 2
 
 
 def test_a_file_of_its_own_clock_and_missing_samples_are_read(scene, tmp_path):
     (tmp_path / "a.csv").write_text("# load cell\nt,F\n0,1\n0.5,\n1,3\n1.5,4\n")
     (tmp_path / "b.csv").write_text("t,d\n0,1\n1,2\n2,3\n")
-    (tmp_path / "data.toml").write_text(
-        """
-        [[run]]
-        file = ["a.csv", "b.csv"]
-        until = 1.6
-        [[channel]]
-        name = "pull"
-        kind = "tension"
-        column = "F"
-        unit = "N"
-        line = "leg"
-        link = 2
-        noise = 1.0
-        noise_unit = "%"
-        [[channel]]
-        name = "deep"
-        kind = "depth"
-        column = "d"
-        unit = "m"
-        point = "float"
-        """
-    )
+    cell = {"name": "pull", "kind": "tension", "column": "F", "unit": "N", "line": "leg", "link": 2}
+    deep = {"name": "deep", "kind": "depth", "column": "d", "unit": "m", "point": "float"}
+    run, file = {"file": ["a.csv", "b.csv"], "until": 1.6}, tmp_path / "data.toml"
+    table = {"run": [run], "channel": [{**cell, "noise": 1.0, "noise_unit": "%"}, deep]}
+    file.write_text(dj.as_toml(table))
     with pytest.raises(SceneError, match="channel 'deep' has fewer than 3 samples"):
-        read_data(tmp_path / "data.toml", scene)
-    text = (tmp_path / "data.toml").read_text().replace("until = 1.6", "until = 9")
-    (tmp_path / "data.toml").write_text(text)
-    data = read_data(tmp_path / "data.toml", scene)
+        read_data(file, scene)
+    file.write_text(dj.as_toml({**table, "run": [{**run, "until": 9}]}))
+    data = read_data(file, scene)
     assert [len(t) for t in data.runs[0].t] == [4, 3]
     assert np.isnan(data.runs[0].values[0][1, 0])
     assert (data.sensors[0].noise, data.sensors[0].relative, data.runs[0].name) == (0.01, True, "a")
 
 
 def changed(section, index, **values):
-    table = copy.deepcopy({k: v for k, v in GOOD.items() if k != "run"})
-    table["run"] = [dict(GOOD["run"][0])]
-    for key, value in values.items():
-        if value is None:
-            table[section][index].pop(key)
-        else:
-            table[section][index][key] = value
-    return table
+    rows = list(GOOD[section])
+    rows[index] = {key: value for key, value in (rows[index] | values).items() if value is not None}
+    return {**GOOD, section: rows}
 
 
 @pytest.mark.parametrize(

@@ -50,14 +50,9 @@ def seen(rng, t=T, damping=DAMPING):
     late = np.maximum(t - DELAY, 0.0)
     bob = LENGTH * np.stack([np.sin(swing(late)[0]), 0 * late, -np.cos(swing(late)[0])], axis=1)
     matrix = projection(np.array(CAMERA["position"]), np.array(CAMERA["look_at"]), CAMERA["focal"], np.zeros(2))
-    at = bob @ matrix[:, :3].T + matrix[:, 3]
-    clean = {
-        "angle": theta,
-        "pull": 1.03 * MASS * (9.81 * np.cos(theta) + LENGTH * rate**2),
-        "u": at[:, 0] / at[:, 2],
-        "v": at[:, 1] / at[:, 2],
-        "deep": LENGTH * np.cos(theta),
-    }
+    u, v, depth = (bob @ matrix[:, :3].T + matrix[:, 3]).T
+    pull = 1.03 * MASS * (9.81 * np.cos(theta) + LENGTH * rate**2)
+    clean = {"angle": theta, "pull": pull, "u": u / depth, "v": v / depth, "deep": LENGTH * np.cos(theta)}
     size = {**NOISE, "u": NOISE["dot"], "v": NOISE["dot"]}
     return {"t": t, **{name: y + size[name] * rng.normal(size=len(t)) for name, y in clean.items()}}
 
@@ -75,8 +70,7 @@ def found():
 def test_four_kinds_of_channels_tell_damping_gain_delay_start_and_length(found):
     truth = {"b_l": DAMPING, "gain": 1.03, "delay": DELAY, "polar": START, "length": LENGTH}
     assert found.status == "ok"
-    off = (found.values - list(truth.values())) / found.errors.std_error
-    assert np.abs(off).max() < 3.5
+    assert np.abs((found.values - list(truth.values())) / found.errors.std_error).max() < 3.5
     assert (found.errors.std_error / list(truth.values()) < [0.02, 0.01, 0.05, 0.002, 0.002]).all()
     assert found.errors.blocks == 0
     for row in found.channels():
@@ -90,29 +84,25 @@ def test_four_kinds_of_channels_tell_damping_gain_delay_start_and_length(found):
 @pytest.mark.check
 def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
     problem, values = found.solution.problem, found.values
-    at = setup_with_directions(problem.scenes[0], problem.data, problem.plain[0], values)
-    dt, near = jnp.asarray(problem.dt), problem.near[0]
+    at = setup_with_directions(problem.scenes[0], problem.data, problem.plain, values)
     times = tuple(jnp.asarray(t) for t in problem.data.runs[0].t)
+    run = problem.near[0], jnp.asarray(problem.dt), times
     plan = problem.plan(0)
-    _, slopes, _, _ = differentiate_channels(plan, at.setup, at.tangents, near, dt, times)
+    _, slopes, _, _ = differentiate_channels(plan, at.setup, at.tangents, *run)
     plan = replace(plan, stepper=plan.stepper.plain)
-    size = np.array([p.scale for p in problem.parameters])
+    weights = [np.cos(np.arange(len(t)))[:, None] for t in times]
 
     @jax.jit
     def total(e):
-        shown = observe_channels(plan, shift_setup(at.setup, at.tangents, e), near, dt, times)[0]
-        return jnp.stack([jnp.sum(y * jnp.cos(jnp.arange(y.shape[0]))[:, None]) for y in shown])
+        shown = observe_channels(plan, shift_setup(at.setup, at.tangents, e), *run)[0]
+        return jnp.stack([jnp.sum(y * weight) for y, weight in zip(shown, weights, strict=True)])
 
-    weights = [np.cos(np.arange(len(t)))[:, None, None] for t in problem.data.runs[0].t]
-    forward = np.array([np.sum(w * s, axis=(0, 1)) for w, s in zip(weights, slopes, strict=True)])
+    forward = np.array([np.einsum("ki,kjp->p", w, s) for w, s in zip(weights, slopes, strict=True)])
     reverse = np.asarray(jax.jit(jax.jacrev(total))(jnp.zeros(len(values))))
     assert np.allclose(forward, reverse, rtol=1e-8, atol=1e-8 * np.abs(forward).max())
-    for i, step in enumerate(3e-4 * size):
-        along = np.eye(len(values))[i]
-        near_by, far = (
-            np.asarray(total(jnp.asarray(h * along)) - total(jnp.asarray(-h * along))) / (2 * h)
-            for h in (step, 2 * step)
-        )
+    for i, step in enumerate(3e-4 * np.array([p.scale for p in problem.parameters])):
+        along = step * np.eye(len(values))[i]
+        near_by, far = (np.asarray(total(h * along) - total(-h * along)) / (2 * h * step) for h in (1.0, 2.0))
         difference = (4 * near_by - far) / 3
         assert np.allclose(forward[:, i], difference, rtol=1e-6, atol=1e-6 * np.abs(forward[:, i]).max())
 
@@ -120,14 +110,14 @@ def test_derivatives_are_those_of_differences_and_of_reverse_mode(found):
 @pytest.mark.check
 def test_profile_and_bootstrap_agree_with_the_errors(found):
     """Ways to the same interval where the problem is nearly linear."""
-    again = replace(found, profiles=[], bootstrap=None)
-    again.profiles, again.bootstrap = profiles(again, ["b_l"]), bootstrap(again, 400).draws
-    i, (by_profile,) = [p.name for p in again.parameters].index("effects.linear_damping.b_l"), again.profiles
-    e, given = again.errors, again.to_json()
+    name = "effects.linear_damping.b_l"
+    again = replace(found, profiles=profiles(found, ["b_l"]), bootstrap=bootstrap(found, 400).draws)
+    i, (by_profile,) = [p.name for p in again.parameters].index(name), again.profiles
+    low, high = again.errors.low[i], again.errors.high[i]
+    width = high - low
     assert by_profile.converged
-    width = e.high[i] - e.low[i]
-    assert (by_profile.low, by_profile.high) == pytest.approx((e.low[i], e.high[i]), abs=0.05 * width)
-    row = given["bootstrap"]["effects.linear_damping.b_l"]
+    assert (by_profile.low, by_profile.high) == pytest.approx((low, high), abs=0.05 * width)
+    row = again.to_json()["bootstrap"][name]
     assert row["high"] - row["low"] == pytest.approx(width, rel=0.35)
 
 
@@ -172,10 +162,7 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (
-            {"free": ["b_l", "channel.pul.gain"]},
-            "free: 'channel.pul.gain': 'pul' is not a channel; did you mean 'pull'",
-        ),
+        ({"free": ["channel.pul.gain"]}, "free: 'channel.pul.gain': 'pul' is not a channel; did you mean 'pull'"),
         ({"free": ["channel.pull.scale"]}, "does not exist; allowed: channel.pull and offset, gain, delay"),
         ({"free": ["channel.dot.offset.2"]}, "has no such column; allowed: 0 to 1"),
         ({"free": ["camera.front.delay"]}, "'front' is not a camera"),
@@ -185,10 +172,7 @@ def test_runs_with_a_damping_of_their_own_share_the_rest():
         ({"free": ["start.polar.1"]}, "has no such entry; allowed: below 1"),
         ({"free": ["b_l", "b_l"]}, "is given twice"),
         ({"free": []}, "free: nothing is free"),
-        (
-            {"priors": {"b_l": (0.02, 0.0)}},
-            "linear_damping.b_l' has standard deviation 0; allowed: > 0",
-        ),
+        ({"priors": {"b_l": (0.02, 0.0)}}, "linear_damping.b_l' has standard deviation 0; allowed: > 0"),
         ({"priors": {"mass": (0.02, 1.0)}}, "prior: 'line.0.mass' is not a free parameter"),
         ({"bounds": {"b_l": (0.3, 0.2)}}, "empty interval 0.3 to 0.2"),
         ({"start": {"b_l": -1.0}}, "start: effects.linear_damping.b_l = -1 is out of bounds"),

@@ -47,16 +47,14 @@ def acceleration(angle, rate):
 
 def swing(t):
     """Angle from straight down, rate and acceleration of a pendulum with linear and quadratic drag."""
-    solved = solve_ivp(
-        lambda _, y: [y[1], acceleration(*y)], (0, 5), [START, 0], "DOP853", rtol=1e-11, atol=1e-12, dense_output=True
-    )
-    angle, rate = solved.sol(t)
+    rates = lambda _, y: [y[1], acceleration(*y)]  # noqa: E731
+    angle, rate = solve_ivp(rates, (0, 5), [START, 0], "DOP853", rtol=1e-11, atol=1e-12, dense_output=True).sol(t)
     return angle, rate, acceleration(angle, rate)
 
 
-def columns(seed=0, t=None):
+def columns():
     """What the sensors read, with noise and every defect."""
-    t = np.arange(0.0, 4.0, 0.02) if t is None else t
+    t = np.arange(0.0, 4.0, 0.02)
     angle, rate, _ = swing(t)
     then = swing(np.maximum(t - LATE, 0.0))
     radial = -POSITION * then[1] ** 2 - GRAVITY * np.cos(then[0])
@@ -68,13 +66,13 @@ def columns(seed=0, t=None):
         "pull": PULL * MASS * (GRAVITY * np.cos(angle) + LENGTH * rate**2),
         "deep": LENGTH * np.cos(angle) + DEEP,
     }
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     found = {name: y + NOISE[name] * random.normal(size=len(t)) for name, y in clean.items()}
     return {"t": t, **found, "spin": np.degrees(found["spin"])}
 
 
-def scene(**effects):
-    effects = {"linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.1}, **effects}
+def scene():
+    effects = {"linear_damping": {"b_l": 0.02}, "quadratic_damping": {"b_q": 0.1}}
     return rods([0.78], LENGTH, MASS, effects) | {"run": {"dt": 0.01, "duration": 4.0, "integrator": "rattle_4"}}
 
 

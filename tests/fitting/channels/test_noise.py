@@ -18,6 +18,7 @@ from fitting.parameters.targets import Direction
 
 N = 4000
 T = np.arange(N) * 0.1
+NO_SCENES = {"scenes": (SimpleNamespace(fit=None),), "of_run": (), "plain": (), "near": ()}
 
 
 def measured(y):
@@ -33,10 +34,7 @@ def estimate_size(y, slopes, size=1.0, loss=LEAST_SQUARES, rounds=3):
         size: of the noise to start from.
     """
     parameters = [Parameter(str(i), Direction({}, 0.0, linear=True), 0.0, -np.inf) for i in range(slopes.shape[1])]
-    problem = Problem(
-        data=measured(y), scenes=(SimpleNamespace(fit=None),), parameters=tuple(parameters), of_run=(), plain=(),
-        near=(), loss=loss,
-    )  # fmt: skip
+    problem = Problem(data=measured(y), parameters=tuple(parameters), loss=loss, **NO_SCENES)
     still = Evaluation(((np.zeros((len(y), 1)),),), ((slopes[:, None, :],),), ())
     point = first_solution(problem, np.zeros(len(parameters)), problem.whiten_residuals(still))
     noise = Noise(np.full((1, 1), size / problem.claimed_noise[0]), np.full((1, 1), np.inf), np.zeros(1))
@@ -109,9 +107,7 @@ def test_each_sensor_has_a_memory_of_its_own():
         kept[:, i] = 0.8 * kept[:, i - 1] + 0.6 * kept[:, i]
     sensors = tuple(Sensor(Angle(name, (name,), "rad"), noise=1.0) for name in ("a", "b"))
     runs = tuple(Run(str(i), (T, T), (0.02 * white[i][:, None], 0.5 * kept[i][:, None])) for i in range(2))
-    problem = Problem(
-        data=Data(sensors, (), runs), scenes=(SimpleNamespace(fit=None),), parameters=(), of_run=(), plain=(), near=()
-    )
+    problem = Problem(data=Data(sensors, (), runs), parameters=(), **NO_SCENES)
     shown = [[np.zeros((N, 1))] * 2] * 2
     e = problem.whiten_residuals(Evaluation(shown, [[np.zeros((N, 1, 0))] * 2] * 2, ()))
     model = ResidualNoiseModel(first_solution(problem, np.zeros(0), e), problem.windows, (), np.full((2, 1), 1e-9))

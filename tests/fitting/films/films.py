@@ -15,6 +15,7 @@ from closed_chain import in_space, rigid_line, still
 
 from fitting import Motion
 from fitting.films import track
+from fitting.films.detection import Circles
 from fitting.films.marks import find_marks
 from fitting.films.ordering import AmbiguousOrderError
 from fitting.films.render import Cover, View, chessboards, film
@@ -90,6 +91,14 @@ class Film:
         moving = point_masses(start, self.loop, t[: len(t) - still_samples])
         return Motion(t, np.concatenate([np.repeat(start[None], still_samples, axis=0), moving]))
 
+    def positions(self) -> np.ndarray:
+        """True nodes (k, n, 2) (x, z) [m] of the frames."""
+        return self.motion().nodes[::FINE][..., [0, 2]]
+
+    def pixels(self) -> np.ndarray:
+        """The same in the picture [pixel]."""
+        return np.stack([self.view.to_pixels(each) for each in self.positions()])
+
 
 LENS = View(bending=(-0.12, 0.05), noise=5.0)
 LOOP, CHAIN = replace(LENS, centre=(0.14, -0.1), distance=0.7), replace(LENS, centre=(0.0, -0.2), distance=1.1)
@@ -126,18 +135,36 @@ def discs(places, radius=7.0, size=(320, 240), noise=4.0):
         yield np.clip(image, 0, 255).astype(np.uint8)
 
 
-def make(what: Film, folder: Path, boards: int = BOARDS) -> tuple[Path, list[Path], np.ndarray]:
+def circles(centres, error=0.05):
+    """Circles of one frame at centres (m, 2) [pixel]."""
+    n = len(centres)
+    return Circles(np.asarray(centres, float), np.full(n, error), np.full(n, 6.0), np.ones(n), np.full(n, 100.0))
+
+
+def stiff_zigzag(turn):
+    """Nodes (k, 4, 2) [pixel] of a zigzag about 0 that turns as a whole by angles (k,): every distance stays."""
+    shape = np.array([[-90.0, 20.0], [-30.0, -50.0], [30.0, 40.0], [100.0, -10.0]])
+    return np.einsum("kij,nj->kni", np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]).T, shape)
+
+
+def save_images(folder, images):
+    paths = []
+    for i, image in enumerate(images):
+        paths.append(str(folder / f"board-{i}.png"))
+        opencv().imwrite(paths[-1], image)
+    return paths
+
+
+def make(what: Film, folder: Path, boards: int = BOARDS) -> tuple[Path, list[str], np.ndarray]:
     """The film, pictures of boards by its camera, and the true angles (k, links) [rad], counter-clockwise."""
     motion = what.motion()
     path = write_video(folder / "film.avi", film(motion, what.view, FPS), FPS)
-    pictures = [folder / f"board-{i}.png" for i in range(boards)]
-    for board, image in zip(pictures, chessboards(what.view, count=boards), strict=True):
-        opencv().imwrite(str(board), image)
+    pictures = save_images(folder, chessboards(what.view, count=boards))
     link = np.diff(motion.nodes[::FINE][..., [0, 2]], axis=1)
     return path, pictures, np.arctan2(link[..., 1], link[..., 0])
 
 
-def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> dict[str, Any]:
+def judged(what: Film, path: Path, boards: list[str], truth: np.ndarray) -> dict[str, Any]:
     """How well a film is tracked, with `boards` or without (an empty list)."""
     given = {"calibration": boards, "plane": boards[0], "square": 0.03} if boards else {}
     try:
@@ -147,7 +174,7 @@ def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> dic
     except AmbiguousOrderError as error:
         return {"status": "ambiguous_order", "message": str(error)}
     frames = np.round(found.trace.t * FPS).astype(int)
-    off = _turns(found.trace.theta - truth[frames])
+    off = turns(found.trace.theta - truth[frames])
     known = np.isfinite(off)
     rms, stated = (float(np.sqrt(np.mean(x[known] ** 2))) for x in (off, found.trace.se))
     return {
@@ -160,7 +187,7 @@ def judged(what: Film, path: Path, boards: list[Path], truth: np.ndarray) -> dic
     }
 
 
-def _turns(angle: np.ndarray) -> np.ndarray:
+def turns(angle: np.ndarray) -> np.ndarray:
     """Angles [rad] without full turns."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
@@ -168,15 +195,15 @@ def _turns(angle: np.ndarray) -> np.ndarray:
 def spoiled(what: Film, draws: int = 40, seed: int = 0) -> dict[str, Any]:
     """Shares of frames marked where names of two nodes were swapped, where one node jumped, and where all is well."""
     rng = np.random.default_rng(seed)
-    pixels = what.motion().nodes[::FINE][..., [0, 2]] * what.view.pixels_per_metre * [1.0, -1.0]
+    pixels = what.positions() * what.view.pixels_per_metre * [1.0, -1.0]
     frames, nodes = pixels.shape[:2]
     counts = dict.fromkeys(("swapped", "swapped_found", "jumped", "jumped_found", "well", "well_marked"), 0)
     for _ in range(draws):
         places = pixels + NOISE * rng.standard_normal(pixels.shape)
         first, last = rng.integers(5, frames // 2 - 20), rng.integers(frames // 2 + 20, frames - 10)
-        swap, jump = np.zeros(frames, bool), np.zeros(frames, bool)
-        swap[first : first + rng.integers(1, 20)] = True
-        jump[last : last + rng.integers(1, 4)] = True
+        late = np.arange(frames)
+        swap = (late >= first) & (late < first + rng.integers(1, 20))
+        jump = (late >= last) & (late < last + rng.integers(1, 4))
         a, b = rng.choice(nodes, 2, replace=False)
         places[np.ix_(swap, [a, b])] = places[np.ix_(swap, [b, a])]
         way = rng.uniform(0, 2 * np.pi)

@@ -18,7 +18,7 @@ LENGTH = 100.0
 def why(positions, error=0.003):
     detected = np.ones(positions.shape[:2], bool)
     errors = np.full((len(positions), positions.shape[1] - 1), error)
-    return why_no_chain(positions, detected, find_marks(positions, detected), errors)
+    return why_no_chain(positions, find_marks(positions, detected), errors)
 
 
 def pendulum(phase):

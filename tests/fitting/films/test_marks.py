@@ -21,7 +21,7 @@ def test_swapped_and_shifted_nodes_are_found_and_others_are_not(name):
 
 def test_marks_name_times_and_nodes():
     film = films.FILMS["chain, blurred"]
-    places = film.motion().nodes[:: films.FINE][:, :, [0, 2]] * 600.0
+    places = film.positions() * 600.0
     places[60:72, [1, 3]] = places[60:72, [3, 1]]
     t = np.arange(len(places)) / 60
     (span,) = find_marks(places, np.ones(places.shape[:2], bool)).spans(t)
@@ -41,22 +41,17 @@ def test_a_trace_carries_notes_and_is_read_as_before(tmp_path):
 
 
 def test_slant_and_bending_are_found_from_the_lengths_alone():
-    motion = films.FILMS["loop, slanting camera"].motion().nodes[:: films.FINE][..., [0, 2]]
+    motion = films.FILMS["loop, slanting camera"].positions()
     view = View(slant=(0.13, -0.07), bending=(-0.12, 0.05), centre=(0.14, -0.1), distance=0.7)
-    rng = np.random.default_rng(0)
     pixels = np.stack([view.to_pixels(each) for each in motion])
-    pixels += 0.05 * rng.standard_normal(pixels.shape)
-    seen = np.ones(pixels.shape[:2], bool)
-    found = flatten(pixels, seen, Flat(view.size), 60.0)
+    pixels += 0.05 * np.random.default_rng(0).standard_normal(pixels.shape)
+    found = flatten(pixels, Flat(view.size), 60.0)
     np.testing.assert_allclose(found.parameters[:2], view.slant, atol=0.005)
-    truth = np.arctan2(*np.moveaxis(np.diff(motion, axis=1), -1, 0)[::-1])
-    off = {
-        name: (four_quadrant(to(pixels) * [1.0, -1.0]) - truth + np.pi) % (2 * np.pi) - np.pi
-        for name, to in (("raw", Flat(view.size)), ("found", found))
-    }
-    rms = {name: np.sqrt(np.mean(each**2)) for name, each in off.items()}
-    assert rms["raw"] > 5e-3
-    assert rms["found"] < 1.2e-3
+    link = np.diff(motion, axis=1)
+    truth = np.arctan2(link[..., 1], link[..., 0])
+    off = [films.turns(four_quadrant(to(pixels) * [1.0, -1.0]) - truth) for to in (Flat(view.size), found)]
+    raw, rms = (np.sqrt(np.mean(each**2)) for each in off)
+    assert rms < 1.2e-3 < 5e-3 < raw
     np.testing.assert_allclose(found.back(found(pixels[:3])), pixels[:3], atol=1e-6)
 
 
@@ -68,14 +63,13 @@ def test_the_exposure_is_found_from_the_lengths_and_taken_back():
     middle = np.arange(8, len(fine) - 8, films.FINE)
     blurred = sum(w * fine[middle + s] for w, s in zip(weight, (-2, -1, 0, 1, 2), strict=True))
     blurred += 0.01 * np.random.default_rng(1).standard_normal(blurred.shape)
-    seen = np.ones(blurred.shape[:2], bool)
-    share = exposure_share(blurred, seen)
+    share = exposure_share(blurred)
     # the mean square of the trapezoid's offsets (0, +-1, +-2 eighths of a frame) is 1.5/64; half of it goes with D
     assert share == pytest.approx(0.5 * 1.5 / 64, rel=0.1)
-    mended = blurred - share * second_differences(blurred, seen)
+    mended = blurred - share * second_differences(blurred)
     left, before = (np.sqrt(np.mean((each - fine[middle])[1:-1] ** 2)) for each in (mended, blurred))
     assert left < 0.5 * before
-    assert exposure_share(fine[middle], seen) < 1e-4
+    assert exposure_share(fine[middle]) < 1e-4
 
 
 def test_the_scatter_of_lengths_tells_the_errors_of_angles():
@@ -85,5 +79,5 @@ def test_the_scatter_of_lengths_tells_the_errors_of_angles():
     places = truth + 0.2 * rng.standard_normal(truth.shape)
     off = four_quadrant(places) - four_quadrant(truth)
     # the edges of the circles would have told a quarter of it
-    found = scatter(places, np.full((400, 2), 0.05), np.ones((400, 2), bool), np.ones((400, 1), bool))
+    found = scatter(places, np.full((400, 2), 0.05), np.ones((400, 1), bool))
     assert np.sqrt(np.mean(found**2)) == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.15)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from dropper_jax import SceneError
-from fitting.films.detection import Circles
 from fitting.films.flattening import Flat
 from fitting.films.following import follow_film
 from fitting.films.marks import find_marks
@@ -19,12 +18,7 @@ NOISE = 0.05
 def places():
     """Pixels (k, n, 2) of a loop and of a chain of point masses, 3 s each."""
     named = {"loop": "loop, first circles missing", "chain": "chain, blurred"}
-    found = {}
-    for kind, name in named.items():
-        film = films.FILMS[name]
-        nodes = film.motion().nodes[:: films.FINE][..., [0, 2]]
-        found[kind] = np.stack([film.view.to_pixels(each) for each in nodes])
-    return found
+    return {kind: films.FILMS[name].pixels() for kind, name in named.items()}
 
 
 def circles_of(pixels, seen=None, more=(), seed=0):
@@ -33,11 +27,17 @@ def circles_of(pixels, seen=None, more=(), seed=0):
     frames = []
     for i, nodes in enumerate(pixels):
         there = nodes if seen is None else nodes[seen[i]]
-        centre = np.concatenate([there, np.reshape(more, (-1, 2))]) if len(more) else there
-        centre = rng.permutation(centre + NOISE * rng.standard_normal(centre.shape))
-        n = len(centre)
-        frames.append(Circles(centre, np.full(n, NOISE), np.full(n, RADIUS), np.ones(n), np.full(n, 100.0)))
+        centre = np.concatenate([there, np.reshape(more, (-1, 2))])
+        frames.append(films.circles(rng.permutation(centre + NOISE * rng.standard_normal(centre.shape))))
     return frames
+
+
+def seen_but(pixels, *hidden):
+    """Which nodes are seen in which frames: all but those of pairs of frames and nodes."""
+    seen = np.ones(pixels.shape[:2], bool)
+    for frames, node in hidden:
+        seen[frames, node] = False
+    return seen
 
 
 def followed(pixels, seen=None, more=(), **options):
@@ -46,8 +46,7 @@ def followed(pixels, seen=None, more=(), **options):
 
 def check_names(found, pixels, turned=False):
     """Every circle that was taken and is not marked is the right node's; returns which were taken."""
-    truth = pixels[:, ::-1] if turned else pixels
-    off = np.linalg.norm(found.pixels - truth, axis=-1)
+    off = np.linalg.norm(found.pixels - (pixels[:, ::-1] if turned else pixels), axis=-1)
     marks = find_marks(found.flat, found.detected)
     assert marks.frames.mean() <= 0.02
     assert off[found.detected & ~marks.frames[:, None]].max() < 8 * NOISE
@@ -58,8 +57,7 @@ def check_names(found, pixels, turned=False):
 def test_a_post_that_hides_a_node_of_a_loop_in_the_first_second_does_not_change_the_order(places, node):
     # the two ends rest at one distance all the time, and with a reflection there are circles enough for a chain
     pixels = places["loop"]
-    seen = np.ones(pixels.shape[:2], bool)
-    seen[:70, node] = False
+    seen = seen_but(pixels, (slice(70), node))
     taken = check_names(followed(pixels, seen, more=[[320.0, 460.0]]), pixels)
     assert (taken == seen).mean() > 0.99
 
@@ -68,24 +66,20 @@ def test_a_post_that_hides_a_node_of_a_loop_in_the_first_second_does_not_change_
 def test_any_good_second_may_settle_the_order(places, kind):
     # until 1.8 s there is always a circle missing, another one every quarter of a second
     pixels = places[kind]
-    frames, nodes = pixels.shape[:2]
-    seen = np.ones((frames, nodes), bool)
-    seen[np.arange(108), 1 + np.arange(108) // 15 % (nodes - 2)] = False
+    seen = seen_but(pixels, (np.arange(108), 1 + np.arange(108) // 15 % (pixels.shape[1] - 2)))
     taken = check_names(followed(pixels, seen), pixels)
     assert (taken == seen).mean() > 0.99
 
 
 def test_circles_missing_in_the_first_frames_leave_only_their_own_samples_empty(places):
     pixels = places["chain"]
-    seen = np.ones(pixels.shape[:2], bool)
-    seen[:6, 2], seen[:14, 4] = False, False
+    seen = seen_but(pixels, (slice(6), 2), (slice(14), 4))
     assert (check_names(followed(pixels, seen), pixels) == seen).all()
 
 
 def test_places_named_by_the_user_may_be_of_circles_that_are_missing_at_first(places):
     pixels = places["loop"]
-    seen = np.ones(pixels.shape[:2], bool)
-    seen[:8, 2], seen[:5, 4] = False, False
+    seen = seen_but(pixels, (slice(8), 2), (slice(5), 4))
     start = np.round(pixels[0][::-1])
     found = followed(pixels, seen, start=start)
     assert (check_names(found, pixels, turned=True) == seen[:, ::-1]).mean() > 0.99
@@ -97,24 +91,15 @@ def test_places_named_by_the_user_may_be_of_circles_that_are_missing_at_first(pl
 def test_markers_are_taken_again_in_the_frame_in_which_they_come_back(places, kind):
     # all that moves is covered for 0.3 s, then shows again one node after the other
     pixels = places[kind]
-    seen = np.ones(pixels.shape[:2], bool)
-    for k in range(1, pixels.shape[1] - (kind == "loop")):
-        seen[70 : 88 + 2 * k, k] = False
+    moving = range(1, pixels.shape[1] - (kind == "loop"))
+    seen = seen_but(pixels, *((slice(70, 88 + 2 * k), k) for k in moving))
     taken = check_names(followed(pixels, seen), pixels)
     assert taken[100:].all()
     assert (taken == seen).mean() > 0.98
 
 
-def zigzag(frames=90):
-    """A stiff zigzag of four nodes that turns as a whole: which of them are joined nothing can tell."""
-    shape = np.array([[-90.0, 20.0], [-30.0, -50.0], [30.0, 40.0], [100.0, -10.0]])
-    turn = 0.8 * np.sin(np.arange(frames) / 12)
-    c, s = np.cos(turn), np.sin(turn)
-    return 240.0 + np.einsum("kij,nj->kni", np.array([[c, -s], [s, c]]).transpose(2, 0, 1), shape)
-
-
 def test_an_order_that_nothing_tells_is_refused_with_the_alternatives():
-    pixels = zigzag()
+    pixels = 240.0 + films.stiff_zigzag(0.8 * np.sin(np.arange(90) / 12))
     with pytest.raises(AmbiguousOrderError, match="not known") as refused:
         followed(pixels)
     orders = refused.value.orders

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dropper_jax.base.errors import silent
 from dropper_jax.base.parallel_runs import run_parallel
 from fitting.farm.optimise import run
 from fitting.farm.optimise.run import design_warnings
@@ -20,18 +21,13 @@ def values(*constraints):
 
 
 def test_the_residual_is_that_of_windows_before_they_are_renewed():
-    design = SimpleNamespace(
-        renew_windows=lambda x, say: ((), []), measure_full_runs=lambda x, full: values(0.90, 0.50)
-    )
+    design = SimpleNamespace(measure=lambda x, say: ((), values(0.90, 0.50)))
     search = Search(np.zeros(1), 0.1)
     measure(search, design, None)
-    assert search.residual is None
-    assert search.best_residual is None
+    assert (search.residual, search.best_residual) == (None, None)
     search.best_objective = np.inf
     measure(search, design, None, predicted=values(0.87, 0.51))
-    assert search.residual == pytest.approx(0.03)
-    assert search.best_residual == pytest.approx(0.03)
-    assert search.history[-1]["residual"] == pytest.approx(0.03)
+    assert [search.residual, search.best_residual, search.history[-1]["residual"]] == pytest.approx([0.03] * 3)
 
 
 def test_large_residuals_and_designs_that_are_no_optimum_are_told():
@@ -59,16 +55,12 @@ def test_a_derivative_that_one_snapping_seed_dominates_is_reported_by_mean_and_m
 
 @pytest.mark.parametrize(("slope", "status"), [(3.0, "trusted"), (3e5, "not_trusted"), (np.nan, "not_trusted")])
 def test_two_runs_along_the_gradient_show_whether_it_predicts_the_highest_peak(monkeypatch, slope, status):
-    def window(x, own, start):
-        peaks = np.array([1.0, 3.0 * x[0]])
-        return SimpleNamespace(hard=peaks, soft=peaks)
-
+    peaks = lambda x: np.array([1.0, 3.0 * x[0]])  # noqa: E731
     design = SimpleNamespace(
         start=np.ones(1),
         variables=[SimpleNamespace(span=2.0)],
-        window=window,
+        window=lambda x, own: SimpleNamespace(hard=peaks(x), soft=peaks(x)),
         slopes=lambda *_: [np.array([[0.0], [slope]])],
-        run_start=lambda *_: None,
     )
     monkeypatch.setattr(run, "first_windows", lambda _: [SimpleNamespace(case=None)])
     found = run.check_along(design)
@@ -109,72 +101,59 @@ def test_what_a_run_abreast_raises_is_raised():
         run_parallel(one, list(range(5)), lambda _: None, workers=2)
 
 
-def known_values(of):
-    """Methods of a design whose values and derivatives are known."""
+def design_of(of, variables, **settings):
+    """A design whose values and derivatives are known."""
+    settings = {"margin": 0.0, "renew": 2, "enough": 1e-3, "reach": 0.4, **settings}
+    return SimpleNamespace(
+        settings=SimpleNamespace(**settings),
+        variables=variables,
+        run_windows=lambda x, *_: SimpleNamespace(found=of(x), solved=True),
+        values=lambda runs: runs.found,
+        derivatives=lambda runs, say: runs.found,
+        measure=lambda x, say: ((), of(x)),
+    )
 
-    def run_windows(x, *_):
-        return SimpleNamespace(found=of(x), solved=True)
 
-    return {
-        "run_windows": run_windows,
-        "values": lambda runs: runs.found,
-        "derivatives": lambda runs, say: runs.found,
-    }
+def search_round(search, design):
+    return run_round(search, design, (), lambda: None, silent)
+
+
+def circle(x):
+    """-x - y within x^2 + y^2 <= 2."""
+    return Values(float(-x.sum()), -np.ones(2), ("circle",), np.array([x @ x / 2]), x[None])
 
 
 def test_no_design_is_tried_twice_where_bounds_cut_a_step_short():
     """The objective rises whatever its slope says, and the bound is nearer than the reach."""
     tried = []
 
-    def looked(x, *_):
+    def looked(x):
         tried.append(float(x[0]))
-        objective = 1.0 + (0.0 if x[0] == 0.5 else 1.0)
-        return Values(objective, np.array([1.0]), ("a",), np.array([0.5]), np.zeros((1, 1)))
+        return Values(1.0 + (x[0] != 0.5), np.array([1.0]), ("a",), np.array([0.5]), np.zeros((1, 1)))
 
-    design = SimpleNamespace(
-        settings=SimpleNamespace(margin=0.0, renew=2, enough=1e-3, reach=0.4),
-        variables=[SimpleNamespace(low=0.45, high=1.5, span=1.0)],
-        **known_values(looked),
-    )
-    run_round(Search(np.array([0.5]), 0.4, scale=1.0), design, (), lambda: None, lambda *_: None)
+    design = design_of(looked, [SimpleNamespace(low=0.45, high=1.5, span=1.0)])
+    search_round(Search(np.array([0.5]), 0.4, scale=1.0), design)
     assert tried[:2] == [0.5, 0.45]
     assert len(set(tried)) == len(tried) > 2
 
 
 def test_a_design_whose_derivatives_cannot_be_run_is_not_taken():
-    def looked(x, *_):
-        return Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))
-
-    def derivatives(runs, say):
-        return dataclasses.replace(runs.found, solved=runs.found.objective == 1.0)
-
-    design = SimpleNamespace(
-        settings=SimpleNamespace(margin=0.0, renew=2, enough=1e-3, reach=0.4),
-        variables=[SimpleNamespace(low=0.0, high=1.0, span=1.0)],
-        **{**known_values(looked), "derivatives": derivatives},
-    )
+    looked = lambda x: Values(float(x[0]), np.ones(1), ("a",), np.array([0.5]), np.zeros((1, 1)))  # noqa: E731
+    design = design_of(looked, [SimpleNamespace(low=0.0, high=1.0, span=1.0)])
+    design.derivatives = lambda runs, say: dataclasses.replace(runs.found, solved=runs.found.objective == 1.0)
     search = Search(np.ones(1), 0.4, scale=1.0)
-    found = run_round(search, design, (), lambda: None, lambda *_: None)
-    assert found.objective == search.x[0] == 1.0
+    assert search_round(search, design).objective == search.x[0] == 1.0
     assert {row["failure"] for row in search.history} == {"steps of a window fail"}
 
 
 def test_steps_along_a_curved_limit_stay_long():
-    """min -x - y within x^2 + y^2 <= 2 from a point of the circle: -2 at 45 degrees."""
+    """The minimum is -2 at 45 degrees, from a point of the circle."""
     tried = []
-
-    def looked(x, *_):
-        tried.append(x)
-        return Values(float(-x.sum()), -np.ones(2), ("circle",), np.array([x @ x / 2]), x[None])
-
-    design = SimpleNamespace(
-        settings=SimpleNamespace(margin=0.0, renew=6, enough=1e-3, reach=0.3),
-        variables=[SimpleNamespace(low=-2.0, high=2.0, span=1.0)] * 2,
-        **known_values(looked),
-    )
     angle = np.pi / 4 + 1.0
-    search = Search(np.sqrt(2) * np.array([np.cos(angle), np.sin(angle)]), 0.3, scale=1.0)
-    found = run_round(search, design, (), lambda: None, lambda *_: None)
+    design = design_of(
+        lambda x: tried.append(x) or circle(x), [SimpleNamespace(low=-2.0, high=2.0, span=1.0)] * 2, renew=6, reach=0.3
+    )
+    found = search_round(Search(np.sqrt(2) * np.array([np.cos(angle), np.sin(angle)]), 0.3, scale=1.0), design)
     assert found.objective == pytest.approx(-2.0, abs=0.015)
     assert found.value[0] < 1.001  # 1.02 by linear steps alone
     assert len(tried) <= 20
@@ -182,25 +161,15 @@ def test_steps_along_a_curved_limit_stay_long():
 
 @pytest.mark.parametrize("rounds", [1, 20])
 def test_sizes_of_a_catalogue_are_taken_though_all_rounds_were_used(rounds):
-    """min -x - y within x^2 + y^2 <= 2, where x comes in halves: (1, 1)."""
-
-    def looked(x, *_):
-        return Values(float(-x.sum()), -np.ones(2), ("circle",), np.array([x @ x / 2]), x[None])
-
+    """x comes in halves: (1, 1)."""
     sizes = (0.0, 0.5, 1.0, 1.5, 2.0)
-    halves = SimpleNamespace(
-        low=0.0, high=2.0, span=2.0, catalogue=sizes, sizes=lambda x: [s for s in sizes if abs(s - x) < 0.5]
-    )
-    any_size = SimpleNamespace(low=0.0, high=2.0, span=2.0, catalogue=())
-    design = SimpleNamespace(
-        settings=SimpleNamespace(margin=1e-3, renew=3, enough=1e-3, reach=0.1, rounds=rounds),
-        variables=[halves, any_size],
-        **known_values(looked),
-        renew_windows=lambda x, say: ((), []),
-        measure_full_runs=looked,
-    )
+    ends = {"low": 0.0, "high": 2.0, "span": 2.0}
+    near = lambda x: [s for s in sizes if abs(s - x) < 0.5]  # noqa: E731
+    variables = [SimpleNamespace(**ends, catalogue=sizes, sizes=near), SimpleNamespace(**ends, catalogue=())]
     search = Search(np.array([0.3, 0.6]), 0.1)
-    run_search(search, design, lambda: None, lambda *_: None)
+    run_search(
+        search, design_of(circle, variables, margin=1e-3, renew=3, reach=0.1, rounds=rounds), lambda: None, silent
+    )
     assert search.done
     assert search.best[0] in sizes
     assert search.best @ search.best / 2 <= 1.0 + 1e-9

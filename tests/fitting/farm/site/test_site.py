@@ -65,14 +65,10 @@ def test_cases_are_every_combination_with_every_seed(site):
 
 def test_a_case_changes_what_it_names_and_nothing_else(site):
     base = site.prepared()
-    case = next(
-        c
-        for c in site.cases
-        if c.storm.name == "storm, 90 deg, 0.9 m/s, level +1 m, september, backbone broken" and c.seed == 6
-    )
+    name = "storm, 90 deg, 0.9 m/s, level +1 m, september, backbone broken"
+    case = next(case for case in site.cases if (case.storm.name, case.seed) == (name, 6))
     scene = base.with_values(site.changes(case))
-    assert scene.sea.waves.hs == 4.2
-    assert scene.sea.waves.seed == 6
+    assert (scene.sea.waves.hs, scene.sea.waves.seed) == (4.2, 6)
     np.testing.assert_allclose([scene.sea.waves.direction, scene.sea.current.direction], np.pi / 2)
     assert (scene.sea.current.speed, scene.sea.current.kind) == (0.9, "power")  # the profile is the scene's
     assert scene.sea.level.offset == 1.0
@@ -121,10 +117,7 @@ def test_parts_take_capacity_and_factor_of_their_own_or_of_the_tables(site):
         ({"cases": {"months": ["june"]}}, "cases.months.0: 'june' is unknown; known: may, september"),
         ({"part": SITE["part"][:2]}, "part: no part has the lines backbone"),
         ({"part": [*SITE["part"], {"name": "x", "lines": "chain*"}]}, "part.3.lines: 'chain*' matches no line"),
-        (
-            {"part": [*SITE["part"], {"name": "x", "lines": "*-2", "capacity": 1.0}]},
-            "line 'dropper-2' already belongs to",
-        ),
+        ({"part": [*SITE["part"], {"name": "x", "lines": "*-2", "capacity": 1.0}]}, "'dropper-2' already belongs to"),
         ({"part": [{"name": "all", "lines": "*"}]}, "part.0.capacity: missing; needed: the breaking load [N] of 'all'"),
         ({"part": [{"name": "all", "lines": "*", "capacity": -1.0}]}, "part.0.capacity: -1.0 is out of range"),
         ({"factors": {"intact": 1.67}}, "missing; needed: a number, or `broken` in [factors]"),
@@ -209,24 +202,23 @@ def test_a_number_that_a_standard_lacks_is_asked_for_or_named_with_its_own_sourc
     assert "broken: API RP 2SK" in legs.source
 
 
-SEAS = [
-    {"name": "10 years", "hs": 2.5, "tp": 8.0, "return_period": 10},
-    {"name": "50 years", "hs": 3.5, "tp": 9.5, "return_period": 50},
-]
-CURRENTS = [
-    {"name": "slow", "speed": 0.5, "return_period": 10},
-    {"name": "fast", "speed": 0.9, "return_period": 50},
-]
+def rare(hs, tp, speed, years):
+    """A sea state and a current of a return period."""
+    sea = {"name": f"{years} years", "hs": hs, "tp": tp, "return_period": years}
+    return sea, {"name": f"{speed} m/s", "speed": speed, "return_period": years}
+
+
+SEAS, CURRENTS = map(list, zip(rare(2.5, 8.0, 0.5, 10), rare(3.5, 9.5, 0.9, 50), strict=True))
 
 
 def test_a_standard_takes_its_pairs_of_return_periods_and_leaves_the_others_out():
     cases = {"standard": "ns-9415", "currents": CURRENTS, "states": ["intact", "west-leg"]}
     found = read_site(changed(sea_state=SEAS, cases=cases))
     assert [(s.sea_state.name, s.current_name, s.state) for s in found.storms] == [
-        ("10 years", "fast", "intact"),
-        ("10 years", "fast", "west-leg"),
-        ("50 years", "slow", "intact"),
-        ("50 years", "slow", "west-leg"),
+        ("10 years", "0.9 m/s", "intact"),
+        ("10 years", "0.9 m/s", "west-leg"),
+        ("50 years", "0.5 m/s", "intact"),
+        ("50 years", "0.5 m/s", "west-leg"),
     ]
     assert [s.number for s in found.storms] == [0, 1, 2, 3]
     assert found.lists.standard["edition"] == "2009"

@@ -13,6 +13,8 @@ from typing import Any, dataclass_transform
 
 import jax
 
+from dropper_jax.base.read import count, part
+
 #: Shapes that a parameter may declare. `node` and `link` values may also be given as one number for all.
 SHAPES = ("number", "node", "link", "joint", "vector", "table", "vectors", "numbers")
 
@@ -25,6 +27,8 @@ def parameter(
     low: float | None = None,
     high: float | None = None,
     open_low: bool = False,
+    rising: int = 0,
+    entries: int | None = None,
     key: str | None = None,
     **kwargs: Any,
 ) -> Any:
@@ -36,6 +40,8 @@ def parameter(
         shape: one of `SHAPES`: a number, one per node, link or joint, a 3-vector, a table (k,), vectors (k, 3), numbers
             (one, or a table).
         low, high: allowed range, ends included; `open_low` excludes the lower end.
+        rising: if not 0, each number of a table is above the one before, and there are at least this many.
+        entries: length of a table; None: any.
         key: its name in a scene, if it differs from the attribute's.
         **kwargs: `default` and similar, passed to `dataclasses.field`. A field whose default is None may be omitted in
             the scene and then adds no computation.
@@ -51,6 +57,8 @@ def parameter(
             "low": low,
             "high": high,
             "open_low": open_low,
+            "rising": rising,
+            "entries": entries,
             "key": key,
         },
         **kwargs,
@@ -80,3 +88,9 @@ def component(cls: type) -> type:
     leaves = [f.name for f in fields if f.name not in static]
     jax.tree_util.register_dataclass(cls, data_fields=leaves, meta_fields=static)
     return cls
+
+
+@dataclass_transform(field_specifiers=(parameter, option, count, part, dataclasses.field), frozen_default=True)
+def section(cls: type) -> type:
+    """Make `cls` a frozen dataclass of declared fields, which compares by identity: it holds arrays."""
+    return dataclasses.dataclass(frozen=True, eq=False)(cls)

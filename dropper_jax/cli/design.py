@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number, read_named_range
@@ -13,7 +13,7 @@ from dropper_jax.cli.printing import done_object, failure_of, listing, progress
 help = "solve for values of the scene that give static tensions, angles, depths or periods their required values"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(
         parser,
         "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     reason = "is not PATH=LOW:HIGH. Use for example line.0.length=4.0:4.5"
     ranges = [read_named_range(text, "--vary", reason) for text in args.vary]
     scene = read_scene(args)
@@ -57,13 +57,11 @@ def run(args: argparse.Namespace) -> int:
     paths, low, high = zip(*ranges, strict=True)
     found = solve_design(scene, paths, low, high, args.target, args.value, progress(args.quiet))
     values = [{"path": path, "value": value} for path, value in found.values.items()]
-    targets = [{"target": name, "required": pair[0], "reached": pair[1]} for name, pair in found.targets.items()]
+    targets = [dict(zip(("target", "required", "reached"), (n, *p), strict=True)) for n, p in found.targets.items()]
     more: Table = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
-    text = [
-        *((path, f"{value:.9g}") for path, value in found.values.items()),
-        *((name, f"{pair[1]:.9g}, required {pair[0]:g}") for name, pair in found.targets.items()),
-        ("static poses", str(found.solves)),
-    ]
+    text = [(path, f"{value:.9g}") for path, value in found.values.items()]
+    text += [(row["target"], "{reached:.9g}, required {required:g}".format(**row)) for row in targets]
+    text.append(("static poses", str(found.solves)))
     if found.end_forces is not None and found.end_angles is not None:
         more |= {"end_forces_n": list(found.end_forces), "end_angles_deg": list(found.end_angles)}
         text.append(("forces on the line's end points", "{:.6g} N and {:.6g} N".format(*found.end_forces)))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import os
+from argparse import ArgumentTypeError
 from pathlib import Path
 
 from dropper_jax.base.errors import SceneError
@@ -44,7 +44,13 @@ def number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+        raise ArgumentTypeError(f"{text!r} is not a number") from None
+
+
+def check_positive(option: str, value: float | None, allowed: str) -> None:
+    """Reject a number that is not above 0 and finite; None is not given."""
+    if value is not None and not 0.0 < value < float("inf"):
+        raise SceneError(f"{option}: {value:g} is out of range; allowed: {allowed}")
 
 
 def step_length(text: str) -> float | str:
@@ -89,5 +95,5 @@ def read_named_range(text: str, option: str, reason: str) -> tuple[str, float, f
 def positive_integer(text: str) -> int:
     """A whole number on the command line, at least 1."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number >= 1")
+        raise ArgumentTypeError(f"{text!r} is not a whole number >= 1")
     return int(text)

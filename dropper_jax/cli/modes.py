@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import number, positive_integer
+from dropper_jax.cli.given import check_positive, number, positive_integer
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, failure_of, print_result, table
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 help = "natural periods, damping ratios and modes about the static equilibrium"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "modes dropper-release-a --count 5", "modes paper-case-4 --amplitude 0.1 --plot modes.png")
     parser.add_argument("--count", type=positive_integer, default=10, help="number of modes, the slowest first (10)")
     parser.add_argument(
@@ -40,13 +40,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    if args.amplitude is not None and not 0.0 < args.amplitude < np.inf:
-        raise SceneError(f"--amplitude: {args.amplitude:g} is out of range; allowed: above 0 m")
+def run(args: Namespace) -> int:
+    check_positive("--amplitude", args.amplitude, "above 0 m")
     scene = read_scene(args)
-    body = None
-    if args.of is not None:
-        body = _number_of(args.of, scene)
+    body = None if args.of is None else _number_of(args.of, scene)
 
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.statics.modes import damping_at, natural_modes
@@ -79,10 +76,7 @@ def _number_of(name: str, scene: Scene) -> int:
     """Index of a body of the scene."""
     names = [body.name for body in scene.bodies]
     if name not in names:
-        if names:
-            allowed = nearest(name, names)
-        else:
-            allowed = "the scene has no [[body]]; leave --of out"
+        allowed = nearest(name, names) if names else "the scene has no [[body]]; leave --of out"
         raise SceneError(f"--of: {name!r} is not a body; {allowed}")
     return names.index(name)
 
@@ -96,13 +90,7 @@ def _text(scene: Scene, modes: Modes, found: Table) -> str:
         share = np.sum(shape**2, axis=0) / np.sum(shape**2)
         damping = (f"{ratio[i]:.3g}" for ratio in ratios.values())
         rows.append(
-            (
-                str(found["number"][i]),
-                f"{period:.5g}",
-                f"{1 / period:.5g}",
-                *damping,
-                "  ".join(cells(share, ".2f")),
-            )
+            (str(found["number"][i]), *cells((period, 1 / period), ".5g"), *damping, "  ".join(cells(share, ".2f")))
         )
     if scene.bodies:
         return f"{table(rows)}\n{_bodies(scene, modes, found['number'])}"

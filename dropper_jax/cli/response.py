@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import read_spaced
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import done_object, progress, table
+from dropper_jax.cli.printing import done_object, progress, record_table
 
 help = "mean, amplitude and phase of the first link's angle in regular waves of several periods"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(
         parser,
         "response wet-pendulum-wave --periods 2.4:3.6:4",
@@ -34,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     periods = _periods(args.periods)
     scene = read_scene(args)
 
@@ -46,9 +45,7 @@ def run(args: argparse.Namespace) -> int:
         from dropper_jax.study import pictures
 
         pictures.responses(scene.name, rows, picture(args.plot, "response"))
-    failure = None
-    if failed:
-        failure = (failed, f"{failed}: a run did not complete")
+    failure = (failed, f"{failed}: a run did not complete") if failed else None
     return deliver(args, done_object(scene=scene.name, rows=rows), _text(rows), failure)
 
 
@@ -59,14 +56,23 @@ def _periods(text: str) -> np.ndarray:
     return np.linspace(low, high, count)
 
 
+COLUMNS = {
+    "period [s]": "{period_s:.4g}",
+    "mean [rad]": "{mean_rad:.4g}",
+    "amplitude [rad]": "{amplitude_rad:.4g}",
+    "phase [rad]": "{phase_rad:.4g}",
+    "wet": "{wet:.4g}",
+    "in waves 10 % higher": "{more}",
+}
+
+
 def _text(rows: list[Table]) -> str:
-    lines = [("period [s]", "mean [rad]", "amplitude [rad]", "phase [rad]", "wet", "in waves 10 % higher")]
+    lines = []
     for row in rows:
         more = row.get("amplitude_10_percent_more")
-        values = (row["period_s"], row["mean_rad"], row["amplitude_rad"], row["phase_rad"], row["wet"])
-        lines.append((*cells(values, ".4g"), "-" if more is None else f"{100 * more:+.1f} %"))
+        lines.append({**row, "more": more if more is None else f"{100 * more:+.1f} %"})
     return (
-        f"{table(lines)}\nangle of the first link from the vertical in the plane of the waves; "
+        f"{record_table(lines, COLUMNS)}\nangle of the first link from the vertical in the plane of the waves; "
         "phase ahead of the elevation at its fixed point\n"
         "wet: mean wet fraction of the far end; last column: change of the amplitude"
     )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import json
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import references_of
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
-from dropper_jax.cli.given import number, output_file
+from dropper_jax.cli.given import check_positive, number, output_file
 from dropper_jax.cli.options import (
     add_allow_outside,
     add_effects,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 help = "list the packaged scenes by group, or print one as TOML to edit"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "scenes",
@@ -71,19 +71,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     if args.reference is not None or args.schema:
         return _reference(args)
     if args.scene is not None:
         return _one(args)
-    for option, given in (
-        ("--set", args.set),
-        ("--moordyn", args.moordyn),
-        ("--dt", args.dt),
-        ("--expanded", args.expanded),
-    ):
-        if given:
-            raise SceneError(f"{option}: needs a scene. Use dropper scenes SCENE {option} ...")
+    for name in ("set", "moordyn", "dt", "expanded"):
+        if getattr(args, name):
+            raise SceneError(f"--{name}: needs a scene. Use dropper scenes SCENE --{name} ...")
     found = [{"name": scene, "description": packaged_scene(scene)["description"]} for scene in scene_names()]
     return print_result(args, done_object(groups=scene_titles(), scenes=found), _titles())
 
@@ -92,13 +87,15 @@ def _titles() -> str:
     """Titles by group, each with the suffixes of its variants."""
     parts = []
     for group, titles in scene_titles().items():
-        also = {name: ", ".join(variants_of(name)) for name in titles}
-        pairs = [(f"  {name}", f"{title}{also[name] and f' (also {also[name]})'}") for name, title in titles.items()]
+        pairs = []
+        for name, title in titles.items():
+            also = ", ".join(variants_of(name))
+            pairs.append((f"  {name}", f"{title} (also {also})" if also else title))
         parts.append(f"{group}\n{listing(pairs)}")
     return "\n\n".join(parts)
 
 
-def _reference(args: argparse.Namespace) -> int:
+def _reference(args: Namespace) -> int:
     """Every key of a scene, or the requested ones."""
     if args.scene is not None:
         raise SceneError(f"SCENE: {args.scene!r} cannot be combined with --reference and --schema")
@@ -114,10 +111,9 @@ def _reference(args: argparse.Namespace) -> int:
     return print_result(args, done_object(sections=as_values(found)), as_text(found))
 
 
-def _one(args: argparse.Namespace) -> int:
+def _one(args: Namespace) -> int:
     """The values of one scene, checked, as TOML or in a MoorDyn file."""
-    if args.dt is not None and not args.dt > 0:
-        raise SceneError(f"--dt: {args.dt:g} is out of range; allowed: > 0 s")
+    check_positive("--dt", args.dt, "> 0 s")
     file = output_file(args.moordyn, "--moordyn", (".txt", ".dat"))
     changes = assignments(args.set)
     with references_of(folder_of(args.scene, args.allow_outside)):
@@ -147,7 +143,7 @@ def _show(table: Table, as_json: bool) -> int:
     return OK
 
 
-def _moordyn(scene: Scene, file: Path, args: argparse.Namespace) -> int:
+def _moordyn(scene: Scene, file: Path, args: Namespace) -> int:
     """The scene as a MoorDyn input; unsupported parts are listed."""
     from dropper_jax.decks.writing.writer import write_moordyn
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 help = "waves and current of a scene: theory, length, breaking, regime"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "sea paper-case-1", "sea dropper-regular-wave --plot sea")
     add_plot(parser, "the map of wave theories and the map of the current behind lines")
     add_out(parser)
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(option, action=Output, const=map_file, metavar="FILE.png", help=about)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args)
     if scene.sea is None:
         raise SceneError(f"sea: scene {scene.name!r} has no [sea]. Use a scene with water")
@@ -74,11 +74,9 @@ def _wake_lines(found: Table) -> list[str]:
     rows += [(row["line"], "{min:.3g} to {max:.3g}".format(**row["share"])) for row in found["wakes"]["lines"]]
     balance = found["wakes"]["balance"]
     note = f"momentum deficit behind all lines over their drag: {balance:.3f}"
-    if balance > 0.99:
-        more = ""
-    else:
-        more = "; the farm is too dense for wakes alone: water would flow around it"
-    return ["", table(rows), note + more]
+    if balance <= 0.99:
+        note += "; the farm is too dense for wakes alone: water would flow around it"
+    return ["", table(rows), note]
 
 
 def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
@@ -87,11 +85,7 @@ def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
     waves = found["waves"]
     if waves is None:
         raise SceneError(f"--regimes: scene {name!r} has no waves. Use a scene with [sea.waves]")
-    if waves["kind"] == "regular":
-        height = "height_m"
-        period = "period_s"
-    else:
-        height, period = SIGNIFICANT
+    height, period = ("height_m", "period_s") if waves["kind"] == "regular" else SIGNIFICANT
     regimes([(name, waves[height], waves[period], found["depth_m"])], gravity, picture)
 
 
@@ -137,8 +131,8 @@ def _text(found: Table) -> str:
     current = found["current"]
     if current is None:
         rows.append(("current", "none"))
-    keys = ("heights_m", "speed_m_per_s", "direction_rad")
-    for z, speed, course in zip(*(current[key] if current else () for key in keys), strict=True):
+        current = dict.fromkeys(("heights_m", "speed_m_per_s", "direction_rad"), ())
+    for z, speed, course in zip(current["heights_m"], current["speed_m_per_s"], current["direction_rad"], strict=True):
         rows.append((f"current at z = {z:g} m", f"{speed:.4g} m/s towards {np.degrees(course):.4g} degrees from x"))
     return "\n".join([listing(rows), *_coefficients(found), *_wake_lines(found)])
 

@@ -7,55 +7,74 @@ from operator import itemgetter
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+from dropper_jax.base.errors import Check, SceneError, nearest, raise_first, raises_first
 from dropper_jax.base.read import Values, refuse, short_text
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.checks_water import BELOW_BED, bed_height, check_growth, check_water
-from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, point_named
+from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, check_anchors
 
 AT_LEAST_2 = "allowed: a whole number >= 2"
 
 
 @raises_first
-def check_names(
-    section: str, items: Sequence[PointSpec | LineSpec | BuoySpec | BodySpec | VesselSpec]
+def check_layout(scene: SceneData) -> Iterator[Check]:
+    """Check names, ends of lines, anchors, failures and the lines that grow."""
+    for section, named in (("point", scene.points), ("line", scene.lines), ("buoy", scene.buoys)):
+        yield from _name_checks(section, named)
+    _check_ends(scene)
+    if scene.branched:
+        yield from _system_checks(scene)
+    else:
+        yield from _line_checks(scene)
+    check_anchors(scene.anchors, scene.fixed_points)
+    lines = {line.name: line for line in scene.lines}
+    for i, failure in enumerate(scene.failures):
+        raise_first(failure.line_checks(lines), f"failure.{i}")
+    if scene.season is not None:
+        raise_first(scene.season.line_checks([(line.name, line.piece_of) for line in scene.lines]), "growth")
+
+
+def _name_checks(
+    section: str, named: Sequence[PointSpec | LineSpec | BuoySpec | BodySpec | VesselSpec]
 ) -> Iterator[Check]:
-    """Check that every item of a section has a unique name."""
-    names = [item.name for item in items]
-    for i, name in enumerate(names):
-        yield name in names[:i], f"{section}.{i}.name: {short_text(name)} is used twice; allowed: a unique name"
+    """Checks that every item of a section has a unique name."""
+    names: set[str] = set()
+    for i, item in enumerate(named):
+        yield item.name in names, f"{section}.{i}.name: {short_text(item.name)} is used twice; allowed: a unique name"
+        names.add(item.name)
 
 
-def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
+def _check_ends(scene: SceneData) -> None:
     """Check that every line ends at points that exist, and that every point is an end of a line."""
-    names = [point.name for point in points]
-    for i, line in enumerate(lines):
-        for key, name in (("from", line.start), ("to", line.end)):
-            if name not in names:
-                raise SceneError(f"line.{i}.{key}: {short_text(name)} is not a point; {nearest(name, names)}")
-    used = {name for line in lines for name in (line.start, line.end)}
-    for i, name in enumerate(names):
-        if name not in used and points[i].on is None:
-            raise refuse(f"point.{i}.name", name, "is not an end of any line", ", ".join(sorted(used)))
+    names = [point.name for point in scene.points]
+    if not names:
+        raise SceneError("point: missing; needed: one or more [[point]] tables")
+    used = {name for line in scene.lines for name in (line.start, line.end)}
+    if not used <= {*names}:
+        for i, line in enumerate(scene.lines):
+            for key, name in (("from", line.start), ("to", line.end)):
+                if name not in names:
+                    raise SceneError(f"line.{i}.{key}: {short_text(name)} is not a point; {nearest(name, names)}")
+    for i, point in enumerate(scene.points):
+        if point.name not in used and point.on is None:
+            raise refuse(f"point.{i}.name", point.name, "is not an end of any line", ", ".join(sorted(used)))
 
 
-@raises_first
-def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> Iterator[Check]:
-    """Check that a line starts at a fixed point, and that links between two fixed ends can close: no side of the
+def _line_checks(scene: SceneData) -> Iterator[Check]:
+    """Checks that a line starts at a fixed point, and that links between two fixed ends can close: no side of the
     polygon exceeds the sum of the others."""
-    check_ends((line,), points)
-    start = point_named(points, line.start)
-    end = point_named(points, line.end)
+    line = scene.lines[0]
+    start = scene.point(line.start)
     yield (
         start.is_free,
-        f"point.{points.index(start)}.kind: {start.kind!r} cannot be the start of a rigid line; allowed: fixed",
+        f"point.{scene.points.index(start)}.kind: {start.kind!r} cannot be the start of a rigid line; allowed: fixed",
     )
-    if end.is_free:
+    if scene.point(line.end).is_free:
         return
     yield line.links < 2, f"line.0.links: {line.links} leaves no free node between two fixed ends; {AT_LEAST_2}"
     if line.rigid:
-        distance = check_span(line, "line.0", start, end)
-        longest = float(np.max(line.length))
+        distance = check_span(scene, 0)
+        longest = np.max(line.length)
         others = line.total - longest + distance
         yield (
             longest >= others,
@@ -64,20 +83,12 @@ def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> Iterator[Check]
         )
 
 
-@raises_first
-def check_system(
-    points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]
-) -> Iterator[Check]:
-    """Check for unique names, elastic lines of one law, every point connected to a fixed one, buoys on free points."""
-    check_ends(lines, points)
-    check_names("line", lines)
-    check_names("buoy", buoys)
-    for i, line in enumerate(lines):
-        if line.rigid:
-            start = point_named(points, line.start)
-            end = point_named(points, line.end)
-            if not (start.is_free or end.is_free):
-                check_span(line, f"line.{i}", start, end)
+def _system_checks(scene: SceneData) -> Iterator[Check]:
+    """Checks for elastic lines of one law, every point connected to a fixed one, buoys on free points."""
+    free = {point.name for point in scene.points if point.is_free}
+    for i, line in enumerate(scene.lines):
+        if line.rigid and not free & {line.start, line.end}:
+            check_span(scene, i)
         yield (
             line.centre_of_mass is not None,
             f"line.{i}.centre_of_mass: compound links are for single lines only. Remove `centre_of_mass`",
@@ -87,51 +98,54 @@ def check_system(
             f"line.{i}.links: {line.links} leaves no free node in a loop; {AT_LEAST_2}",
         )
     yield (
-        not any(point.is_free for point in points) and all(line.links == 1 for line in lines),
-        f"line.0.links: {lines[0].links} leaves no free node between fixed points; {AT_LEAST_2}",
+        not free and all(line.links == 1 for line in scene.lines),
+        f"line.0.links: {scene.lines[0].links} leaves no free node between fixed points; {AT_LEAST_2}",
     )
-    _check_connected(points, lines)
-    kinds = {point.name: point.kind for point in points}
-    for i, buoy in enumerate(buoys):
-        added = buoys[0].end_added_mass
+    reached = _reached(scene)
+    names = [point.name for point in scene.points]
+    for i, name in enumerate(names):
+        yield (
+            name not in reached,
+            f"point.{i}.name: {short_text(name)} is not connected to any fixed point; allowed: lines from a point of "
+            "kind 'fixed'",
+        )
+    for i, buoy in enumerate(scene.buoys):
+        added = scene.buoys[0].end_added_mass
         yield (
             buoy.end_added_mass != added,
             f"buoy.{i}.end_added_mass: {buoy.end_added_mass!r} differs from that of the first buoy; allowed: {added}",
         )
-        if buoy.point not in kinds:
-            raise SceneError(f"buoy.{i}.point: {buoy.point!r} is not a point; {nearest(buoy.point, kinds)}")
+        if buoy.point not in names:
+            raise SceneError(f"buoy.{i}.point: {buoy.point!r} is not a point; {nearest(buoy.point, names)}")
         yield (
-            kinds[buoy.point] != "free",
+            buoy.point not in free,
             f"buoy.{i}.point: {short_text(buoy.point)} is a fixed point; allowed: a point of kind 'free'",
         )
 
 
-def check_span(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> float:
-    """The distance [m] between two ends that stay where they are, which rigid links must be able to span."""
-    distance = float(np.linalg.norm(end.position - start.position))
+def check_span(scene: SceneData, index: int) -> float:
+    """The distance [m] between the ends of a line that stay where they are, which its rigid links must be able to
+    span."""
+    line = scene.lines[index]
+    distance = float(np.linalg.norm(scene.point(line.end).position - scene.point(line.start).position))
     if line.total <= distance:
         raise SceneError(
-            f"{path}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m between "
-            f"{start.name!r} and {end.name!r}; allowed: more than {distance:g} m in all"
+            f"line.{index}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m "
+            f"between {line.start!r} and {line.end!r}; allowed: more than {distance:g} m in all"
         )
     return distance
 
 
-@raises_first
-def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...]) -> Iterator[Check]:
-    reached = {point.name for point in points if not point.is_free or point.on}
+def _reached(scene: SceneData) -> set[str]:
+    """Names of the points that lines connect to a fixed point."""
+    reached = {point.name for point in scene.points if not point.is_free or point.on}
     before = 0
     while len(reached) > before:
         before = len(reached)
-        for line in lines:
+        for line in scene.lines:
             if {line.start, line.end} & reached:
                 reached |= {line.start, line.end}
-    for i, point in enumerate(points):
-        yield (
-            point.name not in reached,
-            f"point.{i}.name: {short_text(point.name)} is not connected to any fixed point; allowed: lines from a "
-            "point of kind 'fixed'",
-        )
+    return reached
 
 
 @raises_first
@@ -170,7 +184,7 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> Iterator
     diameter = scene.lines[0].diameter
     if pose is not None and diameter is not None:
         path, nodes = pose
-        for i, bed in _below_bed(scene, nodes, float(np.max(diameter))):
+        for i, bed in _below_bed(scene, nodes, np.max(diameter)):
             z = nodes[i, 2]
             yield True, f"{path}: node {i} is at z = {z:g} m, below the seabed; allowed: >= {bed:g} m at its x and y"
 
@@ -181,36 +195,31 @@ def _below_bed(scene: SceneData, positions: np.ndarray, margin: float) -> Iterat
     if bed is None:
         return
     for i in np.flatnonzero(positions[:, 2] < bed - margin):
-        yield int(i), float(bed[i])
+        yield int(i), bed[i]
 
 
 #: Starting speed [m/s] that counts as rest.
 RESTING_SPEED = 1e-6
 
 
-def motion_warnings(scene: SceneData) -> tuple[str, ...]:
+def motion_warnings(scene: SceneData) -> Iterator[str]:
     """A warning if an end starts with a velocity jump, whose tension seabed friction may retain permanently."""
     motion = scene.effects.get("end_motion")
     if motion is None or motion["ramp"] is not None or "seabed_friction" not in scene.effects:
-        return ()
+        return
     speed = _first_speed(motion)
-    if speed <= RESTING_SPEED or not _matters(scene, speed, {motion["point"], *motion["also"]}):
-        return ()
-    return (
-        f"effects.end_motion: {motion['point']} starts abruptly at {speed:.3g} m/s; friction on the seabed may retain "
-        "the tension of that shock for the whole run. Use `ramp`",
-    )
+    if speed > RESTING_SPEED and _matters(scene, speed, {motion["point"], *motion["also"]}):
+        yield (
+            f"effects.end_motion: {motion['point']} starts abruptly at {speed:.3g} m/s; friction on the seabed may "
+            "retain the tension of that shock for the whole run. Use `ramp`"
+        )
 
 
 def _first_speed(motion: Values) -> float:
     if motion["time"] is not None:
-        time = np.asarray(motion["time"], float)
-        rows = np.asarray(motion["displacement"], float)
-        return float(np.linalg.norm(rows[1] - rows[0]) / (time[1] - time[0]))
-    phase = 0.0
-    if motion["phase"] is not None:
-        phase = float(motion["phase"])
-    return float(np.linalg.norm(motion["amplitude"]) * 2 * np.pi / float(motion["period"]) * abs(np.cos(phase)))
+        return np.linalg.norm(np.diff(motion["displacement"], axis=0)[0]) / np.diff(motion["time"])[0]
+    turn = 2 * np.pi / motion["period"] * abs(np.cos(motion["phase"] or 0.0))
+    return np.linalg.norm(motion["amplitude"]) * turn
 
 
 #: Tension of a shock relative to the friction of the full line below which the tension retained by friction is
@@ -222,44 +231,39 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
     """Whether the tension caused by a start at `speed`, speed times `sqrt(EA m)`, is significant compared with
     `mu w`."""
     friction = scene.effects["seabed_friction"]
-    if friction["static"] is None:
-        mu = friction["kinetic"]
-    else:
-        mu = friction["static"]
-    moving = [line for line in scene.lines if {line.start, line.end} & moved]
-    negligible = NEGLIGIBLE_SHOCK * float(np.max(mu)) * scene.gravity
-    return any(
-        line.EA is None
-        or speed * float(np.max(np.sqrt(line.EA * line.mass / line.length))) > negligible * float(np.sum(line.mass))
-        for line in moving
-    )
+    mu = friction["kinetic"] if friction["static"] is None else friction["static"]
+    for line in scene.lines:
+        if not {line.start, line.end} & moved:
+            continue
+        negligible = NEGLIGIBLE_SHOCK * np.max(mu) * scene.gravity * np.sum(line.mass)
+        if line.EA is None or speed * np.max(np.sqrt(line.EA * line.mass / line.length)) > negligible:
+            return True
+    return False
 
 
-def attached_points(
-    bodies: tuple[BodySpec, ...], vessels: tuple[VesselSpec, ...], points: tuple[PointSpec, ...]
-) -> tuple[PointSpec, ...]:
+def attached_points(scene: SceneData) -> tuple[PointSpec, ...]:
     """The bodies' and vessels' attachments as points, at their positions at the start.
 
     Raises:
         SceneError: a name is used twice.
     """
-    check_names("body", bodies)
-    check_names("vessel", vessels)
-    found = list(points)
-    carriers: list[tuple[str, str, BodySpec | VesselSpec]]
-    carriers = [(f"body.{i}", "free", body) for i, body in enumerate(bodies)]
-    carriers += [(f"vessel.{i}", "fixed", vessel) for i, vessel in enumerate(vessels)]
-    for path, kind, body in carriers:
-        for name, position in body.attachments.items():
-            if name in {point.name for point in points}:
-                raise SceneError(
-                    f"{path}.attachments.{name}: is also a [[point]]; an attachment is a point of its own, to which "
-                    f"lines connect by this name. Remove the [[point]] {name!r}, or rename one of the two"
-                )
-            if name in {point.name for point in found}:
-                raise refuse(f"{path}.attachments", name, "is used twice", "unique names among points")
-            found.append(PointSpec(name=name, position=body.world(position), kind=kind, on=body.name))
-    return tuple(found[len(points) :])
+    raise_first(_name_checks("body", scene.bodies))
+    raise_first(_name_checks("vessel", scene.vessels))
+    given = {point.name for point in scene.points}
+    found: dict[str, PointSpec] = {}
+    for section, kind, carriers in (("body", "free", scene.bodies), ("vessel", "fixed", scene.vessels)):
+        for i, carrier in enumerate(carriers):
+            path = f"{section}.{i}.attachments"
+            for name, position in carrier.attachments.items():
+                if name in given:
+                    raise SceneError(
+                        f"{path}.{name}: is also a [[point]]; an attachment is a point of its own, to which lines "
+                        f"connect by this name. Remove the [[point]] {name!r}, or rename one of the two"
+                    )
+                if name in found:
+                    raise refuse(path, name, "is used twice", "unique names among points")
+                found[name] = PointSpec(name=name, position=carrier.world(position), kind=kind, on=carrier.name)
+    return tuple(found.values())
 
 
 @raises_first
@@ -276,27 +280,23 @@ def _check_bodies(scene: SceneData) -> Iterator[Check]:
             f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; needed: [sea] with "
             "`depth`, or no shapes",
         )
-        what = "cylinders or spheres"
-        if body.shapes:
-            what = "[effects.seabed]"
+        what = "[effects.seabed]" if body.shapes else "cylinders or spheres"
         yield (
             body.touches_bed and ("seabed" not in scene.effects or not body.shapes),
             f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: false, or a body and scene with both",
         )
 
 
-def body_warnings(scene: SceneData) -> tuple[str, ...]:
+def body_warnings(scene: SceneData) -> Iterator[str]:
     """A warning for each body with attachments away from its shapes: they may be arms of a platform, or a mistake."""
-    found = []
     for body in scene.bodies:
         away = body.outside()
         if away:
             name, distance = max(away.items(), key=itemgetter(1))
-            found.append(
+            yield (
                 f"body {body.name!r}: {len(away)} attachments are outside its cylinders and spheres, "
                 f"{name!r} by {distance:.3g} m; they move with it as if on massless arms"
             )
-    return tuple(found)
 
 
 def check_changing_lengths_until(scene: SceneData, end: float) -> None:

@@ -15,10 +15,10 @@ The paper's chain is `chain-studlink-0.022`: EA 48 884 kN, displaced diameter 0.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import tomllib
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from typing import Any
@@ -47,7 +47,7 @@ CORE_DIAMETER = 0.012
 SEA_WATER = 1025.0
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Family:
     """Parts of a kind.
 
@@ -199,9 +199,11 @@ def crop_values() -> list[Table]:
     """Numbers of each crop at its example size: name, mass per metre in air and in sea water of 1025 kg/m^3, displaced
     and outer diameter, drag and added mass coefficients across the outer one, bending stiffness (None: unknown), source
     and spread."""
-    crops = {f"{family}-{kind.example:g}": kind for family, kind in FAMILIES.items() if kind.spread}
     found = []
-    for name, kind in crops.items():
+    for family, kind in FAMILIES.items():
+        if not kind.spread:
+            continue
+        name = f"{family}-{kind.example:g}"
         values = part(name)[1]
         found.append(
             {
@@ -223,10 +225,7 @@ def crop_values() -> list[Table]:
 def published_crops() -> list[Table]:
     """Published values of crops, rows of `data/crops.toml`; None for a number that is not at hand."""
     keys = ("crop", "like", "mass", "outer_diameter", "cdn", "can", "EI", "source", "read", "conditions")
-    found = []
-    for row in _rows("crops.toml")["crop"]:
-        found.append({key: row.get(key) for key in keys})
-    return found
+    return [{key: row.get(key) for key in keys} for row in _rows("crops.toml")["crop"]]
 
 
 def _split_name(name: str) -> tuple[str, float]:

@@ -9,18 +9,18 @@ A `Scene` holds one value per link (`line_types.expand`). Values changed by path
 from __future__ import annotations
 
 import copy
-import dataclasses
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, read_list, section_keys
+from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, plain, section_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand, law_constants
+from dropper_jax.load.line_types import COEFFICIENTS, OF_SECTIONS, LineType, expand, law_constants
 from dropper_jax.scene import (
     AnchorSpec,
     BodySpec,
@@ -53,7 +53,6 @@ MORE_KEYS: dict[str, Iterable[str]] = {
     "": ("name", "description"),
     "run": OPTIONS,
     "line.*.axial": ("law", "EA", "damping", "strain", "tension"),
-    "growth": ("thickness",),
     "sea": ("packaged",),
 }
 #: Tables that have paths only for the keys that are given.
@@ -62,8 +61,6 @@ BY_NAME = ("vessel.*.rao", "vessel.*.attachments", "body.*.attachments")
 KEYS_ALONE = ("line.*",)
 #: Sections of templates, of lines with types and of fits, whose values have no path in a scene with one value per link.
 WITHOUT_PATHS = ("point_type.*", "line_type.*", "fit", "fit.sensor.*", "fit.prior.*", "parameters", "unit.*", "array.*")
-#: Keys of a section of a line, or of a line without sections.
-OF_SECTIONS = ("type", "length", "links")
 
 
 def declared_sections(effects: Collection[str] | None = None) -> list[SectionRow]:
@@ -110,10 +107,8 @@ def describe(path: str) -> Values:
     section, _, key = ScenePath(path).stem.rpartition(".")
     for pattern, _, cls in declared_sections():
         if cls is not None and re.fullmatch(re.escape(pattern).replace(r"\*", r"[^.]+"), section):
-            field = declared_fields(cls).get(key)
-            if field is None:
-                return {}
-            return field.metadata
+            declared = declared_fields(cls)
+            return declared[key].metadata if key in declared else {}
     return {}
 
 
@@ -126,8 +121,8 @@ def locate(table: Values, paths: Iterable[str] | None = None) -> dict[str, Steps
     found: dict[str, Steps] = {}
     effects = None
     if paths is not None:
-        words = [path.split(".") for path in paths]
-        effects = {*table.get("effects", ()), *(word[1] for word in words if word[0] == "effects" and len(word) > 1)}
+        named = {path.split(".")[1] for path in paths if path.startswith("effects.")}
+        effects = named.union(table.get("effects", ()))
     for pattern, _, cls in declared_sections(effects):
         if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
             keys = declared_fields if pattern in KEYS_ALONE else section_keys
@@ -219,10 +214,7 @@ def _find_parent(
     stem, entries = found
     *parents, key = steps[stem]
     for step in parents:
-        if isinstance(table, list):
-            table = table[step]
-        else:
-            table = table.setdefault(step, {})
+        table = table[step] if isinstance(table, list) else table.setdefault(step, {})
     for number in entries:
         items = table.get(key) if isinstance(table, dict) else table[key]
         if not isinstance(items, list):
@@ -268,7 +260,7 @@ def is_written(table: Table, path: str, written: Mapping[str, Steps]) -> bool:
     return stem in written and not entries
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Written:
     """The part of a scene that was expanded.
 
@@ -290,15 +282,12 @@ class Written:
             return None
         given = {point.get("name") for point in table.get("point", [])}
         made = tuple(p["name"] for p in expanded["point"] if p.get("name") not in given)
-        effects = {name: values or {} for name, values in table.get("effects", {}).items()}
-        taken = tuple(
-            (effect, key)
-            for key, effect in {**COEFFICIENTS, "shelter": "morison_drag", "EI": "bending"}.items()
-            if key in expanded["effects"].get(effect, {}) and key not in effects.get(effect, {})
-        )
-        line_types = read_list(table["line_type"], "line_type", None, "a list of tables")
-        lines = read_list(table["line"], "line", None, "a list of tables")
-        return cls(line_types, lines, made, taken)
+        effects = table.get("effects", {})
+        taken = []
+        for key, effect in {**COEFFICIENTS, "shelter": "morison_drag", "EI": "bending"}.items():
+            if key in expanded["effects"].get(effect, {}) and key not in effects.get(effect, {}):
+                taken.append((effect, key))
+        return cls(plain(table["line_type"]), plain(table["line"]), made, tuple(taken))
 
     def table(self, expanded: Values, keep_points: bool = False) -> Table:
         """Plain values of the scene in its original form, from those with one value per link."""

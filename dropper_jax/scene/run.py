@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import field, replace
 
-from dropper_jax.base.errors import Check, SceneError, raises_first
-from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.errors import Check, SceneError, raise_first
+from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import (
     MOST,
     Plain,
@@ -31,7 +31,7 @@ REPLACED = ("tolerance", "step_tolerance", "error_tolerance")
 SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@section
 class RunSpec(SectionValues):
     """`[run]`: how the scene is simulated unless the caller specifies otherwise."""
 
@@ -57,7 +57,7 @@ class RunSpec(SectionValues):
     solver: str = option("linear solver", choices=SOLVERS, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
     save_every: int = count("equal steps between saved states", default=1)
-    options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name
+    options: dict[str, float] = field(default_factory=dict)  # of the scheme, by name
     #: For `step` and `interval` where the scene gives none [s]; the scene suggests them.
     suggested_step: float | None = None
     suggested_interval: float | None = None
@@ -110,30 +110,23 @@ class RunSpec(SectionValues):
             if key in given:
                 raise SceneError(f"{path}.{key}: no longer exists. Use run.accuracy, a relative error such as 0.01")
         check_keys(given, [*declared_fields(cls), *options], path)
-        values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
-        values["options"] = {
-            key: read_number(given[key], f"{path}.{key}", options[key]) for key in options if key in given
-        }
-        spec = cls(**values)
-        spec._check(path)
+        own = dict(given)
+        found = {}
+        for key, declared in options.items():
+            if key in own:
+                found[key] = read_number(own.pop(key), f"{path}.{key}", declared)
+        spec = cls(**read_fields(cls, own, path, {}), options=found)
+        raise_first(spec._checks(), path)
         return spec._normal(path)
 
     def _normal(self, path: str) -> RunSpec:
         """The same without keys that follow from others."""
-        if self.accuracy is None and self.dt is None:
-            return dataclasses.replace(self, accuracy=DEFAULT_ACCURACY)
-        if self.accuracy is None:
-            if self.save_interval is None:
-                return self
-            return self._with_whole_steps(path)
         if self.dt is None:
-            return self
-        if self.save_interval is None:
-            interval = self.dt * self.save_every
-        else:
-            interval = self.save_interval
-        source_dt = self.dt if self.source_dt is None else self.source_dt
-        return dataclasses.replace(self, dt=None, source_dt=source_dt, save_every=1, save_interval=interval)
+            return replace(self, accuracy=self.accuracy or DEFAULT_ACCURACY)
+        if self.accuracy is None:
+            return self if self.save_interval is None else self._with_whole_steps(path)
+        interval = self.save_interval or self.dt * self.save_every
+        return replace(self, dt=None, source_dt=self.source_dt or self.dt, save_every=1, save_interval=interval)
 
     def _with_whole_steps(self, path: str) -> RunSpec:
         """The same with the steps between saved states counted.
@@ -146,29 +139,26 @@ class RunSpec(SectionValues):
             raise SceneError(
                 f"{path}.save_interval: {self.save_interval:g} s is not a whole number of steps of {self.dt:g} s"
             )
-        return dataclasses.replace(self, save_every=every, save_interval=None)
+        return replace(self, save_every=every, save_interval=None)
 
-    @raises_first
-    def _check(self, path: str) -> Iterator[Check]:
+    def _checks(self) -> Iterator[Check]:
         shortest = self.dt or self.save_interval or 0.0
         yield (
             self.duration < shortest,
-            f"{path}.duration: {self.duration} is shorter than the step; allowed: at least one step, {shortest:g} s",
+            f"duration: {self.duration} is shorter than the step; allowed: at least one step, {shortest:g} s",
         )
         yield (
             self.duration > MOST * shortest > 0.0,
-            f"{path}.duration: {self.duration} takes {self.duration / (shortest or 1.0):.3g} steps of {shortest:g} s; "
+            f"duration: {self.duration} takes {self.duration / (shortest or 1.0):.3g} steps of {shortest:g} s; "
             f"allowed: at most {MOST} steps",
         )
         yield (
             self.dt is None and self.save_every != 1,
-            f"{path}.save_every: {self.save_every} counts equal steps, and the scene has no run.dt. Use "
-            "run.save_interval [s]",
+            f"save_every: {self.save_every} counts equal steps, and the scene has no run.dt. Use run.save_interval [s]",
         )
         yield (
             self.accuracy is not None and self.save_every != 1,
-            f"{path}.save_every: {self.save_every} counts equal steps, which run.accuracy excludes. Use "
-            "run.save_interval [s]",
+            f"save_every: {self.save_every} counts equal steps, which run.accuracy excludes. Use run.save_interval [s]",
         )
 
     def table(self) -> Table:

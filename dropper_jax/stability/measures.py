@@ -23,31 +23,37 @@ from dropper_jax.stepping.stepper import make_stepper
 Measure = Callable[[Case, bool], Outcome]
 
 
-def _marched(value: Callable[[Case, CaseRun], float]) -> Measure:
-    """A measure of a run without the checks of `simulate`."""
-
-    def measure(case: Case, short: bool) -> Outcome:
-        run = run_named(case.scene, case.dt, case.span(short), **case.settings)
-        return Outcome(value(case, run), run.status)
-
-    return measure
+def measure(case: Case, short: bool) -> Outcome:
+    """What a case measures, and the status of its run."""
+    name = case.measure
+    if name in OTHERS:
+        return OTHERS[name](case, short)
+    if name in OF_MARCHES:  # runs without the checks of `simulate`
+        marched = run_named(case.scene, case.dt, case.span(short), **case.settings)
+        return Outcome(OF_MARCHES[name](case, marched), marched.status)
+    run = _run(case, short)
+    if name in OF_RUNS:
+        return Outcome(OF_RUNS[name](case, run), run.status)
+    if run.status != case.expected:
+        return Outcome(float("inf"), run.status)
+    return Outcome(OF_PATHS[name](case, run.t, run.point_path(case.point)), run.status)
 
 
 def _distance_of_node(case: Case, run: CaseRun) -> float:
     expected = _at(run.t, case.exact.times, case.exact.values)
-    return float(np.max(np.linalg.norm(run.run.r[:, 0] - expected, axis=-1)))
+    return np.max(np.linalg.norm(run.r[:, 0] - expected, axis=-1))
 
 
 def _error_of_speed(case: Case, run: CaseRun) -> float:
-    speed = np.linalg.norm(run.run.v[:, 0], axis=-1)
-    return float(np.max(np.abs(speed / np.interp(run.t, case.exact.times, case.exact.values) - 1)))
+    speed = np.linalg.norm(run.rows.v[:, 0], axis=-1)
+    return np.max(np.abs(speed / np.interp(run.t, case.exact.times, case.exact.values) - 1))
 
 
 def _rise_of_energy(case: Case, run: CaseRun) -> float:
     """Largest rise of the energy of 1 kg from one saved time to the next [J], with the gravity of the scene."""
     gravity = float(run.model.effects[0].gravity)
     kinetic = 0.5 * np.sum(run.velocities[:, 0] ** 2, axis=-1)
-    return float(np.max(np.diff(gravity * run.positions[:, 0, 2] + kinetic), initial=-np.inf))
+    return np.max(np.diff(gravity * run.positions[:, 0, 2] + kinetic), initial=-np.inf)
 
 
 #: A link with a dry joint has come to rest after this time [s].
@@ -58,8 +64,8 @@ def _stays(case: Case, short: bool) -> Outcome:
     """Movement of the nodes after `STILL` [m]."""
     rest = run_named(case.scene, case.dt, STILL)
     run = run_named(case.scene, case.dt, case.span(short))
-    moved = np.linalg.norm(run.run.r[run.t >= STILL - 1e-9] - rest.run.r[-1], axis=-1)
-    return Outcome(float(np.max(moved)), run.status if rest.status == "ok" else rest.status)
+    moved = np.linalg.norm(run.r[run.t >= STILL - 1e-9] - rest.r[-1], axis=-1)
+    return Outcome(np.max(moved), run.status if rest.status == "ok" else rest.status)
 
 
 #: Step that is far too long, over that of the scene.
@@ -108,26 +114,6 @@ def _run(case: Case, short: bool) -> Solution:
     return _simulated(scene, case.dt, case.span(short), tuple(case.settings.items()))
 
 
-def _of_run(value: Callable[[Case, Solution], float]) -> Measure:
-    def measure(case: Case, short: bool) -> Outcome:
-        run = _run(case, short)
-        return Outcome(value(case, run), run.status)
-
-    return measure
-
-
-def _of_path(value: Callable[[Case, np.ndarray, np.ndarray], float]) -> Measure:
-    """A measure of the path of the case's point, infinite if the run does not have the expected status."""
-
-    def measure(case: Case, short: bool) -> Outcome:
-        run = _run(case, short)
-        if run.status != case.expected:
-            return Outcome(float("inf"), run.status)
-        return Outcome(value(case, run.t, run.point_path(case.point)), run.status)
-
-    return measure
-
-
 def _at(times: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (k,) or (k, m) at times among the known ones."""
     columns = [np.interp(times, known, column) for column in np.atleast_2d(values.T)]
@@ -142,73 +128,65 @@ def _distance(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     if case.from_start:
         found = found - found[0]
     apart = _at(exact.times, t, found) - exact.values.reshape(len(exact.times), -1)
-    return float(np.max(np.linalg.norm(apart, axis=1))) / case.size
+    return np.max(np.linalg.norm(apart, axis=1)) / case.size
 
 
 def _rise(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Maximum height above the start [m]."""
-    return float(np.max(positions[:, 2]) - positions[0, 2])
+    return np.max(positions[:, 2]) - positions[0, 2]
 
 
 def _lowest(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Error of the greatest depth below `level`, over the exact one `size`."""
-    return abs(float(case.level - np.min(positions[:, 2])) / case.size - 1.0)
+    return abs((case.level - np.min(positions[:, 2])) / case.size - 1.0)
 
 
 def _return(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """What is missing of the start's height, or beyond it, when the point comes up the first time."""
     z = positions[:, 2]
-    return abs(float(z[0] - np.max(z[np.argmin(z) :]))) / case.size
+    return abs(z[0] - np.max(z[np.argmin(z) :])) / case.size
 
 
 def _path(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Relative error of the displacement along `weights` at the end."""
-    exact = float(np.interp(t[-1], case.exact.times, case.exact.values))
-    return abs(float((positions[-1] - positions[0]) @ np.array(case.weights)) / exact - 1.0)
+    exact = np.interp(t[-1], case.exact.times, case.exact.values)
+    return abs(((positions[-1] - positions[0]) @ np.array(case.weights)) / exact - 1.0)
 
 
 def _late_motion(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Motion [m] after the first second, in which the weight sinks into the seabed."""
     late = positions[t >= 1.0]
-    return float(np.max(np.linalg.norm(late - late[0], axis=1)))
+    return np.max(np.linalg.norm(late - late[0], axis=1))
 
 
 def _angle(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Maximum error of the angle from the vertical [rad], seen from (0, 0, `level`)."""
     exact = case.exact.upto(t[-1])
     angle = np.arctan2(positions[:, 0], case.level - positions[:, 2])
-    return float(np.max(np.abs(np.interp(exact.times, t, angle) - exact.values)))
-
-
-def _balance(case: Case, run: Solution) -> float:
-    return run.energy_drift / run.energy_scale
+    return np.max(np.abs(np.interp(exact.times, t, angle) - exact.values))
 
 
 def _gain(case: Case, run: Solution) -> float:
     """Energy gained in any step."""
-    return max(float(np.max(np.diff(run.balance))), 0.0) / run.energy_scale
+    return max(np.max(np.diff(run.balance)), 0.0) / run.energy_scale
 
 
 def _peak(case: Case, run: Solution) -> float:
     """Error of the largest tension within the saved intervals."""
-    return abs(float(np.max(run.tension_max)) / case.size - 1.0)
+    return abs(np.max(run.tension_max) / case.size - 1.0)
 
 
 def _tension(case: Case, run: Solution) -> float:
     exact = case.exact
     found = np.interp(exact.times, run.t_tension, run.tension[:, 0])
-    return float(np.max(np.abs(found - exact.values))) / case.size
+    return np.max(np.abs(found - exact.values)) / case.size
 
 
 def _shape(case: Case, run: Solution, nodes: np.ndarray) -> float:
     """Error of a weighted sum over the nodes (k, nodes)."""
     exact = case.exact.upto(run.t[-1])
     found = np.interp(exact.times, run.t, nodes @ np.array(case.weights))
-    return float(np.max(np.abs(found - exact.values))) / case.size
-
-
-def _body_path(case: Case, run: Solution) -> float:
-    return abs(float(run.body_position[-1, 0, 0]) / case.size - 1.0)
+    return np.max(np.abs(found - exact.values)) / case.size
 
 
 def _passes(case: Case, run: Solution) -> float:
@@ -261,8 +239,9 @@ def _wake(case: Case, short: bool) -> Outcome:
     return Outcome(abs(lost / float(np.sum(wakes.drag)) - 1.0) if slowed else np.inf, run.status)
 
 
-#: Measures of the path of a point, which other simulators can be measured by as well.
-OF_PATHS = {
+#: Measures of the path of the case's point, which other simulators can be measured by as well; infinite if the run does
+#: not have the expected status.
+OF_PATHS: dict[str, Callable[[Case, np.ndarray, np.ndarray], float]] = {
     "distance": _distance,
     "rise": _rise,
     "lowest": _lowest,
@@ -271,25 +250,28 @@ OF_PATHS = {
     "late motion": _late_motion,
     "angle": _angle,
 }
-MEASURES: dict[str, Measure] = {
-    **{name: _of_path(value) for name, value in OF_PATHS.items()},
-    "relative drift": _marched(lambda case, run: run.relative_drift),
-    "energy drift": _marched(lambda case, run: run.energy_drift),
-    "closure": _marched(lambda case, run: run.closure),
-    "distance of node": _marched(_distance_of_node),
-    "error of speed": _marched(_error_of_speed),
-    "rise of energy": _marched(_rise_of_energy),
+OF_MARCHES: dict[str, Callable[[Case, CaseRun], float]] = {
+    "relative drift": lambda case, run: run.relative_drift,
+    "energy drift": lambda case, run: run.energy_drift,
+    "closure": lambda case, run: run.closure,
+    "distance of node": _distance_of_node,
+    "error of speed": _error_of_speed,
+    "rise of energy": _rise_of_energy,
+}
+OF_RUNS: dict[str, Callable[[Case, Solution], float]] = {
+    "balance": lambda case, run: run.energy_drift / run.energy_scale,
+    "gain": _gain,
+    "peak": _peak,
+    "tension": _tension,
+    "twist": lambda case, run: _shape(case, run, run.twist),
+    "heights": lambda case, run: _shape(case, run, run.positions[:, :, 2]),
+    "way of body": lambda case, run: abs(run.body_position[-1, 0, 0] / case.size - 1.0),
+    "passes": _passes,
+}
+OTHERS: dict[str, Measure] = {
     "stays": _stays,
     "too large a step": _too_large_step,
     "bad member": _bad_member,
-    "balance": _of_run(_balance),
-    "gain": _of_run(_gain),
-    "peak": _of_run(_peak),
-    "tension": _of_run(_tension),
-    "twist": _of_run(lambda case, run: _shape(case, run, run.twist)),
-    "heights": _of_run(lambda case, run: _shape(case, run, run.positions[:, :, 2])),
-    "way of body": _of_run(_body_path),
-    "passes": _of_run(_passes),
     "wake": _wake,
     "derivative": derivatives.against_differences,
     "derivative at rest": derivatives.at_rest,

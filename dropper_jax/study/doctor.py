@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
@@ -11,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from importlib import metadata
 
 import jax
@@ -47,7 +47,7 @@ print(json.dumps({"folder": None if folder is None else str(folder), "loaded": l
 """
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Check:
     """A check against a known result: whether it holds, and what was found in words."""
 
@@ -56,7 +56,7 @@ class Check:
     found: str
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class System:
     """The machine: its free memory in bytes."""
 
@@ -65,7 +65,7 @@ class System:
     memory_bytes: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Cache:
     """Folder of the compiled programs (None: off), their number and their size in bytes."""
 
@@ -74,7 +74,7 @@ class Cache:
     bytes: int = 0
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Installation:
     """The report of `dropper doctor`; its fields are the keys of the JSON object.
 
@@ -113,11 +113,10 @@ def examine(repeats: int = 400) -> Installation:
 
 def versions() -> dict[str, dict[str, str | None]]:
     """Versions of required packages and of extras; None if a package is not installed."""
-    groups = {"needed": ("dropper-jax", *NEEDED), **EXTRAS}
-    found = {}
-    for group, names in groups.items():
-        found[group] = {name: _version(name) for name in names}
-    return {**found, "needed": {"python": platform.python_version(), **found["needed"]}}
+    found: dict[str, dict[str, str | None]] = {"needed": {"python": platform.python_version()}}
+    for group, names in {"needed": ("dropper-jax", *NEEDED), **EXTRAS}.items():
+        found.setdefault(group, {}).update((name, _version(name)) for name in names)
+    return found
 
 
 def _version(name: str) -> str | None:
@@ -152,7 +151,7 @@ def check_tension() -> Check:
     g/sin(theta)`."""
     allowed = 1e-4  # maximum relative error of the tension of the pendulum, due to its step
     solution = simulate("conical-pendulum", duration=1.0)
-    error = float(np.max(np.abs(solution.tension / (GRAVITY / math.sin(math.pi / 8)) - 1.0)))
+    error = np.max(np.abs(solution.tension / (GRAVITY / math.sin(math.pi / 8)) - 1.0))
     ok = solution.status == "ok" and error < allowed
     return Check("tension of a conical pendulum", ok, f"{error:.1e} off, {allowed:.0e} allowed")
 
@@ -171,9 +170,8 @@ def repeated_bits(calls: int) -> Check:
     x = jnp.linspace(0.0, 1.0, 4096).reshape(64, 64)
     program = jax.jit(lambda x: jnp.sum(jnp.tanh(x @ x), axis=0)).lower(x).compile()
     first = np.asarray(program(x)).tobytes()
-    differing = lambda part: sum(np.asarray(program(x)).tobytes() != first for _ in range(part))  # noqa: E731
     with ThreadPoolExecutor(2) as pool:
-        wrong = sum(pool.map(differing, (calls // 2, calls - calls // 2)))
+        wrong = sum(pool.map(lambda _: np.asarray(program(x)).tobytes() != first, range(calls)))
     return Check("bits of repeated calls", not wrong, f"{wrong} of {calls} calls differ")
 
 

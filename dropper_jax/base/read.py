@@ -247,7 +247,7 @@ def read_parameter(value: Plain, path: str, declared: Values, counts: Mapping[st
     found = _read_numbers(value, path, declared, count, f"{count or 'a list of'} numbers{each}")
     least = declared.get("rising", 0)
     if least and not rises(found, least):
-        allowed = f"{'one' if least == 1 else 'two'} or more rising numbers {_in_unit(declared)}".rstrip()
+        allowed = f"{'one' if least == 1 else 'two'} or more rising numbers" + _range(" ", declared)
         raise refuse(path, plain(found), "does not rise", allowed)
     return found
 

@@ -249,9 +249,10 @@ class Problem(Residuals):
             elif not all(np.abs(s).max(initial=0.0) < 1e100 for s in slope):  # squares must not overflow in a sum
                 unstable = True
                 failed = failed or f"{name}: derivatives grow without bound, the motion is chaotic"
-            counts = [len(t) for t in self.data.runs[run].t]
-            shown.append(tuple(np.asarray(y)[:n] for y, n in zip(motion, counts, strict=True)))
-            slopes.append(tuple(self._spread(np.asarray(s)[:n], mine) for s, n in zip(slope, counts, strict=True)))
+            shown.append(tuple(np.asarray(y)[: len(t)] for y, t in zip(motion, self.data.runs[run].t, strict=True)))
+            slopes.append(
+                tuple(self._spread(np.asarray(s)[: len(y)], mine) for s, y in zip(slope, shown[-1], strict=True))
+            )
             started.append(start)
         return self.whiten_residuals(Evaluation(tuple(shown), tuple(slopes), tuple(started), failed, unstable))
 

@@ -161,19 +161,17 @@ def _why_missing(scene: Scene, data: Data, section: str, rest: Sequence[str], na
         if shape is None:
             return f" is not given in the scene's start; {nearest(name, given)}"
         return f" has no such entry; allowed: below {', '.join(map(str, shape))}"
-    if section == "channel":
-        columns = {s.channel.name: len(s.channel.columns) for s in data.sensors}
-        mounting = [key for s in data.sensors for key in s.channel.mounting if f"channel.{s.channel.name}" in name]
-        fields = ", ".join(["offset, gain, delay", *mounting])
-    else:
-        columns = dict.fromkeys((c.name for c in data.cameras), 0)
-        fields = "delay, rate"
     label = rest[0] if len(rest) > 1 else name
-    if label not in columns:
-        return f": {label!r} is not a {section}; {nearest(label, columns)}"
-    if columns[label] and rest[1] == "offset":
-        return f" has no such column; allowed: 0 to {columns[label] - 1}"
-    return f" does not exist; allowed: {section}.{label} and {fields}"
+    channels = {sensor.channel.name: sensor.channel for sensor in data.sensors}
+    names = channels if section == "channel" else [camera.name for camera in data.cameras]
+    if label not in names:
+        return f": {label!r} is not a {section}; {nearest(label, names)}"
+    fields = ["delay", "rate"]
+    if section == "channel":
+        if rest[1] == "offset":
+            return f" has no such column; allowed: 0 to {len(channels[label].columns) - 1}"
+        fields = ["offset", "gain", "delay", *channels[label].mounting]
+    return f" does not exist; allowed: {section}.{label} and {', '.join(fields)}"
 
 
 def _of_time(name: str, where: SetupPlace, delay: float) -> Parameter:

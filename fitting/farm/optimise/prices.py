@@ -39,19 +39,17 @@ def prices(values: Values, x: np.ndarray, low: np.ndarray, high: np.ndarray, fix
 
     p = len(x)
     span = high - low
-    free = ~fixed
-    cost = values.slope[:p] * span
-    rows = values.slopes[:, :p] * span
+    cost = (values.slope[:p] * span)[~fixed]
     active = active_constraints(values, limit)
     axes = np.eye(p)
     walls = np.hstack([-axes[:, x - low <= at_bound * span], axes[:, high - x <= at_bound * span]])
     of = np.zeros(len(values.value))
-    size = float(np.linalg.norm(cost[free]))
+    size = float(np.linalg.norm(cost))
     if size == 0.0:
         return Prices(of, 0.0)
-    matrix = np.hstack([rows[active].T, walls])[free]
+    matrix = np.hstack([(values.slopes[active, :p] * span).T, walls])[~fixed]
     if not matrix.shape[1]:
         return Prices(of, 1.0)
-    found, left = nnls(matrix, -cost[free])
+    found, left = nnls(matrix, -cost)
     of[active] = found[: len(active)]
     return Prices(of, float(left) / size)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from dropper_jax.base.markdown import bullets, cell, table
 from dropper_jax.base.read import Table
 from dropper_jax.plots import style
@@ -75,10 +77,10 @@ def draw(found: Table, path: Path) -> Path:
     at = range(len(months))
     figure = style.new_figure(7.5, 4.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    most = max(max(row["floats"], row["least"]) for row in months)
-    top = [max(row["least"], min(row["most"], int(1.5 * most) + 1)) for row in months]
-    upper.fill_between(at, [row["least"] for row in months], top, step="mid", color="#E3E5E8", label="allowed")
-    upper.step(at, [row["floats"] for row in months], where="mid", color=style.FIRST, lw=2, label="floats")
+    floats, least, most = ([row[key] for row in months] for key in ("floats", "least", "most"))
+    top = np.clip(most, least, np.maximum(least, int(1.5 * max(*floats, *least)) + 1))
+    upper.fill_between(at, least, top, step="mid", color="#E3E5E8", label="allowed")
+    upper.step(at, floats, where="mid", color=style.FIRST, lw=2, label="floats")
     upper.set(ylabel="floats", ylim=(0.0, None))
     upper.locator_params(axis="y", integer=True)
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)

@@ -130,7 +130,7 @@ def amplitude_spectrum(run: Run, path: str | Path) -> Path:
         series = {"x component": unit_vectors[..., 0], "y component": unit_vectors[..., 1]}
         what = "amplitude spectrum of the link directions"
         unit = "-"
-    spectra = [(name, *_spectrum(run.t, values)) for name, values in series.items()]
+    spectra = [(name, *uniform_spectrum(run.t, values)) for name, values in series.items()]
     frequency = spectra[0][1]
     amplitudes = np.array([amplitude for _, _, amplitude in spectra])
     top = max(amplitudes.max(), ANGLE)
@@ -177,7 +177,7 @@ def _system_spectra(run: Run, path: str | Path) -> Path:
 
 def _spectra(panel: Panel) -> Panel:
     """A panel against time as one against frequency [Hz]."""
-    curves = [Curve(c.name, *_spectrum(c.t, c.values), colour=c.colour) for c in panel.curves]
+    curves = [Curve(c.name, *uniform_spectrum(c.t, c.values), colour=c.colour) for c in panel.curves]
     return Panel(panel.label.replace(" from its start", ""), curves, panel.title)
 
 
@@ -200,7 +200,7 @@ def _heave_ratio(spectra: list[Panel]) -> list[Panel]:
     return [Panel("ratio [m/m]", curves, "vertical motion over surface elevation, at the frequencies of the waves")]
 
 
-def _spectrum(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def uniform_spectrum(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (m,) [Hz] and amplitudes (m,) or (m, n) without a shorter last step of the run; zero for fewer than
     four samples."""
     count = len(t)

@@ -257,8 +257,8 @@ def _shortest(panel: Panel, panels: list[Panel]) -> float:
 
 def legend(axes: Axes) -> None:
     """Place the legend above the right end, where there is no title."""
-    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
-    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **place)
+    position = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
+    axes.legend(ncols=4, fontsize=8, handlelength=1.2, columnspacing=1.0, **position)
 
 
 def draw_panel(

@@ -51,12 +51,12 @@ def snapshot(run: Run, path: str | Path, time: float | None = None) -> Path:
         axes = view.space_axes(figure, drawn)
         bar = {"cax": view.bar_axes(figure)}
 
-    def draw(nodes: np.ndarray, **look: Any) -> None:
-        axes.plot(*(nodes[:, [0, 2]] if flat else nodes).T, **look)
+    def draw(nodes: np.ndarray, **options: Any) -> None:
+        axes.plot(*(nodes[:, [0, 2]] if flat else nodes).T, **options)
 
-    def draw_lines(index: int, label: str | None = None, **look: Any) -> None:
+    def draw_lines(index: int, label: str | None = None, **options: Any) -> None:
         for line in run.lines:
-            draw(positions[index, line.nodes], label=label, **look)
+            draw(positions[index, line.nodes], label=label, **options)
             label = None
 
     _surroundings(axes, run, drawn, clock)

@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from dropper_jax.analysis.spectrum import amplitude_spectrum
 from dropper_jax.load.checks_water import bed_height
 from dropper_jax.plots import panels, style, view
+from dropper_jax.plots.motion import uniform_spectrum
 from dropper_jax.plots.run import ANGLE, Run, elevations, swing
 from dropper_jax.plots.style import ALERT, CYCLE, DARK, FAINT, SECOND, force_unit
 from dropper_jax.plots.system import BED, SURFACE, WATER, draw_solids
@@ -165,10 +165,11 @@ def response(run: Run, path: str | Path) -> Path:
     It is the tenth link, as in the thesis; of several lines, or if it does not move, the link that rotates most.
     """
     _sea_of(run)
-    angles = run.angles
     index = _lively(run)
     eta = elevations(run.scene, np.zeros((1, 3)), run.t)[:, 0]
-    turning = [i for i in range(2) if np.ptp(angles[i][:, index]) > ANGLE] or [0]
+    polar, azimuth = (values[:, index] for values in run.angles)
+    turning = [("polar", polar, CYCLE[0]), ("azimuth", azimuth, CYCLE[1])]
+    turning = [row for row in turning if np.ptp(row[1]) > ANGLE] or turning[:1]
     figure = style.new_figure(9.5, 7.6)
     grid = figure.add_gridspec(3, len(turning), height_ratios=(1.0, 1.3, 1.6))
     top = figure.add_subplot(grid[0, :])
@@ -176,13 +177,11 @@ def response(run: Run, path: str | Path) -> Path:
     top.set_ylabel("elevation [m]")
     style.time_axis(top, run.t)
     spectra = figure.add_subplot(grid[1, :])
-    for row, i in enumerate(turning):
-        value = angles[i][:, index]
-        name = ("polar", "azimuth")[i]
-        frequency, size = amplitude_spectrum(run.t, value - value.mean())
-        spectra.semilogx(frequency[1:], size[1:], color=CYCLE[i], label=name)
-        space = figure.add_subplot(grid[2, row])
-        space.plot(value, np.gradient(value, run.t), color=CYCLE[i], lw=0.7)
+    for column, (name, value, colour) in enumerate(turning):
+        frequency, size = uniform_spectrum(run.t, value)
+        spectra.semilogx(frequency[1:], size[1:], color=colour, label=name)
+        space = figure.add_subplot(grid[2, column])
+        space.plot(value, np.gradient(value, run.t), color=colour, lw=0.7)
         space.set(xlabel=f"{name} angle [rad]", ylabel="rate [rad/s]")
     spectra.set(xlabel="frequency [Hz]", ylabel="amplitude [rad]")
     spectra.legend()

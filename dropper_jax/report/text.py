@@ -9,7 +9,7 @@ from dropper_jax.base.markdown import bullets, cells, table
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import literal
 from dropper_jax.report import sections
-from dropper_jax.report.cells import Columns, fill, newton, table_of
+from dropper_jax.report.cells import Columns, newton, table_of
 from dropper_jax.scene import link_mass_words
 
 
@@ -116,10 +116,6 @@ def _spread(section: Table) -> str:
     return table(["loads in N", "least", "mean", "largest", *(f"run {i + 1}" for i in range(count))], rows)
 
 
-#: Values of a storm with their intervals.
-STORM = ("most_probable", "mean", "percentile_90")
-
-
 def _extremes(section: Table) -> str:
     if isinstance(section.get("skipped"), str):
         return f"Left out: {section['skipped']}."
@@ -130,16 +126,13 @@ def _extremes(section: Table) -> str:
             rows.append([name, one["skipped"], "-", "-"])
             continue
         what = f" [N], {100 * one['confidence']:g} % interval"
-        rows.append(
-            [
-                name,
-                *(
-                    fill(f"{{{key}:newton}} ({{{key}_interval[0]:newton}} to {{{key}_interval[1]:newton}})", one)
-                    for key in STORM
-                ),
-            ]
-        )
+        rows.append([name, *(_with_interval(one, key) for key in ("most_probable", "mean", "percentile_90"))])
     return table(["maximum in the storm", f"most probable{what}", f"mean{what}", f"90th percentile{what}"], rows)
+
+
+def _with_interval(one: Table, key: str) -> str:
+    low, high = one[f"{key}_interval"]
+    return f"{newton(one[key])} ({newton(low)} to {newton(high)})"
 
 
 SETTINGS: Columns = {"setting": "{key}", "meaning": "{meaning}", "value": "{value:g}{suffix}|none"}

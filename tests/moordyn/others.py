@@ -66,27 +66,40 @@ def places(text: str) -> list[float]:
     return found
 
 
-def of_moordyn(name: str) -> list[list[float]]:
-    """Tensions [N] at the nodes of each line of a deck at rest."""
+def at_rest(path: Path, rest: float = REST) -> list[list[float]]:
+    """Tensions [N] at the nodes of each line of a file, when MoorDyn's dynamics have come to rest.
+
+    Its search for an initial state knows no current, and its newer one leaves free points where they are.
+    """
     import moordyn
 
+    held = places(path.read_text())
+    still = [0.0] * len(held)
+    folder = Path.cwd()
+    os.chdir(path.parent)
+    try:
+        system = moordyn.Create(str(path))
+        moordyn.SetVerbosity(system, moordyn.LEVEL_NONE)
+        assert moordyn.NCoupledDOF(system) == len(held)
+        moordyn.Init(system, held, still)
+        moordyn.Step(system, held, still, 0.0, rest)
+        lines = [moordyn.GetLine(system, i + 1) for i in range(moordyn.GetNumberLines(system))]
+        tension = lambda line, j: float(np.linalg.norm(moordyn.GetLineNodeTen(line, j)))  # noqa: E731
+        found = [[tension(line, j) for j in range(moordyn.GetLineN(line) + 1)] for line in lines]
+        moordyn.Close(system)
+    finally:
+        os.chdir(folder)
+    return found
+
+
+def of_moordyn(name: str) -> list[list[float]]:
+    """The same of a deck."""
     with tempfile.TemporaryDirectory() as folder:
         for file in BESIDE:  # its tables may not end with an empty line
             (Path(folder) / file).write_text((DECKS / file).read_text().rstrip("\n"))
         path = Path(folder) / "deck.txt"
         path.write_text(for_the_wheel(name))
-        os.chdir(folder)
-        held = places(path.read_text())
-        system = moordyn.Create(str(path))
-        assert moordyn.NCoupledDOF(system) == len(held)
-        moordyn.Init(system, held, [0.0] * len(held))
-        moordyn.Step(system, held, [0.0] * len(held), 0.0, LONGER.get(name, REST))
-        lines = [moordyn.GetLine(system, i + 1) for i in range(moordyn.GetNumberLines(system))]
-        tension = lambda line, j: float(np.linalg.norm(moordyn.GetLineNodeTen(line, j)))  # noqa: E731
-        found = [[tension(line, j) for j in range(moordyn.GetLineN(line) + 1)] for line in lines]
-        moordyn.Close(system)
-        os.chdir("/")
-    return found
+        return at_rest(path, LONGER.get(name, REST))
 
 
 def of_moorpy(name: str) -> list[list[float]]:

@@ -1,7 +1,7 @@
 """MoorDyn files: there and back, the same statics as MoorDyn itself, result tables, and what is refused or noted."""
 
 import json
-import os
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,7 @@ from dropper_jax import SceneError, Solution, equilibrium, load_scene, read_moor
 from dropper_jax.cli import main
 from dropper_jax.decks.writing.outputs import channel_values, numbers_of, write_out
 
-#: Time [s] in which MoorDyn comes to rest.
-REST = 60.0
+OTHERS = runpy.run_path(str(Path(__file__).with_name("others.py")))
 #: Inputs written for these tests: version 2, version 1, and a current beside it.
 FOLDER = Path(__file__).parent
 INPUTS = ("chain", "float", "current")
@@ -20,29 +19,9 @@ CHAIN, FLOAT = ((FOLDER / f"{name}.txt").read_text() for name in ("chain", "floa
 
 
 def statics_of_moordyn(path: Path) -> list[np.ndarray]:
-    """Tensions [N] at the nodes of each line, when MoorDyn's dynamics have come to rest.
-
-    Its search for an initial state knows no current, and its newer one leaves free points where they are.
-    """
-    moordyn = pytest.importorskip("moordyn", reason="the moordyn wheel is not installed (extra `moordyn`)")
-    folder = Path.cwd()
-    os.chdir(path.parent)
-    try:
-        system = moordyn.Create(str(path))
-        moordyn.SetVerbosity(system, moordyn.LEVEL_NONE)
-        count = [row for row in path.read_text().splitlines() if "Coupled" in row]
-        places = [float(x) for row in count for x in row.split()[2:5]]
-        moordyn.Init(system, places, [0.0] * len(places))
-        moordyn.Step(system, places, [0.0] * len(places), 0.0, REST)
-        found = []
-        for i in range(moordyn.GetNumberLines(system)):
-            line = moordyn.GetLine(system, i + 1)
-            ends = moordyn.GetLineN(line)
-            found.append(np.array([np.linalg.norm(moordyn.GetLineNodeTen(line, j)) for j in range(ends + 1)]))
-        moordyn.Close(system)
-    finally:
-        os.chdir(folder)
-    return found
+    """Tensions [N] at the nodes of each line at rest."""
+    pytest.importorskip("moordyn", reason="the moordyn wheel is not installed (extra `moordyn`)")
+    return [np.array(line) for line in OTHERS["at_rest"](path)]
 
 
 @pytest.mark.check

@@ -46,14 +46,24 @@ class SimulationError(RuntimeError):
 Check = tuple[bool, str]
 
 
+def raise_first(checks: Iterable[Check], path: str = "") -> None:
+    """Raise the error of the first check that fails; later ones are not evaluated.
+
+    Args:
+        path: of the section whose checks they are; their messages start with a key of it, or with `:` for the whole.
+    """
+    for wrong, message in checks:
+        if wrong:
+            dot = "" if message.startswith(":") or not path else "."
+            raise SceneError(f"{path}{dot}{message}")
+
+
 def raises_first(checks: Callable[Arguments, Iterator[Check]]) -> Callable[Arguments, None]:
-    """Make a function of its checks, which raises the error of the first one that fails and evaluates no later one."""
+    """Make a function of its checks, which raises the error of the first one that fails."""
 
     @functools.wraps(checks)
     def check(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
-        for wrong, message in checks(*args, **kwargs):
-            if wrong:
-                raise SceneError(message)
+        raise_first(checks(*args, **kwargs))
 
     return check
 

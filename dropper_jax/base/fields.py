@@ -25,6 +25,8 @@ def parameter(
     low: float | None = None,
     high: float | None = None,
     open_low: bool = False,
+    rising: int = 0,
+    entries: int | None = None,
     key: str | None = None,
     **kwargs: Any,
 ) -> Any:
@@ -36,6 +38,8 @@ def parameter(
         shape: one of `SHAPES`: a number, one per node, link or joint, a 3-vector, a table (k,), vectors (k, 3), numbers
             (one, or a table).
         low, high: allowed range, ends included; `open_low` excludes the lower end.
+        rising: if not 0, each number of a table is above the one before, and there are at least this many.
+        entries: length of a table; None: any.
         key: its name in a scene, if it differs from the attribute's.
         **kwargs: `default` and similar, passed to `dataclasses.field`. A field whose default is None may be omitted in
             the scene and then adds no computation.
@@ -51,6 +55,8 @@ def parameter(
             "low": low,
             "high": high,
             "open_low": open_low,
+            "rising": rising,
+            "entries": entries,
             "key": key,
         },
         **kwargs,

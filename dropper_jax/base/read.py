@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Protocol, Self, TypeVar, overload
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+from dropper_jax.base.errors import Check, SceneError, nearest, raise_first, raises_first
 
 Item = TypeVar("Item")
 
@@ -242,14 +242,21 @@ def read_parameter(value: Plain, path: str, declared: Values, counts: Mapping[st
             return read_number(value, path, declared, allowed)
         return _read_numbers(value, path, declared, count, allowed)
     if shape == "vectors":
-        rows = read_list(value, path, None, f"a list of 3-vectors{each}")
-        return read_rows(rows, path, declared, 3, f"3 numbers{each}")
-    count = 3 if shape == "vector" else None
-    return _read_numbers(value, path, declared, count, f"{'3' if count else 'a list of'} numbers{each}")
+        return read_rows(value, path, declared, 3, f"3 numbers{each}")
+    count = 3 if shape == "vector" else declared.get("entries")
+    found = _read_numbers(value, path, declared, count, f"{count or 'a list of'} numbers{each}")
+    least = declared.get("rising", 0)
+    if least and not rises(found, least):
+        allowed = f"{'one' if least == 1 else 'two'} or more rising numbers {_in_unit(declared)}".rstrip()
+        raise refuse(path, plain(found), "does not rise", allowed)
+    return found
 
 
-def read_rows(rows: Sequence[Plain], path: str, declared: Values, count: int, allowed: str) -> np.ndarray:
-    """Rows of `count` numbers each (k, count)."""
+def read_rows(
+    value: Plain, path: str, declared: Values, count: int, allowed: str, many: int | None = None
+) -> np.ndarray:
+    """Rows of `count` numbers each (k, count), `many` rows where given."""
+    rows = read_list(value, path, many, f"{many or 'a list of'} rows of {allowed}")
     found = [_read_numbers(row, f"{path}.{i}", declared, count, allowed) for i, row in enumerate(rows)]
     return np.array(found).reshape(-1, count)
 
@@ -314,8 +321,11 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
         else:
             values[field.name] = field.default
     for key, field in _part_fields(cls).items():
+        needed = field.metadata["needed"]
         if table.get(key) is not None:
             values[field.name] = field.metadata["part"](table[key], join(path, key))
+        elif needed:
+            raise SceneError(f"{join(path, key)}: missing; needed: {needed}")
     return values
 
 
@@ -342,9 +352,10 @@ def count(meaning: str, low: int = 1, high: int = MOST, **kwargs: Any) -> Any:
     )
 
 
-def part(read: Callable[[Plain, str], Any], key: str | None = None, **kwargs: Any) -> Any:
-    """Declare a table, a list of tables or other values inside a section, which `read` reads at their path."""
-    return dataclasses.field(metadata={"part": read, "key": key}, **kwargs)
+def part(read: Callable[[Plain, str], Any], key: str | None = None, needed: str = "", **kwargs: Any) -> Any:
+    """Declare a table, a list of tables or other values inside a section, which `read` reads at their path; one that
+    is `needed` has no default, and this is what its error names."""
+    return dataclasses.field(metadata={"part": read, "key": key, "needed": needed}, **kwargs)
 
 
 def items(cls: type[DeclaredSection]) -> Callable[[Plain, str], tuple[DeclaredSection, ...]]:
@@ -413,3 +424,8 @@ class DeclaredSection(SectionValues):
 
     def check(self, path: str) -> None:
         """Raise `SceneError` for combinations of values that ranges of single fields cannot express."""
+        raise_first(self.checks(), path)
+
+    def checks(self) -> Iterable[Check]:
+        """These combinations, with messages that start with the key, or with `:` for the whole section."""
+        return ()

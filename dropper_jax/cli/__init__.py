@@ -7,11 +7,11 @@ cached for the next start. With `--json` each command prints exactly one object 
 
 from __future__ import annotations
 
-import argparse
 import gc
 import os
 import sys
 import textwrap
+from argparse import SUPPRESS, Action, ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
 from typing import NoReturn, Protocol
@@ -58,24 +58,24 @@ class Command(Protocol):
 
     help: str
 
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: ArgumentParser) -> None:
         """Declare the arguments, without heavy imports."""
 
-    def run(self, args: argparse.Namespace) -> int:
+    def run(self, args: Namespace) -> int:
         """Run the command; returns an exit code of `dropper_jax.cli.options`."""
 
 
-class _Parser(argparse.ArgumentParser):
+class _Parser(ArgumentParser):
     """A parser with one-line errors, like those of all other invalid input."""
 
     def error(self, message: str) -> NoReturn:
         raise SceneError(f"{self.prog}: {' '.join(message.split())}")
 
 
-class _Version(argparse.Action):
+class _Version(Action):
     """Print versions and stop; they are looked up only if requested."""
 
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+    def __call__(self, parser: ArgumentParser, *_: object) -> NoReturn:
         print("\n".join(f"{package} {_version_of(package)}" for package in PACKAGES))
         parser.exit()
 
@@ -92,7 +92,7 @@ def find_commands() -> list[EntryPoint]:
     return sorted(entry_points(group=GROUP), key=lambda entry: entry.name)
 
 
-def parse(argv: Sequence[str]) -> argparse.Namespace:
+def parse(argv: Sequence[str]) -> Namespace:
     """Arguments of a command, with its `run`.
 
     Raises:
@@ -102,10 +102,10 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     asked = next((word for word in argv if not word.startswith("-")), None)
     listed = asked is None and (not argv or any(word in HELP for word in argv))
     about = "Simulate mussel droppers, pendulums and strings.\ndropper COMMAND --help: its options and two examples."
-    plain = argparse.RawDescriptionHelpFormatter
+    plain = RawDescriptionHelpFormatter
     parser = _Parser(prog="dropper", description=about, formatter_class=plain, allow_abbrev=False)
     parser.add_argument("--version", action=_Version, nargs=0, help=f"print the versions of {' and '.join(PACKAGES)}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", help=argparse.SUPPRESS)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", help=SUPPRESS)
     found = find_commands()
     if asked and not found:  # the packages are on the path but not installed, so that nothing declares their commands
         raise SceneError("dropper: no commands; needed: pip install dropper-jax, or pip install -e . in a checkout")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress,
 help = "measure errors and times of all integrators over a range of steps, row by row, and advise"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(
         parser, "accuracy dropper-release-a --quick", "accuracy paper-case-1 --dts 0.04 0.02 0.01 --plot accuracy"
     )
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     for option, values in (("--dts", args.dts or ()), ("--span", () if args.span is None else (args.span,))):
         for value in values:
             if not 0 < value < float("inf"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
@@ -26,13 +26,13 @@ WORDS = {
 }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "check my-longline.toml", "check paper-case-1 --set sea.waves.amplitude=2 --json")
     add_run_values(parser, OVERRIDES)
     add_out(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args, OVERRIDES, notes=False)
 
     found = examine(scene)

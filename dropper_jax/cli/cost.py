@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 from dropper_jax.base.markdown import cell
 from dropper_jax.base.read import Table
@@ -13,14 +13,14 @@ from dropper_jax.cli.printing import STOPPED, done_object, row_printer, table
 help = "operations, bytes and microseconds per step, with and without each effect"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "cost dropper-release-a", "cost paper-case-1 --plot cost.png")
     add_plot(parser, "a bar chart")
     add_out(parser)
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args)
 
     from dropper_jax.study.cost import cost

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import number, read_named_range
@@ -13,7 +13,7 @@ from dropper_jax.cli.printing import done_object, failure_of, listing, progress
 help = "solve for values of the scene that give static tensions, angles, depths or periods their required values"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(
         parser,
         "design paper-case-4 --vary line.chain.length=51:52 --target tension.chain.last --value 3730",
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     reason = "is not PATH=LOW:HIGH. Use for example line.0.length=4.0:4.5"
     ranges = [read_named_range(text, "--vary", reason) for text in args.vary]
     scene = read_scene(args)

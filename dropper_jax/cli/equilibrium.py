@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 help = "find the static equilibrium of a scene, under its release force if it has one"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "equilibrium dropper-release-a", "equilibrium edulis-tide --tide --times 7 --plot tide")
     parser.add_argument("--tide", action="store_true", help="equilibria through a cycle of current and level")
     parser.add_argument(
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args, notes=args.tide)
     if args.tide:
         return _tide(scene, args)
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     return deliver(args, {**values, "warnings": remarks}, text, failure_of(found))
 
 
-def _tide(scene: Scene, args: argparse.Namespace) -> int:
+def _tide(scene: Scene, args: Namespace) -> int:
     """The cycle as a table, or one object."""
     from dropper_jax.study.sea_facts import tidal_cycle
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 help = "answers on a mooring at rest: lengths, tensions, stiffnesses, damping, wear, each beside a closed form"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "explain paper-case-1", "explain platform-longline --json")
     add_out(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args, notes=False)
 
     from dropper_jax.explain.answers import explain, refuse_rigid

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 help = "tensions and motions in irregular waves in the frequency domain, with linearised drag, for many sea states"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(
         parser,
         "frequency edulis-longline --sea-states 0.5:4,1:6 --runs 1",
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     states = _sea_states(args)
     if not 0.0 < args.duration < np.inf:
         raise SceneError(f"--duration: {args.duration:g} is out of range; allowed: above 0 s")
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
     return FAILED
 
 
-def _sea_states(args: argparse.Namespace) -> np.ndarray | None:
+def _sea_states(args: Namespace) -> np.ndarray | None:
     """Heights and periods (states, 2) of the options; None for the waves of the scene."""
     if args.sea_states is None and args.table is None:
         return None

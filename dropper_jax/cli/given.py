@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import os
+from argparse import ArgumentTypeError
 from pathlib import Path
 
 from dropper_jax.base.errors import SceneError
@@ -44,7 +44,7 @@ def number(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+        raise ArgumentTypeError(f"{text!r} is not a number") from None
 
 
 def step_length(text: str) -> float | str:
@@ -89,5 +89,5 @@ def read_named_range(text: str, option: str, reason: str) -> tuple[str, float, f
 def positive_integer(text: str) -> int:
     """A whole number on the command line, at least 1."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number >= 1")
+        raise ArgumentTypeError(f"{text!r} is not a whole number >= 1")
     return int(text)

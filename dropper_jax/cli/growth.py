@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 from dropper_jax.base.markdown import cells, first_names
 from dropper_jax.cli.given import number
@@ -13,7 +13,7 @@ from dropper_jax.cli.printing import done_object, table
 help = "mussels of a scene by month and depth: mass, diameter, wet weight"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "growth my-mussels.toml --months 6 12", "growth my-mussels.toml --plot growth.png")
     parser.add_argument(
         "--months", nargs="+", type=number, metavar="MONTH", help="months (default: those of the scene)"
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args)
 
     from dropper_jax.run.growth import season_table

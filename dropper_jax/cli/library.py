@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from operator import itemgetter
 
 from dropper_jax.base.markdown import cells
@@ -14,7 +14,7 @@ from dropper_jax.cli.printing import OK, done_object, listing, print_json, print
 help = "list ropes, chains, floats and crops, or print one as TOML to paste"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "library",
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     from dropper_jax.load.library import FAMILIES, PREFIX, crop_values, part, published_crops
 
     if args.name is None:

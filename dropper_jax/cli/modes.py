@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 help = "natural periods, damping ratios and modes about the static equilibrium"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "modes dropper-release-a --count 5", "modes paper-case-4 --amplitude 0.1 --plot modes.png")
     parser.add_argument("--count", type=positive_integer, default=10, help="number of modes, the slowest first (10)")
     parser.add_argument(
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_out(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     if args.amplitude is not None and not 0.0 < args.amplitude < np.inf:
         raise SceneError(f"--amplitude: {args.amplitude:g} is out of range; allowed: above 0 m")
     scene = read_scene(args)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -20,7 +20,7 @@ help = "write a commented scene to edit: a lab dropper, a longline in a storm, a
 KINDS = {"lab": "", "longline": "--accuracy 0.01 ", "farm": "", "mussels": ""}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(parser, "new lab my-dropper.toml", "new longline my-longline.toml")
     parser.add_argument("kind", choices=KINDS, metavar="KIND", help=f"what the scene describes: {', '.join(KINDS)}")
     check = partial(output_file, suffixes=(".toml",))
@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     file: Path = args.file
     if file.exists() and not args.force:
         raise SceneError(f"FILE: {str(file)!r} exists. Use another name, or --force to replace it")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from dropper_jax.cli.printing import done_object, progress, table
 help = "restoring force and tension over the horizontal offset of fixed points, all else in equilibrium"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(
         parser,
         "offset platform-longline --points platform --distance 0:2:0.5",
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     directions = _values(args.direction, "--direction")
     distances = _values(args.distance, "--distance")
     if distances[0] < 0.0:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import tomllib
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 SET_HELP = "change a value of the scene, such as effects.linear_damping.b_l=0.01 (may be given several times)"
 
 
-def add_scene(parser: argparse.ArgumentParser, *examples: str, optional: bool = False) -> None:
+def add_scene(parser: ArgumentParser, *examples: str, optional: bool = False) -> None:
     """Examples at the end of the help, SCENE, --set and --json."""
     if examples:
         add_examples(parser, *examples)
@@ -37,13 +37,13 @@ def add_scene(parser: argparse.ArgumentParser, *examples: str, optional: bool = 
     add_json(parser)
 
 
-def add_effects(parser: argparse.ArgumentParser) -> None:
+def add_effects(parser: ArgumentParser) -> None:
     """--effects."""
     about = "Python file with effects of your own that the scene uses (may be given several times)"
     parser.add_argument("--effects", action="append", default=[], metavar="FILE.py", help=about)
 
 
-def register_effects(args: argparse.Namespace) -> None:
+def register_effects(args: Namespace) -> None:
     """Make the effects of installed packages and of `--effects` known; imports JAX."""
     from dropper_jax.effects import register_file, register_installed
 
@@ -52,38 +52,38 @@ def register_effects(args: argparse.Namespace) -> None:
         register_file(file)
 
 
-def add_examples(parser: argparse.ArgumentParser, *examples: str) -> None:
+def add_examples(parser: ArgumentParser, *examples: str) -> None:
     """Complete command lines at the end of the help."""
     parser.epilog = "\n".join(["examples:", *(f"  dropper {example}" for example in examples)])
 
 
-def add_allow_outside(parser: argparse.ArgumentParser) -> None:
+def add_allow_outside(parser: ArgumentParser) -> None:
     """--allow-outside."""
     parser.add_argument("--allow-outside", action="store_true", help="allow the scene to use files outside its folder")
 
 
-def add_set(parser: argparse.ArgumentParser) -> None:
+def add_set(parser: ArgumentParser) -> None:
     """--set."""
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help=SET_HELP)
 
 
-def add_run_values(parser: argparse.ArgumentParser, keys: Sequence[str]) -> None:
+def add_run_values(parser: ArgumentParser, keys: Sequence[str]) -> None:
     """An option for each of these keys of `[run]`; `read_scene` puts their values into the scene."""
     for key in keys:
         parser.add_argument(f"--{key.replace('_', '-')}", **RUN_VALUES[key])
 
 
-def add_json(parser: argparse.ArgumentParser) -> None:
+def add_json(parser: ArgumentParser) -> None:
     """--json."""
     parser.add_argument("--json", action="store_true", help="print one JSON object on standard output, nothing else")
 
 
-def add_quiet(parser: argparse.ArgumentParser) -> None:
+def add_quiet(parser: ArgumentParser) -> None:
     """--quiet."""
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
-def read_scene(args: argparse.Namespace, run_values: Sequence[str] = (), notes: bool = True) -> Scene:
+def read_scene(args: Namespace, run_values: Sequence[str] = (), notes: bool = True) -> Scene:
     """The scene with `--set` and options for keys of `[run]`; JAX is imported after the file was found to be TOML.
 
     Args:
@@ -104,7 +104,7 @@ def read_scene(args: argparse.Namespace, run_values: Sequence[str] = (), notes: 
     return with_step(scene.with_values(values) if values else scene, args)
 
 
-def with_step(scene: Scene, args: argparse.Namespace) -> Scene:
+def with_step(scene: Scene, args: Namespace) -> Scene:
     """The scene with the suggested step for `--dt auto`, which is printed."""
     if vars(args).get("dt") != AUTO:
         return scene
@@ -116,13 +116,13 @@ def with_step(scene: Scene, args: argparse.Namespace) -> Scene:
     return scene.with_values({"run.dt": step})
 
 
-def given_values(args: argparse.Namespace, run_values: Sequence[str] = ()) -> Table:
+def given_values(args: Namespace, run_values: Sequence[str] = ()) -> Table:
     """Values by path from `--set` and options for keys of `[run]`."""
     given = {f"run.{key}": getattr(args, key) for key in run_values}
     return assignments(args.set) | {path: value for path, value in given.items() if value not in (None, AUTO)}
 
 
-def read_run(file: str, args: argparse.Namespace) -> Solution:
+def read_run(file: str, args: Namespace) -> Solution:
     """A saved run; JAX is imported after the file, or the rest of a killed run, was found."""
     path = Path(file)
     refuse_pipe(path, "run")

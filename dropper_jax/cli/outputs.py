@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
+from argparse import Action, ArgumentParser, Namespace
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -68,13 +68,13 @@ def save_or_report(solution: Solution, out: Path | None) -> str | None:
     return f"{reason}; the run could not be saved"
 
 
-class Output(argparse.Action):
+class Output(Action):
     """A file or folder to write, checked while the options are read: `const` makes the path of a text and its label."""
 
     def __call__(
         self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
+        parser: ArgumentParser,
+        namespace: Namespace,
         values: Any,
         option_string: str | None = None,
     ) -> None:
@@ -84,13 +84,13 @@ class Output(argparse.Action):
         setattr(namespace, self.dest, self.const(values, label))
 
 
-def add_plot(parser: argparse.ArgumentParser, what: str) -> None:
+def add_plot(parser: ArgumentParser, what: str) -> None:
     """--plot."""
     about = f"write {what} to a folder (or FILE.png)"
     parser.add_argument("--plot", action=Output, const=plot_folder, metavar="DIR", help=about)
 
 
-def add_out(parser: argparse.ArgumentParser) -> None:
+def add_out(parser: ArgumentParser) -> None:
     """--out."""
     about = "write the result, what --json prints"
     parser.add_argument("--out", action=Output, const=out_file, metavar="FILE.json", help=about)
@@ -118,7 +118,7 @@ def out_file(text: str, option: str = "--out") -> Path | None:
     return output_file(text, option, (".json",))
 
 
-def deliver(args: argparse.Namespace, found: Table, text: str, failure: Failure | None = None) -> int:
+def deliver(args: Namespace, found: Table, text: str, failure: Failure | None = None) -> int:
     """Print the result and write it to the file of --out, if one was requested; returns the exit code."""
     if args.out is not None:
         atomic_write(args.out, json.dumps(jsonable(with_failure(found, failure)), allow_nan=False, indent=1))

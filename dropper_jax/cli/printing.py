@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Protocol
@@ -49,7 +49,7 @@ def failure_of(found: Ended) -> Failure | None:
     return found.status, f"{found.status}: {found.message}"
 
 
-def print_result(args: argparse.Namespace, found: Table, text: str = "", failure: Failure | None = None) -> int:
+def print_result(args: Namespace, found: Table, text: str = "", failure: Failure | None = None) -> int:
     """Print the result of a command, its JSON object or its text, and what failed; returns the exit code."""
     if args.json:
         print_json(with_failure(found, failure))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.read import Table
@@ -43,7 +43,7 @@ def _lines(key: Key) -> str:
 
 def as_values(sections: Sequence[Section]) -> list[Table]:
     """Sections as plain values."""
-    found = [dataclasses.asdict(section) for section in sections]
+    found = [asdict(section) for section in sections]
     for section in found:
         for key in section["keys"]:
             del key["schema"]

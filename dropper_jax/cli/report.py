@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
+from argparse import ArgumentParser, Namespace
+from dataclasses import fields
 
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
@@ -16,7 +16,7 @@ from dropper_jax.evaluation.settings import Settings
 help = "report on saved runs: tensions, anchors, snaps, fatigue, motion, contact, extremes over seeds"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "report run.npz --report report",
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for option, about in folders.items():
         parser.add_argument(option, action=Output, const=output_folder, metavar="DIR", help=about)
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth saved time for --vtk (default: 1)")
-    for field in dataclasses.fields(Settings):
+    for field in fields(Settings):
         meaning = field.metadata["meaning"]
         unit = field.metadata["unit"]
         option = field.metadata["option"]
@@ -44,8 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
-    given = {f.name: getattr(args, f"setting_{f.name}") for f in dataclasses.fields(Settings)}
+def run(args: Namespace) -> int:
+    given = {f.name: getattr(args, f"setting_{f.name}") for f in fields(Settings)}
     settings = Settings(**{key: value for key, value in given.items() if value is not None})
     if args.every < 1:
         raise SceneError(f"--every: {args.every} is out of range; allowed: a whole number >= 1")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from dropper_jax.cli.printing import done_object, progress, table
 help = "mean, amplitude and phase of the first link's angle in regular waves of several periods"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(
         parser,
         "response wet-pendulum-wave --periods 2.4:3.6:4",
@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     periods = _periods(args.periods)
     scene = read_scene(args)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING
@@ -48,7 +48,7 @@ OVERRIDES = (
 )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(
         parser,
         "run dropper-release-a --duration 10 --out run.npz --plot pictures",
@@ -104,7 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     before = None
     if args.start is not None:
         before = read_run(args.start, args)
@@ -146,14 +146,14 @@ def run(args: argparse.Namespace) -> int:
         return _write_outputs(args, solution)
 
 
-def _report_unsaved(args: argparse.Namespace, solution: Solution, refused: str) -> int:
+def _report_unsaved(args: Namespace, solution: Solution, refused: str) -> int:
     """Report a run whose file cannot be written."""
     print_line(f"error: {refused}")
     report(solution, args.json, {"status": "not_saved", "error": refused} if solution.status == "ok" else None)
     return FAILED
 
 
-def _write_outputs(args: argparse.Namespace, solution: Solution) -> int:
+def _write_outputs(args: Namespace, solution: Solution) -> int:
     """Tables and pictures of a run, and its report."""
     from dropper_jax.run.summary import write_angles, write_bodies, write_tensions
 
@@ -176,7 +176,7 @@ def _write_outputs(args: argparse.Namespace, solution: Solution) -> int:
     return report(solution, args.json)
 
 
-def _further(args: argparse.Namespace, before: Solution) -> Scene:
+def _further(args: Namespace, before: Solution) -> Scene:
     """The scene of the run to continue, or that of the command line if given, with the values of the command line."""
     values = {"run.duration": before.further, **given_values(args, OVERRIDES)}
     if args.scene is None:

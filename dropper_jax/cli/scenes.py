@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import json
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 help = "list the packaged scenes by group, or print one as TOML to edit"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_examples(
         parser,
         "scenes",
@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     if args.reference is not None or args.schema:
         return _reference(args)
     if args.scene is not None:
@@ -98,7 +98,7 @@ def _titles() -> str:
     return "\n\n".join(parts)
 
 
-def _reference(args: argparse.Namespace) -> int:
+def _reference(args: Namespace) -> int:
     """Every key of a scene, or the requested ones."""
     if args.scene is not None:
         raise SceneError(f"SCENE: {args.scene!r} cannot be combined with --reference and --schema")
@@ -114,7 +114,7 @@ def _reference(args: argparse.Namespace) -> int:
     return print_result(args, done_object(sections=as_values(found)), as_text(found))
 
 
-def _one(args: argparse.Namespace) -> int:
+def _one(args: Namespace) -> int:
     """The values of one scene, checked, as TOML or in a MoorDyn file."""
     if args.dt is not None and not args.dt > 0:
         raise SceneError(f"--dt: {args.dt:g} is out of range; allowed: > 0 s")
@@ -147,7 +147,7 @@ def _show(table: Table, as_json: bool) -> int:
     return OK
 
 
-def _moordyn(scene: Scene, file: Path, args: argparse.Namespace) -> int:
+def _moordyn(scene: Scene, file: Path, args: Namespace) -> int:
     """The scene as a MoorDyn input; unsupported parts are listed."""
     from dropper_jax.decks.writing.writer import write_moordyn
 

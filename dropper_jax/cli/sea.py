@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from dropper_jax.cli.printing import done_object, listing, print_warnings, table
 help = "waves and current of a scene: theory, length, breaking, regime"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(parser, "sea paper-case-1", "sea dropper-regular-wave --plot sea")
     add_plot(parser, "the map of wave theories and the map of the current behind lines")
     add_out(parser)
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(option, action=Output, const=map_file, metavar="FILE.png", help=about)
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args)
     if scene.sea is None:
         raise SceneError(f"sea: scene {scene.name!r} has no [sea]. Use a scene with water")

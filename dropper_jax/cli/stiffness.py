@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 help = "stiffness matrix of points and rigid bodies about the static equilibrium, all else in equilibrium"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: ArgumentParser) -> None:
     add_scene(
         parser,
         "stiffness paper-case-4 --points buoy --out stiffness.csv",
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: Namespace) -> int:
     scene = read_scene(args)
     names, about = _requested_points(scene, args)
 
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     return deliver(args, plain, _text(found))
 
 
-def _requested_points(scene: Scene, args: argparse.Namespace) -> tuple[list[str], np.ndarray | None]:
+def _requested_points(scene: Scene, args: Namespace) -> tuple[list[str], np.ndarray | None]:
     """Names and the reference point, checked."""
     if args.of is None:
         if args.at is not None or args.lines_only:

@@ -7,54 +7,73 @@ from operator import itemgetter
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+from dropper_jax.base.errors import Check, SceneError, nearest, raise_first, raises_first
 from dropper_jax.base.read import Values, refuse, short_text
 from dropper_jax.effects import EFFECTS
 from dropper_jax.load.checks_water import BELOW_BED, bed_height, check_growth, check_water
-from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, point_named
+from dropper_jax.scene import BodySpec, BuoySpec, LineSpec, PointSpec, SceneData, VesselSpec, check_anchors
 
 AT_LEAST_2 = "allowed: a whole number >= 2"
 
 
 @raises_first
-def check_names(
-    section: str, items: Sequence[PointSpec | LineSpec | BuoySpec | BodySpec | VesselSpec]
+def check_layout(scene: SceneData) -> Iterator[Check]:
+    """Check names, ends of lines, anchors, failures and the lines that grow."""
+    for section, named in (("point", scene.points), ("line", scene.lines), ("buoy", scene.buoys)):
+        yield from _name_checks(section, named)
+    _check_ends(scene)
+    if scene.branched:
+        yield from _system_checks(scene)
+    else:
+        yield from _line_checks(scene)
+    check_anchors(scene.anchors, scene.fixed_points)
+    lines = {line.name: line for line in scene.lines}
+    for i, failure in enumerate(scene.failures):
+        raise_first(failure.line_checks(lines), f"failure.{i}")
+    if scene.season is not None:
+        raise_first(scene.season.line_checks([(line.name, line.piece_of) for line in scene.lines]), "growth")
+
+
+def _name_checks(
+    section: str, named: Sequence[PointSpec | LineSpec | BuoySpec | BodySpec | VesselSpec]
 ) -> Iterator[Check]:
-    """Check that every item of a section has a unique name."""
-    names = [item.name for item in items]
-    for i, name in enumerate(names):
-        yield name in names[:i], f"{section}.{i}.name: {short_text(name)} is used twice; allowed: a unique name"
+    """Checks that every item of a section has a unique name."""
+    names: set[str] = set()
+    for i, item in enumerate(named):
+        yield item.name in names, f"{section}.{i}.name: {short_text(item.name)} is used twice; allowed: a unique name"
+        names.add(item.name)
 
 
-def check_ends(lines: tuple[LineSpec, ...], points: tuple[PointSpec, ...]) -> None:
+def _check_ends(scene: SceneData) -> None:
     """Check that every line ends at points that exist, and that every point is an end of a line."""
-    names = [point.name for point in points]
-    for i, line in enumerate(lines):
-        for key, name in (("from", line.start), ("to", line.end)):
-            if name not in names:
-                raise SceneError(f"line.{i}.{key}: {short_text(name)} is not a point; {nearest(name, names)}")
-    used = {name for line in lines for name in (line.start, line.end)}
-    for i, name in enumerate(names):
-        if name not in used and points[i].on is None:
-            raise refuse(f"point.{i}.name", name, "is not an end of any line", ", ".join(sorted(used)))
+    names = [point.name for point in scene.points]
+    if not names:
+        raise SceneError("point: missing; needed: one or more [[point]] tables")
+    used = {name for line in scene.lines for name in (line.start, line.end)}
+    if not used <= {*names}:
+        for i, line in enumerate(scene.lines):
+            for key, name in (("from", line.start), ("to", line.end)):
+                if name not in names:
+                    raise SceneError(f"line.{i}.{key}: {short_text(name)} is not a point; {nearest(name, names)}")
+    for i, point in enumerate(scene.points):
+        if point.name not in used and point.on is None:
+            raise refuse(f"point.{i}.name", point.name, "is not an end of any line", ", ".join(sorted(used)))
 
 
-@raises_first
-def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> Iterator[Check]:
-    """Check that a line starts at a fixed point, and that links between two fixed ends can close: no side of the
+def _line_checks(scene: SceneData) -> Iterator[Check]:
+    """Checks that a line starts at a fixed point, and that links between two fixed ends can close: no side of the
     polygon exceeds the sum of the others."""
-    check_ends((line,), points)
-    start = point_named(points, line.start)
-    end = point_named(points, line.end)
+    line = scene.lines[0]
+    start = scene.point(line.start)
     yield (
         start.is_free,
-        f"point.{points.index(start)}.kind: {start.kind!r} cannot be the start of a rigid line; allowed: fixed",
+        f"point.{scene.points.index(start)}.kind: {start.kind!r} cannot be the start of a rigid line; allowed: fixed",
     )
-    if end.is_free:
+    if scene.point(line.end).is_free:
         return
     yield line.links < 2, f"line.0.links: {line.links} leaves no free node between two fixed ends; {AT_LEAST_2}"
     if line.rigid:
-        distance = check_span(line, "line.0", start, end)
+        distance = check_span(scene, 0)
         longest = float(np.max(line.length))
         others = line.total - longest + distance
         yield (
@@ -64,20 +83,12 @@ def check_line(line: LineSpec, points: tuple[PointSpec, ...]) -> Iterator[Check]
         )
 
 
-@raises_first
-def check_system(
-    points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]
-) -> Iterator[Check]:
-    """Check for unique names, elastic lines of one law, every point connected to a fixed one, buoys on free points."""
-    check_ends(lines, points)
-    check_names("line", lines)
-    check_names("buoy", buoys)
-    for i, line in enumerate(lines):
-        if line.rigid:
-            start = point_named(points, line.start)
-            end = point_named(points, line.end)
-            if not (start.is_free or end.is_free):
-                check_span(line, f"line.{i}", start, end)
+def _system_checks(scene: SceneData) -> Iterator[Check]:
+    """Checks for elastic lines of one law, every point connected to a fixed one, buoys on free points."""
+    free = {point.name for point in scene.points if point.is_free}
+    for i, line in enumerate(scene.lines):
+        if line.rigid and not free & {line.start, line.end}:
+            check_span(scene, i)
         yield (
             line.centre_of_mass is not None,
             f"line.{i}.centre_of_mass: compound links are for single lines only. Remove `centre_of_mass`",
@@ -87,51 +98,54 @@ def check_system(
             f"line.{i}.links: {line.links} leaves no free node in a loop; {AT_LEAST_2}",
         )
     yield (
-        not any(point.is_free for point in points) and all(line.links == 1 for line in lines),
-        f"line.0.links: {lines[0].links} leaves no free node between fixed points; {AT_LEAST_2}",
+        not free and all(line.links == 1 for line in scene.lines),
+        f"line.0.links: {scene.lines[0].links} leaves no free node between fixed points; {AT_LEAST_2}",
     )
-    _check_connected(points, lines)
-    kinds = {point.name: point.kind for point in points}
-    for i, buoy in enumerate(buoys):
-        added = buoys[0].end_added_mass
+    reached = _reached(scene)
+    names = [point.name for point in scene.points]
+    for i, name in enumerate(names):
+        yield (
+            name not in reached,
+            f"point.{i}.name: {short_text(name)} is not connected to any fixed point; allowed: lines from a point of "
+            "kind 'fixed'",
+        )
+    for i, buoy in enumerate(scene.buoys):
+        added = scene.buoys[0].end_added_mass
         yield (
             buoy.end_added_mass != added,
             f"buoy.{i}.end_added_mass: {buoy.end_added_mass!r} differs from that of the first buoy; allowed: {added}",
         )
-        if buoy.point not in kinds:
-            raise SceneError(f"buoy.{i}.point: {buoy.point!r} is not a point; {nearest(buoy.point, kinds)}")
+        if buoy.point not in names:
+            raise SceneError(f"buoy.{i}.point: {buoy.point!r} is not a point; {nearest(buoy.point, names)}")
         yield (
-            kinds[buoy.point] != "free",
+            buoy.point not in free,
             f"buoy.{i}.point: {short_text(buoy.point)} is a fixed point; allowed: a point of kind 'free'",
         )
 
 
-def check_span(line: LineSpec, path: str, start: PointSpec, end: PointSpec) -> float:
-    """The distance [m] between two ends that stay where they are, which rigid links must be able to span."""
-    distance = float(np.linalg.norm(end.position - start.position))
+def check_span(scene: SceneData, index: int) -> float:
+    """The distance [m] between the ends of a line that stay where they are, which its rigid links must be able to
+    span."""
+    line = scene.lines[index]
+    distance = float(np.linalg.norm(scene.point(line.end).position - scene.point(line.start).position))
     if line.total <= distance:
         raise SceneError(
-            f"{path}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m between "
-            f"{start.name!r} and {end.name!r}; allowed: more than {distance:g} m in all"
+            f"line.{index}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m "
+            f"between {line.start!r} and {line.end!r}; allowed: more than {distance:g} m in all"
         )
     return distance
 
 
-@raises_first
-def _check_connected(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...]) -> Iterator[Check]:
-    reached = {point.name for point in points if not point.is_free or point.on}
+def _reached(scene: SceneData) -> set[str]:
+    """Names of the points that lines connect to a fixed point."""
+    reached = {point.name for point in scene.points if not point.is_free or point.on}
     before = 0
     while len(reached) > before:
         before = len(reached)
-        for line in lines:
+        for line in scene.lines:
             if {line.start, line.end} & reached:
                 reached |= {line.start, line.end}
-    for i, point in enumerate(points):
-        yield (
-            point.name not in reached,
-            f"point.{i}.name: {short_text(point.name)} is not connected to any fixed point; allowed: lines from a "
-            "point of kind 'fixed'",
-        )
+    return reached
 
 
 @raises_first
@@ -235,31 +249,29 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
     )
 
 
-def attached_points(
-    bodies: tuple[BodySpec, ...], vessels: tuple[VesselSpec, ...], points: tuple[PointSpec, ...]
-) -> tuple[PointSpec, ...]:
+def attached_points(scene: SceneData) -> tuple[PointSpec, ...]:
     """The bodies' and vessels' attachments as points, at their positions at the start.
 
     Raises:
         SceneError: a name is used twice.
     """
-    check_names("body", bodies)
-    check_names("vessel", vessels)
-    found = list(points)
-    carriers: list[tuple[str, str, BodySpec | VesselSpec]]
-    carriers = [(f"body.{i}", "free", body) for i, body in enumerate(bodies)]
-    carriers += [(f"vessel.{i}", "fixed", vessel) for i, vessel in enumerate(vessels)]
-    for path, kind, body in carriers:
-        for name, position in body.attachments.items():
-            if name in {point.name for point in points}:
-                raise SceneError(
-                    f"{path}.attachments.{name}: is also a [[point]]; an attachment is a point of its own, to which "
-                    f"lines connect by this name. Remove the [[point]] {name!r}, or rename one of the two"
-                )
-            if name in {point.name for point in found}:
-                raise refuse(f"{path}.attachments", name, "is used twice", "unique names among points")
-            found.append(PointSpec(name=name, position=body.world(position), kind=kind, on=body.name))
-    return tuple(found[len(points) :])
+    raise_first(_name_checks("body", scene.bodies))
+    raise_first(_name_checks("vessel", scene.vessels))
+    given = {point.name for point in scene.points}
+    found: dict[str, PointSpec] = {}
+    for section, kind, carriers in (("body", "free", scene.bodies), ("vessel", "fixed", scene.vessels)):
+        for i, carrier in enumerate(carriers):
+            path = f"{section}.{i}.attachments"
+            for name, position in carrier.attachments.items():
+                if name in given:
+                    raise SceneError(
+                        f"{path}.{name}: is also a [[point]]; an attachment is a point of its own, to which lines "
+                        f"connect by this name. Remove the [[point]] {name!r}, or rename one of the two"
+                    )
+                if name in found:
+                    raise refuse(path, name, "is used twice", "unique names among points")
+                found[name] = PointSpec(name=name, position=carrier.world(position), kind=kind, on=carrier.name)
+    return tuple(found.values())
 
 
 @raises_first

@@ -15,10 +15,10 @@ The paper's chain is `chain-studlink-0.022`: EA 48 884 kN, displaced diameter 0.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import tomllib
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from typing import Any
@@ -47,7 +47,7 @@ CORE_DIAMETER = 0.012
 SEA_WATER = 1025.0
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Family:
     """Parts of a kind.
 

@@ -11,30 +11,28 @@ A line with attached points is split into one line per piece, named `NAME-1`, `N
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
 from dropper_jax.axial import LAWS
 from dropper_jax.axial.force_table import ForceTable, tables_of
-from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+from dropper_jax.base.errors import Check, SceneError, nearest, raise_first, raises_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    DeclaredSection,
     Plain,
     Table,
     Values,
-    check_keys,
+    count,
     declared_fields,
-    plain,
     read_fields,
-    read_integer,
     read_items,
     read_list,
     read_number,
     read_table,
-    read_text,
     refuse,
 )
 from dropper_jax.scene.length_in_time import of_pieces
@@ -42,14 +40,15 @@ from dropper_jax.scene.line import LINK_LIMIT
 
 #: Spacing of attached points, relative to the line's length, below which a piece would have no length.
 SAME_POSITION = 1e-9
-LENGTH_RANGE = {"low": 0.0, "open_low": True, "unit": "m"}
+#: Keys of a section of a line, or of a line without sections.
+OF_SECTIONS = ("type", "length", "links")
 #: Keys of a line defined by the link that a line with a type takes from its type.
 OF_TYPES = ("mass", "diameter", "outer_diameter", "axial", "centre_of_mass", "inertia")
 #: Effect and key that take a coefficient of the line types if the scene omits it.
 COEFFICIENTS = {"cdn": "morison_drag", "cdt": "morison_drag", "can": "morison_inertia", "cat": "morison_inertia"}
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class LineType:
     """`[[line_type]]`: a rope or chain, values per metre; coefficients if the scene's effects require them.
 
@@ -77,7 +76,7 @@ class LineType:
     cdt: float | None = parameter("drag coefficient along", unit="-", low=0.0, default=None)
     can: float | None = parameter("added mass coefficient across", unit="-", low=0.0, default=None)
     cat: float | None = parameter("added mass coefficient along", unit="-", low=0.0, default=None)
-    constants: dict[str, float] = dataclasses.field(default_factory=dict)
+    constants: dict[str, float] = field(default_factory=dict)
 
     @classmethod
     def read(cls, table: Plain, path: str) -> LineType:
@@ -86,12 +85,11 @@ class LineType:
         more = law_constants(law) if law in list(LAWS) else []  # an unknown law is rejected with the other fields
         given = {key: own.pop(key) for key in more if key in own}
         kind = cls(**read_fields(cls, own, path, {}))
-        if more:
-            values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1})
-        else:
-            values = {}
-        kind.check(path)
-        return dataclasses.replace(kind, constants={key: values[key] for key in more if values[key] is not None})
+        values = read_fields(LAWS[law], {"EA": 1.0, **given}, path, {"link": 1}) if more else {}
+        raise_first(kind.checks(), path)
+        if law == "tabulated":
+            ForceTable.read(kind.strain, kind.tension, path)
+        return replace(kind, constants={key: values[key] for key in more if values[key] is not None})
 
     @property
     def table(self) -> ForceTable | None:
@@ -113,28 +111,19 @@ class LineType:
             return self.damping
         return (self.damping_ratio or 0.0) * link * float(np.sqrt(self.stiffness * self.mass))
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
-        """Check for `EA`, a table if the law is `tabulated`, or neither if it is `rigid`; at most one kind of
+    def checks(self) -> Iterator[Check]:
+        """Checks for `EA`, a table if the law is `tabulated`, or neither if it is `rigid`; at most one kind of
         damping."""
         wanted = {"tabulated": ("strain", "tension"), "rigid": ()}.get(self.law, ("EA",))
-        damped = ()
-        if self.law != "rigid":
-            damped = ("damping", "damping_ratio")
+        damped = () if self.law == "rigid" else ("damping", "damping_ratio")
         takes = " and ".join(wanted) or "no stiffness and no damping"
         for key in ("EA", "strain", "tension", "damping", "damping_ratio"):
             given = getattr(self, key) is not None
-            yield not given and key in wanted, f"{path}.{key}: missing; law {self.law!r} needs {takes}"
-            yield (
-                given and key not in (*wanted, *damped),
-                f"{path}.{key}: not used by law {self.law!r}, which takes {takes}",
-            )
-        if self.law == "tabulated":
-            ForceTable.read(self.strain, self.tension, path)
-        yield (
-            self.damping is not None and self.damping_ratio is not None,
-            f"{path}: `damping` and `damping_ratio` are both given; allowed: one of the two",
-        )
+            yield not given and key in wanted, f"{key}: missing; law {self.law!r} needs {takes}"
+            unused = given and key not in (*wanted, *damped)
+            yield unused, f"{key}: not used by law {self.law!r}, which takes {takes}"
+        both = self.damping is not None and self.damping_ratio is not None
+        yield both, ": `damping` and `damping_ratio` are both given; allowed: one of the two"
 
 
 def law_constants(law: str) -> list[str]:
@@ -142,17 +131,45 @@ def law_constants(law: str) -> list[str]:
     return [key for key in declared_fields(LAWS[law]) if key not in declared_fields(LineType)]
 
 
-@dataclasses.dataclass(frozen=True)
-class Section:
+@dataclass(frozen=True)
+class Section(DeclaredSection):
     """A section of a line: its type, unstretched length [m] and number of links."""
 
-    type: LineType
-    length: float
-    links: int
+    type: str = option("name of a [[line_type]]", type=str)
+    length: float = parameter("length", unit="m", low=0.0, open_low=True)
+    links: int = count("number of links", high=LINK_LIMIT)
+    kind: LineType = field(kw_only=True)
+
+    @classmethod
+    def read(cls, table: Plain, path: str, types: Mapping[str, LineType]) -> Section:
+        values = read_fields(cls, table, path, {})
+        name = values["type"]
+        if name not in types:
+            raise SceneError(f"{path}.type: {name!r} is not a line type; {nearest(name, types)}")
+        return cls(**values, kind=types[name])
+
+    @property
+    def link(self) -> float:
+        """Length of a link [m]."""
+        return self.length / self.links
 
     def cut(self, length: float) -> Section:
         """A part of it, with a proportional number of links, at least one."""
-        return dataclasses.replace(self, length=length, links=max(1, round(self.links * length / self.length)))
+        return replace(self, length=length, links=max(1, round(self.links * length / self.length)))
+
+
+@dataclass(frozen=True)
+class Stop(DeclaredSection):
+    """An entry of `attach`: a point along a line."""
+
+    at: float = parameter("arc length from the first end of the line", unit="m")
+    point: str | None = option("name of the point", type=str, default=None)
+
+    def on(self, path: str, line: str, total: float) -> tuple[float, str]:
+        """Arc length [m] and name of the point on a line of that name and length [m]."""
+        if not SAME_POSITION * total < self.at < (1.0 - SAME_POSITION) * total:
+            raise refuse(f"{path}.at", self.at, "is not on the line", f"above 0 and below its length, {total:g} m")
+        return self.at, self.point or f"{line}-at-{self.at:g}"
 
 
 def expand(table: Values) -> Table:
@@ -173,7 +190,7 @@ def expand(table: Values) -> Table:
         return table
     table["point"] = [dict(p) if isinstance(p, Mapping) else p for p in table.get("point", [])]
     pieces: list[Table] = []
-    used: list[list[Section]] = []
+    used: list[Section] = []
     shelter: list[float] = []
     for i, line in enumerate(lines):
         line = dict(read_table(line, f"line.{i}"))
@@ -182,7 +199,7 @@ def expand(table: Values) -> Table:
         factor = read_number(line.pop("shelter", 1.0), f"line.{i}.shelter", {"low": 0.0})
         for piece, part in _split(line, f"line.{i}", sections, table["point"]):
             pieces.append({"nodes": "shared", **piece, **_per_link(part, f"line.{i}")})
-            used.append(part)
+            used += part
             shelter += [factor] * pieces[-1]["links"]
     table["line"] = pieces
     table["effects"] = _with_coefficients(table.get("effects", {}), used)
@@ -207,7 +224,7 @@ def _check_keys_of_types(line: Values, path: str) -> Iterator[Check]:
     )
     for key in OF_TYPES:
         yield key in line, f"{path}.{key}: belongs to the line's type. Set it in its [[line_type]]"
-    for key in ("type", "length", "links"):
+    for key in OF_SECTIONS:
         yield (
             key in line and "sections" in line,
             f"{path}.{key}: cannot be combined with `sections`. Set it inside each section",
@@ -223,30 +240,14 @@ def _types(items: Plain) -> dict[str, LineType]:
     return found
 
 
-def _sections(line: Table, path: str, types: dict[str, LineType]) -> list[Section]:
+def _sections(line: Table, path: str, types: dict[str, LineType]) -> tuple[Section, ...]:
     """The sections of a line; removes their keys from it."""
-    if "sections" in line:
-        items = read_list(line.pop("sections"), f"{path}.sections", None, "a list of {type, length, links}")
-        paths = [f"{path}.sections.{i}" for i in range(len(items))]
-    else:
-        items = [{key: line.pop(key) for key in ("type", "length", "links") if key in line}]
-        paths = [path]
-    if not items:
-        raise refuse(f"{path}.sections", items, "is empty", "at least one {type, length, links}")
-    return [_section(item, where, types) for item, where in zip(items, paths, strict=True)]
-
-
-def _section(item: Plain, path: str, types: dict[str, LineType]) -> Section:
-    item = read_table(item, path)
-    check_keys(item, ("type", "length", "links"), path)
-    for key, needed in (("type", "name of a [[line_type]]"), ("length", "length, > 0 m"), ("links", "number of links")):
-        if key not in item:
-            raise SceneError(f"{path}.{key}: missing; needed: {needed}")
-    read_text(item["type"], f"{path}.type")
-    if item["type"] not in types:
-        raise SceneError(f"{path}.type: {item['type']!r} is not a line type; {nearest(str(item['type']), types)}")
-    length = read_number(item["length"], f"{path}.length", LENGTH_RANGE)
-    return Section(types[item["type"]], length, read_integer(item["links"], f"{path}.links", 1, LINK_LIMIT))
+    if "sections" not in line:
+        return (Section.read({key: line.pop(key) for key in OF_SECTIONS if key in line}, path, types),)
+    found = read_items(Section.read, line.pop("sections"), f"{path}.sections", types)
+    if not found:
+        raise refuse(f"{path}.sections", [], "is empty", "at least one {type, length, links}")
+    return found
 
 
 def _read_position(value: Plain) -> np.ndarray | None:
@@ -257,27 +258,30 @@ def _read_position(value: Plain) -> np.ndarray | None:
         return None
 
 
-def _split(line: Table, path: str, sections: list[Section], points: list[Plain]) -> list[tuple[Table, list[Section]]]:
+def _split(
+    line: Table, path: str, sections: Sequence[Section], points: list[Plain]
+) -> list[tuple[Table, Sequence[Section]]]:
     """The pieces between attached points. A point that the scene does not have is created, free, on the straight
     line."""
     attached = line.pop("attach", None)
     if attached is None:
         return [(line, sections)]
     total = sum(s.length for s in sections)
-    stops = sorted(read_items(_stop, attached, f"{path}.attach", line.get("name", "line"), total))
-    for (at, name), (further, other) in pairwise(stops):
+    name = line.get("name", "line")
+    given = read_items(Stop.read, attached, f"{path}.attach")
+    stops = sorted(stop.on(f"{path}.attach.{i}", name, total) for i, stop in enumerate(given))
+    for (at, one), (further, other) in pairwise(stops):
         if further - at <= SAME_POSITION * total:
             raise SceneError(
-                f"{path}.attach: {name!r} and {other!r} are both at {at:g} m; allowed: one point per position"
+                f"{path}.attach: {one!r} and {other!r} are both at {at:g} m; allowed: one point per position"
             )
     positions = {str(p.get("name")): p.get("position") for p in points if isinstance(p, Mapping)}
     start = _read_position(positions.get(str(line.get("from"))))
     end = _read_position(positions.get(str(line.get("to"))))
-    for at, name in stops:
-        if name not in positions and start is not None and end is not None:
+    for at, stop in stops:
+        if stop not in positions and start is not None and end is not None:
             position = start + (end - start) * at / total
-            points.append({"name": name, "kind": "free", "position": position.tolist()})
-    name = line.get("name", "line")
+            points.append({"name": stop, "kind": "free", "position": position.tolist()})
     changing = line.pop("length_in_time", None)
     found = []
     for (low, first), (high, last) in pairwise([(0.0, line.get("from")), *stops, (total, line.get("to"))]):
@@ -289,17 +293,7 @@ def _split(line: Table, path: str, sections: list[Section], points: list[Plain])
     return found
 
 
-def _stop(item: Plain, path: str, line: str, total: float) -> tuple[float, str]:
-    """Arc length [m] and name of a point attached to a line of that name and length [m]."""
-    item = read_table(item, path)
-    check_keys(item, ("point", "at"), path)
-    at = read_number(item.get("at"), f"{path}.at", {"unit": "m"})
-    if not SAME_POSITION * total < at < (1.0 - SAME_POSITION) * total:
-        raise refuse(f"{path}.at", at, "is not on the line", f"above 0 and below its length, {total:g} m")
-    return at, str(item.get("point", f"{line}-at-{at:g}"))
-
-
-def _between(sections: list[Section], low: float, high: float) -> list[Section]:
+def _between(sections: Sequence[Section], low: float, high: float) -> list[Section]:
     """The part of the sections from arc length `low` to `high` [m]."""
     found = []
     begin = 0.0
@@ -311,61 +305,58 @@ def _between(sections: list[Section], low: float, high: float) -> list[Section]:
     return found
 
 
-def _each(sections: list[Section], value: Callable[[Section], float]) -> list[float]:
-    return [float(value(s)) for s in sections for _ in range(s.links)]
+def _each(sections: Sequence[Section], value: Callable[[Section], float]) -> list[float]:
+    """One value for each link."""
+    return np.repeat([float(value(s)) for s in sections], [s.links for s in sections]).tolist()
 
 
-def _axial(sections: list[Section], path: str) -> Table:
+def _axial(sections: Sequence[Section], path: str) -> Table:
     """The axial law with one value per link; together with `tabulated` sections, ropes become tables as well."""
-    laws = {s.type.law for s in sections}
+    laws = {s.kind.law for s in sections}
     if laws == {"rigid"}:
         return {"law": "rigid"}
     if len(laws) > 1 and not laws <= {"rope", "tabulated"}:
         raise SceneError(f"{path}.sections: the types have different axial laws; allowed: one law per line")
-    damping = _each(sections, lambda s: s.type.internal_damping(s.length / s.links))
+    damping = _each(sections, lambda s: s.kind.internal_damping(s.link))
     if "tabulated" in laws:
-        tables = [s.type.table or ForceTable.straight(s.type.stiffness) for s in sections for _ in range(s.links)]
+        tables = [s.kind.table or ForceTable.straight(s.kind.stiffness) for s in sections for _ in range(s.links)]
         return {"law": "tabulated", **tables_of(tables), "damping": damping}
-    links = [s.type.constants for s in sections for _ in range(s.links)]
-    own = {}
-    for key in links[0]:
-        own[key] = [float(each[key]) for each in links]
-    return {"law": laws.pop(), "EA": _each(sections, lambda s: s.type.stiffness), "damping": damping, **own}
+    own = {key: _each(sections, lambda s, key=key: s.kind.constants[key]) for key in sections[0].kind.constants}
+    return {"law": laws.pop(), "EA": _each(sections, lambda s: s.kind.stiffness), "damping": damping, **own}
 
 
-def _per_link(sections: list[Section], path: str) -> Table:
+def _per_link(sections: Sequence[Section], path: str) -> Table:
     """Keys of a `[[line]]` with one value per link."""
     found = {
         "links": sum(s.links for s in sections),
-        "length": _each(sections, lambda s: s.length / s.links),
-        "mass": _each(sections, lambda s: s.type.mass * s.length / s.links),
-        "diameter": _each(sections, lambda s: s.type.diameter),
+        "length": _each(sections, lambda s: s.link),
+        "mass": _each(sections, lambda s: s.kind.mass * s.link),
+        "diameter": _each(sections, lambda s: s.kind.diameter),
         "axial": _axial(sections, path),
     }
-    if any(s.type.outer_diameter is not None for s in sections):
-        found["outer_diameter"] = _each(sections, lambda s: s.type.outer_diameter or s.type.diameter)
-    if all(s.type.breaking_load is not None for s in sections):
-        found["breaking_load"] = _each(sections, lambda s: s.type.breaking_load)
+    if any(s.kind.outer_diameter is not None for s in sections):
+        found["outer_diameter"] = _each(sections, lambda s: s.kind.outer_diameter or s.kind.diameter)
+    if all(s.kind.breaking_load is not None for s in sections):
+        found["breaking_load"] = _each(sections, lambda s: s.kind.breaking_load)
     return found
 
 
-def _with_coefficients(given: Plain, used: list[list[Section]]) -> Table:
+def _with_coefficients(given: Plain, sections: Sequence[Section]) -> Table:
     """Effects with the coefficients of the line types if the scene omits them."""
     effects = {}
     for name, values in read_table(given, "effects").items():
         effects[name] = dict(values) if isinstance(values, Mapping) else values
-    sections = [s for part in used for s in part]
-    stiff = [s.type.name for s in sections if s.type.EI]
+    stiff = [s.kind.name for s in sections if s.kind.EI]
     if stiff and "bending" not in effects:
         raise SceneError(f"line_type.{stiff[0]}.EI: needs [effects.bending], which is missing")
     if stiff and isinstance(effects["bending"], dict):
-        effects["bending"].setdefault("EI", _each(sections, lambda s: s.type.EI or 0.0))
+        effects["bending"].setdefault("EI", _each(sections, lambda s: s.kind.EI or 0.0))
     for key, effect in COEFFICIENTS.items():
         if not isinstance(effects.get(effect), dict) or key in effects[effect]:
             continue
-        lacking = [s.type.name for s in sections if getattr(s.type, key) is None]
+        lacking = [s.kind.name for s in sections if getattr(s.kind, key) is None]
         if not lacking:
-            effects[effect][key] = plain(_each(sections, lambda s, key=key: getattr(s.type, key)))
+            effects[effect][key] = _each(sections, lambda s, key=key: getattr(s.kind, key))
         elif len(lacking) < len(sections):
             raise SceneError(
                 f"line_type.{lacking[0]}.{key}: missing; other types have it, and effects.{effect} uses it"

@@ -9,10 +9,10 @@ A `Scene` holds one value per link (`line_types.expand`). Values changed by path
 from __future__ import annotations
 
 import copy
-import dataclasses
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 from dropper_jax.axial import LAWS
@@ -20,7 +20,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, read_list, section_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
-from dropper_jax.load.line_types import COEFFICIENTS, LineType, expand, law_constants
+from dropper_jax.load.line_types import COEFFICIENTS, OF_SECTIONS, LineType, expand, law_constants
 from dropper_jax.scene import (
     AnchorSpec,
     BodySpec,
@@ -62,8 +62,6 @@ BY_NAME = ("vessel.*.rao", "vessel.*.attachments", "body.*.attachments")
 KEYS_ALONE = ("line.*",)
 #: Sections of templates, of lines with types and of fits, whose values have no path in a scene with one value per link.
 WITHOUT_PATHS = ("point_type.*", "line_type.*", "fit", "fit.sensor.*", "fit.prior.*", "parameters", "unit.*", "array.*")
-#: Keys of a section of a line, or of a line without sections.
-OF_SECTIONS = ("type", "length", "links")
 
 
 def declared_sections(effects: Collection[str] | None = None) -> list[SectionRow]:
@@ -268,7 +266,7 @@ def is_written(table: Table, path: str, written: Mapping[str, Steps]) -> bool:
     return stem in written and not entries
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Written:
     """The part of a scene that was expanded.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -73,7 +73,7 @@ def with_suggestions(scene: AnyScene) -> AnyScene:
     if run.accuracy is None:
         return scene
     if run.save_interval is None:
-        run = dataclasses.replace(run, suggested_interval=suggest_interval(scene))
+        run = replace(run, suggested_interval=suggest_interval(scene))
     if run.source_dt is None:
-        run = dataclasses.replace(run, suggested_step=suggest_step(scene))
-    return dataclasses.replace(scene, run=run)
+        run = replace(run, suggested_step=suggest_step(scene))
+    return replace(scene, run=run)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,9 @@ from dropper_jax.base.read import (
     Table,
     Values,
     check_keys,
+    part,
     plain,
     read_fields,
-    read_items,
-    read_list,
-    read_table,
     read_text,
 )
 from dropper_jax.base.toml_text import html_table
@@ -30,39 +29,17 @@ from dropper_jax.integrators import INTEGRATORS, OPTIONS
 from dropper_jax.load.checks_system import (
     attached_points,
     check_bed,
-    check_line,
-    check_names,
+    check_layout,
     check_scene,
     check_span,
-    check_system,
 )
 from dropper_jax.load.packaged import find_scene, folder_of
 from dropper_jax.load.paths import Written, get, is_written, locate, locate_written, path_as_given, set_value
 from dropper_jax.load.periods import with_suggestions
 from dropper_jax.load.resolve import GRAVITIES, resolve, with_one_gravity
 from dropper_jax.load.template import Template
-from dropper_jax.scene import (
-    AnchorSpec,
-    BodySpec,
-    BuoySpec,
-    FailureSpec,
-    FitSpec,
-    LineSpec,
-    PointSpec,
-    RunSpec,
-    SceneData,
-    SeasonSpec,
-    StartSpec,
-    VesselSpec,
-    check_anchors,
-    choose_steps,
-    directions,
-    is_branched,
-    point_named,
-    sliced_lines,
-)
+from dropper_jax.scene import LineSpec, RunSpec, SceneData, StartSpec, choose_steps, directions, sliced_lines
 from dropper_jax.scene.start import rows_of_pieces
-from dropper_jax.sea.spec import SeaSpec
 
 #: Relative mismatch of a given configuration with lengths and fixed ends that is still attributed to rounding.
 POSE_TOLERANCE = 1e-6
@@ -113,7 +90,7 @@ def closed_start(scene: SceneData) -> StartSpec:
         polar = polar + change[0]
         azimuth = azimuth + change[1]
         missing = span - line.length @ directions(polar, azimuth, zero)
-    return dataclasses.replace(start, polar=polar, azimuth=azimuth)
+    return replace(start, polar=polar, azimuth=azimuth)
 
 
 @raises_first
@@ -146,7 +123,7 @@ def check_system_pose(scene: SceneData) -> None:
     if scene.start.kind == "points":
         for i, line in enumerate(scene.lines):
             if line.rigid and line.links > 1:
-                check_span(line, f"line.{i}", scene.point(line.start), scene.point(line.end))
+                check_span(scene, i)
     positions = scene.start.positions
     if positions is None:
         return
@@ -179,31 +156,11 @@ def _point_text(position: np.ndarray) -> str:
     return "(" + ", ".join(f"{x:.9g}" for x in position) + ")"
 
 
-SECTIONS = (
-    "name",
-    "description",
-    "run",
-    "point",
-    "line",
-    "buoy",
-    "body",
-    "vessel",
-    "effects",
-    "start",
-    "sea",
-    "failure",
-    "anchor",
-    "notes",
-    "fit",
-    "growth",
-)
-
-
 #: Maximum number of lines and points in the table of a scene.
 SHOWN = 12
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Scene(SceneData):
     """A scene, read and checked, that keeps its original form.
 
@@ -212,6 +169,7 @@ class Scene(SceneData):
         template: parameters, repetitions and arrays in their original form; None without any.
     """
 
+    run: RunSpec = part(partial(RunSpec.read, options=OPTIONS), needed="a table with `duration`")
     written: Written | None = None
     template: Template | None = None
 
@@ -230,55 +188,18 @@ class Scene(SceneData):
         if "scene" in table:
             raise SceneError("scene: this is a site, not a scene. Use it with cases, season or optimise")
         table, written, template = resolve(table)
-        table = with_one_gravity(table)
-        check_keys(table, SECTIONS, "")
-        bodies = read_items(BodySpec.read, table.get("body", []), "body")
-        vessels = read_items(VesselSpec.read, table.get("vessel", []), "vessel")
-        points = read_items(PointSpec.read, table.get("point", []), "point", needed=not (bodies or vessels))
-        points += attached_points(bodies, vessels, points)
-        lines = read_items(LineSpec.read, table.get("line", []), "line", needed=True)
-        buoys = read_items(BuoySpec.read, table.get("buoy", []), "buoy")
-        check_names("point", points)
-        branched = bool(bodies) or is_branched(points, lines, buoys)
-        if branched:
-            check_system(points, lines, buoys)
-        else:
-            check_line(lines[0], points)
-        held = branched or not point_named(points, lines[0].end).is_free
-        anchors = read_items(AnchorSpec.read, table.get("anchor", []), "anchor")
-        check_anchors(anchors, [point.name for point in points if not point.is_free])
-        if "run" not in table:
-            raise SceneError("run: missing; needed: a table with `duration`")
-        season = None
-        if "growth" in table:
-            season = SeasonSpec.read(table["growth"], [(line.name, line.piece_of) for line in lines])
-        scene = cls(
-            name=read_text(table.get("name", name), "name"),
-            description=read_text(table.get("description", ""), "description"),
-            points=points,
-            lines=lines,
-            buoys=buoys,
-            bodies=bodies,
-            vessels=vessels,
-            effects=_read_effects(table.get("effects", {}), sum(line.links for line in lines)),
-            start=StartSpec.read(table.get("start", {}), "start", lines, held, branched),
-            run=RunSpec.read(table["run"], "run", OPTIONS),
-            sea=SeaSpec.read(table["sea"], "sea") if "sea" in table else None,
-            failures=read_items(FailureSpec.read, table.get("failure", []), "failure", lines),
-            notes=tuple(
-                read_text(note, f"notes.{i}")
-                for i, note in enumerate(read_list(table.get("notes", []), "notes", None, "a list of texts"))
-            ),
-            fit=FitSpec.read(table["fit"], "fit") if "fit" in table else None,
-            anchors=anchors,
-            season=season,
-            written=written,
-            template=template,
-        )
+        values = read_fields(cls, {"name": name, **with_one_gravity(table)}, "", {})
+        scene = cls(**values, written=written, template=template)
+        scene = replace(scene, points=scene.points + attached_points(scene))
+        check_layout(scene)
         read_text(scene.run.integrator, "run.integrator", INTEGRATORS)
+        branched = scene.branched
+        held = branched or not scene.point(scene.lines[0].end).is_free
+        start = scene.start.of_lines(scene.lines, held, branched)
+        scene = replace(scene, start=start, effects=_read_effects(scene))
         check_scene(scene)
         if not branched:
-            scene = dataclasses.replace(scene, start=closed_start(scene))
+            scene = replace(scene, start=closed_start(scene))
         pose = None if branched else given_pose(scene)
         if pose is not None:
             check_pose(scene, scene.lines[0], *pose)
@@ -365,8 +286,8 @@ class Scene(SceneData):
         if given:
             scene = Scene.from_dict(template.table, self.name)
             changes = template.changes
-        scene = dataclasses.replace(scene, template=None)
-        return dataclasses.replace(scene.with_values(changes) if changes else scene, template=template)
+        scene = replace(scene, template=None)
+        return replace(scene.with_values(changes) if changes else scene, template=template)
 
     @property
     def parameter_paths(self) -> list[str]:
@@ -390,16 +311,18 @@ class Scene(SceneData):
         return get(self.to_dict(), path)
 
 
-def _read_effects(table: Plain, links: int) -> dict[str, Table]:
-    table = read_table(table, "effects")
+def _read_effects(scene: Scene) -> dict[str, Table]:
+    """Values of the fields of each effect, in the order of the registry."""
+    given = scene.effects
     try:
-        check_keys(table, EFFECTS, "effects")
+        check_keys(given, EFFECTS, "effects")
     except SceneError as error:
         own = "own effects: register in Python, --effects FILE.py, or an entry point of the group dropper.effects"
         raise SceneError(f"{error}; {own}") from None
+    links = sum(line.links for line in scene.lines)
     counts = {"node": links, "link": links, "joint": links + 1}
-    given = [name for name in EFFECTS if name in table]
-    return {name: read_fields(EFFECTS[name], table[name], f"effects.{name}", counts) for name in given}
+    names = [name for name in EFFECTS if name in given]
+    return {name: read_fields(EFFECTS[name], given[name], f"effects.{name}", counts) for name in names}
 
 
 def load_scene(source: str | Path | Values | Scene, *, allow_outside: bool = False) -> Scene:

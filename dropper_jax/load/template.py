@@ -30,12 +30,12 @@ float = 0.2
 from __future__ import annotations
 
 import copy
-import dataclasses
 import itertools
 import math
 import re
 from collections import ChainMap
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from dropper_jax.base.errors import SceneError, nearest
@@ -87,7 +87,7 @@ class Names(ChainMap[str, Any]):
             self._open.remove(key)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Template:
     """A scene in its original form, with parameters, repetitions and arrays.
 
@@ -97,7 +97,7 @@ class Template:
     """
 
     table: Table
-    changes: Table = dataclasses.field(default_factory=dict)
+    changes: Table = field(default_factory=dict)
 
     @classmethod
     def of(cls, table: Values) -> Template | None:

@@ -14,8 +14,9 @@ gamma' z in clay, are neglected, which is conservative. Other anchors (drag anch
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -25,15 +26,15 @@ from dropper_jax.base.read import DeclaredSection
 
 #: Kinds of anchor and the keys that each requires.
 KINDS = {"dead_weight": ("weight", "friction"), "tested": ("capacity",), "screw": ("plates", "depths")}
-#: Keys that only one kind has, and which of these are optional.
-OPTIONAL = {"screw": ("strength", "friction_angle", "soil_weight", "bearing_factor", "lateral")}
+#: Further keys of a screw, which are optional.
+OPTIONAL = ("strength", "friction_angle", "soil_weight", "bearing_factor", "lateral")
 #: Bearing of a deep plate in clay over its undrained strength; minimum depth and spacing of plates in diameters.
 CLAY = 9.0
 SCREW_DEPTH = 5.0
 SPACING = 3.0
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class AnchorSpec(DeclaredSection):
     """`[[anchor]]`: the anchor of a fixed point.
 
@@ -75,51 +76,50 @@ class AnchorSpec(DeclaredSection):
         default=None,
     )
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         needed = KINDS[self.kind]
+        optional = OPTIONAL if self.kind == "screw" else ()
         takes = f"kind {self.kind!r} takes {' and '.join(needed)}"
-        for key in dict.fromkeys(key for keys in (*KINDS.values(), *OPTIONAL.values()) for key in keys):
+        for key in (*chain.from_iterable(KINDS.values()), *OPTIONAL):
             given = getattr(self, key) is not None
-            yield given and key not in (*needed, *OPTIONAL.get(self.kind, ())), f"{path}.{key}: is not used; {takes}"
-            yield not given and key in needed, f"{path}.{key}: missing; {takes}"
+            yield given and key not in (*needed, *optional), f"{key}: is not used; {takes}"
+            yield not given and key in needed, f"{key}: missing; {takes}"
         if self.kind == "screw":
-            self._check_screw(path)
+            yield from self._screw_checks()
 
-    @raises_first
-    def _check_screw(self, path: str) -> Iterator[Check]:
+    def _screw_checks(self) -> Iterator[Check]:
         """Check that plates are deep enough and far enough apart to act separately, in clay or in sand."""
         plates = np.asarray(self.plates)
         depths = np.asarray(self.depths)
         yield (
             len(plates) == 0 or len(plates) != len(depths),
-            f"{path}.depths: has {len(depths)} entries; allowed: one for each entry of `plates`, >= 1",
+            f"depths: has {len(depths)} entries; allowed: one for each entry of `plates`, >= 1",
         )
         least = SCREW_DEPTH * plates[0]
         yield (
             depths[0] < least,
-            f"{path}.depths.0: {depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
+            f"depths.0: {depths[0]:g} m is too shallow, the soil above would break out; allowed: >= "
             f"{least:g} m, 5 diameters",
         )
         spacing = SPACING * np.maximum(plates[:-1], plates[1:])
         for i in np.flatnonzero(np.diff(depths) < spacing * (1.0 - 1e-9)):
             yield (
                 True,
-                f"{path}.depths.{i + 1}: {depths[i + 1]:g} m is less than 3 diameters below the plate above; "
+                f"depths.{i + 1}: {depths[i + 1]:g} m is less than 3 diameters below the plate above; "
                 f"allowed: >= {depths[i] + spacing[i]:g} m",
             )
         clay = self.strength is not None
         yield (
             clay == (self.friction_angle is not None),
-            f"{path}: kind 'screw' takes `strength` (clay) or `friction_angle` (sand), one of them",
+            ": kind 'screw' takes `strength` (clay) or `friction_angle` (sand), one of them",
         )
         yield (
             not clay and self.soil_weight is None,
-            f"{path}.soil_weight: missing; a screw anchor in sand needs it, > 0 N/m^3",
+            "soil_weight: missing; a screw anchor in sand needs it, > 0 N/m^3",
         )
         for key in ("soil_weight", "bearing_factor"):
             unused = clay and getattr(self, key) is not None
-            yield unused, f"{path}.{key}: is not used in clay, only with `friction_angle`"
+            yield unused, f"{key}: is not used in clay, only with `friction_angle`"
 
     @property
     def screw_capacity(self) -> float:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, raises_first
+from dropper_jax.base.errors import Check
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import DeclaredSection, Table, as_table, count, items, part, read_positions, short_text
 
@@ -16,7 +16,7 @@ from dropper_jax.base.read import DeclaredSection, Table, as_table, count, items
 OUTSIDE = 0.05
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class CylinderSpec(DeclaredSection):
     """A cylinder of a body, from one end of its axis to the other; a stepped buoy has several, one after another."""
 
@@ -30,11 +30,10 @@ class CylinderSpec(DeclaredSection):
     cat: float = parameter("added mass coefficient of each end, of a half sphere", unit="-", low=0.0, default=0.0)
     ends: str = option("ends exposed to water", choices=("both", "from", "to", "none"), default="both")
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         yield (
             np.array_equal(self.start, self.end),
-            f"{path}.to: {short_text(self.end)} is equal to `from`; allowed: a position other than `from`",
+            f"to: {short_text(self.end)} is equal to `from`; allowed: a position other than `from`",
         )
 
     @property
@@ -49,7 +48,7 @@ class CylinderSpec(DeclaredSection):
         return float(np.hypot(max(-s, s - self.length, 0.0), max(across - 0.5 * self.diameter, 0.0)))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SphereSpec(DeclaredSection):
     """A sphere of a body."""
 
@@ -63,7 +62,7 @@ class SphereSpec(DeclaredSection):
         return max(float(np.linalg.norm(position - self.centre)) - 0.5 * self.diameter, 0.0)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class BodySpec(DeclaredSection):
     """`[[body]]`: a rigid body (see `effects.rigid_bodies`); positions are in its own axes, from its reference point.
 
@@ -94,28 +93,26 @@ class BodySpec(DeclaredSection):
     spheres: tuple[SphereSpec, ...] = part(items(SphereSpec), default=())
     attachments: dict[str, np.ndarray] = part(read_positions, default_factory=dict)
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         count = len(self.inertia)
         yield (
             count not in (3, 6),
-            f"{path}.inertia: {short_text(self.inertia)} has {count} entries; allowed: 3 moments, or 3 and 3 products",
+            f"inertia: {short_text(self.inertia)} has {count} entries; allowed: 3 moments, or 3 and 3 products",
         )
         moments = np.linalg.eigvalsh(self.inertia_matrix)
         yield (
             moments[0] <= 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + 1e-9),
-            f"{path}.inertia: principal moments {', '.join(f'{value:.4g}' for value in moments)} kg m^2 are not those "
+            f"inertia: principal moments {', '.join(f'{value:.4g}' for value in moments)} kg m^2 are not those "
             "of a body; allowed: > 0, none above the sum of the other two",
         )
         yield (
             self.bed_friction > 0.0 and not self.touches_bed,
-            f"{path}.bed_friction: {self.bed_friction:g} of a body that does not touch the seabed. Use 0, or "
+            f"bed_friction: {self.bed_friction:g} of a body that does not touch the seabed. Use 0, or "
             "`touches_bed = true`",
         )
         yield (
             self.pinned and bool(np.any(self.velocity)),
-            f"{path}.velocity: {self.velocity.tolist()} of a pinned body, which only rotates. Use "
-            "`angular_velocity` alone",
+            f"velocity: {self.velocity.tolist()} of a pinned body, which only rotates. Use `angular_velocity` alone",
         )
 
     def outside(self) -> dict[str, float]:
@@ -160,7 +157,7 @@ class BodySpec(DeclaredSection):
         return {key: value for key, value in as_table(self).items() if key not in zero or np.any(value)}
 
 
-def rotation(attitude: np.ndarray) -> np.ndarray:
+def rotation(attitude: Sequence[float] | np.ndarray) -> np.ndarray:
     """`Rz(yaw) Ry(pitch) Rx(roll)` (3, 3)."""
     sx, sy, sz = np.sin(attitude)
     cx, cy, cz = np.cos(attitude)

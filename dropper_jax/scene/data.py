@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter
+from dataclasses import dataclass
+from functools import partial
 from itertools import accumulate, groupby
 from typing import NamedTuple
 
@@ -11,7 +12,8 @@ import numpy as np
 
 from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Table, plain
+from dropper_jax.base.fields import option
+from dropper_jax.base.read import DeclaredSection, Table, as_table, items, part, plain, read_option, read_table
 from dropper_jax.scene.anchor import AnchorSpec
 from dropper_jax.scene.body import BodySpec
 from dropper_jax.scene.failure import FailureSpec
@@ -34,12 +36,8 @@ def point_nodes(scene: SceneData) -> dict[str, int]:
     return found
 
 
-#: Keys of a scene that its plain values always have; others only where something is given.
-ALWAYS = ("name", "description", "run", "point", "line", "effects", "start")
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class SceneData:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SceneData(DeclaredSection):
     """A scene, validated by `load`.
 
     Attributes:
@@ -59,22 +57,22 @@ class SceneData:
         season: mussels on lines, by month; or None.
     """
 
-    name: str
-    description: str
-    points: tuple[PointSpec, ...]
-    lines: tuple[LineSpec, ...]
-    effects: dict[str, Table]
-    start: StartSpec
-    run: RunSpec
-    sea: SeaSpec | None = None
-    buoys: tuple[BuoySpec, ...] = ()
-    failures: tuple[FailureSpec, ...] = ()
-    notes: tuple[str, ...] = ()
-    fit: FitSpec | None = None
-    anchors: tuple[AnchorSpec, ...] = ()
-    bodies: tuple[BodySpec, ...] = ()
-    vessels: tuple[VesselSpec, ...] = ()
-    season: SeasonSpec | None = None
+    name: str = option("name", type=str)
+    description: str = option("what it is", type=str, default="")
+    run: RunSpec = part(RunSpec.read, needed="a table with `duration`")
+    points: tuple[PointSpec, ...] = part(items(PointSpec), key="point", default=())
+    lines: tuple[LineSpec, ...] = part(items(LineSpec), key="line", needed="one or more [[line]] tables")
+    buoys: tuple[BuoySpec, ...] = part(items(BuoySpec), key="buoy", default=())
+    bodies: tuple[BodySpec, ...] = part(items(BodySpec), key="body", default=())
+    vessels: tuple[VesselSpec, ...] = part(items(VesselSpec), key="vessel", default=())
+    effects: dict[str, Table] = part(read_table, default_factory=dict)
+    start: StartSpec = part(StartSpec.read, default_factory=StartSpec)
+    sea: SeaSpec | None = part(SeaSpec.read, default=None)
+    failures: tuple[FailureSpec, ...] = part(items(FailureSpec), key="failure", default=())
+    notes: tuple[str, ...] = part(partial(read_option, declared={"type": list}), default=())
+    anchors: tuple[AnchorSpec, ...] = part(items(AnchorSpec), key="anchor", default=())
+    season: SeasonSpec | None = part(SeasonSpec.read, key="growth", default=None)
+    fit: FitSpec | None = part(FitSpec.read, default=None)
 
     @property
     def gravity(self) -> float:
@@ -121,7 +119,12 @@ class SceneData:
     @property
     def branched(self) -> bool:
         """Whether it is a system of lines: more than one, or with free points other than the end of a line."""
-        return bool(self.bodies) or is_branched(self.points, self.lines, self.buoys)
+        first = self.lines[0]
+        if len(self.lines) > 1 or self.bodies or self.buoys or first.nodes == "shared":
+            return True
+        start = next((p for p in self.points if p.name == first.start), None)
+        hangs_free = start is not None and start.is_free and not first.rigid
+        return hangs_free or any(point.body for point in self.points)
 
     @property
     def link_mass_nodes(self) -> dict[str, str]:
@@ -150,32 +153,16 @@ class SceneData:
 
     def to_dict(self) -> Table:
         """Plain values (text, numbers, lists, tables) from which `from_dict` recreates the scene."""
-        effects = {}
+        table = as_table(self)
+        table["point"] = plain([point for point in self.points if point.on is None])
+        table["effects"] = {}
         for name, values in self.effects.items():
-            effects[name] = {key: value for key, value in values.items() if value is not None}
-        table = {
-            "name": self.name,
-            "description": self.description,
-            "run": self.run,
-            "point": [point for point in self.points if point.on is None],
-            "line": self.lines,
-            "buoy": self.buoys,
-            "body": self.bodies,
-            "vessel": self.vessels,
-            "effects": effects,
-            "start": self.start,
-            "sea": self.sea,
-            "failure": self.failures,
-            "notes": self.notes,
-            "anchor": self.anchors,
-            "growth": self.season,
-            "fit": self.fit,
-        }
-        return plain({key: value for key, value in table.items() if key in ALWAYS or value not in (None, ())})
+            table["effects"][name] = plain({key: value for key, value in values.items() if value is not None})
+        return table
 
     def point(self, name: str) -> PointSpec:
         """The point with that name."""
-        return point_named(self.points, name)
+        return next(point for point in self.points if point.name == name)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SceneData) and self.to_dict() == other.to_dict()
@@ -193,17 +180,6 @@ def link_mass_words(nodes: dict[str, str]) -> str:
     most = max(used, key=lambda key: len(used[key]))
     rest = [f"{meaning[key]}: {', '.join(names)}" for key, names in used.items() if key != most]
     return f"{'; '.join(rest)}; {meaning[most]}: all other lines"
-
-
-def point_named(points: tuple[PointSpec, ...], name: str) -> PointSpec:
-    return next(point for point in points if point.name == name)
-
-
-def is_branched(points: tuple[PointSpec, ...], lines: tuple[LineSpec, ...], buoys: tuple[BuoySpec, ...]) -> bool:
-    if len(lines) > 1 or buoys or any(point.body for point in points) or lines[0].nodes == "shared":
-        return True
-    start = next((p for p in points if p.name == lines[0].start), None)
-    return start is not None and start.is_free and not lines[0].rigid
 
 
 class LineSlice(NamedTuple):

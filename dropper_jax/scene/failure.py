@@ -9,21 +9,21 @@ the run with its breaks at fixed times.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 
-from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+from dropper_jax.base.errors import Check, nearest
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import Plain, SectionValues, read_fields
+from dropper_jax.base.read import DeclaredSection
 from dropper_jax.scene.line import LineSpec
 
 
-@dataclasses.dataclass(frozen=True)
-class FailureSpec(SectionValues):
+@dataclass(frozen=True)
+class FailureSpec(DeclaredSection):
     """`[[failure]]`: where, and at which load or time, a line breaks."""
 
     line: str = option("name of the line", type=str)
-    link: int | None = dataclasses.field(
+    link: int | None = field(
         metadata={"kind": "option", "meaning": "link that breaks, from 1", "type": int, "low": 1}, default=None
     )
     load: float | None = parameter(
@@ -35,39 +35,23 @@ class FailureSpec(SectionValues):
     )
     time: float | None = parameter("time at which it breaks", unit="s", low=0.0, open_low=True, default=None)
 
-    @classmethod
-    def read(cls, table: Plain, path: str, lines: tuple[LineSpec, ...]) -> FailureSpec:
-        """A checked entry.
-
-        Raises:
-            SceneError: an unknown line, a link that the line does not have, a line that does not stretch, a time
-                without a link, or neither load nor time if the line has no breaking load.
-        """
-        spec = cls(**read_fields(cls, table, path, {}))
-        names = [line.name for line in lines]
-        pieces = [line.name for line in lines if line.piece_of == spec.line]
-        if pieces and spec.line not in names:
-            raise SceneError(
-                f"{path}.line: {spec.line!r} is cut by its attached points; allowed: one of its pieces, "
-                f"{pieces[0]} to {pieces[-1]}"
-            )
-        if spec.line not in names:
-            raise SceneError(f"{path}.line: {spec.line!r} is not a line; {nearest(spec.line, names)}")
-        spec._check(path, lines[names.index(spec.line)])
-        return spec
-
-    @raises_first
-    def _check(self, path: str, line: LineSpec) -> Iterator[Check]:
-        yield line.rigid, f"{path}.line: the links of {self.line!r} are rigid. Use a line that stretches"
+    def line_checks(self, lines: dict[str, LineSpec]) -> Iterator[Check]:
+        """Checks against the lines by name: one that stretches, the link, and a load or a time."""
+        pieces = [name for name, line in lines.items() if line.piece_of == self.line] or [""]
+        cut = f"is cut by its attached points; allowed: one of its pieces, {pieces[0]} to {pieces[-1]}"
+        unknown = f"is not a line; {nearest(self.line, lines)}"
+        yield self.line not in lines, f"line: {self.line!r} {cut if pieces[0] else unknown}"
+        line = lines[self.line]
+        yield line.rigid, f"line: the links of {self.line!r} are rigid. Use a line that stretches"
         yield (
             self.link is not None and self.link > line.links,
-            f"{path}.link: {self.link} is not a link of {self.line!r}; allowed: 1 to {line.links}",
+            f"link: {self.link} is not a link of {self.line!r}; allowed: 1 to {line.links}",
         )
         yield (
             self.time is not None and self.link is None,
-            f"{path}.link: missing; a failure at a time needs the link that breaks, 1 to {line.links}",
+            f"link: missing; a failure at a time needs the link that breaks, 1 to {line.links}",
         )
         yield (
             self.load is None and self.time is None and line.breaking_load is None,
-            f"{path}.load: missing; needed without `time` if the line has no breaking_load",
+            "load: missing; needed without `time` if the line has no breaking_load",
         )

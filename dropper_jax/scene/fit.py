@@ -25,10 +25,10 @@ Free parameters, sensors, and prior knowledge of the rig's values:
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass
 
-from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+from dropper_jax.base.errors import Check, SceneError, nearest
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import DeclaredSection, Plain, Table, as_table, items, part, read_list, refuse
 
@@ -70,7 +70,7 @@ def in_si(value: float, unit: str) -> tuple[float, str]:
     return value * factor, base
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class SensorSpec(DeclaredSection):
     """`[[fit.sensor]]`: the sensor of a channel; its rounding is the minimum noise that a fit assumes."""
 
@@ -78,10 +78,9 @@ class SensorSpec(DeclaredSection):
     resolution: float = parameter("smallest difference that it resolves", unit="-", low=0.0, open_low=True)
     unit: str = option("unit of the resolution", choices=tuple(PRIOR_UNITS), default="rad")
 
-    def check(self, path: str) -> None:
+    def checks(self) -> Iterator[Check]:
         fitting = [name for name, (base, _) in PRIOR_UNITS.items() if base == CHANNELS[self.channel]]
-        if self.unit not in fitting:
-            raise SceneError(f"{path}.unit: {self.unit!r} does not measure this; {nearest(self.unit, fitting)}")
+        yield self.unit not in fitting, f"unit: {self.unit!r} does not measure this; {nearest(self.unit, fitting)}"
 
     @property
     def si(self) -> float:
@@ -89,7 +88,7 @@ class SensorSpec(DeclaredSection):
         return in_si(self.resolution, self.unit)[0]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class PriorSpec(DeclaredSection):
     """`[[fit.prior]]`: how well a number of the scene is known before any trace."""
 
@@ -98,12 +97,10 @@ class PriorSpec(DeclaredSection):
     unit: str = option("unit of sigma", choices=tuple(PRIOR_UNITS))
     common: bool = option("whether all of them have the same relative error", type=bool, default=False)
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         yield (
             self.common and self.unit != "%",
-            f"{path}.unit: {self.unit!r} is not a relative unit; allowed: % for a prior that is common to several "
-            "numbers",
+            f"unit: {self.unit!r} is not a relative unit; allowed: % for a prior that is common to several numbers",
         )
 
     @property
@@ -123,7 +120,7 @@ def _read_free(value: Plain, path: str) -> tuple[str, ...]:
     return tuple(free)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class FitSpec(DeclaredSection):
     """`[fit]`: free parameters, sensors and priors, checked except for the paths, which only a fit can check."""
 
@@ -138,12 +135,10 @@ class FitSpec(DeclaredSection):
         default=0.0,
     )
 
-    def check(self, path: str) -> None:
-        known = []
-        for i, prior in enumerate(self.priors):
-            if (prior.of, prior.common) in known:
-                raise SceneError(f"{path}.prior.{i}.of: {prior.of!r} is given twice; allowed: each prior once")
-            known.append((prior.of, prior.common))
+    def checks(self) -> Iterator[Check]:
+        given = [(prior.of, prior.common) for prior in self.priors]
+        for i, prior in enumerate(given):
+            yield prior in given[:i], f"prior.{i}.of: {prior[0]!r} is given twice; allowed: each prior once"
 
     def table(self) -> Table:
         return {key: value for key, value in as_table(self).items() if value}

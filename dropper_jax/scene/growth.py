@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
-from dropper_jax.base.errors import Check, raises_first
+from dropper_jax.base.errors import Check
 from dropper_jax.base.fields import parameter
-from dropper_jax.base.read import DeclaredSection, plain, rises, short_text
+from dropper_jax.base.read import DeclaredSection, plain, short_text
 
 
 class Grown(NamedTuple):
@@ -42,31 +42,26 @@ def grown(
     return Grown(mass, diameter, gravity * (mass - water * 0.25 * np.pi * diameter**2 * length))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class GrowthSpec(DeclaredSection):
     """`[line.growth]`: a layer of mussels on the line, whose own mass and diameter are those of the bare rope.
 
     Linear between the given depths, constant outside them.
     """
 
-    depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table")
+    depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table", rising=1)
     thickness: np.ndarray = parameter("thickness of the layer at those depths", unit="m", shape="table", low=0.0)
     density: np.ndarray = parameter(
         "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0
     )
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         depths = len(self.depth)
-        yield (
-            not rises(self.depth),
-            f"{path}.depth: {short_text(plain(self.depth))} does not rise; allowed: one or more rising depths [m]",
-        )
         for key, counts in (("thickness", (depths,)), ("density", (1, depths))):
             value = getattr(self, key)
             yield (
                 np.size(value) not in counts,
-                f"{path}.{key}: {short_text(plain(value))} has {np.size(value)} entries; allowed: "
+                f"{key}: {short_text(plain(value))} has {np.size(value)} entries; allowed: "
                 f"{' or '.join(map(str, counts))}",
             )
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,7 +37,7 @@ BY_THE_METRE = ("type", "sections", "attach", "shelter")
 LINK_LIMIT = 100_000
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class LineSpec(DeclaredSection):
     """`[[line]]`: a path of links from point `start` to point `end`, one value per link in every array."""
 
@@ -80,7 +80,7 @@ class LineSpec(DeclaredSection):
     axial_damping: np.ndarray | None = None
     tables: tuple[ForceTable, ...] | None = None
     #: Further fields declared by the law's class, per link.
-    constants: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    constants: dict[str, np.ndarray] = field(default_factory=dict)
     growth: GrowthSpec | None = part(GrowthSpec.read, default=None)
     length_in_time: tuple[LengthInTimeSpec, ...] = part(items(LengthInTimeSpec), default=())
 
@@ -190,7 +190,7 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
     constants = {}
     for key in keys:
         constants[key] = np.concatenate([line.constants[key] for line in lines])
-    return dataclasses.replace(
+    return replace(
         lines[0],
         tables=None if None in tables else tuple(table for own in tables for table in own),
         links=sum(line.links for line in lines),

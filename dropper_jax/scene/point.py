@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, raises_first
+from dropper_jax.base.errors import Check
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import DeclaredSection
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class PointSpec(DeclaredSection):
     """`[[point]]`: where lines start and end."""
 
@@ -30,13 +30,12 @@ class PointSpec(DeclaredSection):
 
     BODY: ClassVar[tuple[str, ...]] = ("mass", "volume", "drag_area", "added_mass")
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         for key in self.BODY:
             value = getattr(self, key)
             yield (
                 value is not None and not self.is_free,
-                f"{path}.{key}: {value} has no effect on a fixed point; allowed: kind = 'free'",
+                f"{key}: {value} has no effect on a fixed point; allowed: kind = 'free'",
             )
 
     @property
@@ -50,7 +49,7 @@ class PointSpec(DeclaredSection):
         return any(getattr(self, key) is not None for key in self.BODY)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class BuoySpec(DeclaredSection):
     """`[[buoy]]`: an upright cylinder at a free point (see `effects.spar_buoys`)."""
 
@@ -70,9 +69,8 @@ class BuoySpec(DeclaredSection):
         default="hemisphere",
     )
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         yield (
             self.attachment > self.height,
-            f"{path}.attachment: {self.attachment} is above the buoy; allowed: 0 to its height, {self.height:g} m",
+            f"attachment: {self.attachment} is above the buoy; allowed: 0 to its height, {self.height:g} m",
         )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
-from dropper_jax.base.errors import Check, SceneError, raises_first
+from dropper_jax.base.errors import Check, SceneError, raise_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     MOST,
@@ -31,7 +31,7 @@ REPLACED = ("tolerance", "step_tolerance", "error_tolerance")
 SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RunSpec(SectionValues):
     """`[run]`: how the scene is simulated unless the caller specifies otherwise."""
 
@@ -57,7 +57,7 @@ class RunSpec(SectionValues):
     solver: str = option("linear solver", choices=SOLVERS, default="auto")
     dtype: str = option("precision", choices=("float64", "float32"), default="float64")
     save_every: int = count("equal steps between saved states", default=1)
-    options: dict[str, float] = dataclasses.field(default_factory=dict)  # of the scheme, by name
+    options: dict[str, float] = field(default_factory=dict)  # of the scheme, by name
     #: For `step` and `interval` where the scene gives none [s]; the scene suggests them.
     suggested_step: float | None = None
     suggested_interval: float | None = None
@@ -115,13 +115,13 @@ class RunSpec(SectionValues):
             key: read_number(given[key], f"{path}.{key}", options[key]) for key in options if key in given
         }
         spec = cls(**values)
-        spec._check(path)
+        raise_first(spec._checks(), path)
         return spec._normal(path)
 
     def _normal(self, path: str) -> RunSpec:
         """The same without keys that follow from others."""
         if self.accuracy is None and self.dt is None:
-            return dataclasses.replace(self, accuracy=DEFAULT_ACCURACY)
+            return replace(self, accuracy=DEFAULT_ACCURACY)
         if self.accuracy is None:
             if self.save_interval is None:
                 return self
@@ -133,7 +133,7 @@ class RunSpec(SectionValues):
         else:
             interval = self.save_interval
         source_dt = self.dt if self.source_dt is None else self.source_dt
-        return dataclasses.replace(self, dt=None, source_dt=source_dt, save_every=1, save_interval=interval)
+        return replace(self, dt=None, source_dt=source_dt, save_every=1, save_interval=interval)
 
     def _with_whole_steps(self, path: str) -> RunSpec:
         """The same with the steps between saved states counted.
@@ -146,29 +146,26 @@ class RunSpec(SectionValues):
             raise SceneError(
                 f"{path}.save_interval: {self.save_interval:g} s is not a whole number of steps of {self.dt:g} s"
             )
-        return dataclasses.replace(self, save_every=every, save_interval=None)
+        return replace(self, save_every=every, save_interval=None)
 
-    @raises_first
-    def _check(self, path: str) -> Iterator[Check]:
+    def _checks(self) -> Iterator[Check]:
         shortest = self.dt or self.save_interval or 0.0
         yield (
             self.duration < shortest,
-            f"{path}.duration: {self.duration} is shorter than the step; allowed: at least one step, {shortest:g} s",
+            f"duration: {self.duration} is shorter than the step; allowed: at least one step, {shortest:g} s",
         )
         yield (
             self.duration > MOST * shortest > 0.0,
-            f"{path}.duration: {self.duration} takes {self.duration / (shortest or 1.0):.3g} steps of {shortest:g} s; "
+            f"duration: {self.duration} takes {self.duration / (shortest or 1.0):.3g} steps of {shortest:g} s; "
             f"allowed: at most {MOST} steps",
         )
         yield (
             self.dt is None and self.save_every != 1,
-            f"{path}.save_every: {self.save_every} counts equal steps, and the scene has no run.dt. Use "
-            "run.save_interval [s]",
+            f"save_every: {self.save_every} counts equal steps, and the scene has no run.dt. Use run.save_interval [s]",
         )
         yield (
             self.accuracy is not None and self.save_every != 1,
-            f"{path}.save_every: {self.save_every} counts equal steps, which run.accuracy excludes. Use "
-            "run.save_interval [s]",
+            f"save_every: {self.save_every} counts equal steps, which run.accuracy excludes. Use run.save_interval [s]",
         )
 
     def table(self) -> Table:

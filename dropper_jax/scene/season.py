@@ -9,20 +9,18 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError, raises_first
+from dropper_jax.base.errors import Check, SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
+    DeclaredSection,
     Plain,
-    SectionValues,
     Table,
     as_table,
     count,
     plain,
     read_fields,
-    read_list,
     read_rows,
     read_table,
-    rises,
     short_text,
 )
 
@@ -32,7 +30,7 @@ THICKNESS = {"unit": "m", "shape": "table", "low": 0.0}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SeasonSpec(SectionValues):
+class SeasonSpec(DeclaredSection):
     """`[growth]`: thickness by month (rows) and depth (columns), linear between, at the requested month.
 
     `harvested` is the fraction of the layer's cross-section that is removed. `deviation` and `correlation` make the
@@ -43,8 +41,8 @@ class SeasonSpec(SectionValues):
 
     lines: tuple[str, ...] = option("names of lines, * for any letters", type=list)
     month: float = parameter("month of the run", unit="months")
-    months: np.ndarray = parameter("months of the rows of `thickness`, rising", unit="months", shape="table")
-    depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table")
+    months: np.ndarray = parameter("months of the rows of `thickness`, rising", unit="months", shape="table", rising=1)
+    depth: np.ndarray = parameter("depths below the mean surface, rising", unit="m", shape="table", rising=1)
     density: np.ndarray = parameter(
         "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0, open_low=True
     )
@@ -62,56 +60,48 @@ class SeasonSpec(SectionValues):
     thickness: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
 
     @classmethod
-    def read(cls, table: Plain, names: list[tuple[str, str | None]]) -> SeasonSpec:
-        """The section of a scene.
-
-        Args:
-            names: names of the scene's lines, and of the lines from which pieces were cut.
-        """
-        own = dict(read_table(table, "growth"))
+    def read(cls, table: Plain, path: str) -> SeasonSpec:
+        own = dict(read_table(table, path))
         rows = own.pop("thickness", None)
         if rows is None:
-            raise SceneError("growth.thickness: missing; needed: a row for each of `months`, each >= 0 m")
-        spec = cls(**read_fields(cls, own, "growth", {}))
-        spec._check(names)
+            raise SceneError(f"{path}.thickness: missing; needed: a row for each of `months`, each >= 0 m")
+        spec = cls(**read_fields(cls, own, path, {}))
+        spec.check(path)
         months = len(spec.months)
-        given = read_list(rows, "growth.thickness", months, f"{months} rows, one for each month")
         depths = len(spec.depth)
-        thickness = read_rows(given, "growth.thickness", THICKNESS, depths, f"{depths}, as `depth`, each >= 0 m")
+        allowed = f"{depths} numbers, one for each of `depth`, each >= 0 m; one row for each of `months`"
+        thickness = read_rows(rows, f"{path}.thickness", THICKNESS, depths, allowed, months)
         return dataclasses.replace(spec, thickness=thickness)
 
-    @raises_first
-    def _check(self, names: list[tuple[str, str | None]]) -> Iterator[Check]:
-        for key in ("months", "depth"):
-            values = getattr(self, key)
-            yield (
-                not rises(values),
-                f"growth.{key}: {short_text(plain(values))} does not rise; allowed: one or more rising numbers",
-            )
+    def checks(self) -> Iterator[Check]:
         many = np.size(self.density)
         yield (
             many not in (1, len(self.depth)),
-            f"growth.density: {short_text(plain(self.density))} has {many} entries; allowed: 1 or {len(self.depth)}",
+            f"density: {short_text(plain(self.density))} has {many} entries; allowed: 1 or {len(self.depth)}",
         )
         yield (
             not self.months[0] <= self.month <= self.months[-1],
-            f"growth.month: {self.month} is out of range; allowed: {self.months[0]:g} to {self.months[-1]:g} months, "
+            f"month: {self.month} is out of range; allowed: {self.months[0]:g} to {self.months[-1]:g} months, "
             "as `months`",
         )
         yield (
             (self.attachment is None) != (self.mussel_mass is None),
-            f"growth.{'attachment' if self.mussel_mass else 'mussel_mass'}: missing; a drop-off needs both "
+            f"{'attachment' if self.mussel_mass else 'mussel_mass'}: missing; a drop-off needs both "
             "`attachment` and `mussel_mass`",
         )
         for key in ("lines", "harvested_lines"):
             yield (
                 not getattr(self, key),
-                f"growth.{key}: is empty; allowed: one or more names of lines, with * for any letters",
+                f"{key}: is empty; allowed: one or more names of lines, with * for any letters",
             )
+
+    def line_checks(self, names: list[tuple[str, str | None]]) -> Iterator[Check]:
+        """Checks against the names of the scene's lines, and of the lines from which pieces were cut."""
+        for key in ("lines", "harvested_lines"):
             for i, pattern in enumerate(getattr(self, key)):
                 yield (
                     not any(_matches_any(name, (pattern,)) for name in names),
-                    f"growth.{key}.{i}: {pattern!r} does not match any line; allowed: names, with * for any letters",
+                    f"{key}.{i}: {pattern!r} does not match any line; allowed: names, with * for any letters",
                 )
 
     def table(self) -> Table:

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError, raises_first
+from dropper_jax.base.errors import Check, SceneError, raise_first
 from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import (
-    Plain,
-    SectionValues,
-    Values,
-    check_kind_keys,
-    plain,
-    read_fields,
-    read_table,
-    short_text,
-)
+from dropper_jax.base.read import DeclaredSection, as_table, check_kind_keys, plain, short_text
 from dropper_jax.scene.line import LineSpec
 
 #: How the start may be given.
 _KINDS = {"one line": ("static", "angles", "positions"), "a system of lines": ("static", "positions", "points")}
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class StartSpec(SectionValues):
+@dataclass(frozen=True, eq=False)
+class StartSpec(DeclaredSection):
     """`[start]`: configuration and velocities at t = 0.
 
     `static`: the equilibrium under `release_force` on `release_nodes`, which are released at t = 0. `angles`:
@@ -46,7 +37,7 @@ class StartSpec(SectionValues):
     }
 
     kind: str = option("how the start is given", choices=tuple(FIELDS), default="static")
-    release_nodes: tuple[int, ...] | None = dataclasses.field(
+    release_nodes: tuple[int, ...] | None = field(
         metadata={"kind": "option", "meaning": "nodes released at t = 0", "type": tuple, "low": 1}, default=None
     )
     release_force: np.ndarray | None = parameter("forces released at t = 0", unit="N", shape="vectors", default=None)
@@ -63,39 +54,72 @@ class StartSpec(SectionValues):
         """Whether the run starts from an equilibrium."""
         return self.kind == "static"
 
-    @classmethod
-    def read(cls, table: Plain, path: str, lines: Sequence[LineSpec], held: bool, branched: bool = False) -> StartSpec:
-        """The start of a scene of these lines.
+    def of_lines(self, lines: Sequence[LineSpec], held: bool, branched: bool) -> StartSpec:
+        """The start of these lines, checked: a row for each link or node, zeros where rates are not given.
 
         Args:
             held: whether the end of the first line is fixed.
             branched: whether starts are those of a system of lines.
         """
-        line = lines[0]
-        values = read_fields(cls, table, path, {})
-        kind = values["kind"]
-        _check_kind(kind, read_table(table, path), path, branched)
-        if len(lines) > 1 and values["release_nodes"] is not None:
-            raise SceneError(
-                f"{path}.release_nodes: refers to the nodes of a single line; allowed: none in a system of lines"
-            )
-        if kind == "static":
-            _check_release(values["release_nodes"], values["release_force"], path, line.links - held)
-        elif kind == "angles":
-            values["zero"] = values["zero"] or "horizontal"
-            for key in ("polar", "azimuth", "polar_rate", "azimuth_rate"):
-                if values[key] is None and key != "polar":
-                    values[key] = np.zeros(line.links)
-                _check_rows(values[key], f"{path}.{key}", line.links, "entries", "one per link")
-        elif kind == "positions":
+        raise_first(self._line_checks(lines, held, branched), "start")
+        if self.kind == "angles":
+            rows = np.arange(lines[0].links)
+            found = self._filled("polar", rows, rows.shape, "entries, one per link")
+            return replace(self, zero=self.zero or "horizontal", **found)
+        if self.kind == "positions":
             rows = rows_of_pieces(lines)
-            for key in ("positions", "velocities"):
-                if values[key] is None and key != "positions":
-                    values[key] = np.zeros((len(rows), 3))
-                if np.shape(values[key])[:1] != rows.shape:
-                    _check_rows(values[key], f"{path}.{key}", rows[-1] + 1, "rows", "both ends of each line included")
-                    values[key] = values[key][rows]
-        return cls(**values)
+            found = self._filled("positions", rows, (len(rows), 3), "rows, both ends of each line included")
+            return replace(self, **found)
+        return self
+
+    def _line_checks(self, lines: Sequence[LineSpec], held: bool, branched: bool) -> Iterator[Check]:
+        what = "a system of lines" if branched else "one line"
+        yield (
+            self.kind not in _KINDS[what],
+            f"kind: {self.kind!r} does not fit {what}; allowed: {', '.join(_KINDS[what])}",
+        )
+        check_kind_keys(as_table(self), self.kind, self.FIELDS, "start")
+        nodes = self.release_nodes or ()
+        free = lines[0].links - held
+        yield (
+            bool(nodes) and len(lines) > 1,
+            "release_nodes: refers to the nodes of a single line; allowed: none in a system of lines",
+        )
+        yield (
+            (self.release_nodes is None) != (self.release_force is None),
+            ": `release_nodes` and `release_force` belong together, one of them is missing",
+        )
+        for i, node in enumerate(nodes):
+            yield node > free, f"release_nodes.{i}: {node} is not a free node; allowed: 1 to {free}"
+        forces = () if self.release_force is None else self.release_force
+        yield (
+            len(forces) != len(nodes),
+            f"release_force: {short_text(plain(forces))} has {len(forces)} vectors; allowed: {len(nodes)}, one a node",
+        )
+
+    def _filled(self, needed: str, rows: np.ndarray, shape: tuple[int, ...], what: str) -> dict[str, np.ndarray]:
+        """Arrays of the kind's keys, all of a shape; those in the form of the file have the last of `rows` as theirs.
+
+        Raises:
+            SceneError: a missing array, or another number of rows.
+        """
+        count = rows[-1] + 1
+        words, _, which = what.partition(", ")
+        found = {}
+        for key in self.FIELDS[self.kind]:
+            given = getattr(self, key)
+            if key == "zero":
+                continue
+            if given is None and key == needed:
+                raise SceneError(f"start.{key}: missing; needed: {count} {what}")
+            if given is None:
+                given = np.zeros(shape)
+            if len(given) not in (len(rows), count):
+                raise SceneError(
+                    f"start.{key}: {short_text(plain(given))} has {len(given)} {words}; allowed: {count}, {which}"
+                )
+            found[key] = given if len(given) == len(rows) else given[rows]
+        return found
 
 
 def rows_of_pieces(lines: Sequence[LineSpec]) -> np.ndarray:
@@ -109,37 +133,6 @@ def rows_of_pieces(lines: Sequence[LineSpec]) -> np.ndarray:
         first = found[-1] + (not follows) if found else 0
         found += range(first, first + line.links + 1)
     return np.array(found)
-
-
-@raises_first
-def _check_kind(kind: str, given: Values, path: str, branched: bool) -> Iterator[Check]:
-    what = "a system of lines" if branched else "one line"
-    yield kind not in _KINDS[what], f"{path}.kind: {kind!r} does not fit {what}; allowed: {', '.join(_KINDS[what])}"
-    check_kind_keys(given, kind, StartSpec.FIELDS, path)
-
-
-@raises_first
-def _check_release(nodes: tuple[int, ...] | None, force: np.ndarray | None, path: str, free: int) -> Iterator[Check]:
-    yield (
-        (nodes is None) != (force is None),
-        f"{path}: `release_nodes` and `release_force` belong together, one of them is missing",
-    )
-    for i, node in enumerate(nodes or ()):
-        yield node > free, f"{path}.release_nodes.{i}: {node} is not a free node; allowed: 1 to {free}"
-    if nodes is not None and force is not None:
-        yield (
-            len(force) != len(nodes),
-            f"{path}.release_force: {short_text(plain(force))} has {len(force)} vectors; allowed: {len(nodes)}, one "
-            "per node",
-        )
-
-
-@raises_first
-def _check_rows(rows: np.ndarray | None, path: str, count: int, what: str, which: str) -> Iterator[Check]:
-    if rows is None:
-        raise SceneError(f"{path}: missing; needed: {count} {what}, {which}")
-    given = len(rows)
-    yield given != count, f"{path}: {short_text(plain(rows))} has {given} {what}; allowed: {count}, {which}"
 
 
 def directions(polar: np.ndarray, azimuth: np.ndarray, zero: str) -> np.ndarray:

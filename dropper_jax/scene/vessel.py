@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError, raises_first
+from dropper_jax.base.errors import Check, raise_first
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     DeclaredSection,
@@ -20,20 +20,18 @@ from dropper_jax.base.read import (
     part,
     plain,
     read_fields,
-    read_parameter,
     read_positions,
     read_rows,
     read_table,
-    rises,
     section_keys,
-    short_text,
 )
+from dropper_jax.scene.body import rotation
 
 #: Motions of a vessel in its own axes: translations of the reference point, then rotations.
 MOTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RaoSpec(DeclaredSection):
     """`vessel.rao`: motion over the elevation at the reference point, by frequency and relative heading of the waves.
 
@@ -41,15 +39,15 @@ class RaoSpec(DeclaredSection):
         amplitude, phase: (headings, frequencies, 6), by `MOTIONS`; omitted values are zero.
     """
 
-    frequency: np.ndarray = parameter("angular frequencies, rising", unit="rad/s", shape="table", low=0.0)
+    frequency: np.ndarray = parameter("angular frequencies, rising", unit="rad/s", shape="table", low=0.0, rising=1)
     headings: np.ndarray = parameter(
-        "directions of wave travel, from the vessel's x towards its y, rising", unit="rad", shape="table"
+        "directions of wave travel, from the vessel's x towards its y, rising", unit="rad", shape="table", rising=1
     )
     phases: str = option(
         "sign of the phases: positive if the motion leads, or if it lags the elevation", choices=("lead", "lag")
     )
-    amplitude: np.ndarray = dataclasses.field(default_factory=partial(np.zeros, 0))
-    phase: np.ndarray = dataclasses.field(default_factory=partial(np.zeros, 0))
+    amplitude: np.ndarray = field(default_factory=partial(np.zeros, 0))
+    phase: np.ndarray = field(default_factory=partial(np.zeros, 0))
 
     @classmethod
     def read(cls, table: Plain, path: str) -> RaoSpec:
@@ -58,49 +56,33 @@ class RaoSpec(DeclaredSection):
         check_keys(own, [*section_keys(cls), *tables], path)
         given = {key: own.pop(key) for key in tables if key in own}
         spec = cls(**read_fields(cls, own, path, {}))
-        spec._check(given, path)
-        amplitude = [spec._rows(given, name, path) for name in MOTIONS]
-        phase = [spec._rows(given, f"{name}_phase", path) for name in MOTIONS]
-        return dataclasses.replace(spec, amplitude=np.stack(amplitude, -1), phase=np.stack(phase, -1))
+        raise_first(spec._checks(given), path)
+        values = np.stack([spec._rows(given, key, path) for key in tables], axis=-1)
+        return replace(spec, amplitude=values[..., :6], phase=values[..., 6:])
 
-    @raises_first
-    def _check(self, given: Values, path: str) -> Iterator[Check]:
-        for key in ("frequency", "headings"):
-            values = getattr(self, key)
-            yield (
-                not rises(values),
-                f"{path}.{key}: {short_text(plain(values))} does not rise; allowed: one or more rising numbers",
-            )
+    def _checks(self, given: Values) -> Iterator[Check]:
         yield (
             not any(name in given for name in MOTIONS),
-            f"{path}: has no motion; allowed: one or more of {', '.join(MOTIONS)}",
+            f": has no motion; allowed: one or more of {', '.join(MOTIONS)}",
         )
         for name in MOTIONS:
             yield (
                 f"{name}_phase" in given and name not in given,
-                f"{path}.{name}_phase: is given without `{name}`; allowed: both or neither",
+                f"{name}_phase: is given without `{name}`; allowed: both or neither",
             )
 
     def _rows(self, given: Table, key: str, path: str) -> np.ndarray:
         """Values of one motion (headings, frequencies)."""
-        count = len(self.headings)
-        wanted = len(self.frequency)
+        headings = len(self.headings)
+        frequencies = len(self.frequency)
         if key not in given:
-            return np.zeros((count, wanted))
-        if isinstance(given[key], list | np.ndarray):
-            rows = given[key]
-        else:
-            rows = [given[key]]
-        if not (len(rows) and np.ndim(rows[0])):
+            return np.zeros((headings, frequencies))
+        rows = plain(given[key])
+        while not (isinstance(rows, list) and rows and isinstance(rows[0], list)):  # a number, or one row
             rows = [rows]
-        if len(rows) != count:
-            raise SceneError(f"{path}.{key}: has {len(rows)} rows; allowed: {count}, one for each of `headings`")
-        unit = {"unit": "-", "shape": "table", **({} if key.endswith("_phase") else {"low": 0.0})}
-        found = [read_parameter(row, f"{path}.{key}", unit, {}) for row in rows]
-        for row in found:
-            if len(row) != wanted:
-                raise SceneError(f"{path}.{key}: has {len(row)} entries; allowed: {wanted}, one for each `frequency`")
-        return np.array(found)
+        limits = {} if key.endswith("_phase") else {"low": 0.0}
+        allowed = f"{frequencies} numbers, one for each `frequency`; one row for each of `headings`"
+        return read_rows(rows, f"{path}.{key}", limits, frequencies, allowed, headings)
 
     def table(self) -> Table:
         found = as_table(self)
@@ -115,7 +97,7 @@ class RaoSpec(DeclaredSection):
         gap = self.headings[0] + 2 * np.pi - self.headings[-1]
         if not 1e-9 < gap <= np.max(np.diff(self.headings), initial=0.0) * (1 + 1e-9):
             return self
-        return dataclasses.replace(
+        return replace(
             self,
             headings=np.append(self.headings, self.headings[0] + 2 * np.pi),
             amplitude=np.concatenate([self.amplitude, self.amplitude[:1]]),
@@ -142,12 +124,11 @@ class RaoSpec(DeclaredSection):
         return (1.0 - share) * rows[each, at] + share * rows[each, at + 1]
 
 
-def _read_motion(value: Plain, path: str) -> np.ndarray:
-    """Rows of a table of motion (k, 6)."""
-    return read_rows(value, path, {}, 6, f"6, {', '.join(MOTIONS)}")
+#: Reader of the rows of a table of motion (k, 6).
+_read_motion = partial(read_rows, declared={}, count=6, allowed=f"6 numbers, {', '.join(MOTIONS)}")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class VesselSpec(DeclaredSection):
     """`[[vessel]]`: a large floating structure that lines do not move; positions are in its axes, from its reference
     point."""
@@ -157,33 +138,28 @@ class VesselSpec(DeclaredSection):
     heading: float = parameter(
         "direction of its x-axis from x towards y", unit="rad", low=-6.29, high=6.29, default=0.0
     )
-    time: np.ndarray = parameter("times of a table of its motion", unit="s", shape="table", default=None)
+    time: np.ndarray = parameter("times of a table of its motion", unit="s", shape="table", rising=2, default=None)
     motion: np.ndarray = part(_read_motion, default=None)
     rao: RaoSpec | None = part(RaoSpec.read, default=None)
     attachments: dict[str, np.ndarray] = part(read_positions, default_factory=dict)
 
-    @raises_first
-    def check(self, path: str) -> Iterator[Check]:
+    def checks(self) -> Iterator[Check]:
         time = self.time
         yield (
             not self.attachments,
-            f"{path}.attachments: missing; needed: names of points with their positions on the vessel",
+            "attachments: missing; needed: names of points with their positions on the vessel",
         )
         yield (
             (self.motion is None) == (self.rao is None) or (self.motion is None) != (time is None),
-            f"{path}: give either `rao`, or `time` and `motion`",
+            ": give either `rao`, or `time` and `motion`",
         )
-        yield (
-            time is not None and (len(time) != len(self.motion) or not rises(time, 2)),
-            f"{path}.time: needs at least 2 increasing times, one for each row of `motion`",
-        )
+        rows = 0 if self.motion is None else len(self.motion)
+        yield np.size(time) != rows, f"time: has {np.size(time)} entries; allowed: {rows}, one for each row of `motion`"
 
     @property
     def rotation(self) -> np.ndarray:
         """Its axes in the scene's (3, 3), at its mean position."""
-        c = np.cos(self.heading)
-        s = np.sin(self.heading)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return rotation([0.0, 0.0, self.heading])
 
     def world(self, position: np.ndarray) -> np.ndarray:
         """Mean position in the scene of a position (3,) in its own axes."""

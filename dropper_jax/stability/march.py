@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -14,11 +13,9 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene
-from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.stability.case import Case, scene_of
-from dropper_jax.study.march import Marched, Scheme, grid_run, link_vectors, status_of
-from dropper_jax.study.work_precision import energy_loss
+from dropper_jax.study.march import GridRun, Scheme, grid_run
 
 #: Saved times of a run.
 SAVES = 40
@@ -38,62 +35,45 @@ WRONG = 0.1
 NO_ENERGY = 1e-300
 
 
-@dataclass(frozen=True)
-class CaseRun:
-    """A run of a case at `SAVES` times t [s]."""
-
-    model: Model
-    start: State
-    run: Marched
-    status: str
-    t: np.ndarray
+class CaseRun(GridRun):
+    """A run of a case at `SAVES` times."""
 
     @property
     def positions(self) -> np.ndarray:
         """Positions of the free nodes (k + 1, nodes, 3) [m], including the start."""
-        return np.concatenate([np.asarray(self.start.r)[None], self.run.r])
+        return np.concatenate([np.asarray(self.start.r)[None], self.r])
 
     @property
     def velocities(self) -> np.ndarray:
         """Velocities of the free nodes (k + 1, nodes, 3) [m/s], including the start."""
-        return np.concatenate([np.asarray(self.start.v)[None], self.run.v])
+        return np.concatenate([np.asarray(self.start.v)[None], self.rows.v])
 
     @property
     def energy_drift(self) -> float:
         """Maximum change of energy minus all work [J]."""
-        return float(np.max(np.abs(energy_loss(self.model, self.start, self.run, self.t))))
-
-    @property
-    def energy_scale(self) -> float:
-        """Maximum kinetic energy, or the potential energy of the maximum change of height [J]."""
-        mass = np.asarray(self.model.line.mass)[: self.model.free_nodes, None]
-        kinetic = 0.5 * np.max(np.sum(mass * self.velocities**2, axis=(1, 2)))
-        potential = GRAVITY * np.sum(mass * self.positions[:, :, 2:], axis=(1, 2))
-        return float(max(kinetic, np.ptp(potential)))
+        return float(np.max(np.abs(self.energy_loss)))
 
     @property
     def relative_drift(self) -> float:
-        """Energy drift over the scale."""
-        return self.energy_drift / max(self.energy_scale, NO_ENERGY)
+        """Energy drift over the maximum kinetic energy, or the potential energy of the maximum change of height."""
+        mass = np.asarray(self.model.line.mass)[: self.model.free_nodes, None]
+        kinetic = 0.5 * np.max(np.sum(mass * self.velocities**2, axis=(1, 2)))
+        potential = GRAVITY * np.sum(mass * self.positions[:, :, 2:], axis=(1, 2))
+        return self.energy_drift / max(float(kinetic), float(np.ptp(potential)), NO_ENERGY)
 
     @property
     def closure(self) -> float:
         """Maximum error of a link's length [m]."""
-        sizes = np.linalg.norm(link_vectors(self.model, self.run.r, self.t), axis=-1)
-        return float(np.max(np.abs(sizes - np.asarray(self.model.line.length))))
+        return float(np.max(np.abs(np.linalg.norm(self.links, axis=-1) - np.asarray(self.model.line.length))))
 
 
 def run_scene(scene: Scene, dt: float, duration: float, scheme: Scheme, **settings: Any) -> CaseRun:
     """Run a scene for `duration` [s] (rounded to whole steps between `SAVES` saved times)."""
     model, s = build(scene, scheme.dtype)
-    stepper = scheme.stepper(model, **settings)
     every = max(1, round(duration / dt / SAVES))
-    run = grid_run(stepper, model, s, every * dt, every, SAVES)
-    if scheme.dtype != "float64":
-        model = jax.tree.map(_wide, model)
-        s = jax.tree.map(_wide, s)
-        run = jax.tree.map(_wide, run)
-    return CaseRun(model, s, run, status_of(run, stepper), every * dt * np.arange(1, SAVES + 1))
+    run = grid_run(scheme.stepper(model, **settings), model, s, every * dt, every, SAVES)
+    model, s, rows = jax.tree.map(_wide, (model, s, run.rows)) if scheme.dtype != "float64" else (model, s, run.rows)
+    return CaseRun(run.stepper, model, s, run.t, rows)
 
 
 def _wide(x: ArrayLike) -> ArrayLike:
@@ -128,6 +108,6 @@ def _baseline(case: Case, duration: float, scheme: Scheme) -> Table:
     except SceneError as error:
         return {"status": "refused", "reason": str(error)}
     if ran.status != "ok":
-        return {"status": ran.status, "failed_at_s": (int(ran.run.bad[-1]) + 1) * case.dt}
+        return {"status": ran.status, "failed_at_s": (int(ran.rows.bad[-1]) + 1) * case.dt}
     share = ran.relative_drift
     return {"status": "ok", "energy_drift_share": share, "wrong_energy": bool(share > WRONG)}

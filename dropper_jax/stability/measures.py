@@ -35,11 +35,11 @@ def _marched(value: Callable[[Case, CaseRun], float]) -> Measure:
 
 def _distance_of_node(case: Case, run: CaseRun) -> float:
     expected = _at(run.t, case.exact.times, case.exact.values)
-    return float(np.max(np.linalg.norm(run.run.r[:, 0] - expected, axis=-1)))
+    return float(np.max(np.linalg.norm(run.r[:, 0] - expected, axis=-1)))
 
 
 def _error_of_speed(case: Case, run: CaseRun) -> float:
-    speed = np.linalg.norm(run.run.v[:, 0], axis=-1)
+    speed = np.linalg.norm(run.rows.v[:, 0], axis=-1)
     return float(np.max(np.abs(speed / np.interp(run.t, case.exact.times, case.exact.values) - 1)))
 
 
@@ -58,7 +58,7 @@ def _stays(case: Case, short: bool) -> Outcome:
     """Movement of the nodes after `STILL` [m]."""
     rest = run_named(case.scene, case.dt, STILL)
     run = run_named(case.scene, case.dt, case.span(short))
-    moved = np.linalg.norm(run.run.r[run.t >= STILL - 1e-9] - rest.run.r[-1], axis=-1)
+    moved = np.linalg.norm(run.r[run.t >= STILL - 1e-9] - rest.r[-1], axis=-1)
     return Outcome(float(np.max(moved)), run.status if rest.status == "ok" else rest.status)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 
 import numpy as np
 
@@ -14,9 +15,9 @@ from dropper_jax.model import Model, State
 from dropper_jax.run.build import build
 from dropper_jax.study.euler_claims import euler_claims
 from dropper_jax.study.load_convergence import LOAD_ACCURACIES, load_convergence
-from dropper_jax.study.march import Scheme, convergence, default_schemes, grid_run, runnable, status_of
+from dropper_jax.study.march import Scheme, convergence, default_schemes, grid_run, runnable
 from dropper_jax.study.reference import Reference, reference, trusted_span
-from dropper_jax.study.work_precision import Each, energy_loss, measure, orders
+from dropper_jax.study.work_precision import Each, measure, orders
 
 SCENE = "dropper-release-a-undamped"
 #: Damping fitted in the thesis [kg/s], with its scheme and step [s].
@@ -58,28 +59,19 @@ def numerical_damping(
 
 
 def _row(model: Model, s: State, scheme: Scheme, dt: float, duration: float) -> Table:
-    stepper = scheme.stepper(model, halvings=0)
     steps = int(np.ceil(duration / dt - 1e-9))
-    run = grid_run(stepper, model, s, steps * dt, steps, 1)
-    status = status_of(run, stepper)
-    failed = lost = b = share = None
-    if status == "ok":
-        lost = float(energy_loss(model, s, run, np.array([steps * dt]))[-1])
-        b = lost / float(run.path[-1])
-        share = b / THESIS_B_L
-    else:
-        failed = (int(run.bad[-1]) + 1) * dt
-    return {
-        "label": scheme.label,
-        "integrator": scheme.integrator,
-        "gamma": scheme.gamma,
-        "dt": dt,
-        "status": status,
-        "failed_at_s": failed,
-        "energy_lost_j": lost,
-        "equivalent_linear_damping": b,
-        "share_of_thesis": share,
-    }
+    run = grid_run(scheme.stepper(model, halvings=0), model, s, steps * dt, steps, 1)
+    row: Table = {"label": scheme.label, "integrator": scheme.integrator, "gamma": scheme.gamma, "dt": dt}
+    row |= {"status": run.status, **dict.fromkeys(("failed_at_s", *LOSSES))}
+    if run.status != "ok":
+        return row | {"failed_at_s": (int(run.rows.bad[-1]) + 1) * dt}
+    lost = float(run.energy_loss[-1])
+    damping = lost / float(run.rows.path[-1])
+    return row | dict(zip(LOSSES, (lost, damping, damping / THESIS_B_L), strict=True))
+
+
+#: Numbers of a run that has ended.
+LOSSES = ("energy_lost_j", "equivalent_linear_damping", "share_of_thesis")
 
 
 def _thesis(rows: list[Table]) -> Table:
@@ -94,9 +86,8 @@ def _thesis(rows: list[Table]) -> Table:
         text = f"{where}: {at['status']} at {at['failed_at_s']:.3g} s, so no share can be given"
         good = [row for row in own if row["status"] == "ok"]
         if good:
-            largest = max(good, key=lambda row: row["dt"])
-            share = 100 * largest["share_of_thesis"]
-            text += f"; at dt {largest['dt']:.4g} s, where it survives, {share:.3g} %"
+            largest = max(good, key=itemgetter("dt"))
+            text += f"; at dt {largest['dt']:.4g} s, where it survives, {100 * largest['share_of_thesis']:.3g} %"
     return {**at, "text": text}
 
 
@@ -185,8 +176,7 @@ class _Study:
         """A row for each scheme and step."""
         say = part_of(self.say, 0.4, 0.7 if extras else 1.0)
         keep = partial(self._keep_row, self.found["rows"])
-        dts = list(self.dts)
-        _, skipped = measure(self.model, self.s, schemes, dts, target, say=say, retry=extras, each=keep)
+        _, skipped = measure(self.model, self.s, schemes, list(self.dts), target, say=say, retry=extras, each=keep)
         self.found["skipped"] = skipped
 
     def _keep_row(self, rows: list[Table], row: Table) -> None:
@@ -197,12 +187,9 @@ class _Study:
         """Errors of the loads over the accuracy or the step."""
         rows: list[Table] = []
         self.found["loads"] = {"rows": rows, "reference_dt": None, "loads": [], "advice": [], "skipped": "interrupted"}
-        if by_accuracy:
-            steps = [{"accuracy": value} for value in LOAD_ACCURACIES]
-        else:
-            steps = [{"dt": dt} for dt in self.dts]
+        key, values = ("accuracy", LOAD_ACCURACIES) if by_accuracy else ("dt", self.dts)
         keep = partial(self._keep_row, rows)
-        self.found["loads"] = load_convergence(self.scene, steps, say=part_of(self.say, 0.0, 0.3), each=keep)
+        self.found["loads"] = load_convergence(self.scene, key, values, say=part_of(self.say, 0.0, 0.3), each=keep)
 
 
 def _extras(model: Model, s: State, target: Reference, dts: tuple[float, ...], say: Progress) -> Table:
@@ -226,28 +213,20 @@ def _cheapest_run(rows: list[Table], target: float) -> Table:
     good = [r for r in rows if r["status"] == "ok" and r["rms_angle_error_rad"] <= target]
     if not good:
         return {"target_rad": target, "found": False, "text": f"for {target:g} rad: no measured run is accurate enough"}
-    best = min(good, key=lambda r: (r["operations_per_simulated_s"], r["rms_angle_error_rad"]))
-    margin = target / max(best["rms_angle_error_rad"], 1e-300)
+    best = min(good, key=itemgetter("operations_per_simulated_s", "rms_angle_error_rad"))
+    error = best["rms_angle_error_rad"]
+    margin = target / max(error, 1e-300)
     ms = 1e3 * best["wall_s_per_simulated_s"]
-    held = best.get("accuracy")
-    if held is None:
-        step = f"dt {best['dt']:.4g} s"
-    else:
-        step = f"accuracy {held:.2g}"
+    step = f"accuracy {best['accuracy']:.2g}" if "accuracy" in best else f"dt {best['dt']:.4g} s"
     scheme = best["label"].removesuffix(", accuracy")
+    keys = ("integrator", "gamma", "solver", "dtype", "dt", "accuracy", "rms_angle_error_rad")
     return {
         "target_rad": target,
         "found": True,
         "scheme": scheme,
-        "integrator": best["integrator"],
-        "gamma": best["gamma"],
-        "solver": best["solver"],
-        "dtype": best["dtype"],
-        "dt": best["dt"],
-        **({} if held is None else {"accuracy": held}),
+        **{key: best[key] for key in keys if key in best},
         "ms_per_simulated_s": ms,
-        "rms_angle_error_rad": best["rms_angle_error_rad"],
         "margin": margin,
         "text": f"for {target:g} rad use {scheme} at {step}: {ms:.3g} ms per simulated second "
-        f"(error {best['rms_angle_error_rad']:.2g} rad, margin {margin:.2g})",
+        f"(error {error:.2g} rad, margin {margin:.2g})",
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
@@ -11,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from importlib import metadata
 
 import jax
@@ -47,7 +47,7 @@ print(json.dumps({"folder": None if folder is None else str(folder), "loaded": l
 """
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Check:
     """A check against a known result: whether it holds, and what was found in words."""
 
@@ -56,7 +56,7 @@ class Check:
     found: str
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class System:
     """The machine: its free memory in bytes."""
 
@@ -65,7 +65,7 @@ class System:
     memory_bytes: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Cache:
     """Folder of the compiled programs (None: off), their number and their size in bytes."""
 
@@ -74,7 +74,7 @@ class Cache:
     bytes: int = 0
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Installation:
     """The report of `dropper doctor`; its fields are the keys of the JSON object.
 

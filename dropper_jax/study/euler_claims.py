@@ -9,8 +9,7 @@ from dropper_jax.base.constants import GRAVITY
 from dropper_jax.base.read import Table
 from dropper_jax.load.scene import Scene, load_scene
 from dropper_jax.run.build import build
-from dropper_jax.study.march import Scheme, grid_run, status_of
-from dropper_jax.study.work_precision import energy_loss
+from dropper_jax.study.march import Scheme, grid_run
 
 #: Scheme, claim of the thesis (sections 2.3, 4.3.1 and its conclusion), and the corresponding sign.
 CLAIMS = (
@@ -64,10 +63,8 @@ def euler_claims(dts: tuple[float, ...] = (0.01, 0.005, 0.0025)) -> list[Table]:
 
 def _gain(scene: Scene, scheme: Scheme, dt: float) -> tuple[str, float]:
     model, s = build(scene)
-    stepper = scheme.stepper(model, halvings=0)
     steps = round(EULER_DURATION / dt)
-    run = grid_run(stepper, model, s, steps * dt, steps, 1)
-    lost = energy_loss(model, s, run, np.array([EULER_DURATION]))[-1]
+    run = grid_run(scheme.stepper(model, halvings=0), model, s, steps * dt, steps, 1)
     lowest = jnp.sum(model.line.mass * GRAVITY * -jnp.cumsum(model.line.length))
     start = model.potential_energy(model.kinematics(s.r, s.v, s.t))
-    return status_of(run, stepper), -float(lost) / float(start - lowest)
+    return run.status, -float(run.energy_loss[-1]) / float(start - lowest)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import Table
 from dropper_jax.evaluation.record import Record, record
 from dropper_jax.load.scene import Scene
-from dropper_jax.run.samples import is_finished
 from dropper_jax.run.simulate import simulate
-from dropper_jax.study.load_errors import line_loads
+from dropper_jax.study.load_errors import has_ended, line_loads
 from dropper_jax.study.work_precision import Each
 
 #: Default accuracies of the runs for the loads.
@@ -26,14 +25,15 @@ LONGEST_LOADS = 60.0
 
 def load_convergence(
     scene: Scene,
-    steps: Sequence[Mapping[str, float]],
+    key: str,
+    values: Sequence[float],
     say: Progress = silent,
     each: Each = lambda row: None,
 ) -> Table:
     """Errors of the loads of each line, relative to a run with half the finest step, by the scheme of the scene.
 
     Args:
-        steps: {accuracy} or {dt [s]} of each run.
+        key, values: `accuracy` or `dt` [s] of the runs.
         each: gets each row as soon as the next finer one was run, with its errors relative to that.
 
     Returns:
@@ -43,27 +43,25 @@ def load_convergence(
         the motion is chaotic, errors do not decrease below the random difference of two runs.
     """
     scene = scene.with_values({"run.duration": min(scene.run.duration, LONGEST_LOADS)})
-    (key,) = steps[0]
-    values = sorted((step[key] for step in steps), reverse=True)
     # errors of the second order: a quarter of the accuracy takes half of the step
-    finest = values[-1] * (0.25 if key == "accuracy" else 0.5)
+    finest = min(values) * (0.25 if key == "accuracy" else 0.5)
     runs: list[_LoadRun] = []
-    for i, value in enumerate([*values, finest]):
+    for i, value in enumerate([*sorted(values, reverse=True), finest]):
         say(i / (len(values) + 1), f"loads, {key} {value:.4g}")
-        runs.append(_LoadRun.of(scene, {key: value}))
+        runs.append(_LoadRun.of(scene, key, value))
         if i > 0:
             each(runs[-2].row(runs[-1].loads()))
-    *coarser, reference_run = runs
-    right = reference_run.loads()
-    reference_dt = reference_run.dt
+    *coarser, finest_run = runs
+    right = finest_run.loads()
+    found: Table = {"rows": [], "reference_dt": finest_run.dt, "loads": [], "advice": []}
     if right is None:
-        return {"rows": [], "reference_dt": reference_dt, "loads": [], "advice": [], "skipped": reference_run.failure}
-    rows = [run.row(right) for run in coarser]
-    advice = [_advice(rows, name, within) for name, within in WANTED.items()]
-    loads = []
+        return found | {"skipped": finest_run.failure}
+    found["rows"] = [run.row(right) for run in coarser]
+    for name, within in WANTED.items():
+        found["advice"].append(_advice(found["rows"], name, within))
     for row in right:
-        loads.append({"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}})
-    return {"rows": rows, "reference_dt": reference_dt, "loads": loads, "advice": advice}
+        found["loads"].append({"line": row["line"], "at_m": row["at_m"], **{name: row[name][0] for name in WANTED}})
+    return found
 
 
 @dataclass(frozen=True)
@@ -78,15 +76,15 @@ class _LoadRun:
     record: Record | None
 
     @classmethod
-    def of(cls, scene: Scene, step: Mapping[str, float]) -> _LoadRun:
+    def of(cls, scene: Scene, key: str, value: float) -> _LoadRun:
         """The run with an accuracy or equal steps."""
-        solution = simulate(scene, accuracy=step.get("accuracy"), dt=step.get("dt"))
+        solution = simulate(scene, **{key: value})
         if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
             raise KeyboardInterrupt
-        good = is_finished(solution) and len(solution.t) > 3
-        kept = record(solution) if good else None
+        kept = record(solution) if has_ended(solution) else None
         dt = float(solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
-        return cls(step.get("accuracy"), dt, solution.status, solution.us_per_step, solution.failure, kept)
+        accuracy = value if key == "accuracy" else None
+        return cls(accuracy, dt, solution.status, solution.us_per_step, solution.failure, kept)
 
     def loads(self, right: list[Table] | None = None) -> list[Table] | None:
         """Loads of each line, at the positions of `right`."""
@@ -100,13 +98,8 @@ class _LoadRun:
         loads = self.loads(right)
         if right is not None and loads is not None:
             errors = {name: _worst(loads, right, name) for name in WANTED}
-        return {
-            "accuracy": self.accuracy,
-            "dt": self.dt,
-            "status": self.status,
-            "us_per_step": self.us_per_step,
-            "errors": errors,
-        }
+        keys = ("accuracy", "dt", "status", "us_per_step")
+        return {**{key: getattr(self, key) for key in keys}, "errors": errors}
 
 
 def _worst(loads: list[Table], right: list[Table], name: str) -> float:

@@ -146,7 +146,7 @@ def load_errors(
         if name == "finer":
             _must_have_ended(solution, "with half its step")
             horizon = parts_at(base, solution)
-        elif not _has_ended(solution):
+        elif not has_ended(solution):
             left_out[name] = f"that run ends with {solution.failure}"
             continue
         made[name] = line_loads(record(solution, skip), made["1"])
@@ -167,12 +167,13 @@ def load_errors(
     }
 
 
-def _has_ended(solution: Samples) -> bool:
+def has_ended(solution: Samples) -> bool:
+    """Whether a run has loads to compare."""
     return len(solution.t) > 3 and is_finished(solution)
 
 
 def _must_have_ended(solution: Samples, which: str) -> None:
-    if not _has_ended(solution):
+    if not has_ended(solution):
         raise SceneError(f"--errors: the run {which} ends with {solution.failure}")
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import jax
@@ -39,17 +39,17 @@ class Scheme:
     solver: str = "auto"
     dtype: str = "float64"
 
+    @classmethod
+    def named(cls, name: str) -> Scheme:
+        """An integrator with the first of its default weights."""
+        return cls(name, SCHEME_WEIGHTS.get(name, (None,))[0])
+
     @property
     def label(self) -> str:
         """Name for tables and legends."""
-        parts = [self.integrator]
-        if self.gamma is not None:
-            parts.append(f"{self.gamma:g}")
-        if self.solver != "auto":
-            parts.append(self.solver)
-        if self.dtype != "float64":
-            parts.append(self.dtype)
-        return " ".join(parts)
+        weight = "" if self.gamma is None else f"{self.gamma:g}"
+        parts = (self.integrator, weight, self.solver, self.dtype)
+        return " ".join(part for part in parts if part not in ("", "auto", "float64"))
 
     def stepper(self, model: Model, **settings: object) -> Stepper:
         """Raises `SceneError` if the scheme cannot run the model."""
@@ -62,7 +62,7 @@ def parse(text: str) -> Scheme:
     if name not in INTEGRATORS:
         raise SceneError(f"--integrators: {name!r} is unknown; allowed: {', '.join(INTEGRATORS)}, with :GAMMA")
     if not weight:
-        return Scheme(name, SCHEME_WEIGHTS.get(name, (None,))[0])
+        return Scheme.named(name)
     try:
         return Scheme(name, float(weight))
     except ValueError:
@@ -74,9 +74,9 @@ def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
 
     In waves one of each kind: a step costs 50 times as much there, and the others are known from calm scenes.
     """
-    found = []
     if model.sea is not None and model.sea.waves is not None:
-        return [Scheme(name, SCHEME_WEIGHTS.get(name, (None,))[0]) for name in IN_WAVES]
+        return [Scheme.named(name) for name in IN_WAVES]
+    found = []
     for name in INTEGRATORS:
         plain = [Scheme(name, gamma) for gamma in SCHEME_WEIGHTS.get(name, (None,))]
         found += plain
@@ -88,7 +88,7 @@ def default_schemes(model: Model, quick: bool = False) -> list[Scheme]:
     return found
 
 
-def runnable(schemes: list[Scheme], model: Model) -> tuple[list[Scheme], list[dict[str, str]]]:
+def runnable(schemes: Sequence[Scheme], model: Model) -> tuple[list[Scheme], list[dict[str, str]]]:
     """The schemes that can run the model, and the others with their reasons."""
     good = []
     refused = []
@@ -115,18 +115,6 @@ def _links(model: Model, r: jax.Array, t: jax.Array) -> jax.Array:
     return jax.vmap(lambda nodes, time: model.links(nodes, model.ends(time)))(r, t)
 
 
-def angles_between(d: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Angle [rad] between link vectors (..., 3) and those of a reference.
-
-    In a plane it is the difference of the polar angles; in space it has no singular direction, unlike an azimuth.
-    """
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        u = d / np.linalg.norm(d, axis=-1, keepdims=True)
-        w = reference / np.linalg.norm(reference, axis=-1, keepdims=True)
-        chord = np.linalg.norm(u - w, axis=-1)
-        return 2 * np.arcsin(np.minimum(0.5 * chord, 1.0))
-
-
 def rms(x: Rows) -> float:
     """Root of the mean square; infinite if any entry is not finite."""
     with np.errstate(over="ignore"):
@@ -136,8 +124,14 @@ def rms(x: Rows) -> float:
 
 
 def rms_angle(d: np.ndarray, reference: np.ndarray) -> float:
-    """RMS over times and links of the angle between links [rad]."""
-    return rms(angles_between(d, reference))
+    """RMS over times and links of the angle [rad] between link vectors (..., 3) and those of a reference.
+
+    In a plane it is the difference of the polar angles; in space it has no singular direction, unlike an azimuth.
+    """
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        u = d / np.linalg.norm(d, axis=-1, keepdims=True)
+        w = reference / np.linalg.norm(reference, axis=-1, keepdims=True)
+        return rms(2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(u - w, axis=-1), 1.0)))
 
 
 def rms_position(r: Rows, reference: Rows) -> float:
@@ -249,22 +243,73 @@ def spare_rows(saves: int) -> int:
     return 1 << (saves - 1).bit_length()
 
 
-def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Marched:
-    """`march` with the step `grid / every` [s], as numpy arrays (saves, ...), by a program with spare rows."""
+@dataclass(frozen=True)
+class GridRun:
+    """A run on a time grid: its rows on the host, and what follows from them.
+
+    Attributes:
+        t: times of the rows (k,) [s].
+    """
+
+    stepper: Stepper
+    model: Model
+    start: State
+    t: np.ndarray
+    rows: Marched
+
+    @property
+    def r(self) -> np.ndarray:
+        """Positions of the free nodes (k, nodes, 3) [m]."""
+        return self.rows.r
+
+    @property
+    def status(self) -> str:
+        """`ok` or the named failure, with the status names of `simulate`."""
+        failed = self.rows.bad[-1] >= 0
+        if not failed and np.all(np.isfinite(self.r[-1])):
+            return "ok"
+        if not failed or not np.isfinite(self.rows.residual[-1]):
+            return "non_finite"
+        return "retry_exhausted" if self.stepper.halvings else "not_converged"
+
+    @property
+    def links(self) -> np.ndarray:
+        """Link vectors (k, n, 3) [m]."""
+        return link_vectors(self.model, self.r, self.t)
+
+    @property
+    def angles(self) -> np.ndarray:
+        """Polar and azimuth (2, k, n) [rad]; NaN of a failed run."""
+        nodes = np.concatenate([np.zeros((len(self.t), 1, 3)), np.cumsum(self.links, axis=1)], axis=1)
+        return np.stack(link_angles(nodes if self.status == "ok" else np.full_like(nodes, np.nan)))
+
+    @property
+    def energy_loss(self) -> np.ndarray:
+        """Energy balance error since the start (k,) [J]: energies of the raw velocities minus all counted work."""
+        s = self.start
+        states = [jnp.asarray(x, self.model.dtype) for x in (self.r, self.rows.v, self.t)]
+        energies = np.asarray(_energies(self.model, *states))
+        start = float(_energies(self.model, s.r[None], s.v[None], s.t[None])[0])
+        with np.errstate(invalid="ignore", over="ignore"):
+            return start - (energies - np.sum(np.asarray(self.rows.work, float), axis=1))
+
+
+@cached_jit()
+def _energies(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
+    """Energies (k,) [J] of states (k, nodes, 3) at times (k,)."""
+
+    def total(r: jax.Array, v: jax.Array, time: jax.Array) -> jax.Array:
+        k = model.instant(r, v, time)
+        return model.kinetic_energy(k) + model.potential_energy(k)
+
+    return jax.vmap(total)(r, v, t)
+
+
+def grid_run(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> GridRun:
+    """`march` with the step `grid / every` [s], by a program with spare rows."""
     run = march(stepper, model, s, grid / every, every, saves, spare_rows(saves))
-    return jax.tree.map(lambda x: np.asarray(x)[:saves], run)
-
-
-def status_of(run: Marched, stepper: Stepper) -> str:
-    """`ok` or the named failure of a run, with the status names of `simulate`."""
-    bad = np.asarray(run.bad)
-    if bad[-1] < 0 and np.all(np.isfinite(run.r[-1])):
-        return "ok"
-    if not np.isfinite(run.residual[-1]) or bad[-1] < 0:
-        return "non_finite"
-    if stepper.halvings:
-        return "retry_exhausted"
-    return "not_converged"
+    rows = jax.tree.map(lambda x: np.asarray(x)[:saves], run)
+    return GridRun(stepper, model, s, grid * np.arange(1, saves + 1), rows)
 
 
 SCHEMES = (Scheme("energy_momentum"), Scheme("thesis_angles", 0.51))
@@ -280,41 +325,20 @@ def convergence(
         runs the model; NaN if either run failed.
     """
     found = []
-    for scheme in schemes:
-        try:
-            stepper = scheme.stepper(model)
-        except SceneError:
-            continue
-        everies = sorted({max(1, round(grid / dt)) for dt in dts})
-        motions = []
-        states = []
-        for every in [*everies, 2 * everies[-1]]:
-            run = grid_run(stepper, model, s, grid, every, saves)
-            states.append(status_of(run, stepper))
-            motions.append(_angles(model, run.r, grid) if states[-1] == "ok" else None)
-        found.append(_differences(scheme.label, [grid / e for e in everies], motions, states))
+    everies = sorted({max(1, round(grid / dt)) for dt in dts})
+    for scheme in runnable(schemes, model)[0]:
+        stepper = scheme.stepper(model)
+        runs = [grid_run(stepper, model, s, grid, every, saves) for every in [*everies, 2 * everies[-1]]]
+        turns = np.angle(np.exp(1j * np.diff([run.angles for run in runs], axis=0)))  # modulo full turns
+        polar, azimuth = np.sqrt(np.mean(turns**2, axis=2)).swapaxes(0, 1)
+        flat = bool(np.nanmax(azimuth, initial=0.0) < 1e-12)
+        found.append(
+            {
+                "label": scheme.label,
+                "dts": [grid / every for every in everies],
+                "polar": polar,
+                "azimuth": None if flat else azimuth,
+                "status": [run.status for run in runs[:-1]],
+            }
+        )
     return found
-
-
-def _angles(model: Model, r: Rows, grid: float) -> np.ndarray:
-    """Polar and azimuth (2, k, n) [rad]."""
-    links = link_vectors(model, r, grid * np.arange(1, len(r) + 1))
-    nodes = np.concatenate([np.zeros((len(r), 1, 3)), np.cumsum(links, axis=1)], axis=1)
-    return np.stack(link_angles(nodes))
-
-
-def _differences(label: str, dts: list[float], motions: list[np.ndarray | None], states: list[str]) -> Table:
-    count = next((m.shape[-1] for m in motions if m is not None), 0)
-    nothing = np.full((2, count), np.nan)
-    pairs = pairwise(motions)
-    rows = np.array([nothing if a is None or b is None else _rms_turn(a - b) for a, b in pairs])
-    polar = rows[:, 0]
-    azimuth = rows[:, 1]
-    flat = bool(np.nanmax(azimuth, initial=0.0) < 1e-12)
-    return {"label": label, "dts": dts, "polar": polar, "azimuth": None if flat else azimuth, "status": states[:-1]}
-
-
-def _rms_turn(difference: np.ndarray) -> np.ndarray:
-    """RMS over time (2, n) of angle differences, modulo full turns."""
-    turn = np.angle(np.exp(1j * difference))
-    return np.sqrt(np.mean(turn**2, axis=1))

@@ -36,7 +36,7 @@ class Reference:
     """
 
     t: np.ndarray
-    r: Rows
+    r: np.ndarray
     links: np.ndarray
     tension: np.ndarray
     error: float
@@ -70,11 +70,10 @@ def trusted_span(model: Model, s: State, duration: float, dt: float, grid: float
     stepper = make_stepper(model)
     every = max(1, round(grid / dt))
     saves = max(2, int(duration / grid))
-    dv = nearby * unit_perturbation(model, s, seed=0)
-    here = grid_run(stepper, model, s, grid, every, saves)
-    there = grid_run(stepper, model, replace(s, v=s.v + dv), grid, every, saves)
-    size = np.asarray(_sizes(model, there.r - here.r, there.v - here.v))
-    growth = np.log(size / nearby)
+    start = replace(s, v=s.v + nearby * unit_perturbation(model, s, seed=0))
+    here = grid_run(stepper, model, s, grid, every, saves).rows
+    there = grid_run(stepper, model, start, grid, every, saves).rows
+    growth = np.log(np.asarray(_sizes(model, there.r - here.r, there.v - here.v)) / nearby)
     # growth of a perturbation up to which errors characterise the scheme: rounding (1e-16 per step) then stays below
     # 1e-12 rad, and an error of 0.01 rad is still far from saturation
     apart = np.flatnonzero(~np.isfinite(growth) | (growth > np.log(100.0)) | (here.bad >= 0))
@@ -104,8 +103,8 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float) 
     error has even powers only, so sixth order remains). Elastic lines use rk4 and rk2. If a scheme cannot run the
     model, `energy_momentum` replaces it, and `independent` is false.
     """
-    t = grid * np.arange(1, saves + 1)
-    first, second = _pair(model)
+    names = ("rk4", "rk2") if model.line.axial.elastic else ("energy_momentum_4", "rattle")
+    first, second = (_stepper_or_default(model, name) for name in names)
     best = None
     every = max(4, int(np.ceil(grid * 256)))
     evaluation = evaluation_work(model, s)
@@ -113,7 +112,7 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float) 
     while best is None or (every * saves <= MOST_STEPS and best[0] > TARGET and every * saves * per_step <= MOST_WORK):
         fine = grid_run(first, model, s, grid, every, saves)
         check = _extrapolate(second, model, s, grid, every, saves)
-        error = rms_angle(link_vectors(model, fine.r, t), link_vectors(model, check, t))
+        error = rms_angle(fine.links, link_vectors(model, check, fine.t))
         if best is not None and np.isfinite(error) and error > 0.7 * best[0]:
             break  # rounding or a kink in the forces: further refinement does not help
         if best is None or error < best[0] or not np.isfinite(best[0]):
@@ -122,27 +121,20 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float) 
     error, fine, every = best
     if not np.isfinite(error):
         raise SceneError("accuracy: no reference was found: the fine runs fail. Try a shorter run")
+    step = f"dt {grid / every:.4g} s"
     return Reference(
-        t=t,
+        t=fine.t,
         r=fine.r,
-        links=link_vectors(model, fine.r, t),
-        tension=instant_tension(model, fine.r, fine.v, t),
+        links=fine.links,
+        tension=instant_tension(model, fine.r, fine.rows.v, fine.t),
         error=error,
-        made_by=f"{first.integrator.name}, dt {grid / every:.4g} s",
-        checked_by=f"{second.integrator.name}, dt {grid / every:.4g} s and its half and quarter, extrapolated",
+        made_by=f"{first.integrator.name}, {step}",
+        checked_by=f"{second.integrator.name}, {step} and its half and quarter, extrapolated",
         independent=first.integrator.name != second.integrator.name,
         exponent=exponent,
-        horizon=float(t[-1]),
+        horizon=float(fine.t[-1]),
         grid=grid,
     )
-
-
-def _pair(model: Model) -> tuple[Stepper, Stepper]:
-    names = ("energy_momentum_4", "rattle")
-    if model.line.axial.elastic:
-        names = ("rk4", "rk2")
-    first, second = (_stepper_or_default(model, name) for name in names)
-    return first, second
 
 
 def _stepper_or_default(model: Model, name: str) -> Stepper:
@@ -153,11 +145,9 @@ def _stepper_or_default(model: Model, name: str) -> Stepper:
         return make_stepper(model, "energy_momentum")
 
 
-def _extrapolate(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> Rows:
+def _extrapolate(stepper: Stepper, model: Model, s: State, grid: float, every: int, saves: int) -> np.ndarray:
     """Positions (k, nodes, 3) extrapolated from steps h, h/2, h/4, for an error in even powers of h."""
-    h1 = grid_run(stepper, model, s, grid, every, saves).r
-    h2 = grid_run(stepper, model, s, grid, every * 2, saves).r
-    h4 = grid_run(stepper, model, s, grid, every * 4, saves).r
+    h1, h2, h4 = (grid_run(stepper, model, s, grid, every * parts, saves).r for parts in (1, 2, 4))
     once = h2 + (h2 - h1) / 3
     again = h4 + (h4 - h2) / 3
     return again + (again - once) / 15

@@ -6,6 +6,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import jax
@@ -13,23 +14,19 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Progress, silent
 from dropper_jax.base.read import Table
 from dropper_jax.model import Model, State
 from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import (
-    Marched,
-    Rows,
+    GridRun,
     Scheme,
     grid_run,
-    link_vectors,
     march_with_accuracy,
     rms,
     rms_angle,
     rms_position,
-    status_of,
 )
 from dropper_jax.study.reference import Reference
 
@@ -37,8 +34,6 @@ from dropper_jax.study.reference import Reference
 ACCURACIES = tuple(10.0 ** (-0.5 * k) for k in range(2, 13))
 #: Maximum counted operations of a run, some seconds of a core: a longer run, and those of finer steps, are left out.
 WORK_LIMIT = 1e10
-#: Wall times of repeated runs [s], and which of them counts.
-Timing = tuple[Callable[..., list[float]], Callable[[list[float]], float]]
 #: Callback that gets each row as soon as it is measured.
 Each = Callable[[Table], None]
 #: A failed run has no errors and no speed, since these values would be meaningless.
@@ -77,11 +72,11 @@ def measure(
     """
     rows: list[Table] = []
     skipped: list[Table] = []
-    evaluation = evaluation_work(model, s)
+    comparison = _Comparison(model, s, target, repeats, pick, evaluation_work(model, s))
+    everies = sorted({max(1, round(target.grid / dt)) for dt in dts})
     for i, scheme in enumerate(schemes):
         say(i / len(schemes), scheme.label)
-        timing = partial(_walls, repeats=repeats), pick
-        for row in _scheme_rows(model, s, scheme, sorted(dts, reverse=True), target, timing, retry, evaluation):
+        for row in comparison.scheme_rows(scheme, everies, retry):
             if "reason" in row:
                 skipped.append(row)
                 continue
@@ -90,111 +85,84 @@ def measure(
     return rows, skipped
 
 
-def _scheme_rows(
-    model: Model,
-    s: State,
-    scheme: Scheme,
-    dts: list[float],
-    target: Reference,
-    timing: Timing,
-    retry: bool,
-    evaluation: float,
-) -> Iterator[Table]:
-    """The rows of a scheme, one by one; a run that is left out has a `reason` instead."""
-    own = model
-    start = s
-    if scheme.dtype != "float64":
-        own, start = jax.tree.map(_single, (model, s))
-    stepper = scheme.stepper(own)
-    stepper = stepper if retry else stepper.plain
-    saves = len(target.t)
-    per_step = step_work(model, stepper, evaluation)
-    if stepper.integrator.follows_accuracy and scheme.dtype == "float64":
-        for accuracy in ACCURACIES:
-            yield _row_of_accuracy(model, s, scheme, stepper, target, accuracy, timing, per_step)
-        if isinstance(stepper.integrator, Embedded):
-            return
-    walls, pick = timing
-    compiled = False
-    for every in sorted({max(1, round(target.grid / dt)) for dt in dts}):
-        steps = every * saves
-        if per_step * steps > WORK_LIMIT:
-            reason = f"over {WORK_LIMIT:g} operations a run"
-            yield {"scheme": scheme.label, "dt": target.grid / every, "reason": reason}
-            continue
-        started = time.perf_counter()
-        run = grid_run(stepper, own, start, target.grid, every, saves)
-        seconds = time.perf_counter() - started
-        wall = None
+@dataclass(frozen=True)
+class _Comparison:
+    """What all runs of a comparison share; `evaluation` is the counted work of one evaluation of the forces."""
+
+    model: Model
+    s: State
+    target: Reference
+    repeats: int
+    pick: Callable[[list[float]], float]
+    evaluation: float
+
+    def scheme_rows(self, scheme: Scheme, everies: list[int], retry: bool) -> Iterator[Table]:
+        """The rows of a scheme, one by one; a run that is left out has a `reason` instead."""
+        target = self.target
+        model = self.model
+        start = self.s
+        if scheme.dtype != "float64":
+            model, start = jax.tree.map(_single, (model, start))
+        stepper = scheme.stepper(model)
+        stepper = stepper if retry else stepper.plain
+        saves = len(target.t)
+        work = step_work(self.model, stepper, self.evaluation)
+        if stepper.integrator.follows_accuracy and scheme.dtype == "float64":
+            for accuracy in ACCURACIES:
+                yield self._row_of_accuracy(scheme, stepper, accuracy, work)
+            if isinstance(stepper.integrator, Embedded):
+                return
+        compiled = False
+        for every in everies:
+            dt = target.grid / every
+            if work * every * saves > WORK_LIMIT:
+                yield {"scheme": scheme.label, "dt": dt, "reason": f"over {WORK_LIMIT:g} operations a run"}
+                continue
+            again = partial(grid_run, stepper, model, start, target.grid, every, saves)
+            started = time.perf_counter()
+            run = replace(again(), model=self.model, start=self.s)
+            before = time.perf_counter() - started if compiled else 0.0  # the first row compiles
+            compiled = True
+            yield self._row(scheme, run, again, every * saves, work, before) | {"dt": dt}
+
+    def _row(
+        self, scheme: Scheme, run: GridRun, again: Callable[[], object], steps: int, work: float, before: float = 0.0
+    ) -> Table:
+        """The row of a run with this number of steps, each of some counted work; without its step."""
         errors = NOTHING
-        if status_of(run, stepper) == "ok":
-            errors = row_errors(model, s, run, stepper, target)
-            again = partial(grid_run, stepper, own, start, target.grid, every, saves)
-            # the first row compiles
-            wall = pick(walls(again, before=seconds if compiled else 0.0))
-        compiled = True
-        yield _row(scheme, stepper, target, run, errors, wall, steps, per_step) | {"dt": target.grid / every}
+        us_per_step = None
+        wall_s_per_simulated_s = None
+        if run.status == "ok":
+            errors = row_errors(run, self.target)
+            wall = self.pick(_walls(again, self.repeats, before))
+            us_per_step = 1e6 * wall / steps
+            wall_s_per_simulated_s = wall / self.target.horizon
+        return {
+            **asdict(scheme),
+            "solver": run.stepper.solver_name,
+            "label": scheme.label,
+            **errors,
+            "us_per_step": us_per_step,
+            "wall_s_per_simulated_s": wall_s_per_simulated_s,
+            "operations_per_simulated_s": work * steps / self.target.horizon,
+            "status": run.status,
+            "retried_steps": int(run.rows.retried[-1]),
+        }
 
-
-def _row(
-    scheme: Scheme,
-    stepper: Stepper,
-    target: Reference,
-    run: Marched,
-    errors: Table,
-    wall: float | None,
-    steps: int,
-    per_step: float,
-) -> Table:
-    """The row of a run with so many steps, which took `wall` [s]; without its step."""
-    us_per_step = None
-    wall_s_per_simulated_s = None
-    if wall:
-        us_per_step = 1e6 * wall / steps
-        wall_s_per_simulated_s = wall / target.horizon
-    return {
-        "integrator": scheme.integrator,
-        "gamma": scheme.gamma,
-        "solver": stepper.solver_name,
-        "dtype": scheme.dtype,
-        "label": scheme.label,
-        **errors,
-        "us_per_step": us_per_step,
-        "wall_s_per_simulated_s": wall_s_per_simulated_s,
-        "operations_per_simulated_s": per_step * steps / target.horizon,
-        "status": status_of(run, stepper),
-        "retried_steps": int(run.retried[-1]),
-    }
-
-
-def _row_of_accuracy(
-    model: Model,
-    s: State,
-    scheme: Scheme,
-    stepper: Stepper,
-    target: Reference,
-    accuracy: float,
-    timing: Timing,
-    per_step: float,
-) -> Table:
-    """The row of a scheme whose steps follow an accuracy; its `dt` is the mean step."""
-    walls, pick = timing
-    again = partial(march_with_accuracy, stepper, model, s, target.grid, accuracy, len(target.t))
-    found = jax.tree.map(np.asarray, again())
-    wall = None
-    errors = NOTHING
-    if status_of(found.run, stepper) == "ok":
-        errors = row_errors(model, s, found.run, stepper, target)
-        wall = pick(walls(again))
-    tries = int(found.taken + found.refused)
-    return _row(scheme, stepper, target, found.run, errors, wall, tries, per_step) | {
-        "label": f"{scheme.label}, accuracy",
-        "dt": target.horizon / max(int(found.taken), 1),
-        "accuracy": accuracy,
-        "refused_steps": int(found.refused),
-        "rms_tension_error_n": None,  # means between saved times
-        "retried_steps": 0,
-    }
+    def _row_of_accuracy(self, scheme: Scheme, stepper: Stepper, accuracy: float, work: float) -> Table:
+        """The row of a scheme whose steps follow an accuracy; its `dt` is the mean step."""
+        target = self.target
+        again = partial(march_with_accuracy, stepper, self.model, self.s, target.grid, accuracy, len(target.t))
+        found = jax.tree.map(np.asarray, again())
+        run = GridRun(stepper, self.model, self.s, target.t, found.run)
+        return self._row(scheme, run, again, int(found.taken + found.refused), work) | {
+            "label": f"{scheme.label}, accuracy",
+            "dt": target.horizon / max(int(found.taken), 1),
+            "accuracy": accuracy,
+            "refused_steps": int(found.refused),
+            "rms_tension_error_n": None,  # means between saved times
+            "retried_steps": 0,
+        }
 
 
 def _single(x: ArrayLike) -> ArrayLike:
@@ -203,7 +171,7 @@ def _single(x: ArrayLike) -> ArrayLike:
     return x
 
 
-def _walls(run: Callable[[], object], repeats: int, before: float = 0.0) -> list[float]:
+def _walls(run: Callable[[], object], repeats: int, before: float) -> list[float]:
     """Wall times of compiled runs [s]; only a few if they are long, none if one took `before` and is long."""
     enough = 0.2  # total time [s] after which no more are run
     times = [before] if before > enough else []
@@ -218,55 +186,27 @@ def _walls(run: Callable[[], object], repeats: int, before: float = 0.0) -> list
 RESOLVED = 100.0
 
 
-def row_errors(model: Model, s: State, run: Marched, stepper: Stepper, target: Reference) -> Table:
+def row_errors(run: GridRun, target: Reference) -> Table:
     """Errors of a run on the reference's grid, its energy drift and the damping equivalent to this drift."""
-    links = link_vectors(model, run.r, target.t)
-    angle = rms_angle(links, target.links)
-    loss = energy_loss(model, s, run, target.t)
-    path = float(run.path[-1])
-    equivalent_linear_damping = 0.0
-    if path > 0:
-        equivalent_linear_damping = float(loss[-1]) / path
+    angle = rms_angle(run.links, target.links)
+    loss = run.energy_loss
+    path = float(run.rows.path[-1])
     return {
         "rms_angle_error_rad": angle,
         "rms_position_error_m": rms_position(run.r, target.r),
-        "rms_tension_error_n": rms(_tension_errors(run, stepper, target.tension)),
+        "rms_tension_error_n": rms(_tension_errors(run, target.tension)),
         "energy_drift_j": float(np.max(np.abs(loss))),
-        "equivalent_linear_damping": equivalent_linear_damping,
+        "equivalent_linear_damping": float(loss[-1]) / path if path > 0 else 0.0,
         "resolved": bool(RESOLVED * target.error <= angle < math.inf),
     }
 
 
-def energy_loss(model: Model, s: State, run: Marched, t: np.ndarray) -> np.ndarray:
-    """Energy balance error since the start (k,) [J]: energies of the raw velocities minus all counted work."""
-    dtype = model.dtype
-    states = [jnp.asarray(x, dtype) for x in (run.r, run.v, t)]
-    energies = np.asarray(_energies(model, *states))
-    start = float(_energies(model, s.r[None], s.v[None], s.t[None])[0])
-    with np.errstate(invalid="ignore", over="ignore"):
-        return start - (energies - np.sum(np.asarray(run.work, float), axis=1))
-
-
-@cached_jit()
-def _energies(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:
-    """Energies (k,) [J] of states (k, nodes, 3) at times (k,)."""
-
-    def total(r: jax.Array, v: jax.Array, time: jax.Array) -> jax.Array:
-        k = model.instant(r, v, time)
-        return model.kinetic_energy(k) + model.potential_energy(k)
-
-    return jax.vmap(total)(r, v, t)
-
-
-def _tension_errors(run: Marched, stepper: Stepper, reference: np.ndarray) -> Rows:
+def _tension_errors(run: GridRun, reference: np.ndarray) -> np.ndarray:
     """Differences (k - 1, n) [N]; tensions from within steps are interpolated between both sides of a saved time."""
-    ending = run.tension[:-1, 0]
-    beginning = run.tension[1:, 1]
-    share = stepper.integrator.tension_time
-    if share == 1.0:
-        seen = ending
-    else:
-        seen = share * ending + (1.0 - share) * beginning
+    seen = run.rows.tension[:-1, 0]
+    share = run.stepper.integrator.tension_time
+    if share != 1.0:
+        seen = share * seen + (1.0 - share) * run.rows.tension[1:, 1]
     with np.errstate(invalid="ignore"):
         return seen - reference[:-1]
 
@@ -275,15 +215,13 @@ def orders(rows: list[Table]) -> dict[str, float]:
     """Slope of log error over log step of each scheme, through its finest three resolved steps below 0.1 rad."""
     found = {}
     for label in dict.fromkeys(row["label"] for row in rows):
-        # mean steps that follow an accuracy have no order
         good = []
         for r in rows:
-            if r["label"] == label and r["status"] == "ok" and r["resolved"] and "accuracy" not in r:
-                good.append(r)
-        good = sorted((r for r in good if r["rms_angle_error_rad"] < 0.1), key=lambda r: r["dt"])[:3]
+            fine = r["status"] == "ok" and r["resolved"] and r["rms_angle_error_rad"] < 0.1
+            if r["label"] == label and fine and "accuracy" not in r:  # mean steps have no order
+                good.append((r["dt"], r["rms_angle_error_rad"]))
         if len(good) >= 2:
-            x = np.log([r["dt"] for r in good])
-            y = np.log([r["rms_angle_error_rad"] for r in good])
-            found[label] = float(np.polyfit(x, y, 1)[0])
+            steps, errors = np.log(sorted(good)[:3]).T
+            found[label] = float(np.polyfit(steps, errors, 1)[0])
     # errors that do not fall with the step are those of rounding, which have no order
     return {label: order for label, order in found.items() if order > 0.5}

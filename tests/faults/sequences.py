@@ -84,7 +84,7 @@ def marched(scene: Any, integrator: str, gamma: float | None = None) -> list[Any
 
     model, s = dj.build(scene)
     found = grid_run(dj.make_stepper(model, integrator, gamma=gamma), model, s, 0.04, 4, 3)
-    return in_numbers(found.r[-1], found.tension[-1])
+    return in_numbers(found.r[-1], found.rows.tension[-1])
 
 
 def stepped(scene: Any, integrator: str, **options: float) -> list[Any]:

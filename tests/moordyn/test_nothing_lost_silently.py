@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from dropper_jax import Scene, SceneError, load_scene, write_moordyn
+from dropper_jax.base.read import section_keys
 from dropper_jax.decks.writing.differences import MOTIONS, WRITTEN_FIELDS
 from dropper_jax.load.line_types import LineType
-from dropper_jax.load.scene import SECTIONS
 from dropper_jax.run import growth
 from dropper_jax.scene import (
     AnchorSpec,
@@ -307,7 +307,7 @@ def test_every_value_is_written_refused_or_listed(cls, tmp_path):
 
 def test_every_section_has_cases():
     classes = {"point", "line", "buoy", "body", "vessel", "start", "run", "sea", "failure", "anchor"}
-    assert {*SECTIONS} == {*classes, "name", "description", "notes", "fit", "growth", "effects"}
+    assert {*section_keys(Scene)} == {*classes, "name", "description", "notes", "fit", "growth", "effects"}
 
 
 def test_values_of_effects_that_a_deck_has_are_written_or_listed(tmp_path):

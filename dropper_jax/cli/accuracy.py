@@ -6,13 +6,11 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from pathlib import Path
 
-from dropper_jax.base.errors import SceneError
-from dropper_jax.base.markdown import cell, cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import number
+from dropper_jax.cli.given import check_positive, number
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, row_printer, table
+from dropper_jax.cli.printing import STOPPED, done_object, print_line, progress, record_cells, record_table, row_printer
 
 help = "measure errors and times of all integrators over a range of steps, row by row, and advise"
 
@@ -48,8 +46,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     for option, values in (("--dts", args.dts or ()), ("--span", () if args.span is None else (args.span,))):
         for value in values:
-            if not 0 < value < float("inf"):
-                raise SceneError(f"{option}: {value:g} is out of range; allowed: a number > 0 s")
+            check_positive(option, value, "a number > 0 s")
     scene = read_scene(args)
 
     from dropper_jax.study.accuracy import accuracy
@@ -61,9 +58,7 @@ def run(args: Namespace) -> int:
     found = accuracy(scene, schemes, dts, args.span, not args.quick, say, _row_printer(args.quiet))
     for item in found["refused"]:
         print_line(f"left out: {item['scheme']}: {item['reason']}")
-    failure = None
-    if found.get("status") == STOPPED[0]:
-        failure = STOPPED
+    failure = STOPPED if found.get("status") == STOPPED[0] else None
     if args.plot and failure is None:
         draw(found, picture(args.plot, "accuracy"))
     return deliver(args, done_object(**found), text(found), failure)
@@ -71,29 +66,26 @@ def run(args: Namespace) -> int:
 
 def _row_printer(quiet: bool) -> Callable[[Table], None]:
     """A function that prints a row of a scheme or of the loads as soon as it is measured."""
-    of_schemes = row_printer(HEAD, quiet)
-    of_loads = row_printer(("loads", *LOADS_HEAD), quiet)
+    of_schemes = row_printer(list(SCHEMES), quiet)
+    of_loads = row_printer(["loads", *LOADS], quiet)
 
     def show(row: Table) -> None:
         if "errors" in row:
-            of_loads(("", *_load_cells(row)))
+            of_loads(["", *record_cells(_with_errors(row), LOADS)])
         else:
-            of_schemes(_cells(row))
+            of_schemes(record_cells(row, SCHEMES))
 
     return show
 
 
 def draw(found: Table, path: Path) -> None:
     """Write the work-precision picture to `path` and the others next to it."""
-    from dropper_jax.study import accuracy_pictures
+    from dropper_jax.study.accuracy_pictures import convergence, damping, work_precision
 
-    accuracy_pictures.work_precision(found, path)
-    for part, key, function in (
-        ("convergence", "convergence", accuracy_pictures.convergence),
-        ("damping", "numerical_damping", accuracy_pictures.damping),
-    ):
-        if found.get(key):
-            function(found, path.with_stem(f"{path.stem}-{part}"))
+    work_precision(found, path)
+    if "convergence" in found:
+        convergence(found, path.with_stem(f"{path.stem}-convergence"))
+        damping(found, path.with_stem(f"{path.stem}-damping"))
 
 
 def text(found: Table) -> str:
@@ -110,69 +102,57 @@ def text(found: Table) -> str:
 
 def _schemes(found: Table) -> str:
     """Errors and times of the schemes, and the advice; of an interrupted comparison the rows so far."""
-    reference = found["reference"]
     parts = [
-        f"{found['scene']}: compared over {reference['horizon_s']:.4g} s; perturbations grow at "
-        f"{reference['lyapunov_per_s']:.3g} 1/s and reach 100 times after {reference['trusted_span_s']:.4g} s",
-        f"reference: {reference['made_by']}; its error {reference['error_estimate_rad']:.2g} rad, against "
-        f"{reference['checked_by']}",
-        table([HEAD, *map(_cells, found["rows"])]),
-        "measured orders: " + ", ".join(f"{label} {order:.2f}" for label, order in found["orders"].items()),
-        "\n".join(item["text"] for item in found["advice"]),
+        "{scene}: compared over {horizon_s:.4g} s; perturbations grow at {lyapunov_per_s:.3g} 1/s and reach 100 times "
+        "after {trusted_span_s:.4g} s",
+        "reference: {made_by}; its error {error_estimate_rad:.2g} rad, against {checked_by}",
     ]
-    return "\n\n".join(parts)
+    values = {"scene": found["scene"], **found["reference"]}
+    return "\n\n".join(
+        [
+            *(part.format(**values) for part in parts),
+            record_table(found["rows"], SCHEMES),
+            "measured orders: " + ", ".join(f"{label} {order:.2f}" for label, order in found["orders"].items()),
+            "\n".join(item["text"] for item in found["advice"]),
+        ]
+    )
 
 
 def _loads(found: Table) -> str:
     """Errors of the loads, and the accuracy or the step below which they are small."""
     if not found["rows"]:
         return f"loads: {found['skipped']}"
-    rows = [LOADS_HEAD, *map(_load_cells, found["rows"])]
     finest = found["reference_dt"]
-    if finest is None:
-        against = "half of each step"
-    else:
-        against = f"steps of {finest:.4g} s"
+    against = "half of each step" if finest is None else f"steps of {finest:.4g} s"
     head = f"errors of the loads of the worst line, against {against}:"
-    return "\n".join([head, table(rows), *(item["text"] for item in found["advice"])])
+    rows = record_table(map(_with_errors, found["rows"]), LOADS)
+    return "\n".join([head, rows, *(item["text"] for item in found["advice"])])
 
 
-LOADS_HEAD = ("accuracy", "dt [s]", "mean", "deviation", "wave maxima", "largest", "us/step", "status")
+def _with_errors(row: Table) -> Table:
+    return row | row["errors"]
 
 
-def _load_cells(row: Table) -> tuple[str, ...]:
-    names = ("mean", "deviation", "window_maximum", "maximum")
-    return (
-        cell(row["accuracy"], ".2g"),
-        f"{row['dt']:.4g}",
-        *cells((row["errors"][name] for name in names), ".2%"),
-        f"{row['us_per_step']:.3g}",
-        row["status"],
-    )
-
-
-HEAD = (
-    "scheme",
-    "solver",
-    "dt [s]",
-    "angle [rad]",
-    "position [m]",
-    "tension [N]",
-    "drift [J]",
-    "us/step",
-    "s/s",
-    "status",
-)
-
-
-def _cells(row: Table) -> tuple[str, ...]:
-    keys = ("rms_angle_error_rad", "rms_position_error_m", "rms_tension_error_n", "energy_drift_j")
-    return (
-        row["label"],
-        row["solver"],
-        f"{row['dt']:.4g}",
-        *cells((row[key] for key in keys), ".1e"),
-        cell(row["us_per_step"], ".3g"),
-        cell(row["wall_s_per_simulated_s"], ".2g"),
-        row["status"],
-    )
+#: Columns of the tables: formats of the values by heading.
+LOADS = {
+    "accuracy": "{accuracy:.2g}",
+    "dt [s]": "{dt:.4g}",
+    "mean": "{mean:.2%}",
+    "deviation": "{deviation:.2%}",
+    "wave maxima": "{window_maximum:.2%}",
+    "largest": "{maximum:.2%}",
+    "us/step": "{us_per_step:.3g}",
+    "status": "{status}",
+}
+SCHEMES = {
+    "scheme": "{label}",
+    "solver": "{solver}",
+    "dt [s]": "{dt:.4g}",
+    "angle [rad]": "{rms_angle_error_rad:.1e}",
+    "position [m]": "{rms_position_error_m:.1e}",
+    "tension [N]": "{rms_tension_error_n:.1e}",
+    "drift [J]": "{energy_drift_j:.1e}",
+    "us/step": "{us_per_step:.3g}",
+    "s/s": "{wall_s_per_simulated_s:.2g}",
+    "status": "{status}",
+}

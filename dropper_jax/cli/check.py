@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_run_values, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver, weights_table
-from dropper_jax.cli.printing import done_object, listing, print_warnings, table
+from dropper_jax.cli.printing import done_object, listing, print_warnings, record_table
 from dropper_jax.cli.run import OVERRIDES
 
 if TYPE_CHECKING:
@@ -58,25 +56,14 @@ def examine(scene: Scene) -> Table:
     stepper = stepper_of(model, scene.run)
     lines = []
     for line in whole_lines(grown):
-        lines.append(
-            {
-                "line": line.name,
-                "links": line.spec.links,
-                "length_m": float(line.spec.total),
-                "mass_kg": float(line.spec.mass.sum()),
-                "wet_weight_n": float(wet[line.links].sum()),
-            }
-        )
+        own = {"line": line.name, "links": line.spec.links, "length_m": line.spec.total}
+        lines.append(own | {"mass_kg": line.spec.mass.sum(), "wet_weight_n": wet[line.links].sum()})
     points = [point for point in scene.points if point.is_free]
-    mass = sum(float(p.mass or 0.0) for p in points)
-    volume = sum(float(p.volume or 0.0) for p in points)
-    if scene.sea is None:
-        lift = 0.0
-    else:
+    mass = sum(point.mass or 0.0 for point in points)
+    volume = sum(point.volume or 0.0 for point in points)
+    lift = 0.0
+    if scene.sea is not None:
         lift = scene.sea.gravity * (scene.sea.density * volume - mass)
-    steps = None
-    if scene.run.accuracy is None:
-        steps = scene.run.steps
     warnings = [*scene_warnings(scene)]
     if model.sea is not None:
         warnings += sea_warnings(scene, model.sea)
@@ -97,7 +84,7 @@ def examine(scene: Scene) -> Table:
             "free_nodes": model.free_nodes,
             "bodies": len(scene.bodies),
             "effects": list(scene.effects),
-            "steps": steps,
+            "steps": scene.run.steps if scene.run.accuracy is None else None,
         },
         "warnings": warnings,
     }
@@ -105,29 +92,32 @@ def examine(scene: Scene) -> Table:
 
 def text(scene: Scene, source: str, found: Table) -> str:
     """The facts as text; `source` is the scene as the user named it."""
-    keys = ("length_m", "mass_kg", "wet_weight_n")
-    rows = [
-        ("line", "links", "length [m]", "mass [kg]", "weight [N]" if scene.sea is None else "weight in water [N]"),
-        *((row["line"], str(row["links"]), *cells(itemgetter(*keys)(row), ".5g")) for row in found["lines"]),
-    ]
+    columns = {
+        "line": "{line}",
+        "links": "{links}",
+        "length [m]": "{length_m:.5g}",
+        "mass [kg]": "{mass_kg:.5g}",
+        "weight [N]" if scene.sea is None else "weight in water [N]": "{wet_weight_n:.5g}",
+    }
     parts = found["compiled"]
     step = found["suggested_dt_s"]
-    shape = f"{parts['links']} links, {parts['free_nodes']} free nodes, {parts['bodies']} rigid bodies"
+    compiles = "{integrator}, solver {solver}, {dtype}; {links} links, {free_nodes} free nodes, {bodies} rigid bodies"
     own = found["points"]
     pairs = []
     if own["mass_kg"] or own["lift_n"]:
-        weighs = f"; lines weigh {sum(row['wet_weight_n'] for row in found['lines']):.4g} N in water"
-        lift = f"their net lift submerged is {own['lift_n']:.4g} N"
-        pairs.append(("floats, masses", f"{own['mass_kg']:.4g} kg; {lift}{weighs}"))
+        weight = sum(row["wet_weight_n"] for row in found["lines"])
+        words = "{mass_kg:.4g} kg; their net lift submerged is {lift_n:.4g} N"
+        pairs.append(("floats, masses", f"{words.format(**own)}; lines weigh {weight:.4g} N in water"))
     pairs += [
         *((WORDS[name], f"{value:.3g} s") for name, value in found["periods_s"].items()),
         ("natural periods", f"dropper modes {source}"),
         ("time steps", _steps(scene, step)),
-        ("a run compiles", f"{parts['integrator']}, solver {parts['solver']}, {parts['dtype']}; {shape}"),
+        ("a run compiles", compiles.format(**parts)),
         ("effects", ", ".join(parts["effects"]) or "none"),
         ("a run", f"goes to {scene.run.duration:g} s, saved every {scene.run.interval:g} s"),
     ]
-    return "\n".join([table(rows), *weights_table(scene), "", listing(pairs), "", "ok: the scene is valid"])
+    lines = record_table(found["lines"], columns)
+    return "\n".join([lines, *weights_table(scene), "", listing(pairs), "", "ok: the scene is valid"])
 
 
 def _steps(scene: Scene, suggested: float) -> str:

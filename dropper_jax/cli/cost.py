@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-from dropper_jax.base.markdown import cell
 from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import STOPPED, done_object, row_printer, table
+from dropper_jax.cli.printing import STOPPED, done_object, record_cells, record_table, row_printer
 
 help = "operations, bytes and microseconds per step, with and without each effect"
 
@@ -25,8 +24,8 @@ def run(args: Namespace) -> int:
 
     from dropper_jax.study.cost import cost
 
-    show = row_printer(HEAD, args.quiet)
-    found = cost(scene, each=lambda row: show(_cells(row)))
+    show = row_printer(list(COLUMNS), args.quiet)
+    found = cost(scene, each=lambda row: show(record_cells(row, COLUMNS)))
     proof = found["proof"]
     failure = None
     if proof is None:
@@ -40,33 +39,28 @@ def run(args: Namespace) -> int:
     return deliver(args, done_object(**found), text(found), failure)
 
 
-#: Columns of the table: heading and format by key.
+#: Columns of the table: formats of the values by heading.
 COLUMNS = {
-    "us_per_step": ("us/step", ".2f"),
-    "ratio": ("ratio", ".2f"),
-    "corrections_per_step": ("corrections/step", ".2f"),
-    "us_per_correction": ("us/correction", ".2f"),
-    "correction_ratio": ("ratio", ".2f"),
-    "flops": ("flops", ".0f"),
-    "bytes": ("bytes", ".0f"),
-    "operations": ("operations", "d"),
+    "": "{name}",
+    "us/step": "{us_per_step:.2f}",
+    "ratio": "{ratio:.2f}",
+    "corrections/step": "{corrections_per_step:.2f}",
+    "us/correction": "{us_per_correction:.2f}",
+    "correction ratio": "{correction_ratio:.2f}",
+    "flops": "{flops:.0f}",
+    "bytes": "{bytes:.0f}",
+    "operations": "{operations:d}",
 }
-HEAD = ("", *(head for head, _ in COLUMNS.values()))
-
-
-def _cells(row: Table) -> tuple[str, ...]:
-    numbers = (cell(row[key], form) for key, (_, form) in COLUMNS.items())
-    return (row["name"], *numbers)
 
 
 def text(found: Table) -> str:
     """The report as text."""
     parts = [
-        f"{found['scene']}: scheme {found['integrator']}, solver {found['solver']}",
+        "{scene}: scheme {integrator}, solver {solver}".format(**found),
         "us: microseconds; corrections: Newton iterations per step; ratios: to the whole scene",
         "flops, bytes, operations: of the compiled step, which counts a loop once; compare rows only",
         "",
-        table([HEAD, *map(_cells, found["rows"])]),
+        record_table(found["rows"], COLUMNS),
     ]
     proof = found["proof"]
     if proof is None:  # interrupted

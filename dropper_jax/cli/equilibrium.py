@@ -66,9 +66,7 @@ def run(args: Namespace) -> int:
     values = _object(scene, found, angles, bent)
     text = _text(lines, found, angles, bent)
     if not failed:
-        loads = []
-        if "held_load_n" in values:
-            loads = [_loads(values["held_load_n"])]
+        loads = [_loads(values["held_load_n"])] if "held_load_n" in values else []
         last = f"ok: scaled residual {found.residual:.1e}"
         text = "\n".join([text, *loads, _end_forces(values), *weights_table(scene), last])
     return deliver(args, {**values, "warnings": remarks}, text, failure_of(found))
@@ -85,29 +83,26 @@ def _tide(scene: Scene, args: Namespace) -> int:
         from dropper_jax.study.pictures import tide
 
         tide(scene.name, found["rows"], picture(args.plot, "tide"))
-    failure = None
-    if failed:
-        failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle")
+    failure = (failed, f"{failed}: no equilibrium found for one instant of the cycle") if failed else None
     return deliver(args, done_object(scene=scene.name, **found), _tide_text(found), failure)
 
 
 def _tide_text(found: Table) -> str:
     rows = [_tide_row(row) for row in found["rows"]]
-    texts = [cells(row.values(), ".4g") for row in rows]
+    columns = [tuple(rows[0]), *(cells(row.values(), ".4g") for row in rows)]
     note = "moved: maximum horizontal displacement of a node from the equilibrium without current at the mean level"
-    return f"{table([tuple(rows[0]), *texts])}\n{note}"
+    return f"{table(columns)}\n{note}"
 
 
 def _tide_row(row: Table) -> dict[str, float]:
     """Numbers of an instant by their headings."""
-    found = {
+    keys = {"level [m]": "level_m", "current [m/s]": "speed_m_per_s", "moved [m]": "displacement_m"}
+    return {
         "time [h]": row["t_s"] / 3600.0,
-        "level [m]": row["level_m"],
-        "current [m/s]": row["speed_m_per_s"],
-        "moved [m]": row["displacement_m"],
+        **{name: row[key] for name, key in keys.items()},
+        **{f"{name} [N]": np.linalg.norm(load) for name, load in row["held_load_n"].items()},
+        **{f"{name} used [%]": 100.0 * share for name, share in row["anchor_utilisation"].items()},
     }
-    found |= {f"{name} [N]": np.linalg.norm(load) for name, load in row["held_load_n"].items()}
-    return found | {f"{name} used [%]": 100.0 * share for name, share in row["anchor_utilisation"].items()}
 
 
 def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarray) -> Table:
@@ -147,12 +142,12 @@ def _text(lines: Sequence[LineSlice], found: Equilibrium, angles: np.ndarray, be
 def _end_forces(found: Table) -> str:
     """Forces on the end points of lines, including the weight of the part of the end link at the point, and
     the angles of the end links above the horizontal."""
-    forces = found["end_forces_n"]
-    angles = found["end_angles_deg"]
     rows = [("line", "force on first point [N]", "angle up [deg]", "force on last point [N]", "angle up [deg]")]
-    for name, both in forces.items():
-        pairs = zip(both.values(), angles[name].values(), strict=True)
-        rows.append((name, *(cell for force, angle in pairs for cell in (f"{force:.5g}", f"{angle + 0.0:.2f}"))))
+    for name, forces in found["end_forces_n"].items():
+        row = [name]
+        for end, angle in found["end_angles_deg"][name].items():
+            row += [f"{forces[end]:.5g}", f"{angle + 0.0:.2f}"]
+        rows.append(row)
     return table(rows)
 
 
@@ -161,12 +156,9 @@ def _loads(found: dict[str, np.ndarray]) -> str:
     rows = [("fixed point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
     for name, load in found.items():
         across = np.hypot(load[0], load[1])
-        up = load[2]
         size = np.linalg.norm(load)
-        angle = "-"
-        if size != 0:
-            angle = f"{np.degrees(np.arctan2(up, across)):.2f}"
-        rows.append((name, f"{across:.5g}", f"{up:.5g}", f"{size:.5g}", angle))
+        angle = f"{np.degrees(np.arctan2(load[2], across)):.2f}" if size else "-"
+        rows.append((name, *cells((across, load[2], size), ".5g"), angle))
     return table(rows)
 
 

@@ -6,13 +6,15 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from dropper_jax.base.markdown import cell, cells
+import numpy as np
+
+from dropper_jax.base.markdown import cells
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, deliver
-from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, table
+from dropper_jax.cli.printing import done_object, failure_of, print_result, print_warnings, record_table, table
 
 if TYPE_CHECKING:
-    from dropper_jax.explain.answers import Explained, LineFacts
+    from dropper_jax.explain.answers import Explained
 
 help = "answers on a mooring at rest: lengths, tensions, stiffnesses, damping, wear, each beside a closed form"
 
@@ -45,80 +47,66 @@ def run(args: Namespace) -> int:
 
 
 def _text(found: Explained) -> str:
+    lines = [{**vars(line), "verdict": line.verdict} for line in found.lines]
     parts = [
-        _lengths(found),
-        _tensions(found),
-        _stiffness(found),
-        _damping(found),
-        _wear(found),
-        _ignored(found),
+        f"Is each line long enough?\n{record_table(lines, LENGTHS)}",
+        f"What tension has each line along it?\n{record_table(lines, TENSIONS)}\n{OF_TENSIONS}",
+        f"Which stiffness is meant?\n{record_table(lines, STIFFNESSES)}{_stiffness(found)}",
+        f"What does internal damping change?\n{record_table(lines, DAMPINGS)}\n{OF_DAMPINGS}",
+        f"What does 10 % wear do?\n{record_table(map(vars, found.wear), WEARS)}\n{OF_WEARS}",
+        "\n- ".join(["Which inputs were ignored?", *(found.ignored or ("nothing",))]),
     ]
     return "\n\n".join(parts)
 
 
-def _lengths(found: Explained) -> str:
-    rows = [("line", "length [m]", "ends apart [m]", "on the bed [m]", "answer")]
-    for line in found.lines:
-        sizes = (line.length_m, line.apart_m, line.on_bed_m)
-        rows.append((line.name, *cells(sizes, ".5g"), line.verdict))
-    return f"Is each line long enough?\n{table(rows)}"
-
-
-def _tensions(found: Explained) -> str:
-    rows = [("line", "lower end [N]", "closed form [N]", "upper end [N]", "closed form [N]")]
-    for line in found.lines:
-        rows.append(
-            (
-                line.name,
-                f"{line.lower_n:.6g}",
-                cell(line.closed_lower_n, ".6g"),
-                f"{line.upper_n:.6g}",
-                cell(line.closed_upper_n, ".6g"),
-            )
-        )
-    note = (
-        "closed form: the elastic catenary between the same ends, where the line is uniform, under water and in no "
-        "current;\nwhat differs is due to the number of links"
-    )
-    return f"What tension has each line along it?\n{table(rows)}\n{note}"
+#: Columns of the tables: formats of the values by heading.
+LENGTHS = {
+    "line": "{name}",
+    "length [m]": "{length_m:.5g}",
+    "ends apart [m]": "{apart_m:.5g}",
+    "on the bed [m]": "{on_bed_m:.5g}",
+    "answer": "{verdict}",
+}
+TENSIONS = {
+    "line": "{name}",
+    "lower end [N]": "{lower_n:.6g}",
+    "closed form [N]": "{closed_lower_n:.6g}",
+    "upper end [N]": "{upper_n:.6g}",
+    " closed form [N]": "{closed_upper_n:.6g}",
+}
+STIFFNESSES = {
+    "line": "{name}",
+    "axial, EA/L [N/m]": "{axial_n_per_m:.5g}",
+    "of its upper end, horizontal [N/m]": "{horizontal_n_per_m:.5g}",
+}
+DAMPINGS = {
+    "line": "{name}",
+    "first axial period [s]": "{axial_period_s:.3g}",
+    "damping ratio": "{damping_ratio:.3g}",
+    "of the stiffest link": "{link_damping_ratio:.3g}",
+}
+WEARS = {
+    "line": "{name}",
+    "largest tension [N]": "{tension_n:.6g}",
+    "worn, by derivative [N]": "{by_derivative_n:.6g}",
+    "by equilibrium [N]": "{by_equilibrium_n:.6g}",
+    "use": "{use:.1%}",
+    "worn": "{worn_use:.1%}",
+}
+OF_TENSIONS = (
+    "closed form: the elastic catenary between the same ends, where the line is uniform, under water and in no "
+    "current;\nwhat differs is due to the number of links"
+)
+OF_DAMPINGS = "internal damping changes no force at rest: it damps axial waves, by these shares of the critical value"
+OF_WEARS = "a tenth of the diameter gone: area, mass, EA and breaking load are 0.81 of those now"
 
 
 def _stiffness(found: Explained) -> str:
-    rows = [("line", "axial, EA/L [N/m]", "of its upper end, horizontal [N/m]")]
-    rows += [(line.name, f"{line.axial_n_per_m:.5g}", cell(line.horizontal_n_per_m, ".5g")) for line in found.lines]
-    text = f"Which stiffness is meant?\n{table(rows)}"
+    """The stiffness of the whole mooring."""
     if found.stiffness is None:
-        return text
-    diagonal = [("", "x", "y", "z"), ("exact", *(f"{found.stiffness[i, i]:.5g}" for i in range(3)))]
+        return ""
+    rows = [("", "x", "y", "z"), ("exact", *cells(np.diag(found.stiffness)[:3], ".5g"))]
     if found.closed_stiffness is not None:
-        diagonal.append(("closed form", *cells(found.closed_stiffness, ".5g"), "-"))
-    points = ", ".join(found.held)
+        rows.append(("closed form", *cells(found.closed_stiffness, ".5g"), "-"))
     more = f"6x6: dropper stiffness SCENE --of {','.join(found.held)}"
-    return f"{text}\nof the whole mooring as {points} move together [N/m]:\n{table(diagonal)}\n{more}"
-
-
-def _damping(found: Explained) -> str:
-    rows = [("line", "first axial period [s]", "damping ratio", "of the stiffest link")]
-    rows.extend(_damping_of(line) for line in found.lines)
-    note = "internal damping changes no force at rest: it damps axial waves, by these shares of the critical value"
-    return f"What does internal damping change?\n{table(rows)}\n{note}"
-
-
-def _damping_of(line: LineFacts) -> tuple[str, str, str, str]:
-    period = f"{line.axial_period_s:.3g}"
-    return line.name, period, f"{line.damping_ratio:.3g}", f"{line.link_damping_ratio:.3g}"
-
-
-def _wear(found: Explained) -> str:
-    rows = [("line", "largest tension [N]", "worn, by derivative [N]", "by equilibrium [N]", "use", "worn")]
-    for row in found.wear:
-        uses = cells((row.use, row.worn_use), ".1%")
-        numbers = (f"{row.tension_n:.6g}", f"{row.by_derivative_n:.6g}", cell(row.by_equilibrium_n, ".6g"))
-        rows.append((row.name, *numbers, *uses))
-    note = "a tenth of the diameter gone: area, mass, EA and breaking load are 0.81 of those now"
-    return f"What does 10 % wear do?\n{table(rows)}\n{note}"
-
-
-def _ignored(found: Explained) -> str:
-    lines = found.ignored or ("nothing",)
-    return "\n".join(["Which inputs were ignored?", *(f"- {text}" for text in lines)])
+    return f"\nof the whole mooring as {', '.join(found.held)} move together [N/m]:\n{table(rows)}\n{more}"

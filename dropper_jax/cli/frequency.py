@@ -12,10 +12,10 @@ import numpy as np
 from dropper_jax.base.errors import SceneError
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import number, positive_integer, read_numbers
+from dropper_jax.cli.given import check_positive, number, positive_integer, read_numbers
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import FAILED, OK, done_object, failure_object, print_line, print_warnings, table
+from dropper_jax.cli.printing import done_object, print_warnings, record_table, table
 
 if TYPE_CHECKING:
     from dropper_jax.frequency.response import FrequencyResponse
@@ -52,21 +52,17 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     states = _sea_states(args)
-    if not 0.0 < args.duration < np.inf:
-        raise SceneError(f"--duration: {args.duration:g} is out of range; allowed: above 0 s")
+    check_positive("--duration", args.duration, "above 0 s")
     if args.runs and states is None:
         raise SceneError("--runs: needs sea states. Use --sea-states or --table")
     scene = read_scene(args)
 
     from dropper_jax.frequency.response import frequency_response
 
-    direction = None
-    if args.direction is not None:
-        direction = np.radians(args.direction)
-    found = frequency_response(scene, states, direction=direction, frequencies=args.frequencies, duration=args.duration)
-    runs = []
-    if args.runs:
-        runs = _runs(scene, found, args.runs, direction, args.frequencies)
+    waves = {"direction": None if args.direction is None else np.radians(args.direction)}
+    waves["frequencies"] = args.frequencies
+    found = frequency_response(scene, states, duration=args.duration, **waves)
+    runs = _runs(scene, found, args.runs, waves) if args.runs else []
     if args.plot:
         _draw(scene.name, found, picture(args.plot, "frequency"))
     print_warnings(found.warnings)
@@ -74,18 +70,17 @@ def run(args: Namespace) -> int:
         "not_converged": "the linearised drag still changes",
         "not_linear": "lines go slack, so that tensions may be tens of per cent off; run these states in time",
     }
-    failed = next((status for status in failures if status in found.status), None)
-    head = done_object()
-    if failed is not None:
-        message = f"{failures[failed]} (sea states: {found.status.count(failed)})"
-        head = failure_object(failed, message)
-    plain = {**head, "scene": scene.name, "duration_s": found.duration, "basis_error": found.basis_error}
-    plain |= {"warnings": found.warnings, "states": _rows(found)} | ({"runs": runs} if runs else {})
-    deliver(args, plain, _text(found) + (f"\n\n{_text_of_runs(runs)}" if runs else ""))
-    if failed is None:
-        return OK
-    print_line(f"error: {failed}: {message}")
-    return FAILED
+    plain = done_object(scene=scene.name, duration_s=found.duration, basis_error=found.basis_error)
+    plain |= {"warnings": found.warnings, "states": _rows(found)}
+    text = _text(found)
+    if runs:
+        plain["runs"] = runs
+        text = f"{text}\n\n{record_table(map(_with_range, runs), RUNS)}"
+    failure = None
+    for status in failures:
+        if failure is None and status in found.status:
+            failure = (status, f"{failures[status]} (sea states: {found.status.count(status)})")
+    return deliver(args, plain, text, failure)
 
 
 def _sea_states(args: Namespace) -> np.ndarray | None:
@@ -119,7 +114,7 @@ def _table_rows(file: str) -> list[tuple[float, float]]:
     return rows
 
 
-def _runs(scene: Scene, found: FrequencyResponse, count: int, direction: float | None, frequencies: int) -> list[Table]:
+def _runs(scene: Scene, found: FrequencyResponse, count: int, waves: Table) -> list[Table]:
     """Runs in time of states at even distances in the order of the maximum tension, and the differences from them."""
     from dropper_jax.frequency.response import run_in_time
 
@@ -127,21 +122,25 @@ def _runs(scene: Scene, found: FrequencyResponse, count: int, direction: float |
     rows = []
     for i in order[np.unique(np.linspace(0, len(order) - 1, count).round().astype(int))]:
         hs, tp = found.sea_states[i]
-        mean, deviation = run_in_time(scene, (hs, tp), direction=direction, frequencies=frequencies)
+        mean, deviation = run_in_time(scene, (hs, tp), **waves)
         own = {"hs_m": hs, "tp_s": tp, "status": found.status[i], "mean_tension_n": mean}
         difference = found.tension_deviation[i] / deviation - 1.0
         rows.append(own | {"tension_deviation_n": deviation, "deviation_difference": difference})
     return rows
 
 
-def _text_of_runs(runs: list[Table]) -> str:
-    """The ranges of the differences of all ends."""
-    lines = [("hs [m]", "tp [s]", "status", "deviations against the run")]
-    for run in runs:
-        low = 100.0 * np.min(run["deviation_difference"])
-        high = 100.0 * np.max(run["deviation_difference"])
-        lines.append((f"{run['hs_m']:g}", f"{run['tp_s']:g}", run["status"], f"{low:+.1f} to {high:+.1f} %"))
-    return table(lines)
+RUNS = {
+    "hs [m]": "{hs_m:g}",
+    "tp [s]": "{tp_s:g}",
+    "status": "{status}",
+    "deviations against the run": "{low:+.1f} to {high:+.1f} %",
+}
+
+
+def _with_range(run: Table) -> Table:
+    """The run with the range of the differences of all ends [%]."""
+    differences = 100.0 * run["deviation_difference"]
+    return {**run, "low": np.min(differences), "high": np.max(differences)}
 
 
 def _rows(found: FrequencyResponse) -> list[Table]:
@@ -162,7 +161,7 @@ def _rows(found: FrequencyResponse) -> list[Table]:
                 "hs_m": hs,
                 "tp_s": tp,
                 "status": found.status[i],
-                "ends": [end | _at(columns, (i, j)) for j, end in enumerate(ends)],
+                "ends": [end | {key: x[i, j] for key, x in columns.items()} for j, end in enumerate(ends)],
                 "significant_motion_m": dict(zip(found.points, 4.0 * found.motion_deviation[i], strict=True)),
                 "slack_lines": [name for name, low in zip(found.lines, found.slack[i], strict=True) if low],
             }
@@ -171,10 +170,6 @@ def _rows(found: FrequencyResponse) -> list[Table]:
         omega, tension, motion = found.spectra()
         rows[0] |= {"omega_rad_per_s": omega, "tension_spectrum": tension, "motion_spectrum": motion}
     return rows
-
-
-def _at(columns: dict[str, np.ndarray], index: tuple[int, int]) -> dict[str, float]:
-    return {key: column[index] for key, column in columns.items()}
 
 
 def _text(found: FrequencyResponse) -> str:

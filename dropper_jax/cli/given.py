@@ -47,6 +47,12 @@ def number(text: str) -> float:
         raise ArgumentTypeError(f"{text!r} is not a number") from None
 
 
+def check_positive(option: str, value: float | None, allowed: str) -> None:
+    """Reject a number that is not above 0 and finite; None is not given."""
+    if value is not None and not 0.0 < value < float("inf"):
+        raise SceneError(f"{option}: {value:g} is out of range; allowed: {allowed}")
+
+
 def step_length(text: str) -> float | str:
     """A time step on the command line: a number, or `auto`."""
     if text == AUTO:

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-from dropper_jax.base.markdown import cells, first_names
+from dropper_jax.base.markdown import first_names
 from dropper_jax.cli.given import number
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import done_object, table
+from dropper_jax.cli.printing import done_object, record_table
 
 help = "mussels of a scene by month and depth: mass, diameter, wet weight"
+
+COLUMNS = {
+    "line": "{line}",
+    "month": "{month:g}",
+    "depth [m]": "{depth_m:g}",
+    "layer [m]": "{thickness_m:.4g}",
+    "diameter [m]": "{diameter_m:.4g}",
+    "mass [kg/m]": "{mass_kg_per_m:.4g}",
+    "wet weight [N/m]": "{wet_weight_n_per_m:.4g}",
+}
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -28,20 +38,9 @@ def run(args: Namespace) -> int:
     from dropper_jax.run.growth import season_table
 
     rows = season_table(scene, args.months)
-    head = ["line", "month", "depth [m]", "layer [m]", "diameter [m]", "mass [kg/m]", "wet weight [N/m]"]
-    keys = ("thickness_m", "diameter_m", "mass_kg_per_m", "wet_weight_n_per_m")
-    texts = []
-    for row in rows:
-        texts.append(
-            [
-                first_names(row["lines"], 1),
-                f"{row['month']:g}",
-                f"{row['depth_m']:g}",
-                *cells((row[key] for key in keys), ".4g"),
-            ]
-        )
+    text = record_table(({"line": first_names(row["lines"], 1), **row} for row in rows), COLUMNS)
     if args.plot:
         from dropper_jax.study.pictures import mussels
 
         mussels(scene.name, rows, picture(args.plot, "growth"))
-    return deliver(args, done_object(scene=scene.name, growth=rows), table([head, *texts]))
+    return deliver(args, done_object(scene=scene.name, growth=rows), text)

@@ -10,7 +10,7 @@ import numpy as np
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
-from dropper_jax.cli.given import number, positive_integer
+from dropper_jax.cli.given import check_positive, number, positive_integer
 from dropper_jax.cli.options import add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
 from dropper_jax.cli.printing import done_object, failure_of, print_result, table
@@ -41,12 +41,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    if args.amplitude is not None and not 0.0 < args.amplitude < np.inf:
-        raise SceneError(f"--amplitude: {args.amplitude:g} is out of range; allowed: above 0 m")
+    check_positive("--amplitude", args.amplitude, "above 0 m")
     scene = read_scene(args)
-    body = None
-    if args.of is not None:
-        body = _number_of(args.of, scene)
+    body = None if args.of is None else _number_of(args.of, scene)
 
     from dropper_jax.run.build import build_model, equilibrium
     from dropper_jax.statics.modes import damping_at, natural_modes
@@ -79,10 +76,7 @@ def _number_of(name: str, scene: Scene) -> int:
     """Index of a body of the scene."""
     names = [body.name for body in scene.bodies]
     if name not in names:
-        if names:
-            allowed = nearest(name, names)
-        else:
-            allowed = "the scene has no [[body]]; leave --of out"
+        allowed = nearest(name, names) if names else "the scene has no [[body]]; leave --of out"
         raise SceneError(f"--of: {name!r} is not a body; {allowed}")
     return names.index(name)
 
@@ -96,13 +90,7 @@ def _text(scene: Scene, modes: Modes, found: Table) -> str:
         share = np.sum(shape**2, axis=0) / np.sum(shape**2)
         damping = (f"{ratio[i]:.3g}" for ratio in ratios.values())
         rows.append(
-            (
-                str(found["number"][i]),
-                f"{period:.5g}",
-                f"{1 / period:.5g}",
-                *damping,
-                "  ".join(cells(share, ".2f")),
-            )
+            (str(found["number"][i]), *cells((period, 1 / period), ".5g"), *damping, "  ".join(cells(share, ".2f")))
         )
     if scene.bodies:
         return f"{table(rows)}\n{_bodies(scene, modes, found['number'])}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections import defaultdict
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from dropper_jax.base.read import Table
 from dropper_jax.cli.given import read_numbers
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import done_object, progress, table
+from dropper_jax.cli.printing import done_object, progress, record_table
 
 help = "restoring force and tension over the horizontal offset of fixed points, all else in equilibrium"
 
@@ -74,16 +75,26 @@ def _values(text: str, option: str) -> np.ndarray:
     return low + step * np.arange(int((high - low) / step * (1.0 + 1e-9) + 1e-9) + 1)
 
 
+COLUMNS = {
+    "direction [deg]": "{direction_deg:g}",
+    "distance [m]": "{distance_m:g}",
+    "restoring [N]": "{restoring_n:.5g}",
+    "transverse [N]": "{transverse_n:.5g}",
+    "vertical [N]": "{vertical_n:.5g}",
+    "tension at points [N]": "{end_tension_n:.5g}",
+    "maximum tension [N]": "{max_tension_n:.5g}",
+    "in line": "{max_line}",
+}
+
+
 def _text(rows: list[Table]) -> str:
-    heads = ("direction [deg]", "distance [m]", "restoring [N]", "transverse [N]", "vertical [N]")
-    lines = [(*heads, "tension at points [N]", "maximum tension [N]", "in line")]
+    lines = []
     for row in rows:
-        values = [f"{row['direction_deg']:g}", f"{row['distance_m']:g}"]
+        line = defaultdict(lambda: None, row)
         if row["status"] == "ok":
-            loads = (row["restoring_n"], row["transverse_n"], row["force_n"][2])
-            numbers = (*loads, row["end_tension_n"], row["max_tension_n"])
-            # adding zero turns -0 into 0
-            values += [*(f"{round(value, 6) + 0.0:.5g}" for value in numbers), row["max_line"]]
-        lines.append((*values, *["-"] * (len(lines[0]) - len(values))))
+            line["vertical_n"] = row["force_n"][2]
+            for key in ("restoring_n", "transverse_n", "vertical_n"):
+                line[key] = round(line[key], 6) + 0.0  # adding zero turns -0 into 0
+        lines.append(line)
     note = "force of the lines on the displaced points together: against the offset, to the left of it, upwards"
-    return f"{table(lines)}\n{note}"
+    return f"{record_table(lines, COLUMNS)}\n{note}"

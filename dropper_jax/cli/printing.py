@@ -7,8 +7,9 @@ import re
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from string import Formatter
 from typing import Protocol
 
 from dropper_jax.base.errors import Progress, silent
@@ -103,6 +104,23 @@ def table(rows: Sequence[Sequence[str]]) -> str:
     first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
     cells = ([row[0].ljust(first), *map(str.rjust, row[1:], others)] for row in rows)
     return "\n".join("  ".join(row).rstrip() for row in cells)
+
+
+class _Dashes(Formatter):
+    """Values in their formats, `-` for None."""
+
+    def format_field(self, value: object, format_spec: str) -> str:
+        return "-" if value is None else super().format_field(value, format_spec)
+
+
+def record_cells(row: Mapping[str, object], columns: Mapping[str, str]) -> list[str]:
+    """Cells of a row by the formats of its columns, such as `{dt:.4g}`; `-` for None."""
+    return [_Dashes().vformat(form, (), row) for form in columns.values()]
+
+
+def record_table(rows: Iterable[Mapping[str, object]], columns: Mapping[str, str]) -> str:
+    """A table of rows; `columns` are formats of their values by heading."""
+    return table([list(columns), *(record_cells(row, columns) for row in rows)])
 
 
 def listing(pairs: Sequence[tuple[str, str]]) -> str:

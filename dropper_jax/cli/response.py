@@ -7,12 +7,11 @@ from argparse import ArgumentParser, Namespace
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
-from dropper_jax.base.markdown import cells
 from dropper_jax.base.read import Table
 from dropper_jax.cli.given import read_spaced
 from dropper_jax.cli.options import add_quiet, add_scene, read_scene
 from dropper_jax.cli.outputs import add_out, add_plot, deliver, picture
-from dropper_jax.cli.printing import done_object, progress, table
+from dropper_jax.cli.printing import done_object, progress, record_table
 
 help = "mean, amplitude and phase of the first link's angle in regular waves of several periods"
 
@@ -59,14 +58,23 @@ def _periods(text: str) -> np.ndarray:
     return np.linspace(low, high, count)
 
 
+COLUMNS = {
+    "period [s]": "{period_s:.4g}",
+    "mean [rad]": "{mean_rad:.4g}",
+    "amplitude [rad]": "{amplitude_rad:.4g}",
+    "phase [rad]": "{phase_rad:.4g}",
+    "wet": "{wet:.4g}",
+    "in waves 10 % higher": "{more}",
+}
+
+
 def _text(rows: list[Table]) -> str:
-    lines = [("period [s]", "mean [rad]", "amplitude [rad]", "phase [rad]", "wet", "in waves 10 % higher")]
+    lines = []
     for row in rows:
         more = row.get("amplitude_10_percent_more")
-        values = (row["period_s"], row["mean_rad"], row["amplitude_rad"], row["phase_rad"], row["wet"])
-        lines.append((*cells(values, ".4g"), "-" if more is None else f"{100 * more:+.1f} %"))
+        lines.append({**row, "more": more if more is None else f"{100 * more:+.1f} %"})
     return (
-        f"{table(lines)}\nangle of the first link from the vertical in the plane of the waves; "
+        f"{record_table(lines, COLUMNS)}\nangle of the first link from the vertical in the plane of the waves; "
         "phase ahead of the elevation at its fixed point\n"
         "wet: mean wet fraction of the far end; last column: change of the amplitude"
     )

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.read import Table
-from dropper_jax.cli.outputs import (
-    weights_table,
-)
-from dropper_jax.cli.printing import (
-    listing,
-    table,
-)
+from dropper_jax.cli.outputs import weights_table
+from dropper_jax.cli.printing import listing, record_cells, table
 
 if TYPE_CHECKING:
     from dropper_jax.run.simulate import Solution
@@ -22,7 +17,7 @@ MOST_LINES = 12
 
 
 #: Cells of a row of a table.
-Row = tuple[str, ...]
+Row = Sequence[str]
 
 
 def text(solution: Solution) -> str:
@@ -30,21 +25,26 @@ def text(solution: Solution) -> str:
     from dropper_jax.run.arrays import words as failure_words
     from dropper_jax.scene import link_mass_words
 
-    used = solution.settings
     pairs = [
         ("scene", solution.scene.name),
-        ("integrator", f"{used['integrator']}, solver {used['solver']}, {used['dtype']}"),
+        ("integrator", "{integrator}, solver {solver}, {dtype}".format(**solution.settings)),
         ("time", _steps(solution)),
         ("mass of links", link_mass_words(solution.scene.link_mass_nodes)),
-        ("steps", f"{solution.failed_steps} failed, {solution.retried_steps} retried"),
+        *((name, form.format(solution)) for name, form in FACTS.items()),
         *_step_facts(solution),
-        ("residual", f"{solution.max_residual:.1e} maximum, scaled; closure {solution.max_closure_error:.1e} m"),
-        ("energy", f"balance error {solution.energy_drift:.1e} J (reference {solution.energy_scale:.3g} J)"),
-        ("speed", f"{solution.max_speed:.3g} m/s maximum"),
         *(("broken", failure_words(row)) for row in solution.broken),
         ("wall time", f"{solution.compile_s:.2f} s compilation, {solution.run_s:.3f} s run"),
     ]
     return "\n".join([listing(pairs), "", *_tensions(solution), *_errors(solution), "", result_line(solution)])
+
+
+#: Facts of a run: formats of its attributes by name.
+FACTS = {
+    "steps": "{0.failed_steps} failed, {0.retried_steps} retried",
+    "residual": "{0.max_residual:.1e} maximum, scaled; closure {0.max_closure_error:.1e} m",
+    "energy": "balance error {0.energy_drift:.1e} J (reference {0.energy_scale:.3g} J)",
+    "speed": "{0.max_speed:.3g} m/s maximum",
+}
 
 
 def _step_facts(solution: Solution) -> list[tuple[str, str]]:
@@ -66,10 +66,10 @@ def _step_facts(solution: Solution) -> list[tuple[str, str]]:
     if turn > 1.0:
         found.append(("turns", f"links rotate by up to {turn:.2g} degrees in a step"))
     if facts["slack_to_taut_steps"]:
-        found.append(("snaps", f"links change from slack to taut in {facts['slack_to_taut_steps']} steps"))
+        found.append(("snaps", "links change from slack to taut in {slack_to_taut_steps} steps".format(**facts)))
     if facts["compression_to_tension_steps"]:
-        text = f"rigid links change from compression to tension in {facts['compression_to_tension_steps']} steps"
-        found.append(("compression", text))
+        text = "rigid links change from compression to tension in {compression_to_tension_steps} steps"
+        found.append(("compression", text.format(**facts)))
     return found
 
 
@@ -79,24 +79,27 @@ def _errors(solution: Solution) -> list[str]:
     if found is None:
         return []
     loads = {row["line"]: row for row in found["loads"]}
-    names = {"mean": "mean", "deviation": "deviation", "window_maximum": "maxima in waves", "maximum": "maximum"}
-    rows: dict[str, list[Row]] = {}
-    for line, row in loads.items():
-        own = (f"{row[name]['value']:.4g} +- {row[name]['error']:.2g}" for name in names)
-        snaps = f"{row['snaps']['value']:.0f} +- {row['snaps']['error']:.0f}"
-        rows[line] = [(line, f"{row['at_m']:.4g}", *own, snaps)]
-    heads = ("line, loads [N]", "at [m]", *names.values(), "snaps")
+    rows = {line: [record_cells(row, LOADS)] for line, row in loads.items()}
     shown = most_loaded(loads, lambda row: row["maximum"]["value"])
-    return ["", table([heads, *with_gaps(rows, shown)]), *_about_errors(found)]
+    return ["", table([list(LOADS), *with_gaps(rows, shown)]), *_about_errors(found)]
+
+
+#: Columns of the loads with their errors: formats of the values by heading.
+LOADS = {
+    "line, loads [N]": "{line}",
+    "at [m]": "{at_m:.4g}",
+    "mean": "{mean[value]:.4g} +- {mean[error]:.2g}",
+    "deviation": "{deviation[value]:.4g} +- {deviation[error]:.2g}",
+    "maxima in waves": "{window_maximum[value]:.4g} +- {window_maximum[error]:.2g}",
+    "maximum": "{maximum[value]:.4g} +- {maximum[error]:.2g}",
+    "snaps": "{snaps[value]:.0f} +- {snaps[error]:.0f}",
+}
 
 
 def _about_errors(found: Table) -> list[str]:
     """Sources of the errors of the largest load, and other influences on it."""
     worst = max((row["maximum"] for row in found["loads"]), key=lambda load: load["value"])
-    if worst["links"] is None:
-        of_links = "links not known"
-    else:
-        of_links = f"{worst['links']:.2g} N by the links"
+    of_links = "links not known" if worst["links"] is None else f"{worst['links']:.2g} N by the links"
     lines = [
         f"+-: limit of the errors of step and links together; of the maximum load {worst['step']:.2g} N by the step, "
         f"{of_links}"
@@ -119,7 +122,7 @@ def _tensions(solution: Solution) -> list[str]:
     if solution.scene.branched:
         parts = solution.line_tensions()
         shown = most_loaded(parts, lambda values: values["max"])
-    heads = ("min", "at [s]", "mean", "max", "at [s]", "final")
+    heads = [head.strip() for head in EXTENT]
     rows: list[Row] = [("tension of links [N]", *heads)]
     rows += with_gaps({name: [(name, *_extent_cells(values))] for name, values in parts.items()}, shown)
     # a mean over lines that differ is the load of none
@@ -148,19 +151,20 @@ def _end_rows(solution: Solution) -> dict[str, list[Row]]:
 def _extent_cells(values: Mapping[str, float], mean: bool = True) -> list[str]:
     """Minimum and its time, mean, maximum and its time, and the final value."""
 
-    def newtons(key: str) -> str:
-        return f"{round(values[key], 4) + 0.0:.4f}"
+    kept = ("min", "max", "mean", "final") if mean else ("min", "max")
+    rounded = {key: round(values[key], 4) + 0.0 for key in kept}
+    return record_cells({**values, "mean": None, "final": None, **rounded}, EXTENT)
 
-    def seconds(key: str) -> str:
-        return f"{values[key]:.6g}"
 
-    if mean:
-        middle = newtons("mean")
-        final = newtons("final")
-    else:
-        middle = "-"
-        final = "-"
-    return [newtons("min"), seconds("min_s"), middle, newtons("max"), seconds("max_s"), final]
+#: Columns of a load over a run: formats of the values by heading.
+EXTENT = {
+    "min": "{min:.4f}",
+    "at [s]": "{min_s:.6g}",
+    "mean": "{mean:.4f}",
+    "max": "{max:.4f}",
+    "at [s] ": "{max_s:.6g}",
+    "final": "{final:.4f}",
+}
 
 
 def most_loaded(parts: Mapping[str, Table], size: Callable[[Table], float]) -> set[str]:
@@ -194,21 +198,15 @@ def _steps(solution: Solution) -> str:
     used = solution.settings
     end = f"{solution.t[-1]:g} s"
     if "refused_steps" not in used:
-        return f"{used['steps']} steps of {used['dt']:g} s to {end}"
-    refused = f"{used['refused_steps']} more rejected"
-    if used["shortest_steps"]:
-        limited = f", {used['shortest_steps']} of the shortest length with a larger error"
-    else:
-        limited = ""
-    held = f"{used['steps']} steps with an accuracy of {used['accuracy']:g} to {end}"
-    return f"{held}, {refused}{limited}; saved every {used['dt']:g} s"
+        return "{steps} steps of {dt:g} s to {end}".format(**used, end=end)
+    limited = ", {shortest_steps} of the shortest length with a larger error" if used["shortest_steps"] else ""
+    text = "{steps} steps with an accuracy of {accuracy:g} to {end}, {refused_steps} more rejected"
+    return f"{text}{limited}; saved every {{dt:g}} s".format(**used, end=end)
 
 
 def result_line(solution: Solution) -> str:
     """The outcome of the run in one line."""
     if solution.failure:
         return f"failed: {solution.failure}"
-    return (
-        f"ok: {solution.t[-1] - solution.t[0]:g} s simulated in {solution.run_s:.3g} s, "
-        f"{solution.us_per_step:.3g} us per step, {solution.realtime_factor:.3g} times real time"
-    )
+    text = "simulated in {0.run_s:.3g} s, {0.us_per_step:.3g} us per step, {0.realtime_factor:.3g} times real time"
+    return f"ok: {solution.t[-1] - solution.t[0]:g} s {text.format(solution)}"

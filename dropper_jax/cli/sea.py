@@ -74,11 +74,9 @@ def _wake_lines(found: Table) -> list[str]:
     rows += [(row["line"], "{min:.3g} to {max:.3g}".format(**row["share"])) for row in found["wakes"]["lines"]]
     balance = found["wakes"]["balance"]
     note = f"momentum deficit behind all lines over their drag: {balance:.3f}"
-    if balance > 0.99:
-        more = ""
-    else:
-        more = "; the farm is too dense for wakes alone: water would flow around it"
-    return ["", table(rows), note + more]
+    if balance <= 0.99:
+        note += "; the farm is too dense for wakes alone: water would flow around it"
+    return ["", table(rows), note]
 
 
 def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
@@ -87,11 +85,7 @@ def _draw(name: str, found: Table, gravity: float, picture: Path) -> None:
     waves = found["waves"]
     if waves is None:
         raise SceneError(f"--regimes: scene {name!r} has no waves. Use a scene with [sea.waves]")
-    if waves["kind"] == "regular":
-        height = "height_m"
-        period = "period_s"
-    else:
-        height, period = SIGNIFICANT
+    height, period = ("height_m", "period_s") if waves["kind"] == "regular" else SIGNIFICANT
     regimes([(name, waves[height], waves[period], found["depth_m"])], gravity, picture)
 
 
@@ -137,8 +131,8 @@ def _text(found: Table) -> str:
     current = found["current"]
     if current is None:
         rows.append(("current", "none"))
-    keys = ("heights_m", "speed_m_per_s", "direction_rad")
-    for z, speed, course in zip(*(current[key] if current else () for key in keys), strict=True):
+        current = dict.fromkeys(("heights_m", "speed_m_per_s", "direction_rad"), ())
+    for z, speed, course in zip(current["heights_m"], current["speed_m_per_s"], current["direction_rad"], strict=True):
         rows.append((f"current at z = {z:g} m", f"{speed:.4g} m/s towards {np.degrees(course):.4g} degrees from x"))
     return "\n".join([listing(rows), *_coefficients(found), *_wake_lines(found)])
 

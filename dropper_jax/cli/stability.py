@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.base.read import Table
 from dropper_jax.cli.options import add_examples, add_json, add_quiet
 from dropper_jax.cli.outputs import add_out, deliver
-from dropper_jax.cli.printing import done_object, progress, table
+from dropper_jax.cli.printing import done_object, progress, record_table
 
 if TYPE_CHECKING:
     from dropper_jax.stability import CaseResult
@@ -47,33 +47,37 @@ def run(args: Namespace) -> int:
         rows.append(evaluate(case, args.short, not args.short))
     say(1.0, "done")
     missed = [row.name for row in rows if not row.ok]
-    failure = None
-    if missed:
-        failure = ("not_converged", f"limits exceeded: {', '.join(missed)}")
+    failure = ("not_converged", f"limits exceeded: {', '.join(missed)}") if missed else None
     return deliver(args, done_object(cases=[asdict(row) for row in rows]), text(rows), failure)
+
+
+COLUMNS = {
+    "case": "{name}",
+    "measured": "{measured:.1e}",
+    "limit": "{limit:.0e}",
+    "unit": "{unit}",
+    "holds": "{holds}",
+    "status": "{status}",
+    "thesis_angles 0.51": "{thesis[0]}",
+    "thesis_angles 0.5": "{thesis[1]}",
+    "theta 0.51": "{thesis[2]}",
+    "theta 0.5": "{thesis[3]}",
+}
 
 
 def text(rows: Sequence[CaseResult]) -> str:
     """The result as a table."""
-    cells = [("case", "measured", "limit", "unit", "holds", "status", *BASELINES)]
+    cells = []
     for row in rows:
-        thesis = row.baseline_thesis or {}
-        holds = "yes" if row.ok else "NO"
-        numbers = (f"{row.measured:.1e}", f"{row.limit:.0e}")
-        cells.append((row.name, *numbers, row.unit, holds, row.status, *(_short(thesis.get(x)) for x in BASELINES)))
-    claims = [f"{row.name}: {row.claim}" for row in rows]
-    return "\n".join([table(cells), "", *claims])
+        thesis = [_short(found) for found in (row.baseline_thesis or {}).values()]
+        cells.append({**vars(row), "holds": "yes" if row.ok else "NO", "thesis": thesis or [None] * 4})
+    return "\n".join([record_table(cells, COLUMNS), "", *(f"{row.name}: {row.claim}" for row in rows)])
 
 
-BASELINES = ("thesis_angles 0.51", "thesis_angles 0.5", "theta 0.51", "theta 0.5")
-
-
-def _short(found: Table | None) -> str:
+def _short(found: Table) -> str:
     """A baseline in a cell: the time of its failure, or its energy error."""
-    if found is None:
-        return "-"
     if found["status"] == "ok":
         return f"{'WRONG' if found['wrong_energy'] else 'ok'}, energy {found['energy_drift_share']:.0e}"
     if "failed_at_s" in found:
-        return f"{found['status']} at {found['failed_at_s']:.3g} s"
+        return "{status} at {failed_at_s:.3g} s".format(**found)
     return found["status"]

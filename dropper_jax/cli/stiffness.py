@@ -68,8 +68,7 @@ def run(args: Namespace) -> int:
         return print_result(args, {"scene": scene.name}, failure=failure_of(pose))
     model = build_model(scene)
     if args.of is None:
-        loads = release_loads(model, scene.start)
-        found = mooring_stiffness(model, pose.state, names, loads)
+        found = mooring_stiffness(model, pose.state, names, release_loads(model, scene.start))
     else:
         found = _of_one(scene, model, pose.state, names, about, args.lines_only)
     if args.out is not None and args.out.suffix.lower() == ".csv":
@@ -77,8 +76,7 @@ def run(args: Namespace) -> int:
         args.out = None
     print_warnings(found.warnings)
     values = {"points": found.names, "freedoms": found.freedoms, "stiffness": found.matrix}
-    plain = done_object(scene=scene.name, **values, warnings=found.warnings)
-    return deliver(args, plain, _text(found))
+    return deliver(args, done_object(scene=scene.name, **values, warnings=found.warnings), _text(found))
 
 
 def _requested_points(scene: Scene, args: Namespace) -> tuple[list[str], np.ndarray | None]:
@@ -122,8 +120,7 @@ def _of_one(
         if own.status != "ok":
             raise SceneError(f"--lines-only: {own.message}")
         return stiffness_of_group(build_model(held), own.state, points, reference if about is None else about, names[0])
-    loads = release_loads(model, scene.start)
-    found = mooring_stiffness(model, pose, names, loads)
+    found = mooring_stiffness(model, pose, names, release_loads(model, scene.start))
     if about is None:
         return found
     return replace(found, matrix=moved_to(found.matrix, about - reference))
@@ -153,11 +150,11 @@ def _text(found: Stiffness) -> str:
     first = {freedom.rsplit(".", 1)[0]: i for i, freedom in reversed(list(enumerate(found.freedoms)))}
     pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
     rows = [("point", *(f"{pair} [N/m]" for pair in pairs))]
+    across = ["xyz".index(pair[0]) for pair in pairs]
+    along = ["xyz".index(pair[1]) for pair in pairs]
     for name in found.names:
-        freedoms = []
-        for pair in pairs:
-            freedoms.append([first[name] + "xyz".index(letter) for letter in pair])
-        rows.append((name, *(f"{found.matrix[i, j]:.5g}" for i, j in freedoms)))
+        block = found.matrix[first[name] :, first[name] :]
+        rows.append((name, *cells(block[across, along], ".5g")))
     return f"{table(rows)}\nof each point, the other {len(found.names) - 1} fixed; the full matrix: --json or --out"
 
 
@@ -165,5 +162,5 @@ def _write(file: Path, found: Stiffness) -> None:
     with file.open("w", newline="", encoding="utf-8") as target:
         rows = csv.writer(target)
         rows.writerow(["freedom", *found.freedoms])
-        for name, line in zip(found.freedoms, np.asarray(found.matrix), strict=True):
-            rows.writerow([name, *(repr(float(x)) for x in line)])
+        for name, line in zip(found.freedoms, np.asarray(found.matrix).tolist(), strict=True):
+            rows.writerow([name, *map(repr, line)])

@@ -153,8 +153,9 @@ class VesselSpec(DeclaredSection):
             (self.motion is None) == (self.rao is None) or (self.motion is None) != (time is None),
             ": give either `rao`, or `time` and `motion`",
         )
-        rows = 0 if self.motion is None else len(self.motion)
-        yield np.size(time) != rows, f"time: has {np.size(time)} entries; allowed: {rows}, one for each row of `motion`"
+        if time is not None:
+            rows = len(self.motion)
+            yield len(time) != rows, f"time: has {len(time)} entries; allowed: {rows}, one for each row of `motion`"
 
     @property
     def rotation(self) -> np.ndarray:

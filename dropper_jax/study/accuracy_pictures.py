@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from dropper_jax.base.read import Table
 from dropper_jax.plots import style
-from dropper_jax.study.pictures import marks, save_titled
+from dropper_jax.study.pictures import column, grouped, marks, save_titled
 
 
 @style.plot_style()
@@ -20,27 +22,20 @@ def work_precision(report: Table, path: str | Path) -> Path:
     figure = style.new_figure(12.0, 5.4)
     axes = figure.subplots(1, 3)
     rows = [row for row in report["rows"] if row["status"] == "ok"]
-    plots = (
-        (
-            "wall_s_per_simulated_s",
-            "rms_angle_error_rad",
-            "wall time per simulated second [s]",
-            "RMS angle error [rad]",
-        ),
-        ("dt", "rms_angle_error_rad", "step [s]", "RMS angle error [rad]"),
-        ("dt", "energy_drift_j", "step [s]", "energy drift [J]"),
-    )
-    labels = list(dict.fromkeys(row["label"] for row in rows))
-    for (x, y, across, up), panel in zip(plots, axes, strict=True):
-        for i, label in enumerate(labels):
-            _series(panel, [r for r in rows if r["label"] == label], x, y, label, i)
+    error = ("rms_angle_error_rad", "RMS angle error [rad]")
+    step = ("dt", "step [s]")
+    time = ("wall_s_per_simulated_s", "wall time per simulated second [s]")
+    plots = ((time, error), (step, error), (step, ("energy_drift_j", "energy drift [J]")))
+    for ((x, across), (y, up)), panel in zip(plots, axes, strict=True):
+        for i, (label, own) in enumerate(grouped(rows, itemgetter("label")).items()):
+            shown = sorted((r for r in own if (r[y] or 0) > 0), key=itemgetter("dt"))
+            if shown:
+                panel.plot(column(shown, x), column(shown, y), label=label, lw=1.0, **marks(i))
         panel.set(xscale="log", yscale="log", xlabel=across, ylabel=up)
+    floor = report["reference"]["error_estimate_rad"]
     for panel in axes[:2]:
-        floor = report["reference"]["error_estimate_rad"]
         panel.axhline(floor, color=style.FAINT, lw=0.8, ls=":")
-        panel.annotate(
-            "error of the reference", (0.02, floor), (0, 2), ("axes fraction", "data"), "offset points", fontsize=7
-        )
+        _note(panel, "error of the reference", (0.02, floor), (0, 2), ("axes fraction", "data"))
     _slopes(axes[1], rows)
     figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=8)
     return save_titled(
@@ -48,10 +43,11 @@ def work_precision(report: Table, path: str | Path) -> Path:
     )
 
 
-def _series(axes: Axes, rows: list[Table], x: str, y: str, label: str, index: int) -> None:
-    rows = sorted((r for r in rows if (r[y] or 0) > 0), key=lambda r: r["dt"])
-    if rows:
-        axes.plot([r[x] for r in rows], [r[y] for r in rows], label=label, lw=1.0, **marks(index))
+def _note(
+    axes: Axes, text: str, at: tuple[float, float], moved: tuple[float, float], of: str | tuple = "data", **look: Any
+) -> None:
+    """A small text next to a position, in the coordinates `of`."""
+    axes.annotate(text, at, moved, of, "offset points", **{"fontsize": 7, **look})
 
 
 def _slopes(axes: Axes, rows: list[Table]) -> None:
@@ -62,9 +58,7 @@ def _slopes(axes: Axes, rows: list[Table]) -> None:
     for order, top in ((1, 0.5), (2, 2.0), (4, 0.3)):
         line = top * (dts / dts[-1]) ** order
         axes.plot(dts, line, color=style.FAINT, lw=0.8, zorder=0)
-        axes.annotate(
-            f"order {order}", (dts[0], line[0]), (3, -8), "data", "offset points", fontsize=7, color=style.FAINT
-        )
+        _note(axes, f"order {order}", (dts[0], line[0]), (3, -8), color=style.FAINT)
 
 
 @style.plot_style()
@@ -99,8 +93,7 @@ def _links(axes: Axes, scheme: Table, kind: str, numbers: Sequence[int]) -> None
     for dt, status in zip(scheme["dts"], scheme["status"], strict=True):
         if status != "ok":
             axes.axvline(dt, color=style.ALERT, lw=0.8, ls=":")
-            axes.annotate(status, (dt, 0.02), (2, 0), ("data", "axes fraction"), "offset points", rotation=90,
-                          fontsize=7, color=style.ALERT)  # fmt: skip
+            _note(axes, status, (dt, 0.02), (2, 0), ("data", "axes fraction"), rotation=90, color=style.ALERT)
 
 
 @style.plot_style()
@@ -109,25 +102,19 @@ def damping(report: Table, path: str | Path) -> Path:
     found = report["numerical_damping"]
     figure = style.new_figure(8.0, 5.2)
     axes = figure.subplots()
-    labels = list(dict.fromkeys(row["label"] for row in found["rows"]))
-    for i, label in enumerate(labels):
-        _damping_series(axes, [r for r in found["rows"] if r["label"] == label], label, i, len(labels))
+    schemes = grouped(found["rows"], itemgetter("label"))
+    for i, (label, rows) in enumerate(schemes.items()):
+        good = [r for r in rows if r["status"] == "ok"]
+        bad = column([r for r in rows if r["status"] != "ok"], "dt")
+        look = marks(i)
+        axes.plot(column(good, "dt"), column(good, "equivalent_linear_damping"), label=label, lw=1.0, **look)
+        height = 0.35 * 1.12 ** (i - len(schemes) / 2)  # a row of crosses per scheme, so that they do not overlap
+        axes.plot(bad, np.full_like(bad, height), ls="", marker="x", ms=5, color=look["color"])
     axes.axhline(found["thesis_b_l"], color=style.DARK, lw=0.9, ls=":")
     axes.axvline(0.0065, color=style.DARK, lw=0.9, ls=":")
-    axes.annotate(
-        "b_l the thesis fitted, at its step", (0.0066, found["thesis_b_l"]), (2, 3), "data", "offset points", fontsize=8
-    )
+    _note(axes, "b_l the thesis fitted, at its step", (0.0066, found["thesis_b_l"]), (2, 3), fontsize=8)
     axes.set(xscale="log", xlabel="step [s]", ylabel="equivalent linear damping [kg/s]")
     axes.set_yscale("symlog", linthresh=1e-6)
     axes.set_ylim(-1e-2, 1.0)
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
     return save_titled(figure, f"{found['scene']}: numerical damping (below 0: gains; crosses: fails)", path)
-
-
-def _damping_series(axes: Axes, rows: list[Table], label: str, index: int, count: int) -> None:
-    good = [r for r in rows if r["status"] == "ok"]
-    bad = [r for r in rows if r["status"] != "ok"]
-    look = marks(index)
-    axes.plot([r["dt"] for r in good], [r["equivalent_linear_damping"] for r in good], label=label, lw=1.0, **look)
-    height = 0.35 * 1.12 ** (index - count / 2)  # a row of crosses per scheme, so that they do not overlap
-    axes.plot([r["dt"] for r in bad], [height] * len(bad), ls="", marker="x", ms=5, color=look["color"])

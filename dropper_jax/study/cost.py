@@ -99,14 +99,14 @@ def model_variants(model: Model) -> list[tuple[str, Model]]:
     """The whole model, the models without one effect each, and the one without any, with their names."""
     # bodies without their constraints would be four masses
     names = [e.name for e in model.effects if e not in model.constraints]
-    each = [(f"without {name}", without_effects(model, [name])) for name in names]
-    return [(FULL, model), *each, (BARE, without_effects(model, names))]
+    removed = {FULL: [], **{f"without {name}": [name] for name in names}, BARE: names}
+    return [(name, without_effects(model, own)) for name, own in removed.items()]
 
 
 def without_effects(model: Model, names: list[str]) -> Model:
     """The model without these effects, and without those that need one of them."""
-    left = [e for e in model.effects if e.name not in names]
-    return replace(model, effects=tuple(e for e in left if not set(e.needs) & set(names)))
+    gone = set(names)
+    return replace(model, effects=tuple(e for e in model.effects if not gone & {e.name, *e.needs}))
 
 
 class Variant:
@@ -151,9 +151,7 @@ class Variant:
 
     @property
     def us_per_correction(self) -> float | None:
-        if self.corrections:
-            return self.us_per_step / self.corrections
-        return None
+        return self.us_per_step / self.corrections if self.corrections else None
 
     def row(self, whole: Variant) -> Table:
         """Its numbers, with ratios to the whole scene."""
@@ -220,13 +218,13 @@ def proof(scene: Scene) -> Table:
         del EFFECTS[Unused.name]
     table = scene.to_dict()
     run = scene.run
-    never = Scene.from_dict({**table, "effects": {k: v for k, v in table["effects"].items() if k == "weight"}})
+    kept = {name: values for name, values in table["effects"].items() if name == "weight"}
     model, s = build(scene)
-    taken = without_effects(model, [name for name in scene.effects if name != "weight"])
-    removed, never_had = (
-        _text(make_stepper(m, run.integrator, "auto", **run.options), m, s, run.step)
-        for m in (taken, build_model(never))
+    models = (
+        without_effects(model, [name for name in scene.effects if name not in kept]),
+        build_model(Scene.from_dict({**table, "effects": kept})),
     )
+    removed, never_had = (_text(make_stepper(m, run.integrator, "auto", **run.options), m, s, run.step) for m in models)
     return {
         "removed_is_never_had": removed == never_had,
         "new_effect_changes_nothing": base == again,

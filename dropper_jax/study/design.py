@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -89,10 +91,8 @@ def solve_design(
     """
     paths = [path] if isinstance(path, str) else list(path)
     names = [target] if isinstance(target, str) else list(target)
-    lows = np.atleast_1d(np.asarray(low, float))
-    highs = np.atleast_1d(np.asarray(high, float))
-    goals = np.atleast_1d(np.asarray(goal, float))
-    if not len(paths) == len(lows) == len(highs) == len(names) == len(goals):
+    lows, highs, goals = (np.atleast_1d(np.asarray(given, float)) for given in (low, high, goal))
+    if len({len(given) for given in (paths, lows, highs, names, goals)}) > 1:
         raise SceneError(
             f"design: {len(paths)} values for {len(names)} targets with {len(goals)} goals; allowed: as many"
         )
@@ -107,27 +107,24 @@ def solve_design(
         x = design.find_root(*lows, *highs)
     else:
         x = design.solve_together(lows, highs)
-    reached = design.evaluate(x)
-    changed = design.at(x)
+    reached = design.pose(x).reached
     miss = np.abs(reached - goals) / design.scale(reached)
     worst = int(np.argmax(miss))
-    status = "ok"
     message = ""
     if len(paths) > 1 and miss[worst] > MISSED:
-        bound = [p for p, v, a, b in zip(paths, x, lows, highs, strict=True) if min(v - a, b - v) < 1e-6 * (b - a)]
-        where = ""
-        if bound:
-            where = f"; at a bound: {', '.join(bound)}"
-        status = "not_reached"
-        message = f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}{where}"
+        message = f"{names[worst]} reaches {reached[worst]:.6g} of {goals[worst]:g}"
+        near = np.minimum(x - lows, highs - x) < 1e-6 * (highs - lows)
+        if np.any(near):
+            message += f"; at a bound: {', '.join(np.array(paths)[near])}"
+    scene = design.at(x)
     return Design(
         dict(zip(paths, x.tolist(), strict=True)),
-        {name: (want, got) for name, want, got in zip(names, goals.tolist(), reached.tolist(), strict=True)},
-        status,
+        dict(zip(names, zip(goals.tolist(), reached.tolist(), strict=True), strict=True)),
+        "not_reached" if message else "ok",
         message,
         len(design.poses),
-        changed,
-        *_ends_of(changed, names[0]),
+        scene,
+        *_ends_of(scene, names[0]),
     )
 
 
@@ -139,20 +136,35 @@ VALUE_TOLERANCE = 1e-9
 UNDETERMINED = 1e-8
 
 
+class _Pose(NamedTuple):
+    """Model, static pose and quantities (p,)."""
+
+    model: Model
+    state: State
+    reached: np.ndarray
+
+
+@dataclass
 class _DesignSearch:
     """Static quantities of a scene as functions of some of its numbers, each equilibrium solved once."""
 
-    def __init__(self, scene: Scene, paths: list[str], names: list[str], goals: np.ndarray, progress: Progress) -> None:
-        self.scene, self.paths, self.names, self.goals, self.progress = scene, paths, names, goals, progress
-        model = bare_model(overgrown(scene))
-        self.quantities = [static_quantity(name, model, "target") for name in names]
-        self.poses: dict[tuple[float, ...], tuple[Model, State, np.ndarray]] = {}
+    scene: Scene
+    paths: list[str]
+    names: list[str]
+    goals: np.ndarray
+    progress: Progress
+    poses: dict[tuple[float, ...], _Pose] = field(default_factory=dict)
+
+    @cached_property
+    def quantities(self) -> tuple[Quantity, ...]:
+        model = bare_model(overgrown(self.scene))
+        return tuple(static_quantity(name, model, "target") for name in self.names)
 
     def at(self, x: np.ndarray | list[float]) -> Scene:
         return self.scene.with_values(dict(zip(self.paths, map(float, x), strict=True)))
 
-    def pose(self, x: np.ndarray | list[float]) -> tuple[Model, State, np.ndarray]:
-        """Model, static pose and quantities (p,)."""
+    def pose(self, x: np.ndarray | list[float]) -> _Pose:
+        """The pose for values (p,)."""
         key = tuple(map(float, x))
         if key not in self.poses:
             changed = self.at(x)
@@ -162,26 +174,22 @@ class _DesignSearch:
                 values = ", ".join(f"{path} = {value:g}" for path, value in zip(self.paths, key, strict=True))
                 raise SceneError(f"{values} has no equilibrium: {pose.message}")
             reached = np.array([float(q.of_pose(model, pose.state)) for q in self.quantities])
-            self.poses[key] = model, pose.state, reached
+            self.poses[key] = _Pose(model, pose.state, reached)
             solved = len(self.poses)
             self.progress(1.0 - PER_POSE**solved, f"{solved} static poses")
         return self.poses[key]
-
-    def evaluate(self, x: np.ndarray | list[float]) -> np.ndarray:
-        return self.pose(x)[2]
 
     def slopes(self, x: np.ndarray) -> np.ndarray:
         """Derivatives (p, p) of the quantities by the numbers: dq/dx + dq/dr dr/dx, K dr/dx = -dF/dx."""
         model, pose, _ = self.pose(x)
         scene = self.at(x)
-        loads = release_loads(model, scene.start)
         slopes = [model_slopes(scene, model, path) for path in self.paths]
         moving = tuple(sorted({leaf for own in slopes for leaf in own}))
         leaves = jax.tree.leaves(model)
         rows = []
         for i in moving:
             rows.append(np.stack([own.get(i, np.zeros(jnp.shape(leaves[i]))) for own in slopes]))
-        return np.asarray(_slopes(moving, tuple(self.quantities), model, rows, pose, loads))
+        return np.asarray(_slopes(moving, self.quantities, model, rows, pose, release_loads(model, scene.start)))
 
     def scale(self, reached: np.ndarray) -> np.ndarray:
         """Sizes (p,) of the targets: the required value, or what is reached where it is zero."""
@@ -189,15 +197,15 @@ class _DesignSearch:
 
     def find_root(self, low: float, high: float) -> np.ndarray:
         """The value in an interval whose ends are on either side of the goal."""
-        ends = [float(self.evaluate([x])[0]) for x in (low, high)]
+        first, last = (float(self.pose([x]).reached[0]) for x in (low, high))
         goal = self.goals[0]
-        if (ends[0] - goal) * (ends[1] - goal) > 0:
+        if (first - goal) * (last - goal) > 0:
             raise SceneError(
-                f"{self.paths[0]}: {low:g} to {high:g} gives {self.names[0]} from {ends[0]:.6g} to "
-                f"{ends[1]:.6g}, which does not include {goal:g}. Use a range whose ends are on either side"
+                f"{self.paths[0]}: {low:g} to {high:g} gives {self.names[0]} from {first:.6g} to {last:.6g}, which "
+                f"does not include {goal:g}. Use a range whose ends are on either side"
             )
         tolerance = {"xtol": VALUE_TOLERANCE * max(abs(low), abs(high)), "rtol": 4 * np.finfo(float).eps}
-        return np.array([brentq(lambda x: self.evaluate([x])[0] - goal, low, high, **tolerance)])
+        return np.array([brentq(lambda x: self.pose([x]).reached[0] - goal, low, high, **tolerance)])
 
     def solve_together(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Several values by least squares within their ranges.
@@ -206,9 +214,9 @@ class _DesignSearch:
             SceneError: a singular system at the end, or no equilibrium.
         """
         middle = 0.5 * (low + high)
-        scale = self.scale(self.evaluate(middle))
+        scale = self.scale(self.pose(middle).reached)
         found = least_squares(
-            lambda x: (self.evaluate(x) - self.goals) / scale,
+            lambda x: (self.pose(x).reached - self.goals) / scale,
             middle,
             lambda x: self.slopes(x) / scale[:, None],
             (low, high),
@@ -219,8 +227,8 @@ class _DesignSearch:
         )
         rows, sizes, columns = np.linalg.svd(found.jac * (high - low))
         if sizes[-1] <= UNDETERMINED * sizes[0]:
-            targets = [name for name, part in zip(self.names, rows[:, -1], strict=True) if abs(part) > 0.1]
-            values = [path for path, part in zip(self.paths, columns[-1], strict=True) if abs(part) > 0.1]
+            targets = np.array(self.names)[np.abs(rows[:, -1]) > 0.1]
+            values = np.array(self.paths)[np.abs(columns[-1]) > 0.1]
             raise SceneError(
                 f"design: {', '.join(targets)} do not determine {', '.join(values)}: the system is singular. Use other "
                 "targets or values"
@@ -255,8 +263,9 @@ def _ends_of(scene: Scene, target: str) -> tuple[tuple[float, ...] | None, ...]:
     pose = equilibrium(scene)
     positions = np.asarray(pose.positions)[None]
     tension = np.asarray(pose.tension)[None]
-    pieces = line_slices(scene)
-    lines = whole_lines(scene)
-    forces = {**end_forces(scene, positions, tension, pieces), **end_forces(scene, positions, tension)}
-    angles = {**end_angles(positions, pieces), **end_angles(positions, lines)}
+    forces = {}
+    angles = {}
+    for lines in (line_slices(scene), whole_lines(scene)):
+        forces |= end_forces(scene, positions, tension, lines)
+        angles |= end_angles(positions, lines)
     return tuple(tuple(found[name][0].tolist()) if name in found else None for found in (forces, angles))

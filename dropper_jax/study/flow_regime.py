@@ -32,10 +32,8 @@ def regime(solution: Solution) -> dict[str, float]:
         raise ValueError("solution: its scene has no [sea] or no diameter. Use a scene with both")
     every = max(1, len(solution.t) // MOST_TIMES)
     free, links = _far_ends(solution, model)
-    at = [take_every(a, every) for a in (solution.positions, solution.velocities, solution.t)]
-    looked = (at[0], at[1][:, free], at[2])
-
-    speed = np.asarray(_across(model.sea, jnp.asarray(free), *map(jnp.asarray, looked))).max(axis=0)
+    nodes, v, t = (take_every(a, every) for a in (solution.positions, solution.velocities, solution.t))
+    speed = np.asarray(_across(model.sea, *map(jnp.asarray, (free, nodes, v[:, free], t)))).max(axis=0)
     diameter = np.asarray(model.line.drag_diameter)[links]
     period = shortest = float("nan")
     if model.sea.waves is not None:

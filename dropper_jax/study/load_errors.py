@@ -150,18 +150,12 @@ def load_errors(
             left_out[name] = f"that run ends with {solution.failure}"
             continue
         made[name] = line_loads(record(solution, skip), made["1"])
-    chaotic = horizon is not None
-    factor = 1.0
-    if not chaotic:
-        factor = error_factor(base, finer=True)
-    rows = [_row(i, made, factor) for i in range(len(made["1"]))]
-    horizon_s = horizon
-    if horizon is None:
-        horizon_s = scene.run.duration
+    factor = error_factor(base, finer=True) if horizon is None else 1.0
+    rows = [_row({name: loads[i] for name, loads in made.items()}, factor) for i in range(len(made["1"]))]
     return {
         "loads": rows,
-        "chaotic": chaotic,
-        "horizon_s": horizon_s,
+        "chaotic": horizon is not None,
+        "horizon_s": scene.run.duration if horizon is None else horizon,
         "not_resolved": [row["line"] for row in rows if row["maximum"]["error"] > UNRESOLVED * row["maximum"]["value"]],
         "left_out": left_out,
     }
@@ -187,7 +181,7 @@ def _variants(scene: Scene) -> tuple[dict[str, Scene], dict[str, str]]:
     damped = {}
     for i, line in enumerate(scene.lines):
         if line.axial_damping is not None:
-            damped[f"line.{i}.axial.damping"] = (2.0 * line.axial_damping).tolist()
+            damped[f"line.{i}.axial.damping"] = 2.0 * line.axial_damping
     if damped:
         found["twice_damping"] = scene.with_values(damped)
     if "seabed" in scene.effects:
@@ -206,14 +200,13 @@ def line_loads(found: Record, like: list[Table] | None = None) -> list[Table]:
     rows = []
     for i, where in enumerate(found.written_lines):
         s = arc(where.spec.length)
-        largest = found.largest[:, where.links]
         if like is None:
-            at = float(s[int(np.argmax(largest.max(axis=0)))])
+            at = float(s[int(np.argmax(found.largest[:, where.links].max(axis=0)))])
         else:
             at = like[i]["at_m"]
         parts = (_at(a[:, where.links], s, at) for a in (found.tension, found.least, found.largest, within))
-        loads = {**_statistics(found, *parts), "snaps": (snaps[i]["most_events"], 0.0)}
-        rows.append({"line": where.name, "at_m": at, **loads})
+        row = {"line": where.name, "at_m": at, **_statistics(found, *parts)}
+        rows.append({**row, "snaps": (snaps[i]["most_events"], 0.0)})
     return rows
 
 
@@ -237,48 +230,47 @@ def _statistics(
     bottoms = _windows(found, -least)
     batches = [part for part in np.array_split(np.arange(len(tension)), 8) if part.size]
     means = np.array([tension[part].mean() for part in batches])
-    deviations = np.array([np.sqrt(max(square[part].mean() - tension[part].mean() ** 2, 0.0)) for part in batches])
-    spread = lambda x: float(x.std(ddof=1)) if len(x) > 1 else float("nan")  # noqa: E731
-    deviation = float(np.sqrt(max(square.mean() - tension.mean() ** 2, 0.0)))
+    deviations = np.array([_deviation(tension[part], square[part]) for part in batches])
     return {
-        "mean": (float(tension.mean()), spread(means) / np.sqrt(len(means))),
-        "deviation": (deviation, spread(deviations) / np.sqrt(len(deviations))),
-        "window_maximum": (float(tops.mean()), spread(tops) / np.sqrt(len(tops))),
+        "mean": (float(tension.mean()), _spread(means) / np.sqrt(len(means))),
+        "deviation": (_deviation(tension, square), _spread(deviations) / np.sqrt(len(deviations))),
+        "window_maximum": (float(tops.mean()), _spread(tops) / np.sqrt(len(tops))),
         # maximum of many: the same spread as one window maximum (a Gumbel distribution keeps its scale)
-        "maximum": (float(tops.max()), spread(tops)),
-        "minimum": (float(-bottoms.max()), spread(bottoms)),
+        "maximum": (float(tops.max()), _spread(tops)),
+        "minimum": (float(-bottoms.max()), _spread(bottoms)),
     }
+
+
+def _deviation(values: np.ndarray, squares: np.ndarray) -> float:
+    return float(np.sqrt(max(squares.mean() - values.mean() ** 2, 0.0)))
+
+
+def _spread(values: np.ndarray) -> float:
+    """Standard deviation of a sample; NaN of one value."""
+    return float(values.std(ddof=1)) if len(values) > 1 else float("nan")
 
 
 def _windows(found: Record, values: np.ndarray) -> np.ndarray:
     """Maxima in windows of a peak period, or of 10 s; the full record if it is shorter."""
-    count = max(int(found.duration / _period(found.scene)), 1)
+    sea = found.scene.sea
+    period = 10.0
+    if sea is not None and sea.waves is not None:
+        period = periods(found.scene).get("waves") or main_period(sea, sea.waves)
+    count = max(int(found.duration / period), 1)
     edges = np.linspace(found.t_tension[0], found.t_tension[-1] + found.interval, count + 1)
     window = np.clip(np.digitize(found.t_tension, edges) - 1, 0, count - 1)
     return np.array([values[window == i].max() for i in range(count) if np.any(window == i)])
 
 
-def _period(scene: Scene) -> float:
-    """Period of the waves with the most energy [s], else the length of a window without waves, 10 s."""
-    sea = scene.sea
-    if sea is None or sea.waves is None:
-        return 10.0
-    return periods(scene).get("waves") or main_period(sea, sea.waves)
-
-
-def _row(i: int, made: dict[str, list[Table]], factor: float) -> Table:
-    first = made["1"][i]
+def _row(made: dict[str, Table], factor: float) -> Table:
+    """Loads of a line with their errors, from those of the run (`1`) and of its variants."""
+    first = made["1"]
     row: Table = {"line": first["line"], "at_m": first["at_m"]}
     for name in QUANTITIES:
-        values = {key: rows[i][name][0] for key, rows in made.items()}
         value, chance = first[name]
-        gain = 1.0 if name in EXTREMES else factor
-        step = GRID_SAFETY * gain * abs(values["finer"] - value)
-        change = {key: values[key] - value for key in ("links", "twice_damping", "twice_bed") if key in values}
-        if "links" in change:
-            links = GRID_SAFETY * 2.0 * abs(change["links"])
-        else:
-            links = None
+        change = {key: loads[name][0] - value for key, loads in made.items()}
+        step = GRID_SAFETY * (1.0 if name in EXTREMES else factor) * abs(change["finer"])
+        links = GRID_SAFETY * 2.0 * abs(change["links"]) if "links" in change else None
         row[name] = {
             "value": value,
             "step": step,

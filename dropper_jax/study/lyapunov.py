@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.dtypes import float0
 
 from dropper_jax.backend.programs import cached_jit
@@ -106,11 +105,3 @@ def _only_motion(ds: State, size: jax.Array) -> State:
 
     ds = jax.tree.map(scale_leaf, ds)
     return replace(ds, work=jnp.zeros_like(ds.work), t=jnp.zeros_like(ds.t))
-
-
-def horizon(result: Lyapunov, dt: float, amplification: float) -> float:
-    """Time [s] up to which a perturbation has grown less than `amplification` times; the whole run if it never does."""
-    growth = np.asarray(result.growth)
-    known = np.isfinite(growth)
-    over = np.flatnonzero(~known | (growth > np.log(amplification)))
-    return float((over[0] if over.size else len(growth)) * dt)

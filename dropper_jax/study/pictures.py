@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -57,7 +59,8 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     size = view.size(rest)
     low = np.ptp(rest[:, 2]) < LOW_AND_LONG * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
     columns = 1 if low else min(count, 3)
-    figure = style.new_figure(3.6 * columns + (4.4 if low else 0.6), (1.5 if low else 2.9) * -(-count // columns) + 0.8)
+    rows = -(-count // columns)
+    figure = style.new_figure(8.0, 1.5 * rows + 0.8) if low else style.new_figure(3.6 * columns + 0.6, 2.9 * rows + 0.8)
     for i, axes in enumerate(style.panels(figure, count, columns)):
         shape = np.asarray(modes.shape[i])
         shape = shape * SHAPE_SIZE * size / max(float(np.abs(shape).max()), np.finfo(float).tiny)
@@ -86,22 +89,16 @@ def responses(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     higher."""
     figure = style.new_figure(7.5, 6.2)
     panels = figure.subplots(3, 1, sharex=True)
-    period = [row["period_s"] for row in rows]
-    for axes, key, label in zip(
-        panels,
-        ("amplitude_rad", "mean_rad", "phase_rad"),
-        ("amplitude [rad]", "mean [rad]", "phase [rad]"),
-        strict=True,
-    ):
-        values = np.array([row[key] for row in rows], float)
-        axes.plot(period, np.unwrap(values) if key == "phase_rad" else values, label="as in the scene", **marks(0))
-        axes.set_ylabel(label)
-    key = "amplitude_10_percent_more"
-    more = [row[key] for row in rows if row.get(key) is not None]
-    if len(more) == len(rows):
-        higher = [row["amplitude_rad"] * (1.0 + value) for row, value in zip(rows, more, strict=True)]
+    period = column(rows, "period_s")
+    amplitude = column(rows, "amplitude_rad")
+    curves = {"amplitude": amplitude, "mean": column(rows, "mean_rad"), "phase": np.unwrap(column(rows, "phase_rad"))}
+    for axes, (label, values) in zip(panels, curves.items(), strict=True):
+        axes.plot(period, values, label="as in the scene", **marks(0))
+        axes.set_ylabel(f"{label} [rad]")
+    if all(row.get("amplitude_10_percent_more") is not None for row in rows):
+        higher = amplitude * (1.0 + column(rows, "amplitude_10_percent_more"))
         panels[0].plot(period, higher, label="waves 10 % higher", **marks(1))
-        panels[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
+        panels[0].legend(ncols=2, **ABOVE)
     panels[-1].set_xlabel("period of the waves [s]")
     figure.align_ylabels()
     return save_titled(figure, f"{name}: angle of the first link in regular waves", path)
@@ -113,25 +110,23 @@ def mussels(name: str, rows: Sequence[Table], path: str | Path) -> Path:
 
     Dashes: below the last depth of the table values are constant.
     """
-    ropes = list(dict.fromkeys(tuple(row["lines"]) for row in rows))
-    months = list(dict.fromkeys(row["month"] for row in rows))
+    ropes = grouped(rows, lambda row: tuple(row["lines"]))
     figure = style.new_figure(max(3.6 * len(ropes), 5.0) + 0.8, 6.4)
     grid = figure.subplots(2, len(ropes), sharey=True, squeeze=False)
-    below = 0.2 * max(row["depth_m"] for row in rows) or 1.0
-    for column, lines in zip(grid.T, ropes, strict=True):
-        for i, month in enumerate(months):
-            shown = [row for row in rows if tuple(row["lines"]) == lines and row["month"] == month]
-            depth = [row["depth_m"] for row in shown]
+    below = 0.2 * np.max(column(rows, "depth_m")) or 1.0
+    for (layer, weight), (lines, own) in zip(grid.T, ropes.items(), strict=True):
+        months = grouped(own, itemgetter("month"))
+        for i, (month, shown) in enumerate(months.items()):
+            depth = column(shown, "depth_m")
             colour = style.tension_map()(0.9 * i / max(len(months) - 1, 1))
-            for axes, key, size in zip(column, ("thickness_m", "wet_weight_n_per_m"), (1e3, 1.0), strict=True):
-                values = [size * row[key] for row in shown]
+            for axes, key, size in ((layer, "thickness_m", 1e3), (weight, "wet_weight_n_per_m", 1.0)):
+                values = size * column(shown, key)
                 axes.plot(values, depth, "o-", color=colour, ms=3.5, label=f"month {month:g}")
-                axes.plot([values[-1]] * 2, [depth[-1], depth[-1] + below], color=colour, ls="--")
-        column[0].set_title(first_names(lines, 1), loc="left", fontsize=9)
-        for axes in column:
+                axes.plot(values[[-1, -1]], [depth[-1], depth[-1] + below], color=colour, ls="--")
+        layer.set_title(first_names(lines, 1), loc="left", fontsize=9)
+        for axes, label in ((layer, "layer [mm]"), (weight, "wet weight [N/m]")):
             axes.axvline(0.0, color=style.FAINT, lw=0.7)
-        column[0].set_xlabel("layer [mm]")
-        column[1].set_xlabel("wet weight [N/m]")
+            axes.set_xlabel(label)
     grid[0, 0].invert_yaxis()
     for axes in grid[:, 0]:
         axes.set_ylabel("depth [m]")
@@ -144,18 +139,36 @@ def tide(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Current, level, excursion and force on the fixed points through a cycle."""
     figure = style.new_figure(7.5, 6.2)
     water, moved, tension = figure.subplots(3, 1, sharex=True)
-    hours = [row["t_s"] / 3600.0 for row in rows]
-    water.plot(hours, [row["speed_m_per_s"] for row in rows], label="current [m/s]", **marks(0))
-    water.plot(hours, [row["level_m"] for row in rows], label="level [m]", **marks(1))
-    moved.plot(hours, [row["displacement_m"] for row in rows], **marks(0))
+    hours = column(rows, "t_s") / 3600.0
+    water.plot(hours, column(rows, "speed_m_per_s"), label="current [m/s]", **marks(0))
+    water.plot(hours, column(rows, "level_m"), label="level [m]", **marks(1))
+    moved.plot(hours, column(rows, "displacement_m"), **marks(0))
     moved.set_ylabel("moved [m]")
-    for i, point in enumerate(rows[0]["held_load_n"]):
-        tension.plot(hours, [np.linalg.norm(row["held_load_n"][point]) / 1e3 for row in rows], label=point, **marks(i))
+    loads = column(rows, "held_load_n", dict)
+    for i, point in enumerate(loads[0]):
+        tension.plot(hours, np.linalg.norm([load[point] for load in loads], axis=1) / 1e3, label=point, **marks(i))
     tension.set(xlabel="time [h]", ylabel="pull [kN]")
     for axes in (water, tension):
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2, fontsize=8)
+        axes.legend(ncols=4, fontsize=8, **ABOVE)
     figure.align_ylabels()
     return save_titled(figure, f"{name}: through the tide", path)
+
+
+#: Legend above the upper right corner of a panel.
+ABOVE = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
+
+
+def column(rows: Sequence[Table], key: str, dtype: type = float) -> np.ndarray:
+    """The values of a key (k,)."""
+    return np.array([row[key] for row in rows], dtype)
+
+
+def grouped(rows: Iterable[Table], key: Callable[[Table], Any]) -> dict[Any, list[Table]]:
+    """Rows by a key, in their order."""
+    found: dict[Any, list[Table]] = {}
+    for row in rows:
+        found.setdefault(key(row), []).append(row)
+    return found
 
 
 MARKERS = "osD^v<>PX*hp"
@@ -174,10 +187,10 @@ def costs(report: Table, path: str | Path) -> Path:
     rows = report["rows"]
     figure = style.new_figure(11.0, 1.6 + 0.42 * len(rows))
     names = [row["name"] for row in rows]
+    colours = [style.FIRST if name == "whole scene" else style.FAINT for name in names]
     parts = (("us_per_step", "microseconds per step"), ("flops", "operations per step"), ("bytes", "bytes per step"))
     for axes, (key, label) in zip(figure.subplots(1, 3, sharey=True), parts, strict=True):
         values = [row[key] or 0.0 for row in rows]
-        colours = [style.FIRST if name == "whole scene" else style.FAINT for name in names]
         axes.bar_label(axes.barh(names, values, color=colours), [f"{v:.4g}" for v in values], fontsize=8, padding=2)
         axes.set_xlim(0, 1.25 * max([*values, 1e-9]))
         axes.set_xlabel(label)
@@ -200,11 +213,10 @@ def offsets(name: str, rows: Sequence[Table], path: str | Path) -> Path:
     """Restoring force and maximum tension over the offset, a curve for each direction."""
     figure = style.new_figure(9.5, 4.4)
     restoring, tension = figure.subplots(1, 2, sharex=True)
-    for i, direction in enumerate(dict.fromkeys(row["direction_deg"] for row in rows)):
-        shown = [row for row in rows if row["direction_deg"] == direction and row["status"] == "ok"]
+    for i, (direction, own) in enumerate(grouped(rows, itemgetter("direction_deg")).items()):
+        shown = [row for row in own if row["status"] == "ok"]
         for axes, key in ((restoring, "restoring_n"), (tension, "max_tension_n")):
-            values = [row[key] / 1e3 for row in shown]
-            axes.plot([row["distance_m"] for row in shown], values, label=f"{direction:g}", **marks(i))
+            axes.plot(column(shown, "distance_m"), column(shown, key) / 1e3, label=f"{direction:g}", **marks(i))
     restoring.set(xlabel="offset [m]", ylabel="restoring force [kN]")
     tension.set(xlabel="offset [m]", ylabel="maximum tension [kN]")
     figure.legend(*restoring.get_legend_handles_labels(), title="direction [deg]", loc="outside right upper")

@@ -50,12 +50,15 @@ def _waves(spec: SeaSpec) -> Table | None:
     return _irregular(sea, spec)
 
 
-def _regular(height: float, length: float, period: float, depth: float) -> Table:
+def _regular(theory: str, height: float, length: float, period: float, depth: float, **more: float) -> Table:
     limit = highest(length, depth)
     return {
+        "kind": "regular",
+        "theory": theory,
         "height_m": height,
         "period_s": period,
         "length_m": length,
+        "celerity_m_per_s": length / period,
         "depth_over_length": depth / length,
         "steepness": height / length,
         "ursell": height * length**2 / depth**3,
@@ -63,37 +66,31 @@ def _regular(height: float, length: float, period: float, depth: float) -> Table
         "highest_m": limit,
         "share_of_highest": height / limit,
         "fitting_theory": fitting_theory(height, length, depth),
+        **more,
     }
 
 
 def _steady(wave: SteadyWave) -> Table:
-    return {
-        "kind": "regular",
-        "theory": wave.theory,
-        **_regular(wave.height, wave.length, wave.period, wave.depth),
-        "celerity_m_per_s": wave.celerity,
-        "crest_m": wave.crest,
-        "trough_m": wave.crest - wave.height,
-        "mean_eulerian_m_per_s": wave.eulerian,
-        "mean_transport_m_per_s": wave.transport,
-        "crest_speed_m_per_s": float(wave.velocity(np.zeros(1), np.array([wave.crest]))[0, 0]),
-        "harmonics": wave.order,
-        "error": wave.error,
-    }
+    return _regular(
+        wave.theory,
+        wave.height,
+        wave.length,
+        wave.period,
+        wave.depth,
+        celerity_m_per_s=wave.celerity,
+        crest_m=wave.crest,
+        trough_m=wave.crest - wave.height,
+        mean_eulerian_m_per_s=wave.eulerian,
+        mean_transport_m_per_s=wave.transport,
+        crest_speed_m_per_s=float(wave.velocity(np.zeros(1), np.array([wave.crest]))[0, 0]),
+        harmonics=wave.order,
+        error=wave.error,
+    )
 
 
 def _linear(waves: Waves, depth: float) -> Table:
-    a = float(waves.amplitude[0])
-    k = float(waves.wave_number[0])
-    omega = float(waves.omega[0])
-    return {
-        "kind": "regular",
-        "theory": "linear",
-        **_regular(2.0 * a, 2.0 * np.pi / k, 2.0 * np.pi / omega, depth),
-        "celerity_m_per_s": omega / k,
-        "crest_m": a,
-        "trough_m": -a,
-    }
+    a, k, omega = (float(x[0]) for x in (waves.amplitude, waves.wave_number, waves.omega))
+    return _regular("linear", 2.0 * a, 2.0 * np.pi / k, 2.0 * np.pi / omega, depth, crest_m=a, trough_m=-a)
 
 
 def _irregular(sea: Sea, spec: SeaSpec) -> Table:
@@ -121,13 +118,9 @@ def _current(spec: SeaSpec) -> Table | None:
     if spec.current is None:
         return None
     heights = np.array([0.0, -0.5 * spec.depth, -0.95 * spec.depth])
-    velocity = np.asarray(make_current(spec.current).profile(jnp.asarray(heights), jnp.asarray(spec.depth)))
-    return {
-        "kind": spec.current.kind,
-        "heights_m": heights,
-        "speed_m_per_s": np.hypot(velocity[:, 0], velocity[:, 1]),
-        "direction_rad": np.arctan2(velocity[:, 1], velocity[:, 0]),
-    }
+    x, y, *_ = np.asarray(make_current(spec.current).profile(jnp.asarray(heights), jnp.asarray(spec.depth))).T
+    values = {"speed_m_per_s": np.hypot(x, y), "direction_rad": np.arctan2(y, x)}
+    return {"kind": spec.current.kind, "heights_m": heights, **values}
 
 
 def cycle_times(sea: Sea, count: int) -> np.ndarray:
@@ -137,12 +130,12 @@ def cycle_times(sea: Sea, count: int) -> np.ndarray:
         SceneError: neither changes with time.
     """
     parts = [p for p in (sea.current, sea.level) if p is not None]
-    periods = [float(np.max(p.period)) for p in parts if p.period is not None]
-    spans = [p.time for p in parts if p.time is not None]
+    periods = [np.max(p.period) for p in parts if p.period is not None]
+    times = [p.time for p in parts if p.time is not None]
     if periods:
         return np.linspace(0.0, max(periods), count)
-    if spans:
-        return np.linspace(min(s[0] for s in spans), max(s[-1] for s in spans), count)
+    if times:
+        return np.linspace(np.min(np.concatenate(times)), np.max(np.concatenate(times)), count)
     raise SceneError(STEADY)
 
 
@@ -171,14 +164,12 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
         held = fixed_point_loads(scene, pose.positions, pose.tension, float(t))
         used = utilisations(scene.anchors, {name: (np.hypot(*load[:2]), load[2]) for name, load in held.items()})
         way = np.hypot(*(pose.positions - slack.positions)[:, :2].T)
-        level_m = 0.0
-        if sea.level is not None:
-            level_m = float(sea.level.at(jnp.asarray(t)))
+        level = 0.0 if sea.level is None else sea.level.at(jnp.asarray(t))
         rows.append(
             {
                 "t_s": float(t),
-                "level_m": level_m,
-                "speed_m_per_s": _speed(sea, float(t)),
+                "level_m": float(level),
+                "speed_m_per_s": _speed(sea, t),
                 "status": pose.status,
                 "displacement_m": float(way.max()),
                 "line_moved_m": {line.name: float(way[line.nodes].max()) for line in line_slices(scene)},
@@ -193,8 +184,8 @@ def _speed(sea: Sea, t: float) -> float:
     """Speed of the current at the surface [m/s], negative after the current has turned."""
     if sea.current is None:
         return 0.0
-    factor = float(sea.current.scale(jnp.asarray(t)))
-    return factor * float(jnp.linalg.norm(sea.current.profile(jnp.zeros(1), sea.depth)))
+    surface = jnp.linalg.norm(sea.current.profile(jnp.zeros(1), sea.depth))
+    return float(sea.current.scale(jnp.asarray(t))) * float(surface)
 
 
 #: Fraction of a run, at its end, for the evaluation of the response.
@@ -225,24 +216,22 @@ def responses(
     waves = None if scene.sea is None else scene.sea.waves
     if waves is None or waves.kind != "regular" or waves.period is None:
         raise SceneError("sea.waves: a response needs regular waves with a period; allowed: kind 'regular', `period`")
-    if TAKEN * scene.run.duration < max(periods):
-        least = max(periods) / TAKEN
+    least = max(periods) / TAKEN
+    if scene.run.duration < least:
         raise SceneError(
             f"run.duration: {scene.run.duration:g} s is too short for these periods; allowed: >= {least:g} s"
         )
-    key = "height"
-    if waves.amplitude is not None:
-        key = "amplitude"
+    key = "height" if waves.amplitude is None else "amplitude"
+    higher = {f"sea.waves.{key}": HIGHER_WAVES * float(np.max(getattr(waves, key)))}
     found = []
-    for i, period in enumerate(periods):
+    for i, period in enumerate(map(float, periods)):
         progress(i / len(periods), f"period {period:g} s")
-        values = {"sea.waves.period": float(period)}
-        row = _response(simulate(scene.with_values(values)), float(period))
+        values = {"sea.waves.period": period}
+        row = {"period_s": period, **_response(simulate(scene.with_values(values)), period)}
         if more:
-            higher = {**values, f"sea.waves.{key}": HIGHER_WAVES * float(np.max(getattr(waves, key)))}
-            other = _response(simulate(scene.with_values(higher)), float(period))
+            other = _response(simulate(scene.with_values({**values, **higher})), period)
             row["amplitude_10_percent_more"] = other["amplitude_rad"] / row["amplitude_rad"] - 1.0
-        found.append({"period_s": float(period), **row})
+        found.append(row)
     progress(1.0, "")
     return found
 
@@ -258,7 +247,7 @@ def _response(solution: Solution, period: float) -> Table:
     nodes = solution.positions[last]
     course = float(sea.waves.direction)
     link = nodes[:, 1] - nodes[:, 0]
-    angle = np.arctan2(link[:, 0] * np.cos(course) + link[:, 1] * np.sin(course), -link[:, 2])
+    angle = np.arctan2(link[:, :2] @ [np.cos(course), np.sin(course)], -link[:, 2])
     held = jnp.asarray(nodes[:1, 0] * [1.0, 1.0, 0.0])
     eta = np.asarray(jax.jit(jax.vmap(lambda s: sea.elevation(held, s)[0]))(jnp.asarray(t)))
     wave = np.exp(-2j * np.pi * t / period)

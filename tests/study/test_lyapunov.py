@@ -8,7 +8,7 @@ import numpy as np
 from hard_scenes import chain
 
 import dropper_jax as dj
-from dropper_jax.study.lyapunov import horizon, lyapunov
+from dropper_jax.study.lyapunov import lyapunov
 
 
 def test_an_upside_down_pendulum_leaves_at_its_rate() -> None:
@@ -43,11 +43,8 @@ def test_growth_is_that_of_two_neighbouring_runs() -> None:
     assert abs(np.log(sizes[-1] / sizes[500]) - (growth[-1] - growth[500])) < np.log(2.0)
 
 
-def test_the_same_call_gives_the_same_numbers_and_the_horizon_follows_the_growth() -> None:
+def test_the_same_call_gives_the_same_numbers() -> None:
     model, s = dj.build("double-pendulum-chaotic")
     stepper = dj.make_stepper(model).plain
-    once, again = (lyapunov(model, s, stepper, 0.002, 1500) for _ in range(2))
-    assert np.array_equal(once.growth, again.growth)
-    span = horizon(once, 0.002, 3.0)
-    at = int(span / 0.002) - 1
-    assert float(once.growth[at - 1]) <= np.log(3.0) < float(once.growth[at + 1])
+    once, again = (lyapunov(model, s, stepper, 0.002, 1500).growth for _ in range(2))
+    assert np.array_equal(once, again)

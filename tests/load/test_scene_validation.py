@@ -219,10 +219,7 @@ def test_a_pose_with_wrong_link_lengths_is_refused(refusal):
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [
-        (b'description = "x"\n[run]\ndt = = 3\n', r"broken\.toml: TOML syntax: .*line 3"),
-        (b"\xff\xfe\x00", "UTF-8"),
-    ],
+    [(b'description = "x"\n[run]\ndt = = 3\n', r"broken\.toml: TOML syntax: .*line 3"), (b"\xff\xfe\x00", "UTF-8")],
 )
 def test_a_file_that_is_no_toml_is_refused_with_file_and_line(content, words, tmp_path):
     file = tmp_path / "broken.toml"

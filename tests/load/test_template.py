@@ -22,12 +22,7 @@ FARM = {
     "point": [
         {"name": "west", "position": [0.0, 0.0, 0.0]},
         {"name": "east", "position": ["= span + spacing", 0.0, 0.0]},
-        {
-            "repeat": {"k": "= loops"},
-            "name": "f-{k}",
-            "type": "buoy",
-            "position": ["= k * spacing", 0.0, 0.0],
-        },
+        {"repeat": {"k": "= loops"}, "name": "f-{k}", "type": "buoy", "position": ["= k * spacing", 0.0, 0.0]},
     ],
     "line": [
         {

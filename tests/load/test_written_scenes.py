@@ -101,10 +101,7 @@ def test_a_wrong_path_is_refused_in_one_line(path, value, words):
     ("change", "words"),
     [
         (lambda t: t["line"][4]["attach"][1].update(at=5.7), "'v1' and 'v2' are both at 5.7 m"),
-        (
-            lambda t: t["line"][4]["attach"][1].update(at=1e-320),
-            "1e-320 is not on the line; allowed: above 0",
-        ),
+        (lambda t: t["line"][4]["attach"][1].update(at=1e-320), "1e-320 is not on the line; allowed: above 0"),
         (
             lambda t: [t["line"][4].pop(key, None) for key in ("type", "sections")],
             "line.4.attach: the line has no type; `attach` needs one",

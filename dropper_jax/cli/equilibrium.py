@@ -48,13 +48,13 @@ def run(args: Namespace) -> int:
     found = equilibrium(scene)
     lines = line_slices(scene)
     angles = np.concatenate([np.stack(link_angles(found.positions[line.nodes]), axis=-1) for line in lines])
-    bent = curvature(scene, np.asarray(found.positions)[None])[0]
+    bent = curvature(scene, found.positions[None])[0]
     failed = found.status != "ok"
     remarks = scene_warnings(scene, at_rest=not failed)
     if not failed:
         check_stretch(scene, found.positions)
         remarks = (*remarks, *pose_remarks(scene, found.positions, found.tension))
-        remarks = (*remarks, *crushed_links(scene, np.asarray(found.positions)[None]))
+        remarks = (*remarks, *crushed_links(scene, found.positions[None]))
     print_warnings(remarks)
     if args.plot and not failed:
         from dropper_jax.plots.tension import along_lines
@@ -62,7 +62,7 @@ def run(args: Namespace) -> int:
 
         pose(scene, found, picture(args.plot, "pose"))
         if args.plot.is_dir():
-            along_lines(scene, np.asarray(found.positions), np.asarray(found.tension), picture(args.plot, "along"))
+            along_lines(scene, found.positions, found.tension, picture(args.plot, "along"))
     values = _object(scene, found, angles, bent)
     text = _text(lines, found, angles, bent)
     if not failed:
@@ -118,13 +118,13 @@ def _object(scene: Scene, found: Equilibrium, angles: np.ndarray, bent: np.ndarr
         curvature_per_m=bent,
     )
     if found.status == "ok":
-        pose = np.asarray(found.positions)[None], np.asarray(found.tension)[None]
+        pose = found.positions[None], found.tension[None]
         each = {"end_forces_n": end_forces(scene, *pose), "end_angles_deg": end_angles(pose[0], whole_lines(scene))}
         for key, ends in each.items():
             result[key] = {name: {"first": float(x), "last": float(y)} for name, ((x, y),) in ends.items()}
         result["line_weights"] = line_weights(scene)
     if scene.branched:
-        loads = fixed_point_loads(scene, np.asarray(found.positions), np.asarray(found.tension))
+        loads = fixed_point_loads(scene, found.positions, found.tension)
         result |= {"lines": line_offsets(scene), "held_load_n": loads}
     return result
 

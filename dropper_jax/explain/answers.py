@@ -134,14 +134,14 @@ def explain(scene: Scene, pose: Equilibrium) -> Explained:
     """
     refuse_rigid(scene)
     state = pose.state
-    positions = np.asarray(pose.positions)
+    positions = pose.positions
     closed = {}
     facts = []
     weights = wet_weights(scene)
-    forces = end_forces(scene, positions[None], np.asarray(pose.tension)[None])
+    forces = end_forces(scene, positions[None], pose.tension[None])
     uplift = end_angles(positions[None], whole_lines(scene))
     for line in whole_lines(scene):
-        hung = _HungLine(scene, line, positions, float(weights[line.links].sum()))
+        hung = _HungLine(scene, line, positions, weights[line.links].sum())
         closed[line.name] = hung.closed
         facts.append(hung.facts(forces[line.name][0], uplift[line.name][0]))
     held = _held_above(scene)
@@ -176,7 +176,7 @@ class _HungLine:
         self.turned = bool(nodes[0, 2] > nodes[-1, 2])
         self.low = nodes[-1 if self.turned else 0]
         self.high = nodes[0 if self.turned else -1]
-        self.length = float(line.spec.length.sum())
+        self.length = line.spec.length.sum()
         self.weight = weight / self.length
         self.on_bed = _length_on_bed(scene, line, nodes)
         self.hanging = self._hanging(scene)
@@ -195,9 +195,9 @@ class _HungLine:
         if max(self.low[2], self.high[2]) > 0.0 or "bending" in scene.effects:
             return None
         rests = self.weight > 0.0 and self.on_bed > 0.0
-        span = float(np.hypot(*(self.high - self.low)[:2]))
-        rise = float(self.high[2] - self.low[2])
-        return Hanging(span, rise, self.length, abs(self.weight), float(_stiffness_of(spec)[0]), rests)
+        span = np.hypot(*(self.high - self.low)[:2])
+        rise = self.high[2] - self.low[2]
+        return Hanging(span, rise, self.length, abs(self.weight), _stiffness_of(spec)[0], rests)
 
     @property
     def closed_ends(self) -> tuple[float | None, float | None]:
@@ -214,10 +214,10 @@ class _HungLine:
         spec = self.line.spec
         lower, upper = forces[::-1] if self.turned else forces
         closed_lower, closed_upper = self.closed_ends
-        per_metre = float(spec.mass.sum()) / self.length
+        per_metre = spec.mass.sum() / self.length
         EA = _stiffness_of(spec)
-        flexibility = float(np.sum(spec.length / EA))
-        speed = self.length / np.sqrt(flexibility * float(spec.mass.sum()))
+        flexibility = np.sum(spec.length / EA)
+        speed = self.length / np.sqrt(flexibility * spec.mass.sum())
         damping = np.zeros(1) if spec.axial_damping is None else spec.axial_damping
         rate = np.pi * speed / self.length
         excess = None
@@ -225,28 +225,27 @@ class _HungLine:
         stiffness = None
         if self.hanging is not None:
             excess = self.length - self.hanging.span - hanging_length(self.hanging)
-        if self.hanging is not None and self.hanging.on_bed:
-            reserve = offset_until_uplift(self.hanging)
+            reserve = offset_until_uplift(self.hanging) if self.hanging.on_bed else None
         if self.closed is not None and self.closed.stiffness is not None:
-            stiffness = float(self.closed.stiffness[0, 0])
+            stiffness = self.closed.stiffness[0, 0]
         fastest = 2.0 / np.min(spec.length) * np.sqrt(np.max(EA) / per_metre)
         return LineFacts(
             name=self.line.name,
             length_m=self.length,
-            apart_m=float(np.linalg.norm(self.high - self.low)),
+            apart_m=np.linalg.norm(self.high - self.low),
             on_bed_m=self.on_bed,
-            uplift_deg=float(angles[-1] if self.turned else angles[0]),
-            lower_n=float(lower),
-            upper_n=float(upper),
+            uplift_deg=(angles[-1] if self.turned else angles[0]),
+            lower_n=lower,
+            upper_n=upper,
             closed_lower_n=closed_lower,
             closed_upper_n=closed_upper,
             reserve_m=reserve,
             excess_m=excess,
             axial_n_per_m=1.0 / flexibility,
             horizontal_n_per_m=stiffness,
-            axial_period_s=float(2.0 * np.pi / rate),
-            damping_ratio=float(0.5 * rate * np.mean(damping) * flexibility / self.length),
-            link_damping_ratio=float(0.5 * fastest * np.max(damping / np.max(EA))),
+            axial_period_s=(2.0 * np.pi / rate),
+            damping_ratio=(0.5 * rate * np.mean(damping) * flexibility / self.length),
+            link_damping_ratio=(0.5 * fastest * np.max(damping / np.max(EA))),
         )
 
 
@@ -254,9 +253,9 @@ def _length_on_bed(scene: Scene, line: WholeLine, nodes: np.ndarray) -> float:
     """Unstretched length [m] of the links that lie on the seabed with both nodes."""
     if "seabed" not in scene.effects:
         return 0.0
-    height = nodes[:, 2] - bed_height(scene, nodes)
-    lies = height < ON_BED * float(np.mean(line.spec.length))
-    return float(np.sum(line.spec.length[lies[1:] & lies[:-1]]))
+    length = line.spec.length
+    lies = nodes[:, 2] - bed_height(scene, nodes) < ON_BED * np.mean(length)
+    return np.sum(length[lies[1:] & lies[:-1]])
 
 
 def _held_above(scene: Scene) -> tuple[str, ...]:
@@ -286,13 +285,13 @@ def _closed_stiffness(
         if shape is None or shape.stiffness is None or not set(ends) <= fixed:
             return None
         across = (positions[line.nodes[-1]] - positions[line.nodes[0]])[:2]
-        span = float(np.hypot(*across))
+        span = np.hypot(*across)
         if span == 0.0:
             return None
         along = (across / span) ** 2
         # a displacement across turns the line
         total += along * shape.stiffness[0, 0] + (1.0 - along) * shape.horizontal / span
-    return float(total[0]), float(total[1])
+    return total[0], total[1]
 
 
 def _wear(scene: Scene, state: State) -> list[Wear]:
@@ -301,20 +300,17 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
     tension = np.asarray(state.tension)
     predicted = tension + _along(scene, worn, state)
     again = equilibrium(worn)
+    exact = again.tension if again.status == "ok" else None
+
+    def largest(values: np.ndarray | None, line: WholeLine, load: np.ndarray | float | None = 1.0) -> float | None:
+        return None if values is None or load is None else np.max(values[line.links] / load)
+
     found = []
     for line in whole_lines(scene):
-        most = float(tension[line.links].max())
-        exact = None
-        if again.status == "ok":
-            exact = float(np.asarray(again.tension)[line.links].max())
         load = line.spec.breaking_load
-        use = None
-        if load is not None:
-            use = float(np.max(tension[line.links] / load))
-        worn_use = None
-        if load is not None and again.status == "ok":
-            worn_use = float(np.max(np.asarray(again.tension)[line.links] / load)) / WORN**2
-        found.append(Wear(line.name, most, float(predicted[line.links].max()), exact, use, worn_use))
+        loads = [largest(values, line) for values in (tension, predicted, exact)]
+        worn_load = None if load is None else load * WORN**2
+        found.append(Wear(line.name, *loads, largest(tension, line, load), largest(exact, line, worn_load)))
     return found
 
 

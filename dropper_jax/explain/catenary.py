@@ -89,7 +89,7 @@ def solve(line: Hanging) -> Shape | None:
 def hanging_length(line: Hanging) -> float:
     """Unstretched length [m] that hangs straight down from the upper end to the height of the lower one."""
     flexibility = line.weight / line.EA
-    return 2.0 * line.rise / (1.0 + float(np.sqrt(1.0 + 2.0 * flexibility * line.rise)))
+    return 2.0 * line.rise / (1.0 + np.sqrt(1.0 + 2.0 * flexibility * line.rise))
 
 
 def offset_until_uplift(line: Hanging) -> float | None:
@@ -100,22 +100,22 @@ def offset_until_uplift(line: Hanging) -> float | None:
     top = line.weight * line.length
 
     def too_high(log_force: float) -> float:
-        h = float(np.exp(log_force))
-        rise = h / line.weight * (float(np.hypot(1.0, top / h)) - 1.0) + top**2 / (2.0 * line.EA * line.weight)
+        h = np.exp(log_force)
+        rise = h / line.weight * (np.hypot(1.0, top / h) - 1.0) + top**2 / (2.0 * line.EA * line.weight)
         return rise - line.rise
 
     lowest = np.log(1e-9 * top)
     highest = np.log(1e9 * top)
     if too_high(lowest) <= 0.0 or too_high(highest) >= 0.0:
         return None
-    h = float(np.exp(brentq(too_high, lowest, highest, xtol=1e-13)))
-    reach = h / line.weight * float(np.arcsinh(top / h)) + h * line.length / line.EA
+    h = np.exp(brentq(too_high, lowest, highest, xtol=1e-13))
+    reach = h / line.weight * np.arcsinh(top / h) + h * line.length / line.EA
     return reach - line.span
 
 
 def _start(line: Hanging) -> np.ndarray:
     """log(H/(w L)) and V/(w L) of the usual guess, of a straight spring where the line is taut."""
-    chord = float(np.hypot(line.span, line.rise))
+    chord = np.hypot(line.span, line.rise)
     total = line.weight * line.length
     if line.length > chord and line.span > 0.0:
         bow = np.sqrt(3.0 * ((line.length**2 - line.rise**2) / line.span**2 - 1.0))
@@ -159,14 +159,14 @@ def _rows(line: Hanging, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _shape(line: Hanging, x: np.ndarray, slope: np.ndarray) -> Shape:
     total = line.weight * line.length
-    horizontal = total * float(np.exp(x[0]))
-    vertical = total * float(x[1])
+    horizontal = total * np.exp(x[0])
+    vertical = total * x[1]
     rests = line.on_bed and vertical < total
     lower = horizontal
     if not rests:
-        lower = float(np.hypot(horizontal, vertical - total))
+        lower = np.hypot(horizontal, vertical - total)
     bed = 0.0
     if rests:
         bed = line.length - vertical / line.weight
     by_force = slope / np.array([horizontal, total])
-    return Shape(horizontal, vertical, float(np.hypot(horizontal, vertical)), lower, bed, np.linalg.inv(by_force))
+    return Shape(horizontal, vertical, np.hypot(horizontal, vertical), lower, bed, np.linalg.inv(by_force))

@@ -74,7 +74,7 @@ def _line_checks(scene: SceneData) -> Iterator[Check]:
     yield line.links < 2, f"line.0.links: {line.links} leaves no free node between two fixed ends; {AT_LEAST_2}"
     if line.rigid:
         distance = check_span(scene, 0)
-        longest = float(np.max(line.length))
+        longest = np.max(line.length)
         others = line.total - longest + distance
         yield (
             longest >= others,
@@ -127,7 +127,7 @@ def check_span(scene: SceneData, index: int) -> float:
     """The distance [m] between the ends of a line that stay where they are, which its rigid links must be able to
     span."""
     line = scene.lines[index]
-    distance = float(np.linalg.norm(scene.point(line.end).position - scene.point(line.start).position))
+    distance = np.linalg.norm(scene.point(line.end).position - scene.point(line.start).position)
     if line.total <= distance:
         raise SceneError(
             f"line.{index}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m "
@@ -184,7 +184,7 @@ def check_bed(scene: SceneData, pose: tuple[str, np.ndarray] | None) -> Iterator
     diameter = scene.lines[0].diameter
     if pose is not None and diameter is not None:
         path, nodes = pose
-        for i, bed in _below_bed(scene, nodes, float(np.max(diameter))):
+        for i, bed in _below_bed(scene, nodes, np.max(diameter)):
             z = nodes[i, 2]
             yield True, f"{path}: node {i} is at z = {z:g} m, below the seabed; allowed: >= {bed:g} m at its x and y"
 
@@ -195,36 +195,31 @@ def _below_bed(scene: SceneData, positions: np.ndarray, margin: float) -> Iterat
     if bed is None:
         return
     for i in np.flatnonzero(positions[:, 2] < bed - margin):
-        yield int(i), float(bed[i])
+        yield int(i), bed[i]
 
 
 #: Starting speed [m/s] that counts as rest.
 RESTING_SPEED = 1e-6
 
 
-def motion_warnings(scene: SceneData) -> tuple[str, ...]:
+def motion_warnings(scene: SceneData) -> Iterator[str]:
     """A warning if an end starts with a velocity jump, whose tension seabed friction may retain permanently."""
     motion = scene.effects.get("end_motion")
     if motion is None or motion["ramp"] is not None or "seabed_friction" not in scene.effects:
-        return ()
+        return
     speed = _first_speed(motion)
-    if speed <= RESTING_SPEED or not _matters(scene, speed, {motion["point"], *motion["also"]}):
-        return ()
-    return (
-        f"effects.end_motion: {motion['point']} starts abruptly at {speed:.3g} m/s; friction on the seabed may retain "
-        "the tension of that shock for the whole run. Use `ramp`",
-    )
+    if speed > RESTING_SPEED and _matters(scene, speed, {motion["point"], *motion["also"]}):
+        yield (
+            f"effects.end_motion: {motion['point']} starts abruptly at {speed:.3g} m/s; friction on the seabed may "
+            "retain the tension of that shock for the whole run. Use `ramp`"
+        )
 
 
 def _first_speed(motion: Values) -> float:
     if motion["time"] is not None:
-        time = np.asarray(motion["time"], float)
-        rows = np.asarray(motion["displacement"], float)
-        return float(np.linalg.norm(rows[1] - rows[0]) / (time[1] - time[0]))
-    phase = 0.0
-    if motion["phase"] is not None:
-        phase = float(motion["phase"])
-    return float(np.linalg.norm(motion["amplitude"]) * 2 * np.pi / float(motion["period"]) * abs(np.cos(phase)))
+        return np.linalg.norm(np.diff(motion["displacement"], axis=0)[0]) / np.diff(motion["time"])[0]
+    turn = 2 * np.pi / motion["period"] * abs(np.cos(motion["phase"] or 0.0))
+    return np.linalg.norm(motion["amplitude"]) * turn
 
 
 #: Tension of a shock relative to the friction of the full line below which the tension retained by friction is
@@ -236,17 +231,14 @@ def _matters(scene: SceneData, speed: float, moved: set[str]) -> bool:
     """Whether the tension caused by a start at `speed`, speed times `sqrt(EA m)`, is significant compared with
     `mu w`."""
     friction = scene.effects["seabed_friction"]
-    if friction["static"] is None:
-        mu = friction["kinetic"]
-    else:
-        mu = friction["static"]
-    moving = [line for line in scene.lines if {line.start, line.end} & moved]
-    negligible = NEGLIGIBLE_SHOCK * float(np.max(mu)) * scene.gravity
-    return any(
-        line.EA is None
-        or speed * float(np.max(np.sqrt(line.EA * line.mass / line.length))) > negligible * float(np.sum(line.mass))
-        for line in moving
-    )
+    mu = friction["kinetic"] if friction["static"] is None else friction["static"]
+    for line in scene.lines:
+        if not {line.start, line.end} & moved:
+            continue
+        negligible = NEGLIGIBLE_SHOCK * np.max(mu) * scene.gravity * np.sum(line.mass)
+        if line.EA is None or speed * np.max(np.sqrt(line.EA * line.mass / line.length)) > negligible:
+            return True
+    return False
 
 
 def attached_points(scene: SceneData) -> tuple[PointSpec, ...]:
@@ -288,27 +280,23 @@ def _check_bodies(scene: SceneData) -> Iterator[Check]:
             f"body.{i}: {body.name!r} has cylinders or spheres, but the scene has no [sea]; needed: [sea] with "
             "`depth`, or no shapes",
         )
-        what = "cylinders or spheres"
-        if body.shapes:
-            what = "[effects.seabed]"
+        what = "[effects.seabed]" if body.shapes else "cylinders or spheres"
         yield (
             body.touches_bed and ("seabed" not in scene.effects or not body.shapes),
             f"body.{i}.touches_bed: {body.name!r} lacks {what}; allowed: false, or a body and scene with both",
         )
 
 
-def body_warnings(scene: SceneData) -> tuple[str, ...]:
+def body_warnings(scene: SceneData) -> Iterator[str]:
     """A warning for each body with attachments away from its shapes: they may be arms of a platform, or a mistake."""
-    found = []
     for body in scene.bodies:
         away = body.outside()
         if away:
             name, distance = max(away.items(), key=itemgetter(1))
-            found.append(
+            yield (
                 f"body {body.name!r}: {len(away)} attachments are outside its cylinders and spheres, "
                 f"{name!r} by {distance:.3g} m; they move with it as if on massless arms"
             )
-    return tuple(found)
 
 
 def check_changing_lengths_until(scene: SceneData, end: float) -> None:

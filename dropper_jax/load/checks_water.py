@@ -14,13 +14,15 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import Check, SceneError, raises_first
 from dropper_jax.effects.buoyancy import displaced_diameter, drag_diameter
 from dropper_jax.effects.seabed import Seabed
-from dropper_jax.scene import SceneData
+from dropper_jax.scene import SceneData, line_slices
 from dropper_jax.sea import Current, Sea
 from dropper_jax.sea.interpolated import BoundWaves
 from dropper_jax.sea.make import make_sea
 from dropper_jax.sea.spec import SeaSpec
 from dropper_jax.sea.steady import STOKES_HEIGHT, STOKES_LENGTH, highest
 
+#: Effects that take the diameter of the lines.
+BY_MORISON = ("morison_drag", "morison_inertia", "thesis_wave_force")
 NEEDS_WATER = "needs water, but the scene has no [sea]; needed: [sea] with `depth`"
 #: Fraction of the wave energy used to determine a wavelength; the rest is the tail of a spectrum.
 ENERGY_SHARE = 0.95
@@ -38,8 +40,7 @@ def check_water(effect: str, scene: SceneData) -> Iterator[Check]:
     if sea is None:
         raise SceneError(f"effects.{effect}: {NEEDS_WATER}")
     yield (
-        effect in ("morison_drag", "morison_inertia", "thesis_wave_force")
-        and displaced_diameter(scene.line, scene) is None,
+        effect in BY_MORISON and displaced_diameter(scene.line, scene) is None,
         f"line.0.diameter: missing; effects.{effect} needs it, > 0 m",
     )
     if scene.effects.get("seabed", {}).get("bed_x") is not None:
@@ -99,13 +100,11 @@ def line_reach(scene: SceneData) -> tuple[np.ndarray, float]:
         positions = np.array([item.position for item in (*scene.points, *scene.bodies, *scene.vessels)])
         middle = np.mean(positions, axis=0)
         longest = max(line.total for line in scene.lines)
-        return middle, float(np.max(np.linalg.norm(positions - middle, axis=1)) + longest)
+        return middle, (np.max(np.linalg.norm(positions - middle, axis=1)) + longest)
     line = scene.lines[0]
-    first = scene.point(line.start)
-    last = scene.point(line.end)
-    if not last.is_free:
-        return 0.5 * (first.position + last.position), 0.5 * line.total
-    return first.position, line.total
+    if scene.point(line.end).is_free:
+        return scene.point(line.start).position, line.total
+    return _middle(scene, 0), 0.5 * line.total
 
 
 def _reach(scene: SceneData, depth: float) -> Iterator[str]:
@@ -124,15 +123,14 @@ def _check_shelter(scene: SceneData, current: Current | None) -> Iterator[str]:
     factor = scene.effects.get("morison_drag", {}).get("shelter")
     if factor is None or current is None or not np.ndim(factor):
         return
-    starts = np.cumsum([0, *(line.links for line in scene.lines)])[:-1]
-    each = np.asarray(factor, float)[starts]
+    each = np.asarray(factor, float)[[line.links.start for line in line_slices(scene)]]
     weakest = int(np.argmin(each))
     kinds = [(line.links, line.total) for line in scene.lines]
     alike = [i for i, kind in enumerate(kinds) if kind == kinds[weakest]]
     strongest = max(alike, key=lambda i: each[i])
     way = (_middle(scene, weakest) - _middle(scene, strongest))[:2]
-    size = float(np.hypot(*way))
-    along = float(way @ [np.cos(current.direction), np.sin(current.direction)])
+    size = np.hypot(*way)
+    along = way @ [np.cos(current.direction), np.sin(current.direction)]
     # minimum cosine between a current and the direction in which lines shelter each other, about 60 degrees
     if each[strongest] > each[weakest] and size > 0.0 and along <= 0.5 * size:
         yield (
@@ -184,7 +182,7 @@ def mean_period(sea: Sea) -> float:
     """`Tz = 2 pi sqrt(m0/m2)` [s] of the sea's waves."""
     energy = np.asarray(sea.waves.amplitude, float) ** 2
     omega = np.asarray(sea.waves.omega, float)
-    return float(2 * np.pi * np.sqrt(np.sum(energy) / max(np.sum(energy * omega**2), 1e-300)))
+    return 2 * np.pi * np.sqrt(np.sum(energy) / max(np.sum(energy * omega**2), 1e-300))
 
 
 def steepest_sea(tz: float, gravity: float) -> float:
@@ -192,7 +190,7 @@ def steepest_sea(tz: float, gravity: float) -> float:
 
     `2 pi Hs/(g Tz^2)` = 1/10 up to Tz = 6 s, 1/15 from 12 s, linear between (DNV-RP-C205, October 2010).
     """
-    return float(np.interp(tz, [6.0, 12.0], [1.0 / 10.0, 1.0 / 15.0])) * gravity * tz**2 / (2 * np.pi)
+    return np.interp(tz, [6.0, 12.0], [1.0 / 10.0, 1.0 / 15.0]) * gravity * tz**2 / (2 * np.pi)
 
 
 #: Fraction of the maximum wave height above which a wave of finite height is reported as close to breaking.
@@ -208,10 +206,8 @@ def _finite(depth: float, waves: BoundWaves) -> Iterator[str]:
         yield f"sea.waves: wave height {height:.4g} m is {height / limit:.2g} of the maximum, {limit:.4g} m"
     long = length >= STOKES_LENGTH * depth
     if waves.theory == "stokes5" and (long or height > STOKES_HEIGHT * limit):
-        if long:
-            why = f"its length is {length / depth:.3g} depths"
-        else:
-            why = f"it is {height / limit:.2g} of the maximum height"
+        of_length = f"its length is {length / depth:.3g} depths"
+        why = of_length if long else f"it is {height / limit:.2g} of the maximum height"
         yield (
             f"sea.waves.theory: 'stokes5' is inaccurate for this wave, {why} (at most {STOKES_LENGTH:g} depths and "
             f"{STOKES_HEIGHT:g} of the maximum height). Use 'stream'"
@@ -227,23 +223,19 @@ def repeat_time(omega: np.ndarray) -> float:
     """Time [s] after which evenly spaced frequencies repeat; infinity if they are not evenly spaced."""
     steps = np.diff(np.sort(omega))
     steps = steps[steps > 1e-9 * np.max(omega)]
-    if steps.size < 2:
-        return float("inf")
-    share = steps / steps.min()
-    even = np.max(np.abs(share - np.round(share))) < 1e-6
-    if even:
-        return float(2 * np.pi / steps.min())
-    return float("inf")
+    share = steps / np.min(steps, initial=np.inf)
+    even = steps.size > 1 and np.max(np.abs(share - np.round(share))) < 1e-6
+    return (2 * np.pi / steps.min()) if even else float("inf")
 
 
 def _interpolation(sea: Sea) -> Iterator[str]:
     error = getattr(sea.waves, "error", None)
     if error is not None:
-        velocity, acceleration = (float(x) for x in error)
-        yield (
-            f"sea.interpolation: the error of the grid is at most {velocity:.1g} of the rms velocity and "
-            f"{acceleration:.1g} of the rms acceleration (measured at 400 positions and times)"
+        text = (
+            "sea.interpolation: the error of the grid is at most {:.1g} of the rms velocity and {:.1g} of the rms "
+            "acceleration (measured at 400 positions and times)"
         )
+        yield text.format(*map(float, error))
 
 
 def _repetition(scene: SceneData, sea: Sea) -> Iterator[str]:
@@ -257,37 +249,27 @@ def _shortest(sea: Sea) -> float:
     k = np.asarray(sea.waves.wave_number, float)
     longest_first = np.argsort(k)
     energy = np.cumsum(np.broadcast_to(np.asarray(sea.waves.amplitude, float), k.shape)[longest_first] ** 2)
-    if energy[-1] > 0.0:
-        last = int(np.searchsorted(energy, ENERGY_SHARE * energy[-1]))
-    else:
-        last = -1
-    return float(2 * np.pi / k[longest_first[last]])
+    last = int(np.searchsorted(energy, ENERGY_SHARE * energy[-1])) if energy[-1] > 0.0 else -1
+    return 2 * np.pi / k[longest_first[last]]
 
 
-def _slenderness(scene: SceneData, sea: Sea) -> list[str]:
+def _slenderness(scene: SceneData, sea: Sea) -> Iterator[str]:
     slender = 0.05  # maximum ratio of diameter to wavelength for Morison's equation (thesis (6.11))
-    if not {"morison_drag", "morison_inertia", "thesis_wave_force"} & set(scene.effects):
-        return []
+    if not set(BY_MORISON) & set(scene.effects):
+        return
     diameter = drag_diameter(scene)
     shortest = _shortest(sea)
-    widest = int(np.argmax(diameter))
     ends = np.cumsum([line.links for line in scene.lines])
-    if np.ndim(diameter):
-        line = int(np.searchsorted(ends, widest, side="right"))
-    else:
-        line = 0
-    sizes = {f"line.{scene.lines[line].name if scene.branched else line}": float(np.max(diameter))}
-    if scene.buoys:
-        buoy = max(scene.buoys, key=lambda buoy: buoy.diameter)
+    line = int(np.searchsorted(ends, np.argmax(diameter), side="right")) if np.ndim(diameter) else 0
+    sizes = {f"line.{scene.lines[line].name if scene.branched else line}": np.max(diameter)}
+    for buoy in sorted(scene.buoys, key=lambda buoy: buoy.diameter)[-1:]:
         sizes[f"buoy.{buoy.name}"] = buoy.diameter
-    found = []
     for path, size in sizes.items():
         if size > slender * shortest:
-            found.append(
+            yield (
                 f"{path}.diameter: {size / shortest:.3g} of {shortest:.3g} m ({ENERGY_SHARE:.0%} of the wave energy is "
                 f"longer); Morison's equation needs at most {slender}"
             )
-    return found
 
 
 @dataclass(frozen=True)
@@ -309,14 +291,13 @@ class Surface:
     def lowest(self) -> float:
         """A height [m] to which the surface never falls."""
         spec = self.scene.sea
-        level = 0.0
-        if spec is not None and spec.level is not None:
-            level = spec.level.lowest
-        if spec is None or spec.waves is None or not self.waves:
+        if spec is None:
+            return 0.0
+        level = 0.0 if spec.level is None else spec.level.lowest
+        if spec.waves is None or not self.waves:
             return level
-        waves = spec.waves
-        size = waves.hs if waves.hs is not None else np.sum(np.abs(waves.size))
         # troughs stay above -hs, those of components above the sum of amplitudes; twice, for an opposing current
+        size = np.sum(np.abs(spec.waves.size)) if spec.waves.hs is None else spec.waves.hs
         return level - 2.0 * float(size)
 
     def over(self, positions: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -344,9 +325,7 @@ def bed_height(scene: SceneData, positions: np.ndarray) -> np.ndarray | None:
         return None
     values = scene.effects["seabed"]
     if values["bed_x"] is None:
-        depth = values["depth"]
-        if depth is None and scene.sea is not None:
-            depth = scene.sea.depth
+        depth = scene.needed_sea.depth if values["depth"] is None else values["depth"]
         return np.full(positions.shape[:-1], -float(depth))
-    bed = Seabed.build(values, scene)
-    return np.asarray(bed.bed_height(positions.reshape(-1, 3), rounded=0.0)).reshape(positions.shape[:-1])
+    height = Seabed.build(values, scene).bed_height(positions.reshape(-1, 3), rounded=0.0)
+    return np.asarray(height).reshape(positions.shape[:-1])

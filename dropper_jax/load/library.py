@@ -199,9 +199,11 @@ def crop_values() -> list[Table]:
     """Numbers of each crop at its example size: name, mass per metre in air and in sea water of 1025 kg/m^3, displaced
     and outer diameter, drag and added mass coefficients across the outer one, bending stiffness (None: unknown), source
     and spread."""
-    crops = {f"{family}-{kind.example:g}": kind for family, kind in FAMILIES.items() if kind.spread}
     found = []
-    for name, kind in crops.items():
+    for family, kind in FAMILIES.items():
+        if not kind.spread:
+            continue
+        name = f"{family}-{kind.example:g}"
         values = part(name)[1]
         found.append(
             {
@@ -223,10 +225,7 @@ def crop_values() -> list[Table]:
 def published_crops() -> list[Table]:
     """Published values of crops, rows of `data/crops.toml`; None for a number that is not at hand."""
     keys = ("crop", "like", "mass", "outer_diameter", "cdn", "can", "EI", "source", "read", "conditions")
-    found = []
-    for row in _rows("crops.toml")["crop"]:
-        found.append({key: row.get(key) for key in keys})
-    return found
+    return [{key: row.get(key) for key in keys} for row in _rows("crops.toml")["crop"]]
 
 
 def _split_name(name: str) -> tuple[str, float]:

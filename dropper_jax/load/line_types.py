@@ -109,7 +109,7 @@ class LineType:
         """BA [N s] of links of this length [m]: as given, or `ratio * link * sqrt(EA m)`, m per metre (as MoorDyn)."""
         if self.damping is not None:
             return self.damping
-        return (self.damping_ratio or 0.0) * link * float(np.sqrt(self.stiffness * self.mass))
+        return (self.damping_ratio or 0.0) * link * np.sqrt(self.stiffness * self.mass)
 
     def checks(self) -> Iterator[Check]:
         """Checks for `EA`, a table if the law is `tabulated`, or neither if it is `rigid`; at most one kind of

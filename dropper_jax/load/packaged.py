@@ -60,7 +60,7 @@ def variants_of(name: str) -> list[str]:
 
 def is_packaged(name: str) -> bool:
     """Whether a packaged scene has this name, including farms of any size."""
-    return is_farm(name) or name in scene_names()
+    return FARM_NAME.fullmatch(name) is not None or name in scene_names()
 
 
 def packaged_scene(name: str) -> Table:
@@ -70,28 +70,26 @@ def packaged_scene(name: str) -> Table:
         SceneError: a farm size that does not exist.
         KeyError: not `is_packaged`.
     """
-    files = _files()
     if farm := FARM_NAME.fullmatch(name):
-        return _farm_table(name, farm[1], parse_toml(files[FARM].read_bytes(), f"{FARM}.toml"))
-    if name in files:
-        return parse_toml(files[name].read_bytes(), f"{name}.toml")
-    file, make = next(
-        (name.removesuffix(suffix), make) for suffix, (_, make) in VARIANTS.items() if name.endswith(suffix)
-    )
-    return make(parse_toml(files[file].read_bytes(), f"{file}.toml"), file)
+        return _farm_table(name, farm[1])
+    if name in _files():
+        return _read_packaged(name)
+    suffix = next(suffix for suffix in VARIANTS if name.endswith(suffix))
+    file = name.removesuffix(suffix)
+    return VARIANTS[suffix][1](_read_packaged(file), file)
 
 
-def is_farm(name: str) -> bool:
-    """Whether a scene name is that of a farm, `dropper-farm` or `dropper-farm-K`."""
-    return FARM_NAME.fullmatch(name) is not None
+def _read_packaged(name: str) -> Table:
+    return parse_toml(_files()[name].read_bytes(), f"{name}.toml")
 
 
-def _farm_table(name: str, digits: str | None, table: Table) -> Table:
+def _farm_table(name: str, digits: str | None) -> Table:
     """Plain values of `dropper-farm-K` from those of `dropper-farm`; `digits` are K.
 
     Raises:
         SceneError: K out of range.
     """
+    table = _read_packaged(FARM)
     if digits is None:
         return table
     droppers = int(digits)

@@ -108,10 +108,8 @@ def describe(path: str) -> Values:
     section, _, key = ScenePath(path).stem.rpartition(".")
     for pattern, _, cls in declared_sections():
         if cls is not None and re.fullmatch(re.escape(pattern).replace(r"\*", r"[^.]+"), section):
-            field = declared_fields(cls).get(key)
-            if field is None:
-                return {}
-            return field.metadata
+            declared = declared_fields(cls)
+            return declared[key].metadata if key in declared else {}
     return {}
 
 
@@ -124,8 +122,8 @@ def locate(table: Values, paths: Iterable[str] | None = None) -> dict[str, Steps
     found: dict[str, Steps] = {}
     effects = None
     if paths is not None:
-        words = [path.split(".") for path in paths]
-        effects = {*table.get("effects", ()), *(word[1] for word in words if word[0] == "effects" and len(word) > 1)}
+        named = {path.split(".")[1] for path in paths if path.startswith("effects.")}
+        effects = named.union(table.get("effects", ()))
     for pattern, _, cls in declared_sections(effects):
         if pattern not in (*WITHOUT_PATHS, *BY_NAME) and (pattern != "growth" or "growth" in table):
             keys = declared_fields if pattern in KEYS_ALONE else section_keys
@@ -217,10 +215,7 @@ def _find_parent(
     stem, entries = found
     *parents, key = steps[stem]
     for step in parents:
-        if isinstance(table, list):
-            table = table[step]
-        else:
-            table = table.setdefault(step, {})
+        table = table[step] if isinstance(table, list) else table.setdefault(step, {})
     for number in entries:
         items = table.get(key) if isinstance(table, dict) else table[key]
         if not isinstance(items, list):

@@ -30,15 +30,15 @@ def periods(scene: SceneData) -> dict[str, float]:
         waves: the period of waves, or of the highest component; absent without waves.
     """
     line = scene.line
-    found = {"swing": float(2.0 * np.pi * np.sqrt(np.min(line.length) / GRAVITY))}
+    found = {"swing": (2.0 * np.pi * np.sqrt(np.min(line.length) / GRAVITY))}
     if line.EA is not None:
-        found["axial"] = float(np.pi * np.sqrt(np.min(line.length * line.mass / line.EA)))
+        found["axial"] = np.pi * np.sqrt(np.min(line.length * line.mass / line.EA))
     waves = None if scene.sea is None else scene.sea.waves
     if waves is not None and waves.tp is not None:
         found["waves"] = float(waves.tp)
     elif waves is not None and waves.period is not None:
         period, height = np.broadcast_arrays(waves.period, 0.0 if waves.amplitude is None else waves.amplitude)
-        found["waves"] = float(period.flat[np.argmax(height)])
+        found["waves"] = period.flat[np.argmax(height)]
     return found
 
 
@@ -62,7 +62,7 @@ def suggest_interval(scene: SceneData) -> float:
     found = periods(scene)
     duration = scene.run.duration
     interval = found.get("waves", found["swing"]) / ROWS_PER_PERIOD
-    interval = float(np.clip(interval, duration / MOST_ROWS, duration / FEWEST_ROWS))
+    interval = np.clip(interval, duration / MOST_ROWS, duration / FEWEST_ROWS)
     unit = 10.0 ** np.floor(np.log10(interval))
     return float(f"{np.floor(interval / unit * (1.0 + 1e-9)) * unit:.1g}")
 

@@ -91,12 +91,9 @@ def _by_hand() -> Table:
 
 def _keys_by_hand(path: str) -> list[Key]:
     """Keys of a section that are read by hand."""
-    rows = _by_hand().get(path, {}).get("keys", ())
-    found = []
-    for row in rows:
+    found = [AXIAL_LAW] if path == "line.*.axial" else []
+    for row in _by_hand().get(path, {}).get("keys", ()):
         found.append(Key(join(path, row["name"]), **{k: v for k, v in row.items() if k != "name"}))
-    if path == "line.*.axial":
-        return [AXIAL_LAW, *found]
     return found
 
 
@@ -106,9 +103,7 @@ def sections() -> list[Section]:
 
 
 def _section(path: str, head: str, cls: type | None) -> Section:
-    keys = []
-    if cls is not None:
-        keys = list(_declared_keys(path, cls))
+    keys = [] if cls is None else list(_declared_keys(path, cls))
     by_hand = _keys_by_hand(path)
     if path == "run":
         keys += [_option(name, about) for name, about in OPTIONS.items()]
@@ -126,19 +121,13 @@ def _declared_keys(path: str, cls: type) -> Iterable[Key]:
     """Keys declared by a class."""
     for key, field in declared_fields(cls).items():
         about = field.metadata
-        name = f"{path}.{key}"
         number = about["kind"] == "parameter"
-        if number or about.get("type") is int:
-            allowed = limits({**about, "unit": "-"})
-        else:
-            allowed = ""
+        allowed = limits({**about, "unit": "-"}) if number or about.get("type") is int else ""
         if about.get("choices"):
             allowed = ", ".join(map(str, about["choices"]))
-        if number:
-            kind = SHAPES[about["shape"]]
-        else:
-            kind = TYPES.get(about.get("type"), "text")
-        yield Key(name, about["meaning"], kind, about.get("unit", "-"), allowed, _default(field), _schema(about))
+        kind = SHAPES[about["shape"]] if number else TYPES.get(about.get("type"), "text")
+        unit = about.get("unit", "-")
+        yield Key(f"{path}.{key}", about["meaning"], kind, unit, allowed, _default(field), _schema(about))
 
 
 def _option(name: str, about: Values) -> Key:
@@ -163,11 +152,10 @@ def _default(field: dataclasses.Field) -> str:
 def _schema(about: Values) -> Table:
     """JSON Schema of a declared value; a text may be an expression of the scene's parameters."""
     if about["kind"] != "parameter":
-        kinds = {int: {"type": ["integer", "string"]}, bool: {"type": "boolean"}, tuple: LIST, list: LIST}
-        choices = {}
         if about.get("choices"):
-            choices = {"enum": list(about["choices"])}
-        return {**kinds.get(about.get("type"), {} if choices else TEXT), **choices}
+            return {"enum": list(about["choices"])}
+        kinds = {int: {"type": ["integer", "string"]}, bool: {"type": "boolean"}, tuple: LIST, list: LIST}
+        return kinds.get(about.get("type"), TEXT)
     number: Table = {"type": ["number", "string"]}
     if about.get("low") is not None:
         number["exclusiveMinimum" if about.get("open_low") else "minimum"] = about["low"]
@@ -241,11 +229,7 @@ def schema() -> Table:
     root["properties"]["run"]["required"] = ["duration"]
     root["required"] = ["run"]
     root["anyOf"] = [{"required": ["line"]}, {"required": ["array"]}]  # all lines may be those of units
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "A scene of dropper_jax",
-        **root,
-    }
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "A scene of dropper_jax", **root}
 
 
 def _section_object(root: Table, path: str) -> Table:

@@ -115,32 +115,31 @@ def with_library_points(table: Values) -> Table:
     Raises:
         SceneError: an unknown part, or a part that is not a point.
     """
-    found = dict(table)
-    if "point" in found:
-        found["point"] = _points(found["point"], "point")
+    found = {**table, **_points(table, "")}
     if isinstance(found.get("unit"), Mapping):
-        found["unit"] = dict(found["unit"])
-        for name, unit in found["unit"].items():
-            if isinstance(unit, Mapping) and "point" in unit:
-                found["unit"][name] = {**unit, "point": _points(unit["point"], f"unit.{name}.point")}
+        units = found["unit"].items()
+        found["unit"] = {
+            name: {**unit, **_points(unit, f"unit.{name}.")} if isinstance(unit, Mapping) else unit
+            for name, unit in units
+        }
     return found
 
 
-def _points(items: Plain, path: str) -> Plain:
-    if isinstance(items, list):
-        return [_point(item, f"{path}.{i}.type") for i, item in enumerate(items)]
-    return items
+def _points(table: Values, before: str) -> Table:
+    """The points of a table, if it has a list of them."""
+    items = table.get("point")
+    if not isinstance(items, list):
+        return {}
+    return {"point": [_point(item, f"{before}point.{i}.type") for i, item in enumerate(items)]}
 
 
 def _point(item: Plain, path: str) -> Plain:
-    if not isinstance(item, Mapping):
-        return item
-    name = item.get("type")
+    name = item.get("type") if isinstance(item, Mapping) else None
     if not isinstance(name, str) or not name.startswith(PREFIX):
         return item
     values = _part_for(path, name, "point", "points", "a float, such as library:float-0.2")
-    rest = {key: value for key, value in item.items() if key != "type"}
-    return {**{key: value for key, value in values.items() if key != "name"}, **rest}
+    given = {**values, **item}
+    return {key: value for key, value in given.items() if key != "type" and (key != "name" or "name" in item)}
 
 
 def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> Table:

@@ -102,7 +102,7 @@ def check_pose(scene: SceneData, line: LineSpec, path: str, nodes: np.ndarray, b
         nodes: of the line (links + 1, 3) [m]; before: number of nodes of other lines before it in the list.
     """
     for i, point in ((0, scene.point(line.start)), (line.links, scene.point(line.end))):
-        away = float(np.linalg.norm(nodes[i] - point.position))
+        away = np.linalg.norm(nodes[i] - point.position)
         yield (
             away > POSE_TOLERANCE * line.total and not point.is_free,
             f"{path}: node {before + i} is at {_point_text(nodes[i])} m; allowed: {_point_text(point.position)} m, "
@@ -220,7 +220,7 @@ class Scene(SceneData):
             ("run", f"{self.run.integrator}, {self.run.steps_in_words} to {self.run.duration:g} s"),
             ("points", ", ".join(f"{point.name} ({point.kind})" for point in self.points[:SHOWN])),
             *(
-                (f"line {line.name}", f"{line.links} links, {line.total:.4g} m, {float(np.sum(line.mass)):.4g} kg")
+                (f"line {line.name}", f"{line.links} links, {line.total:.4g} m, {np.sum(line.mass):.4g} kg")
                 for line in self.lines[:SHOWN]
             ),
             ("effects", ", ".join(self.effects) or "none"),

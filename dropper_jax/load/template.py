@@ -58,7 +58,8 @@ TEMPLATE_KEYS = ("parameters", "unit", "array", "point_type")
 #: Sections whose items may be repeated, and that units may contain.
 REPEATED = ("point", "line", "buoy", "failure")
 UNIT = ("point", "line", "buoy")
-ARRAY = ("of", "repeat", "name", "origin", "heading", "shared")
+LAYOUT = ("name", "origin", "heading", "shared")
+ARRAY = ("of", "repeat", *LAYOUT)
 #: Maximum number of items created by one `repeat`: 200 longlines of 60 loops have 12 000.
 MOST_COPIES = 20_000
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
@@ -166,33 +167,63 @@ class Template:
         check_keys(unit, UNIT, f"unit.{kind}")
         for inner in _repetitions(array, path, names):
             part = {section: _items(unit, section, inner, f"unit.{kind}.") for section in UNIT}
-            own = {item["name"] for item in part["point"]}
-            layout = evaluate_table(
-                {key: array.get(key) for key in ("name", "origin", "heading", "shared")}, inner, path
-            )
-            prefix = read_text(layout["name"], f"{path}.name")
-            origin = read_list(layout["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers")
-            origin = [read_number(x, f"{path}.origin.{i}", {"unit": "m"}) for i, x in enumerate(origin)]
-            heading = math.radians(read_number(layout["heading"] or 0.0, f"{path}.heading", {"unit": "deg"}))
-            shared = read_table(layout["shared"] or {}, f"{path}.shared")
-            check_keys(shared, own, f"{path}.shared")
-            called = lambda name: shared.get(name, f"{prefix}{name}" if name in own else name)  # noqa: B023, E731
+            layout = _Layout.read(array, path, inner, {item["name"] for item in part["point"]})
             known = {item["name"] for item in found.setdefault("point", [])}
-            for point in part["point"]:
-                own_values = {
-                    "name": called(point["name"]),
-                    "position": _transform_point(point, origin, heading, path),
-                }
-                if own_values["name"] not in known:  # a shared point has the position given by its first unit
-                    found["point"].append(point | own_values)
-            for line in part["line"]:
-                ends = {key: called(line[key]) for key in ("from", "to") if key in line}
-                attach = [item | {"point": called(item["point"])} for item in line.get("attach", [])]
-                more = {"attach": attach} if attach else {}
-                found.setdefault("line", []).append(line | ends | more | {"name": f"{prefix}{line['name']}"})
-            for buoy in part["buoy"]:
-                names_of = {"name": f"{prefix}{buoy['name']}", "point": called(buoy["point"])}
-                found.setdefault("buoy", []).append(buoy | names_of)
+            points = [layout.point(point) for point in part["point"]]
+            # a shared point has the position given by its first unit
+            found["point"] += [point for point in points if point["name"] not in known]
+            for section, keys in (("line", ("from", "to")), ("buoy", ("point",))):
+                for item in part[section]:
+                    found.setdefault(section, []).append(layout.item(item, keys))
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """The position of a unit, and the names of its parts there; `own` are the names of its points."""
+
+    prefix: str
+    origin: list[float]
+    heading: float
+    shared: Values
+    own: set[str]
+    path: str
+
+    @classmethod
+    def read(cls, array: Values, path: str, names: Names, own: set[str]) -> _Layout:
+        given = evaluate_table({key: array.get(key) for key in LAYOUT}, names, path)
+        origin = read_list(given["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers")
+        shared = read_table(given["shared"] or {}, f"{path}.shared")
+        check_keys(shared, own, f"{path}.shared")
+        return cls(
+            read_text(given["name"], f"{path}.name"),
+            [read_number(x, f"{path}.origin.{i}", {"unit": "m"}) for i, x in enumerate(origin)],
+            math.radians(read_number(given["heading"] or 0.0, f"{path}.heading", {"unit": "deg"})),
+            shared,
+            own,
+            path,
+        )
+
+    def called(self, name: str) -> str:
+        """The name of a point of the scene, from that in the unit."""
+        return self.shared.get(name, f"{self.prefix}{name}" if name in self.own else name)
+
+    def item(self, item: Table, keys: Sequence[str]) -> Table:
+        """A line or buoy of the unit in the scene, whose `keys` name points."""
+        found = {**item, **{key: self.called(item[key]) for key in keys if key in item}}
+        if "attach" in item:
+            found["attach"] = [stop | {"point": self.called(stop["point"])} for stop in item["attach"]]
+        return found | {"name": f"{self.prefix}{item['name']}"}
+
+    def point(self, point: Table) -> Table:
+        """A point of the unit in the scene."""
+        where = f"{self.path}, point {point['name']}"
+        position = read_list(point.get("position"), where, 3, "3 numbers")
+        x, y, z = (read_number(value, where, {"unit": "m"}) for value in position)
+        cos = math.cos(self.heading)
+        sin = math.sin(self.heading)
+        moved = (cos * x - sin * y, sin * x + cos * y, z)
+        position = [start + step for start, step in zip(self.origin, moved, strict=True)]
+        return point | {"name": self.called(point["name"]), "position": position}
 
 
 def _parameter_name(path: str, parameters: Values) -> str:
@@ -201,14 +232,6 @@ def _parameter_name(path: str, parameters: Values) -> str:
     if name not in parameters:
         raise SceneError(f"{path}: unknown parameter; {nearest(name, parameters)}")
     return name
-
-
-def _transform_point(point: Values, origin: list[float], heading: float, path: str) -> list[float]:
-    where = f"{path}, point {point['name']}"
-    x, y, z = (read_number(v, where, {"unit": "m"}) for v in read_list(point.get("position"), where, 3, "3 numbers"))
-    cos = math.cos(heading)
-    sin = math.sin(heading)
-    return [origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y, origin[2] + z]
 
 
 def _items(table: Values, section: str, names: Names, before: str = "") -> list[Table]:

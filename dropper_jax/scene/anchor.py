@@ -126,12 +126,12 @@ class AnchorSpec(DeclaredSection):
         """Load [N] along its axis at which a screw anchor pulls out."""
         area = 0.25 * np.pi * self.plates**2
         if self.strength is not None:
-            return float(np.sum(area) * CLAY * self.strength)
+            return np.sum(area) * CLAY * self.strength
         factor = self.bearing_factor
         if factor is None:
             phi = self.friction_angle
             factor = np.exp(np.pi * np.tan(phi)) * np.tan(0.25 * np.pi + 0.5 * phi) ** 2
-        return float(np.sum(area * self.soil_weight * self.depths) * factor)
+        return np.sum(area * self.soil_weight * self.depths) * factor
 
     def utilisation(self, horizontal: np.ndarray, upward: np.ndarray) -> np.ndarray:
         """Utilisation, load over capacity (...), for horizontal and upward loads [N]; the anchor fails at 1.

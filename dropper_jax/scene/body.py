@@ -38,14 +38,14 @@ class CylinderSpec(DeclaredSection):
 
     @property
     def length(self) -> float:
-        return float(np.linalg.norm(self.end - self.start))
+        return np.linalg.norm(self.end - self.start)
 
     def distance(self, position: np.ndarray) -> float:
         """Distance of a position (3,) from the cylinder's surface [m]; 0 inside."""
         along = (self.end - self.start) / self.length
-        s = float(along @ (position - self.start))
-        across = float(np.linalg.norm(position - self.start - s * along))
-        return float(np.hypot(max(-s, s - self.length, 0.0), max(across - 0.5 * self.diameter, 0.0)))
+        s = along @ (position - self.start)
+        across = np.linalg.norm(position - self.start - s * along)
+        return np.hypot(max(-s, s - self.length, 0.0), max(across - 0.5 * self.diameter, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class SphereSpec(DeclaredSection):
 
     def distance(self, position: np.ndarray) -> float:
         """Distance of a position (3,) from the sphere's surface [m]; 0 inside."""
-        return max(float(np.linalg.norm(position - self.centre)) - 0.5 * self.diameter, 0.0)
+        return max(np.linalg.norm(position - self.centre) - 0.5 * self.diameter, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ class BodySpec(DeclaredSection):
         positions = [p for c in self.cylinders for p in (c.start, c.end)]
         positions += [s.centre + 0.5 * s.diameter * sign for s in self.spheres for sign in (-1.0, 1.0)]
         if positions:
-            return float(np.max([*np.ptp(positions, axis=0), *(s.diameter for s in self.shapes)]))
+            return np.max([*np.ptp(positions, axis=0), *(s.diameter for s in self.shapes)])
         return 0.0
 
     def distance(self, position: np.ndarray) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import partial
-from itertools import accumulate, groupby
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -77,12 +77,9 @@ class SceneData(DeclaredSection):
     @property
     def gravity(self) -> float:
         """Acceleration of gravity [m/s^2] of weights and of the water."""
-        weight = self.effects.get("weight")
-        if weight is not None:
-            return float(weight["gravity"])
-        if self.sea is None:
-            return GRAVITY
-        return float(self.sea.gravity)
+        if "weight" in self.effects:
+            return float(self.effects["weight"]["gravity"])
+        return GRAVITY if self.sea is None else float(self.sea.gravity)
 
     @property
     def needed_sea(self) -> SeaSpec:
@@ -139,12 +136,11 @@ class SceneData(DeclaredSection):
         alone = {name for name, lines in ends.items() if lines == 1} - loaded
         starts = alone - {p.name for p in self.points if p.is_free}
 
-        def nodes(line: LineSpec) -> str:
-            if line.centre_of_mass is not None:
-                return "centre_of_mass"
-            return line.nodes or ("far" if line.start in starts and line.end in alone else "shared")
-
-        return {line.name: nodes(line) for line in self.lines}
+        found = {}
+        for line in self.lines:
+            nodes = line.nodes or ("far" if line.start in starts and line.end in alone else "shared")
+            found[line.name] = nodes if line.centre_of_mass is None else "centre_of_mass"
+        return found
 
     @property
     def line(self) -> LineSpec:
@@ -171,14 +167,15 @@ class SceneData(DeclaredSection):
 def link_mass_words(nodes: dict[str, str]) -> str:
     """`SceneData.link_mass_nodes` in one readable line."""
     meaning = {"far": "at their far nodes", "shared": "half at each node", "centre_of_mass": "by the centre of mass"}
-    used = {}
-    for key in meaning:
-        if key in nodes.values():
-            used[key] = [name for name, found in nodes.items() if found == key]
+    counts = Counter(nodes.values())
+    used = [key for key in meaning if key in counts]
     if len(used) == 1:
-        return meaning[next(iter(used))]
-    most = max(used, key=lambda key: len(used[key]))
-    rest = [f"{meaning[key]}: {', '.join(names)}" for key, names in used.items() if key != most]
+        return meaning[used[0]]
+    most = max(used, key=counts.__getitem__)
+    rest = []
+    for key in used:
+        if key != most:
+            rest.append(f"{meaning[key]}: {', '.join(name for name, found in nodes.items() if found == key)}")
     return f"{'; '.join(rest)}; {meaning[most]}: all other lines"
 
 
@@ -212,10 +209,12 @@ class WholeLine(NamedTuple):
 
 def line_slices(scene: SceneData) -> tuple[LineSlice, ...]:
     """Index ranges of the lines of a scene in arrays of all nodes and of all links."""
-    ends = accumulate(line.links for line in scene.lines)
     found = []
-    for i, (line, end) in enumerate(zip(scene.lines, ends, strict=True)):
-        found.append(LineSlice(line.name, slice(end - line.links + i, end + i + 1), slice(end - line.links, end)))
+    start = 0
+    for i, line in enumerate(scene.lines):
+        end = start + line.links
+        found.append(LineSlice(line.name, slice(start + i, end + i + 1), slice(start, end)))
+        start = end
     return tuple(found)
 
 

@@ -103,9 +103,9 @@ class LengthInTimeSpec(DeclaredSection):
         key = "links" if self.link is None else "link"
         many = self.link or self.links or 1
         yield many > count, f"{key}: {many}, but {name!r} has {count} links; allowed: 1 to {count}"
-        total = float(np.sum(length[list(self.numbers(count))]))
+        total = np.sum(length[list(self.numbers(count))])
         if self.control is None:
-            first = float(np.interp(0.0, self.time, self.length))
+            first = np.interp(0.0, self.time, self.length)
             yield (
                 abs(first - total) > SAME_LENGTH * total,
                 f"length: {first:.9g} m at t = 0, but these links of {name!r} are {total:.9g} m long; allowed: "

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from dropper_jax.axial import LAWS
 from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
-from dropper_jax.base.errors import Check, SceneError, raises_first
+from dropper_jax.base.errors import Check, SceneError
 from dropper_jax.base.fields import option, parameter
 from dropper_jax.base.read import (
     DeclaredSection,
     Plain,
     Table,
-    Values,
     as_table,
     check_keys,
     count,
@@ -94,25 +93,22 @@ class LineSpec(DeclaredSection):
         axial = own.pop("axial", {"law": "rigid"})
         links = own.get("links")
         # a wrong number is rejected when the field is read
-        count = 1
-        if isinstance(links, int) and 0 < links <= LINK_LIMIT:
-            count = links
-        values = read_fields(cls, own, path, {"link": count})
-        _check_diameters_and_masses(values, path)
-        values.update(_read_axial(axial, f"{path}.axial", count))
-        per_link = ("length", "mass", "centre_of_mass", "inertia", "diameter", "outer_diameter", "breaking_load", "EA")
-        for key in (*per_link, "axial_damping"):
-            if values.get(key) is not None:
+        count = links if isinstance(links, int) and 0 < links <= LINK_LIMIT else 1
+        values = read_fields(cls, own, path, {"link": count}) | _read_axial(axial, f"{path}.axial", count)
+        per_link = [f.name for f in fields(cls) if f.metadata.get("shape") == "link"]
+        for key in (*per_link, "EA", "axial_damping"):
+            if values[key] is not None:
                 values[key] = _per_link(values[key], count)
         values["constants"] = {key: _per_link(value, count) for key, value in values.get("constants", {}).items()}
         spec = cls(**values)
+        spec.check(path)
         check_changing_lengths(spec.length_in_time, f"{path}.length_in_time", spec.name, spec.length, spec.rigid)
         return spec
 
     @property
     def total(self) -> float:
         """Length of the full line [m]."""
-        return float(np.sum(self.length))
+        return np.sum(self.length)
 
     @property
     def needed_diameter(self) -> np.ndarray:
@@ -139,29 +135,28 @@ class LineSpec(DeclaredSection):
         if self.rigid:
             return found
         axial = {"EA": self.EA, "damping": self.axial_damping, **self.constants}
-        axial = {key: _one_or_all(value.tolist()) for key, value in axial.items() if value is not None}
+        tables = {}
         if self.tables is not None:
             del axial["EA"]
-            axial = {**tables_of(self.tables), **axial}
-        return {**found, "axial": {"law": self.axial_law, **axial}}
+            tables = tables_of(self.tables)
+        numbers = {key: _one_or_all(value.tolist()) for key, value in axial.items() if value is not None}
+        return {**found, "axial": {"law": self.axial_law, **tables, **numbers}}
 
-
-@raises_first
-def _check_diameters_and_masses(values: Values, path: str) -> Iterator[Check]:
-    missing = [key for key in ("centre_of_mass", "inertia") if values[key] is None]
-    yield (
-        values["outer_diameter"] is not None and values["diameter"] is None,
-        f"{path}.outer_diameter: needs `diameter`, that of the displaced volume",
-    )
-    yield (
-        len(missing) == 1,
-        f"{path}.{' '.join(missing)}: missing; a compound link needs both `centre_of_mass` and `inertia`",
-    )
-    yield (
-        values["nodes"] is not None and not missing,
-        f"{path}.nodes: {values['nodes']!r} does not apply to a compound link, which is divided between its nodes by "
-        "its centre of mass; allowed: leave it out",
-    )
+    def checks(self) -> Iterator[Check]:
+        missing = [key for key in ("centre_of_mass", "inertia") if getattr(self, key) is None]
+        yield (
+            self.outer_diameter is not None and self.diameter is None,
+            "outer_diameter: needs `diameter`, that of the displaced volume",
+        )
+        yield (
+            len(missing) == 1,
+            f"{' '.join(missing)}: missing; a compound link needs both `centre_of_mass` and `inertia`",
+        )
+        yield (
+            self.nodes is not None and not missing,
+            f"nodes: {self.nodes!r} does not apply to a compound link, which is divided between its nodes by its "
+            "centre of mass; allowed: leave it out",
+        )
 
 
 def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
@@ -182,14 +177,9 @@ def join_lines(lines: tuple[LineSpec, ...]) -> LineSpec:
         return np.concatenate(values)
 
     arrays = ("length", "mass", "centre_of_mass", "inertia", "diameter", "breaking_load", "EA")
-    if len({line.axial_law for line in lines}) == 1:
-        keys = lines[0].constants
-    else:
-        keys = ()
+    keys = lines[0].constants if len({line.axial_law for line in lines}) == 1 else ()
+    constants = {key: np.concatenate([line.constants[key] for line in lines]) for key in keys}
     tables = [line.tables for line in lines]
-    constants = {}
-    for key in keys:
-        constants[key] = np.concatenate([line.constants[key] for line in lines])
     return replace(
         lines[0],
         tables=None if None in tables else tuple(table for own in tables for table in own),
@@ -211,19 +201,17 @@ def _read_axial(table: Plain, path: str, links: int) -> Table:
     law = table.pop("law", "rope")
     if law not in LAWS:
         raise refuse(f"{path}.law", law, "is unknown", ", ".join(LAWS))
+    tables = None
     if law == "tabulated":
         tables = read_tables(table, path, links)
         if "EA" in table:
             raise SceneError(f"{path}.EA: cannot be combined with a table; allowed: `strain` and `tension`")
-        rest = {key: value for key, value in table.items() if key not in ("strain", "tension")}
-        damping = read_fields(LAWS[law], {**rest, "EA": 1.0}, path, {"link": links})["damping"]
-        stiffness = np.array([t.stiffness for t in tables])
-        return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "tables": tables}
+        table = {key: value for key, value in table.items() if key not in ("strain", "tension")}
+        table["EA"] = [t.stiffness for t in tables]
     values = read_fields(LAWS[law], table, path, {"link": links})
-    stiffness = values.pop("EA", None)
-    damping = values.pop("damping", None)
-    constants = {key: value for key, value in values.items() if value is not None}
-    return {"axial_law": law, "EA": stiffness, "axial_damping": damping, "constants": constants}
+    found = {"axial_law": law, "tables": tables, "EA": values.pop("EA", None)}
+    found["axial_damping"] = values.pop("damping", None)
+    return {**found, "constants": {key: value for key, value in values.items() if value is not None}}
 
 
 def _per_link(value: Plain, links: int) -> np.ndarray:

@@ -51,7 +51,7 @@ class CaseRun(GridRun):
     @property
     def energy_drift(self) -> float:
         """Maximum change of energy minus all work [J]."""
-        return float(np.max(np.abs(self.energy_loss)))
+        return np.max(np.abs(self.energy_loss))
 
     @property
     def relative_drift(self) -> float:
@@ -64,7 +64,7 @@ class CaseRun(GridRun):
     @property
     def closure(self) -> float:
         """Maximum error of a link's length [m]."""
-        return float(np.max(np.abs(np.linalg.norm(self.links, axis=-1) - np.asarray(self.model.line.length))))
+        return np.max(np.abs(np.linalg.norm(self.links, axis=-1) - np.asarray(self.model.line.length)))
 
 
 def run_scene(scene: Scene, dt: float, duration: float, scheme: Scheme, **settings: Any) -> CaseRun:

@@ -35,19 +35,19 @@ def _marched(value: Callable[[Case, CaseRun], float]) -> Measure:
 
 def _distance_of_node(case: Case, run: CaseRun) -> float:
     expected = _at(run.t, case.exact.times, case.exact.values)
-    return float(np.max(np.linalg.norm(run.r[:, 0] - expected, axis=-1)))
+    return np.max(np.linalg.norm(run.r[:, 0] - expected, axis=-1))
 
 
 def _error_of_speed(case: Case, run: CaseRun) -> float:
     speed = np.linalg.norm(run.rows.v[:, 0], axis=-1)
-    return float(np.max(np.abs(speed / np.interp(run.t, case.exact.times, case.exact.values) - 1)))
+    return np.max(np.abs(speed / np.interp(run.t, case.exact.times, case.exact.values) - 1))
 
 
 def _rise_of_energy(case: Case, run: CaseRun) -> float:
     """Largest rise of the energy of 1 kg from one saved time to the next [J], with the gravity of the scene."""
     gravity = float(run.model.effects[0].gravity)
     kinetic = 0.5 * np.sum(run.velocities[:, 0] ** 2, axis=-1)
-    return float(np.max(np.diff(gravity * run.positions[:, 0, 2] + kinetic), initial=-np.inf))
+    return np.max(np.diff(gravity * run.positions[:, 0, 2] + kinetic), initial=-np.inf)
 
 
 #: A link with a dry joint has come to rest after this time [s].
@@ -59,7 +59,7 @@ def _stays(case: Case, short: bool) -> Outcome:
     rest = run_named(case.scene, case.dt, STILL)
     run = run_named(case.scene, case.dt, case.span(short))
     moved = np.linalg.norm(run.r[run.t >= STILL - 1e-9] - rest.r[-1], axis=-1)
-    return Outcome(float(np.max(moved)), run.status if rest.status == "ok" else rest.status)
+    return Outcome(np.max(moved), run.status if rest.status == "ok" else rest.status)
 
 
 #: Step that is far too long, over that of the scene.
@@ -142,42 +142,42 @@ def _distance(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     if case.from_start:
         found = found - found[0]
     apart = _at(exact.times, t, found) - exact.values.reshape(len(exact.times), -1)
-    return float(np.max(np.linalg.norm(apart, axis=1))) / case.size
+    return np.max(np.linalg.norm(apart, axis=1)) / case.size
 
 
 def _rise(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Maximum height above the start [m]."""
-    return float(np.max(positions[:, 2]) - positions[0, 2])
+    return np.max(positions[:, 2]) - positions[0, 2]
 
 
 def _lowest(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Error of the greatest depth below `level`, over the exact one `size`."""
-    return abs(float(case.level - np.min(positions[:, 2])) / case.size - 1.0)
+    return abs((case.level - np.min(positions[:, 2])) / case.size - 1.0)
 
 
 def _return(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """What is missing of the start's height, or beyond it, when the point comes up the first time."""
     z = positions[:, 2]
-    return abs(float(z[0] - np.max(z[np.argmin(z) :]))) / case.size
+    return abs(z[0] - np.max(z[np.argmin(z) :])) / case.size
 
 
 def _path(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Relative error of the displacement along `weights` at the end."""
-    exact = float(np.interp(t[-1], case.exact.times, case.exact.values))
-    return abs(float((positions[-1] - positions[0]) @ np.array(case.weights)) / exact - 1.0)
+    exact = np.interp(t[-1], case.exact.times, case.exact.values)
+    return abs(((positions[-1] - positions[0]) @ np.array(case.weights)) / exact - 1.0)
 
 
 def _late_motion(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Motion [m] after the first second, in which the weight sinks into the seabed."""
     late = positions[t >= 1.0]
-    return float(np.max(np.linalg.norm(late - late[0], axis=1)))
+    return np.max(np.linalg.norm(late - late[0], axis=1))
 
 
 def _angle(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     """Maximum error of the angle from the vertical [rad], seen from (0, 0, `level`)."""
     exact = case.exact.upto(t[-1])
     angle = np.arctan2(positions[:, 0], case.level - positions[:, 2])
-    return float(np.max(np.abs(np.interp(exact.times, t, angle) - exact.values)))
+    return np.max(np.abs(np.interp(exact.times, t, angle) - exact.values))
 
 
 def _balance(case: Case, run: Solution) -> float:
@@ -186,29 +186,29 @@ def _balance(case: Case, run: Solution) -> float:
 
 def _gain(case: Case, run: Solution) -> float:
     """Energy gained in any step."""
-    return max(float(np.max(np.diff(run.balance))), 0.0) / run.energy_scale
+    return max(np.max(np.diff(run.balance)), 0.0) / run.energy_scale
 
 
 def _peak(case: Case, run: Solution) -> float:
     """Error of the largest tension within the saved intervals."""
-    return abs(float(np.max(run.tension_max)) / case.size - 1.0)
+    return abs(np.max(run.tension_max) / case.size - 1.0)
 
 
 def _tension(case: Case, run: Solution) -> float:
     exact = case.exact
     found = np.interp(exact.times, run.t_tension, run.tension[:, 0])
-    return float(np.max(np.abs(found - exact.values))) / case.size
+    return np.max(np.abs(found - exact.values)) / case.size
 
 
 def _shape(case: Case, run: Solution, nodes: np.ndarray) -> float:
     """Error of a weighted sum over the nodes (k, nodes)."""
     exact = case.exact.upto(run.t[-1])
     found = np.interp(exact.times, run.t, nodes @ np.array(case.weights))
-    return float(np.max(np.abs(found - exact.values))) / case.size
+    return np.max(np.abs(found - exact.values)) / case.size
 
 
 def _body_path(case: Case, run: Solution) -> float:
-    return abs(float(run.body_position[-1, 0, 0]) / case.size - 1.0)
+    return abs(run.body_position[-1, 0, 0] / case.size - 1.0)
 
 
 def _passes(case: Case, run: Solution) -> float:

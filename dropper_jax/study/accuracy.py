@@ -65,8 +65,8 @@ def _row(model: Model, s: State, scheme: Scheme, dt: float, duration: float) -> 
     row |= {"status": run.status, **dict.fromkeys(("failed_at_s", *LOSSES))}
     if run.status != "ok":
         return row | {"failed_at_s": (int(run.rows.bad[-1]) + 1) * dt}
-    lost = float(run.energy_loss[-1])
-    damping = lost / float(run.rows.path[-1])
+    lost = run.energy_loss[-1]
+    damping = lost / run.rows.path[-1]
     return row | dict(zip(LOSSES, (lost, damping, damping / THESIS_B_L), strict=True))
 
 

@@ -261,8 +261,8 @@ def _ends_of(scene: Scene, target: str) -> tuple[tuple[float, ...] | None, ...]:
     if kind not in ("tension", "line"):
         return None, None
     pose = equilibrium(scene)
-    positions = np.asarray(pose.positions)[None]
-    tension = np.asarray(pose.tension)[None]
+    positions = pose.positions[None]
+    tension = pose.tension[None]
     forces = {}
     angles = {}
     for lines in (line_slices(scene), whole_lines(scene)):

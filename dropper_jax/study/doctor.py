@@ -151,7 +151,7 @@ def check_tension() -> Check:
     g/sin(theta)`."""
     allowed = 1e-4  # maximum relative error of the tension of the pendulum, due to its step
     solution = simulate("conical-pendulum", duration=1.0)
-    error = float(np.max(np.abs(solution.tension / (GRAVITY / math.sin(math.pi / 8)) - 1.0)))
+    error = np.max(np.abs(solution.tension / (GRAVITY / math.sin(math.pi / 8)) - 1.0))
     ok = solution.status == "ok" and error < allowed
     return Check("tension of a conical pendulum", ok, f"{error:.1e} off, {allowed:.0e} allowed")
 

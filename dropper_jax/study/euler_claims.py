@@ -22,7 +22,7 @@ EULER_DURATION = 5.0
 
 def single_pendulum() -> Scene:
     """A pendulum of 1 m and 1 kg released at 45 degrees, in a plane."""
-    side = float(np.sqrt(0.5))
+    side = np.sqrt(0.5)
     return load_scene(
         {
             "name": "single-pendulum",
@@ -33,7 +33,7 @@ def single_pendulum() -> Scene:
             ],
             "line": [{"name": "pendulum", "from": "pivot", "to": "bob", "links": 1, "length": 1.0, "mass": 1.0}],
             "effects": {"weight": {}},
-            "start": {"kind": "angles", "zero": "down", "polar": [float(np.pi / 4)]},
+            "start": {"kind": "angles", "zero": "down", "polar": [(np.pi / 4)]},
         }
     )
 
@@ -67,4 +67,4 @@ def _gain(scene: Scene, scheme: Scheme, dt: float) -> tuple[str, float]:
     run = grid_run(scheme.stepper(model, halvings=0), model, s, steps * dt, steps, 1)
     lowest = jnp.sum(model.line.mass * GRAVITY * -jnp.cumsum(model.line.length))
     start = model.potential_energy(model.kinematics(s.r, s.v, s.t))
-    return run.status, -float(run.energy_loss[-1]) / float(start - lowest)
+    return run.status, -run.energy_loss[-1] / float(start - lowest)

@@ -42,9 +42,9 @@ def regime(solution: Solution) -> dict[str, float]:
         shortest = float(waves.shortest)
     return {
         "relative_speed_m_per_s": float(speed.max()),
-        "keulegan_carpenter": float(np.max(speed / diameter) * period),
-        "reynolds": float(np.max(speed * diameter) / VISCOSITY),
-        "diameter_over_wavelength": float(diameter.max() / shortest),
+        "keulegan_carpenter": (np.max(speed / diameter) * period),
+        "reynolds": (np.max(speed * diameter) / VISCOSITY),
+        "diameter_over_wavelength": (diameter.max() / shortest),
     }
 
 

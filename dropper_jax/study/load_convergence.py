@@ -82,7 +82,7 @@ class _LoadRun:
         if solution.status == "interrupted":  # the part that `simulate` keeps has no loads to compare
             raise KeyboardInterrupt
         kept = record(solution) if has_ended(solution) else None
-        dt = float(solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
+        dt = (solution.t[-1] - solution.t[0]) / max(solution.settings["steps"], 1)
         accuracy = value if key == "accuracy" else None
         return cls(accuracy, dt, solution.status, solution.us_per_step, solution.failure, kept)
 

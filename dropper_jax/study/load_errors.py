@@ -201,7 +201,7 @@ def line_loads(found: Record, like: list[Table] | None = None) -> list[Table]:
     for i, where in enumerate(found.written_lines):
         s = arc(where.spec.length)
         if like is None:
-            at = float(s[int(np.argmax(found.largest[:, where.links].max(axis=0)))])
+            at = s[int(np.argmax(found.largest[:, where.links].max(axis=0)))]
         else:
             at = like[i]["at_m"]
         parts = (_at(a[:, where.links], s, at) for a in (found.tension, found.least, found.largest, within))
@@ -232,22 +232,22 @@ def _statistics(
     means = np.array([tension[part].mean() for part in batches])
     deviations = np.array([_deviation(tension[part], square[part]) for part in batches])
     return {
-        "mean": (float(tension.mean()), _spread(means) / np.sqrt(len(means))),
+        "mean": (tension.mean(), _spread(means) / np.sqrt(len(means))),
         "deviation": (_deviation(tension, square), _spread(deviations) / np.sqrt(len(deviations))),
-        "window_maximum": (float(tops.mean()), _spread(tops) / np.sqrt(len(tops))),
+        "window_maximum": (tops.mean(), _spread(tops) / np.sqrt(len(tops))),
         # maximum of many: the same spread as one window maximum (a Gumbel distribution keeps its scale)
-        "maximum": (float(tops.max()), _spread(tops)),
-        "minimum": (float(-bottoms.max()), _spread(bottoms)),
+        "maximum": (tops.max(), _spread(tops)),
+        "minimum": ((-bottoms.max()), _spread(bottoms)),
     }
 
 
 def _deviation(values: np.ndarray, squares: np.ndarray) -> float:
-    return float(np.sqrt(max(squares.mean() - values.mean() ** 2, 0.0)))
+    return np.sqrt(max(squares.mean() - values.mean() ** 2, 0.0))
 
 
 def _spread(values: np.ndarray) -> float:
     """Standard deviation of a sample; NaN of one value."""
-    return float(values.std(ddof=1)) if len(values) > 1 else float("nan")
+    return values.std(ddof=1) if len(values) > 1 else float("nan")
 
 
 def _windows(found: Record, values: np.ndarray) -> np.ndarray:
@@ -275,7 +275,7 @@ def _row(made: dict[str, Table], factor: float) -> Table:
             "value": value,
             "step": step,
             "links": links,
-            "chance": None if np.isnan(chance) else float(chance),
+            "chance": None if np.isnan(chance) else chance,
             "error": step + (links or 0.0),
             **{key: change[key] for key in ("twice_damping", "twice_bed") if key in change},
         }

@@ -119,7 +119,7 @@ def rms(x: Rows) -> float:
     """Root of the mean square; infinite if any entry is not finite."""
     with np.errstate(over="ignore"):
         if np.all(np.isfinite(x)):
-            return float(np.sqrt(np.mean(np.square(x))))
+            return np.sqrt(np.mean(np.square(x)))
         return float("inf")
 
 

@@ -101,9 +101,9 @@ def _loads(scene: Scene, moved: Sequence[str], positions: np.ndarray, tension: n
     link = int(np.argmax(tension))
     return {
         "force_n": force,
-        "restoring_n": float(-force @ along),
-        "transverse_n": float(along[0] * force[1] - along[1] * force[0]),
-        "end_tension_n": float(np.max(np.linalg.norm(ends, axis=1))),
-        "max_tension_n": float(tension[link]),
+        "restoring_n": (-force @ along),
+        "transverse_n": (along[0] * force[1] - along[1] * force[0]),
+        "end_tension_n": np.max(np.linalg.norm(ends, axis=1)),
+        "max_tension_n": tension[link],
         "max_line": next(line.name for line in lines if line.links.start <= link < line.links.stop),
     }

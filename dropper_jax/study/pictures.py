@@ -30,9 +30,9 @@ def pose(scene: Scene, found: Equilibrium, path: str | Path) -> Path:
         settings={"integrator": "static pose", "dt": 0.0},
         status=found.status,
         t=once,
-        positions=np.asarray(found.positions)[None],
+        positions=found.positions[None],
         velocities=np.zeros((1, *np.shape(found.positions))),
-        tension=np.asarray(found.tension)[None],
+        tension=found.tension[None],
         t_tension=once,
         kinetic=once,
         potential=once,
@@ -55,7 +55,7 @@ def mode_shapes(scene: Scene, model: Model, found: Equilibrium, modes: Modes, pa
     count = min(len(modes.period), 9)
     r = np.asarray(found.state.r)
     ends_of_lines = model.ends(found.state.t)
-    rest = np.asarray(found.positions)
+    rest = found.positions
     size = view.size(rest)
     low = np.ptp(rest[:, 2]) < LOW_AND_LONG * max(np.ptp(rest[:, 0]), np.ptp(rest[:, 1]))
     columns = 1 if low else min(count, 3)

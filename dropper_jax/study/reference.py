@@ -79,7 +79,7 @@ def trusted_span(model: Model, s: State, duration: float, dt: float, grid: float
     apart = np.flatnonzero(~np.isfinite(growth) | (growth > np.log(100.0)) | (here.bad >= 0))
     last = int(apart[0]) if apart.size else saves - 1
     span = min((last + 1) * grid, duration)
-    return span, float(growth[last]) / span
+    return span, growth[last] / span
 
 
 #: Maximum number of steps of one reference run, and maximum counted operations of a refinement: long runs in waves are
@@ -132,7 +132,7 @@ def reference(model: Model, s: State, grid: float, saves: int, exponent: float) 
         checked_by=f"{second.integrator.name}, {step} and its half and quarter, extrapolated",
         independent=first.integrator.name != second.integrator.name,
         exponent=exponent,
-        horizon=float(fine.t[-1]),
+        horizon=fine.t[-1],
         grid=grid,
     )
 

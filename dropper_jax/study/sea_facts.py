@@ -171,10 +171,10 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
                 "level_m": float(level),
                 "speed_m_per_s": _speed(sea, t),
                 "status": pose.status,
-                "displacement_m": float(way.max()),
-                "line_moved_m": {line.name: float(way[line.nodes].max()) for line in line_slices(scene)},
+                "displacement_m": way.max(),
+                "line_moved_m": {line.name: way[line.nodes].max() for line in line_slices(scene)},
                 "held_load_n": held,
-                "anchor_utilisation": {name: float(value) for name, value in used.items()},
+                "anchor_utilisation": {name: value for name, value in used.items()},
             }
         )
     return {"rows": rows, "slack": slack.positions, "slack_status": slack.status}
@@ -222,7 +222,7 @@ def responses(
             f"run.duration: {scene.run.duration:g} s is too short for these periods; allowed: >= {least:g} s"
         )
     key = "height" if waves.amplitude is None else "amplitude"
-    higher = {f"sea.waves.{key}": HIGHER_WAVES * float(np.max(getattr(waves, key)))}
+    higher = {f"sea.waves.{key}": HIGHER_WAVES * np.max(getattr(waves, key))}
     found = []
     for i, period in enumerate(map(float, periods)):
         progress(i / len(periods), f"period {period:g} s")
@@ -257,8 +257,8 @@ def _response(solution: Solution, period: float) -> Table:
     s = np.clip(0.5 + (eta - nodes[:, 1, 2]) / size, 0.0, 1.0)
     return {
         "status": solution.status,
-        "mean_rad": float(angle.mean()),
-        "amplitude_rad": float(abs(swing)),
-        "phase_rad": float(np.angle(swing / surface)),
-        "wet": float(np.mean(s * s * (3.0 - 2.0 * s))),
+        "mean_rad": angle.mean(),
+        "amplitude_rad": abs(swing),
+        "phase_rad": np.angle(swing / surface),
+        "wet": np.mean(s * s * (3.0 - 2.0 * s)),
     }

@@ -190,13 +190,13 @@ def row_errors(run: GridRun, target: Reference) -> Table:
     """Errors of a run on the reference's grid, its energy drift and the damping equivalent to this drift."""
     angle = rms_angle(run.links, target.links)
     loss = run.energy_loss
-    path = float(run.rows.path[-1])
+    path = run.rows.path[-1]
     return {
         "rms_angle_error_rad": angle,
         "rms_position_error_m": rms_position(run.r, target.r),
         "rms_tension_error_n": rms(_tension_errors(run, target.tension)),
-        "energy_drift_j": float(np.max(np.abs(loss))),
-        "equivalent_linear_damping": float(loss[-1]) / path if path > 0 else 0.0,
+        "energy_drift_j": np.max(np.abs(loss)),
+        "equivalent_linear_damping": loss[-1] / path if path > 0 else 0.0,
         "resolved": bool(RESOLVED * target.error <= angle < math.inf),
     }
 
@@ -222,6 +222,6 @@ def orders(rows: list[Table]) -> dict[str, float]:
                 good.append((r["dt"], r["rms_angle_error_rad"]))
         if len(good) >= 2:
             steps, errors = np.log(sorted(good)[:3]).T
-            found[label] = float(np.polyfit(steps, errors, 1)[0])
+            found[label] = np.polyfit(steps, errors, 1)[0]
     # errors that do not fall with the step are those of rounding, which have no order
     return {label: order for label, order in found.items() if order > 0.5}

@@ -57,13 +57,11 @@ def run(args: Namespace) -> int:
     paths, low, high = zip(*ranges, strict=True)
     found = solve_design(scene, paths, low, high, args.target, args.value, progress(args.quiet))
     values = [{"path": path, "value": value} for path, value in found.values.items()]
-    targets = [{"target": name, "required": pair[0], "reached": pair[1]} for name, pair in found.targets.items()]
+    targets = [dict(zip(("target", "required", "reached"), (n, *p), strict=True)) for n, p in found.targets.items()]
     more: Table = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
-    text = [
-        *((path, f"{value:.9g}") for path, value in found.values.items()),
-        *((name, f"{pair[1]:.9g}, required {pair[0]:g}") for name, pair in found.targets.items()),
-        ("static poses", str(found.solves)),
-    ]
+    text = [(row["path"], "{value:.9g}".format(**row)) for row in values]
+    text += [(row["target"], "{reached:.9g}, required {required:g}".format(**row)) for row in targets]
+    text.append(("static poses", str(found.solves)))
     if found.end_forces is not None and found.end_angles is not None:
         more |= {"end_forces_n": list(found.end_forces), "end_angles_deg": list(found.end_angles)}
         text.append(("forces on the line's end points", "{:.6g} N and {:.6g} N".format(*found.end_forces)))

@@ -38,9 +38,7 @@ def run(args: Namespace) -> int:
 
     found = examine(args.repeats)
     failed = [check.name for check in found.checks if not check.ok]
-    failure = None
-    if failed:
-        failure = ("unhealthy", f"failed checks: {', '.join(failed)}")
+    failure = ("unhealthy", f"failed checks: {', '.join(failed)}") if failed else None
     return print_result(args, done_object(**asdict(found)), text(found), failure)
 
 

@@ -118,8 +118,11 @@ def with_step(scene: Scene, args: Namespace) -> Scene:
 
 def given_values(args: Namespace, run_values: Sequence[str] = ()) -> Table:
     """Values by path from `--set` and options for keys of `[run]`."""
-    given = {f"run.{key}": getattr(args, key) for key in run_values}
-    return assignments(args.set) | {path: value for path, value in given.items() if value not in (None, AUTO)}
+    found = assignments(args.set)
+    for key in run_values:
+        if getattr(args, key) not in (None, AUTO):
+            found[f"run.{key}"] = getattr(args, key)
+    return found
 
 
 def read_run(file: str, args: Namespace) -> Solution:

@@ -9,6 +9,7 @@ import json
 import tempfile
 from argparse import Action, ArgumentParser, Namespace
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,10 +55,8 @@ def save_or_report(solution: Solution, out: Path | None) -> str | None:
             solution.save(out)
             return None
         except (SceneError, OSError) as error:
-            if isinstance(error, OSError):
-                reason = f"{error.filename}: {error.strerror}"
-            else:
-                reason = str(error)
+            named = isinstance(error, OSError)
+            reason = f"{error.filename}: {error.strerror}" if named else str(error)
         reason = " ".join(reason.split())
         with suppress(OSError):
             folder = Path(tempfile.mkdtemp(prefix="dropper-"))
@@ -93,10 +92,11 @@ def add_plot(parser: ArgumentParser, what: str) -> None:
 def add_out(parser: ArgumentParser) -> None:
     """--out."""
     about = "write the result, what --json prints"
-    parser.add_argument("--out", action=Output, const=out_file, metavar="FILE.json", help=about)
+    check = partial(output_file, suffixes=(".json",))
+    parser.add_argument("--out", action=Output, const=check, metavar="FILE.json", help=about)
 
 
-def plot_folder(text: str, option: str = "--plot") -> Path | None:
+def plot_folder(text: str, option: str) -> Path | None:
     """Output of the pictures: a folder, or one file FILE.png; checked before the work starts."""
     if Path(text).suffix.lower() in (".png", ".pdf", ".svg"):
         return output_file(text, option, (".png",))
@@ -113,11 +113,6 @@ def picture(target: Path, name: str) -> Path:
     return target / f"{name}.png"
 
 
-def out_file(text: str, option: str = "--out") -> Path | None:
-    """The file of the result."""
-    return output_file(text, option, (".json",))
-
-
 def deliver(args: Namespace, found: Table, text: str, failure: Failure | None = None) -> int:
     """Print the result and write it to the file of --out, if one was requested; returns the exit code."""
     if args.out is not None:
@@ -130,34 +125,7 @@ def weights_table(scene: Scene) -> list[str]:
     from dropper_jax.run.line_weights import line_weights, weight_cells
 
     rows = line_weights(scene)
-    if rows:
-        return ["", table(weight_cells(rows))]
-    return []
-
-
-def plot_target(text: str, option: str) -> Path | None:
-    if Path(text).suffix.lower() == ".png":
-        return output_file(text, option, (".png",))
-    if Path(text).is_file():
-        raise SceneError(f"{option}: {text!r} is neither a folder nor a PNG; allowed: a folder or a file FILE.png")
-    return output_folder(text, option)
-
-
-def write_run_report(solution: Solution, folder: Path) -> None:
-    """The report of this run, as by `dropper report`."""
-    from dropper_jax.report.build import report_runs
-    from dropper_jax.report.write import write_report
-
-    runs = {"run": solution}
-    write_report(report_runs(runs), runs, folder)
-
-
-def write_channels(source: str, solution: Solution, path: Path) -> None:
-    """MoorDyn's table: the channels of a MoorDyn input, else tensions at all ends."""
-    from dropper_jax.decks.writing.outputs import channels_of, numbers_of, write_out
-
-    for channel in write_out(solution, path, channels_of(source) or None, skip=True, numbers=numbers_of(source)):
-        print_line(f"warning: output {channel!r} is not available from a run; it is left out")
+    return ["", table(weight_cells(rows))] if rows else []
 
 
 def draw(solution: Solution, target: Path) -> list[Path]:
@@ -171,20 +139,21 @@ def draw(solution: Solution, target: Path) -> list[Path]:
         return [target]
     target.mkdir(parents=True, exist_ok=True)
     scene = solution.scene
-    run = readable(solution)
     pictures = dict(PICTURES)
     if scene.sea:
         pictures |= WATER_PICTURES
     if scene.bodies:
         pictures["bodies"] = "body_motion"
-    left_out = OF_ONE_LINE if scene.branched else ()
+    left_out = {*OF_ONE_LINE} if scene.branched else set()
     if len(whole_lines(scene)) > 1:  # angles of links of many lines in one picture show nothing
-        left_out = (*left_out, "angles")
-    if not anything_moves(run):
+        left_out.add("angles")
+    if not anything_moves(readable(solution)):
         still = [name for name in pictures if name in OF_MOTION and name not in left_out]
-        left_out = (*left_out, *still)
+        left_out.update(still)
         print_line(f"pictures: no motion; left out: {', '.join(still)}")
-    files = {target / f"{name}.png": draw for name, draw in pictures.items() if name not in left_out}
-    for file, function in files.items():
-        getattr(plots, function)(solution, file)
-    return list(files)
+    files = []
+    for name, function in pictures.items():
+        if name not in left_out:
+            files.append(target / f"{name}.png")
+            getattr(plots, function)(solution, files[-1])
+    return files

@@ -31,15 +31,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         parser.add_argument(option, action=Output, const=output_folder, metavar="DIR", help=about)
     parser.add_argument("--every", type=int, default=1, metavar="N", help="every Nth saved time for --vtk (default: 1)")
     for field in fields(Settings):
-        meaning = field.metadata["meaning"]
-        unit = field.metadata["unit"]
-        option = field.metadata["option"]
-        given = ""
+        about = "{meaning} [{unit}]".format(**field.metadata)
         if field.default is not None:
-            given = f" (default: {field.default:g})"
-        parser.add_argument(
-            option, dest=f"setting_{field.name}", type=number, metavar="X", help=f"{meaning} [{unit}]{given}"
-        )
+            about += f" (default: {field.default:g})"
+        option = field.metadata["option"]
+        parser.add_argument(option, dest=f"setting_{field.name}", type=number, metavar="X", help=about)
     add_effects(parser)
     add_json(parser)
 
@@ -64,8 +60,7 @@ def run(args: Namespace) -> int:
     if failures:
         found["error"] = "; ".join(failures)
     if args.report:
-        written = write_report(found, solutions, args.report, settings)
-        print_line(f"report: {written}")
+        print_line(f"report: {write_report(found, solutions, args.report, settings)}")
     if args.vtk:
         print_line(f"ParaView: {write_vtk(next(iter(solutions.values())), args.vtk, args.every)}")
     print_result(args, found, markdown(found, [{} for _ in solutions]))

@@ -45,9 +45,7 @@ def run(args: Namespace) -> int:
         from dropper_jax.study import pictures
 
         pictures.responses(scene.name, rows, picture(args.plot, "response"))
-    failure = None
-    if failed:
-        failure = (failed, f"{failed}: a run did not complete")
+    failure = (failed, f"{failed}: a run did not complete") if failed else None
     return deliver(args, done_object(scene=scene.name, rows=rows), _text(rows), failure)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from contextlib import nullcontext
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dropper_jax.base.files import unfinished_folder
@@ -20,7 +21,7 @@ from dropper_jax.cli.options import (
     recover_leftovers,
     with_step,
 )
-from dropper_jax.cli.outputs import Output, draw, plot_target, save_or_report, write_channels, write_run_report
+from dropper_jax.cli.outputs import Output, draw, plot_folder, save_or_report
 from dropper_jax.cli.printing import FAILED, INTERRUPTED, OK, print_json, print_line, print_warnings, progress
 from dropper_jax.cli.run_text import text
 
@@ -72,7 +73,7 @@ def add_arguments(parser: ArgumentParser) -> None:
             "DIR",
             "write angles.csv (what `dropper fit` reads) and tensions.csv, for systems of lines also moordyn.out",
         ),
-        "--plot": (plot_target, "DIR_OR_FILE", "write all pictures to a folder, or a snapshot to a file"),
+        "--plot": (plot_folder, "DIR_OR_FILE", "write all pictures to a folder, or a snapshot to a file"),
         "--report": (output_folder, "DIR", "write report.md, report.json and their pictures"),
         "--animate": (film, "FILE", "write an animation, .gif or (with ffmpeg) .mp4"),
     }
@@ -105,17 +106,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    before = None
-    if args.start is not None:
-        before = read_run(args.start, args)
+    before = None if args.start is None else read_run(args.start, args)
     if args.dt == AUTO:
-        print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy or 0.01:g} (--accuracy)")
         args.dt = None
         args.accuracy = args.accuracy or 0.01
-    if before is None:
-        scene = read_scene(args, OVERRIDES, notes=False)
-    else:
-        scene = _further(args, before)
+        print_line(f"--dt auto: the steps follow an accuracy of {args.accuracy:g} (--accuracy)")
+    scene = read_scene(args, OVERRIDES, notes=False) if before is None else _further(args, before)
 
     from dropper_jax.run.simulate import simulate
     from dropper_jax.run.storage import check_packages
@@ -164,16 +160,27 @@ def _write_outputs(args: Namespace, solution: Solution) -> int:
         if scene.bodies:
             write_bodies(solution, args.tables / "bodies.csv")
         if scene.branched:
-            write_channels(args.scene or "", solution, args.tables / "moordyn.out")
+            _write_channels(args.scene or "", solution, args.tables / "moordyn.out")
     if args.plot:
         draw(solution, args.plot)
     if args.report:
-        write_run_report(solution, args.report)
+        from dropper_jax.report.build import report_runs
+        from dropper_jax.report.write import write_report
+
+        write_report(report_runs({"run": solution}), {"run": solution}, args.report)
     if args.animate:
         from dropper_jax import plots
 
         plots.animate(solution, args.animate, progress=progress(args.quiet))
     return report(solution, args.json)
+
+
+def _write_channels(source: str, solution: Solution, path: Path) -> None:
+    """MoorDyn's table: the channels of a MoorDyn input, else tensions at all ends."""
+    from dropper_jax.decks.writing.outputs import channels_of, numbers_of, write_out
+
+    for channel in write_out(solution, path, channels_of(source) or None, skip=True, numbers=numbers_of(source)):
+        print_line(f"warning: output {channel!r} is not available from a run; it is left out")
 
 
 def _further(args: Namespace, before: Solution) -> Scene:

@@ -11,7 +11,7 @@ from dropper_jax.base.errors import SceneError
 from dropper_jax.base.files import references_of
 from dropper_jax.base.read import Table
 from dropper_jax.base.toml_text import as_toml
-from dropper_jax.cli.given import number, output_file
+from dropper_jax.cli.given import check_positive, number, output_file
 from dropper_jax.cli.options import (
     add_allow_outside,
     add_effects,
@@ -76,14 +76,9 @@ def run(args: Namespace) -> int:
         return _reference(args)
     if args.scene is not None:
         return _one(args)
-    for option, given in (
-        ("--set", args.set),
-        ("--moordyn", args.moordyn),
-        ("--dt", args.dt),
-        ("--expanded", args.expanded),
-    ):
-        if given:
-            raise SceneError(f"{option}: needs a scene. Use dropper scenes SCENE {option} ...")
+    for name in ("set", "moordyn", "dt", "expanded"):
+        if getattr(args, name):
+            raise SceneError(f"--{name}: needs a scene. Use dropper scenes SCENE --{name} ...")
     found = [{"name": scene, "description": packaged_scene(scene)["description"]} for scene in scene_names()]
     return print_result(args, done_object(groups=scene_titles(), scenes=found), _titles())
 
@@ -92,8 +87,10 @@ def _titles() -> str:
     """Titles by group, each with the suffixes of its variants."""
     parts = []
     for group, titles in scene_titles().items():
-        also = {name: ", ".join(variants_of(name)) for name in titles}
-        pairs = [(f"  {name}", f"{title}{also[name] and f' (also {also[name]})'}") for name, title in titles.items()]
+        pairs = []
+        for name, title in titles.items():
+            also = ", ".join(variants_of(name))
+            pairs.append((f"  {name}", f"{title} (also {also})" if also else title))
         parts.append(f"{group}\n{listing(pairs)}")
     return "\n\n".join(parts)
 
@@ -116,8 +113,7 @@ def _reference(args: Namespace) -> int:
 
 def _one(args: Namespace) -> int:
     """The values of one scene, checked, as TOML or in a MoorDyn file."""
-    if args.dt is not None and not args.dt > 0:
-        raise SceneError(f"--dt: {args.dt:g} is out of range; allowed: > 0 s")
+    check_positive("--dt", args.dt, "> 0 s")
     file = output_file(args.moordyn, "--moordyn", (".txt", ".dat"))
     changes = assignments(args.set)
     with references_of(folder_of(args.scene, args.allow_outside)):

@@ -32,9 +32,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     out: Path = args.out
     solution = read_run(args.run_file, args)
-    other = None
-    if args.other is not None:
-        other = read_run(args.other, args)
+    other = None if args.other is None else read_run(args.other, args)
 
     from dropper_jax.report.page import write_view
 

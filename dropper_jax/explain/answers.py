@@ -133,7 +133,6 @@ def explain(scene: Scene, pose: Equilibrium) -> Explained:
         SceneError: rigid links, whose tensions do not follow from lengths.
     """
     refuse_rigid(scene)
-    state = pose.state
     positions = pose.positions
     closed = {}
     facts = []
@@ -141,15 +140,15 @@ def explain(scene: Scene, pose: Equilibrium) -> Explained:
     forces = end_forces(scene, positions[None], pose.tension[None])
     uplift = end_angles(positions[None], whole_lines(scene))
     for line in whole_lines(scene):
-        hung = _HungLine(scene, line, positions, weights[line.links].sum())
-        closed[line.name] = hung.closed
-        facts.append(hung.facts(forces[line.name][0], uplift[line.name][0]))
+        ends = forces[line.name][0], uplift[line.name][0]
+        found, closed[line.name] = _line_facts(scene, line, positions[line.nodes], weights[line.links].sum(), *ends)
+        facts.append(found)
     held = _held_above(scene)
     matrix = None
     if held:
-        matrix = stiffness_of_group(build_model(scene), state, held, (0.0, 0.0, 0.0)).matrix
+        matrix = stiffness_of_group(build_model(scene), pose.state, held, (0.0, 0.0, 0.0)).matrix
     sums = _closed_stiffness(scene, positions, closed, held)
-    return Explained(tuple(facts), tuple(_wear(scene, state)), held, matrix, sums, tuple(scene.notes))
+    return Explained(tuple(facts), tuple(_wear(scene, pose.state)), held, matrix, sums, tuple(scene.notes))
 
 
 def refuse_rigid(scene: Scene) -> None:
@@ -167,86 +166,67 @@ def _stiffness_of(line: LineSpec) -> np.ndarray:
     return line.EA
 
 
-class _HungLine:
-    """A line of a weight [N] in water in its pose: its ends by height, and its closed form where that applies."""
+def _line_facts(
+    scene: Scene, line: WholeLine, nodes: np.ndarray, weight: float, forces: np.ndarray, angles: np.ndarray
+) -> tuple[LineFacts, Shape | None]:
+    """The facts of a line, and its closed form where that applies.
 
-    def __init__(self, scene: Scene, line: WholeLine, positions: np.ndarray, weight: float) -> None:
-        self.line = line
-        nodes = positions[line.nodes]
-        self.turned = bool(nodes[0, 2] > nodes[-1, 2])
-        self.low = nodes[-1 if self.turned else 0]
-        self.high = nodes[0 if self.turned else -1]
-        self.length = line.spec.length.sum()
-        self.weight = weight / self.length
-        self.on_bed = _length_on_bed(scene, line, nodes)
-        self.hanging = self._hanging(scene)
-        self.closed = None if self.hanging is None else solve(self.hanging)
+    Args:
+        nodes: its nodes (n + 1, 3) [m]; weight: in water [N].
+        forces, angles: (2,) [N] on its points, and (2,) [deg] of its end links.
+    """
+    spec = line.spec
+    order = [-1, 0] if nodes[0, 2] > nodes[-1, 2] else [0, -1]  # the lower end first
+    low, high = nodes[order]
+    lower, upper = forces[order]
+    length = spec.length.sum()
+    on_bed = _length_on_bed(scene, line, nodes)
+    hanging = _hanging(scene, line, low, high, weight / length, on_bed)
+    closed = None if hanging is None else solve(hanging)
+    closed_ends = (None, None)
+    if closed is not None:  # a line that floats is one upside down
+        closed_ends = (closed.lower, closed.upper) if weight > 0.0 else (closed.upper, closed.lower)
+    EA = _stiffness_of(spec)
+    mass = spec.mass.sum()
+    flexibility = np.sum(spec.length / EA)
+    damping = np.zeros(1) if spec.axial_damping is None else spec.axial_damping
+    rate = np.pi / np.sqrt(flexibility * mass)
+    fastest = 2.0 / np.min(spec.length) * np.sqrt(np.max(EA) * length / mass)
+    facts = LineFacts(
+        name=line.name,
+        length_m=length,
+        apart_m=np.linalg.norm(high - low),
+        on_bed_m=on_bed,
+        uplift_deg=angles[order[0]],
+        lower_n=lower,
+        upper_n=upper,
+        closed_lower_n=closed_ends[0],
+        closed_upper_n=closed_ends[1],
+        reserve_m=offset_until_uplift(hanging) if hanging is not None and hanging.on_bed else None,
+        excess_m=None if hanging is None else length - hanging.span - hanging_length(hanging),
+        axial_n_per_m=1.0 / flexibility,
+        horizontal_n_per_m=None if closed is None or closed.stiffness is None else closed.stiffness[0, 0],
+        axial_period_s=2.0 * np.pi / rate,
+        damping_ratio=0.5 * rate * np.mean(damping) * flexibility / length,
+        link_damping_ratio=0.5 * fastest * np.max(damping / np.max(EA)),
+    )
+    return facts, closed
 
-    def _hanging(self, scene: Scene) -> Hanging | None:
-        """The line as a uniform one, if it is: no current, no point between its ends, all of it under water."""
-        spec = self.line.spec
-        each = [spec.length, spec.mass, _stiffness_of(spec), spec.diameter]
-        uniform = all(values is not None and np.ptp(values) <= 1e-6 * np.max(values) for values in each)
-        still = scene.sea is not None and scene.sea.current is None
-        if not uniform or not still or len(self.line.stops) != 2:
-            return None
-        if self.weight == 0.0 or spec.axial_law == "tabulated":
-            return None
-        if max(self.low[2], self.high[2]) > 0.0 or "bending" in scene.effects:
-            return None
-        rests = self.weight > 0.0 and self.on_bed > 0.0
-        span = np.hypot(*(self.high - self.low)[:2])
-        rise = self.high[2] - self.low[2]
-        return Hanging(span, rise, self.length, abs(self.weight), _stiffness_of(spec)[0], rests)
 
-    @property
-    def closed_ends(self) -> tuple[float | None, float | None]:
-        """Tension [N] of the lower and the upper end by the closed form; a line that floats is one upside down."""
-        if self.closed is None:
-            return None, None
-        ends = self.closed.lower, self.closed.upper
-        if self.weight > 0.0:
-            return ends
-        return ends[::-1]
-
-    def facts(self, forces: np.ndarray, angles: np.ndarray) -> LineFacts:
-        """The facts of the line, with the forces (2,) [N] on its points and the angles (2,) [deg] of its end links."""
-        spec = self.line.spec
-        lower, upper = forces[::-1] if self.turned else forces
-        closed_lower, closed_upper = self.closed_ends
-        per_metre = spec.mass.sum() / self.length
-        EA = _stiffness_of(spec)
-        flexibility = np.sum(spec.length / EA)
-        speed = self.length / np.sqrt(flexibility * spec.mass.sum())
-        damping = np.zeros(1) if spec.axial_damping is None else spec.axial_damping
-        rate = np.pi * speed / self.length
-        excess = None
-        reserve = None
-        stiffness = None
-        if self.hanging is not None:
-            excess = self.length - self.hanging.span - hanging_length(self.hanging)
-            reserve = offset_until_uplift(self.hanging) if self.hanging.on_bed else None
-        if self.closed is not None and self.closed.stiffness is not None:
-            stiffness = self.closed.stiffness[0, 0]
-        fastest = 2.0 / np.min(spec.length) * np.sqrt(np.max(EA) / per_metre)
-        return LineFacts(
-            name=self.line.name,
-            length_m=self.length,
-            apart_m=np.linalg.norm(self.high - self.low),
-            on_bed_m=self.on_bed,
-            uplift_deg=(angles[-1] if self.turned else angles[0]),
-            lower_n=lower,
-            upper_n=upper,
-            closed_lower_n=closed_lower,
-            closed_upper_n=closed_upper,
-            reserve_m=reserve,
-            excess_m=excess,
-            axial_n_per_m=1.0 / flexibility,
-            horizontal_n_per_m=stiffness,
-            axial_period_s=(2.0 * np.pi / rate),
-            damping_ratio=(0.5 * rate * np.mean(damping) * flexibility / self.length),
-            link_damping_ratio=(0.5 * fastest * np.max(damping / np.max(EA))),
-        )
+def _hanging(
+    scene: Scene, line: WholeLine, low: np.ndarray, high: np.ndarray, weight: float, on_bed: float
+) -> Hanging | None:
+    """The line as a uniform one, if it is: no current, no point between its ends, all of it under water."""
+    spec = line.spec
+    each = [spec.length, spec.mass, _stiffness_of(spec), spec.diameter]
+    uniform = all(values is not None and np.ptp(values) <= 1e-6 * np.max(values) for values in each)
+    still = scene.sea is not None and scene.sea.current is None and "bending" not in scene.effects
+    simple = len(line.stops) == 2 and weight != 0.0 and spec.axial_law != "tabulated"
+    if not (uniform and still and simple) or high[2] > 0.0:
+        return None
+    across, along, rise = high - low
+    rests = weight > 0.0 and on_bed > 0.0
+    return Hanging(np.hypot(across, along), rise, spec.length.sum(), abs(weight), _stiffness_of(spec)[0], rests)
 
 
 def _length_on_bed(scene: Scene, line: WholeLine, nodes: np.ndarray) -> float:
@@ -262,11 +242,12 @@ def _held_above(scene: Scene) -> tuple[str, ...]:
     """Fixed points at which all lines end with their upper end."""
     height = {point.name: point.position[2] for point in scene.points}
     lower = set()
+    ends = set()
     for line in whole_lines(scene):
         first, *_, last = line.stops.values()
         lower.add(first if height[first] <= height[last] else last)
-    ends = {name for line in whole_lines(scene) for name in line.stops.values()}
-    return tuple(p.name for p in scene.points if not p.is_free and p.name in ends and p.name not in lower)
+        ends.update(line.stops.values())
+    return tuple(name for name in scene.fixed_points if name in ends - lower)
 
 
 def _closed_stiffness(
@@ -275,14 +256,13 @@ def _closed_stiffness(
     """Sum of the horizontal stiffnesses [N/m] along x and y of the lines at these points, all from a fixed anchor."""
     if not held:
         return None
-    fixed = {point.name for point in scene.points if not point.is_free}
     total = np.zeros(2)
     for line in whole_lines(scene):
-        ends = list(line.stops.values())
-        if not set(ends) & set(held):
+        ends = set(line.stops.values())
+        if not ends & set(held):
             continue
         shape = closed[line.name]
-        if shape is None or shape.stiffness is None or not set(ends) <= fixed:
+        if shape is None or shape.stiffness is None or not ends <= set(scene.fixed_points):
             return None
         across = (positions[line.nodes[-1]] - positions[line.nodes[0]])[:2]
         span = np.hypot(*across)
@@ -317,12 +297,11 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
 def _worn_values(scene: Scene) -> Table:
     values: Table = {}
     for i, line in enumerate(scene.lines):
-        values[f"line.{i}.mass"] = (WORN**2 * line.mass).tolist()
-        values[f"line.{i}.axial.EA"] = (WORN**2 * _stiffness_of(line)).tolist()
+        values[f"line.{i}.mass"] = WORN**2 * line.mass
+        values[f"line.{i}.axial.EA"] = WORN**2 * _stiffness_of(line)
         for key in ("diameter", "outer_diameter"):
-            size = getattr(line, key)
-            if size is not None:
-                values[f"line.{i}.{key}"] = (WORN * size).tolist()
+            if getattr(line, key) is not None:
+                values[f"line.{i}.{key}"] = WORN * getattr(line, key)
     return values
 
 

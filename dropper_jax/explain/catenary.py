@@ -161,12 +161,7 @@ def _shape(line: Hanging, x: np.ndarray, slope: np.ndarray) -> Shape:
     total = line.weight * line.length
     horizontal = total * np.exp(x[0])
     vertical = total * x[1]
-    rests = line.on_bed and vertical < total
-    lower = horizontal
-    if not rests:
-        lower = np.hypot(horizontal, vertical - total)
-    bed = 0.0
-    if rests:
-        bed = line.length - vertical / line.weight
-    by_force = slope / np.array([horizontal, total])
-    return Shape(horizontal, vertical, np.hypot(horizontal, vertical), lower, bed, np.linalg.inv(by_force))
+    hangs = max(vertical - total, 0.0) if line.on_bed else vertical - total
+    bed = max(line.length - vertical / line.weight, 0.0) if line.on_bed else 0.0
+    stiffness = np.linalg.inv(slope / np.array([horizontal, total]))
+    return Shape(horizontal, vertical, np.hypot(horizontal, vertical), np.hypot(horizontal, hangs), bed, stiffness)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from dropper_jax.base.read import Table
 from dropper_jax.stability.case import Case, Outcome, all_cases
 from dropper_jax.stability.march import baselines
-from dropper_jax.stability.measures import MEASURES
+from dropper_jax.stability.measures import measure
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,14 @@ class CaseResult:
 
 def evaluate(case: Case, short: bool = False, compare: bool = True) -> CaseResult:
     """Run and measure a case."""
-    found = MEASURES[case.measure](case, short)
-    holds = found.status == case.expected and found.measured <= case.limit
+    found = measure(case, short)
     return CaseResult(
         name=case.name,
         claim=case.claim,
         measured=found.measured,
         limit=case.limit,
         unit=case.unit,
-        ok=bool(holds),
+        ok=bool(found.status == case.expected and found.measured <= case.limit),
         status=found.status,
         baseline_thesis=baselines(case) if compare else None,
     )

@@ -34,7 +34,7 @@ class Case:
 
     Attributes:
         name, claim, limit, unit: as printed.
-        measure: how it is measured, a name of `measures.MEASURES`.
+        measure: how it is measured, a name in `stability.measures`.
         scene: a name of `Catalogue.scenes`, or of a packaged scene.
         dt, duration: step and duration [s].
         short: duration of the shortened run [s].

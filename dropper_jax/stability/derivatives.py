@@ -28,8 +28,7 @@ def against_differences(case: Case, short: bool) -> Outcome:
     model, s = build(scene_of(case.scene))
     stepper = make_stepper(model)
     value = partial(_objective, stepper, model=model, s=s, dt=case.dt)
-    above = float(value(jnp.asarray(CHANGE)))
-    below = float(value(jnp.asarray(-CHANGE)))
+    above, below = (float(value(jnp.asarray(change))) for change in (CHANGE, -CHANGE))
     around = (above - below) / (2 * CHANGE)
     exact = float(_slope(stepper, model, s, case.dt))
     return Outcome(abs(exact - around) / max(abs(around), SMALL), _status(exact))
@@ -57,9 +56,7 @@ def at_rest(case: Case, short: bool) -> Outcome:
 
 
 def _status(slope: float) -> str:
-    if np.isfinite(slope):
-        return "ok"
-    return "non_finite"
+    return "ok" if np.isfinite(slope) else "non_finite"
 
 
 @partial(jax.jit, static_argnums=0)

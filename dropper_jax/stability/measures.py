@@ -23,14 +23,20 @@ from dropper_jax.stepping.stepper import make_stepper
 Measure = Callable[[Case, bool], Outcome]
 
 
-def _marched(value: Callable[[Case, CaseRun], float]) -> Measure:
-    """A measure of a run without the checks of `simulate`."""
-
-    def measure(case: Case, short: bool) -> Outcome:
-        run = run_named(case.scene, case.dt, case.span(short), **case.settings)
-        return Outcome(value(case, run), run.status)
-
-    return measure
+def measure(case: Case, short: bool) -> Outcome:
+    """What a case measures, and the status of its run."""
+    name = case.measure
+    if name in OTHERS:
+        return OTHERS[name](case, short)
+    if name in OF_MARCHES:  # runs without the checks of `simulate`
+        marched = run_named(case.scene, case.dt, case.span(short), **case.settings)
+        return Outcome(OF_MARCHES[name](case, marched), marched.status)
+    run = _run(case, short)
+    if name in OF_RUNS:
+        return Outcome(OF_RUNS[name](case, run), run.status)
+    if run.status != case.expected:
+        return Outcome(float("inf"), run.status)
+    return Outcome(OF_PATHS[name](case, run.t, run.point_path(case.point)), run.status)
 
 
 def _distance_of_node(case: Case, run: CaseRun) -> float:
@@ -108,26 +114,6 @@ def _run(case: Case, short: bool) -> Solution:
     return _simulated(scene, case.dt, case.span(short), tuple(case.settings.items()))
 
 
-def _of_run(value: Callable[[Case, Solution], float]) -> Measure:
-    def measure(case: Case, short: bool) -> Outcome:
-        run = _run(case, short)
-        return Outcome(value(case, run), run.status)
-
-    return measure
-
-
-def _of_path(value: Callable[[Case, np.ndarray, np.ndarray], float]) -> Measure:
-    """A measure of the path of the case's point, infinite if the run does not have the expected status."""
-
-    def measure(case: Case, short: bool) -> Outcome:
-        run = _run(case, short)
-        if run.status != case.expected:
-            return Outcome(float("inf"), run.status)
-        return Outcome(value(case, run.t, run.point_path(case.point)), run.status)
-
-    return measure
-
-
 def _at(times: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (k,) or (k, m) at times among the known ones."""
     columns = [np.interp(times, known, column) for column in np.atleast_2d(values.T)]
@@ -180,10 +166,6 @@ def _angle(case: Case, t: np.ndarray, positions: np.ndarray) -> float:
     return np.max(np.abs(np.interp(exact.times, t, angle) - exact.values))
 
 
-def _balance(case: Case, run: Solution) -> float:
-    return run.energy_drift / run.energy_scale
-
-
 def _gain(case: Case, run: Solution) -> float:
     """Energy gained in any step."""
     return max(np.max(np.diff(run.balance)), 0.0) / run.energy_scale
@@ -205,10 +187,6 @@ def _shape(case: Case, run: Solution, nodes: np.ndarray) -> float:
     exact = case.exact.upto(run.t[-1])
     found = np.interp(exact.times, run.t, nodes @ np.array(case.weights))
     return np.max(np.abs(found - exact.values)) / case.size
-
-
-def _body_path(case: Case, run: Solution) -> float:
-    return abs(run.body_position[-1, 0, 0] / case.size - 1.0)
 
 
 def _passes(case: Case, run: Solution) -> float:
@@ -261,8 +239,9 @@ def _wake(case: Case, short: bool) -> Outcome:
     return Outcome(abs(lost / float(np.sum(wakes.drag)) - 1.0) if slowed else np.inf, run.status)
 
 
-#: Measures of the path of a point, which other simulators can be measured by as well.
-OF_PATHS = {
+#: Measures of the path of the case's point, which other simulators can be measured by as well; infinite if the run does
+#: not have the expected status.
+OF_PATHS: dict[str, Callable[[Case, np.ndarray, np.ndarray], float]] = {
     "distance": _distance,
     "rise": _rise,
     "lowest": _lowest,
@@ -271,25 +250,28 @@ OF_PATHS = {
     "late motion": _late_motion,
     "angle": _angle,
 }
-MEASURES: dict[str, Measure] = {
-    **{name: _of_path(value) for name, value in OF_PATHS.items()},
-    "relative drift": _marched(lambda case, run: run.relative_drift),
-    "energy drift": _marched(lambda case, run: run.energy_drift),
-    "closure": _marched(lambda case, run: run.closure),
-    "distance of node": _marched(_distance_of_node),
-    "error of speed": _marched(_error_of_speed),
-    "rise of energy": _marched(_rise_of_energy),
+OF_MARCHES: dict[str, Callable[[Case, CaseRun], float]] = {
+    "relative drift": lambda case, run: run.relative_drift,
+    "energy drift": lambda case, run: run.energy_drift,
+    "closure": lambda case, run: run.closure,
+    "distance of node": _distance_of_node,
+    "error of speed": _error_of_speed,
+    "rise of energy": _rise_of_energy,
+}
+OF_RUNS: dict[str, Callable[[Case, Solution], float]] = {
+    "balance": lambda case, run: run.energy_drift / run.energy_scale,
+    "gain": _gain,
+    "peak": _peak,
+    "tension": _tension,
+    "twist": lambda case, run: _shape(case, run, run.twist),
+    "heights": lambda case, run: _shape(case, run, run.positions[:, :, 2]),
+    "way of body": lambda case, run: abs(run.body_position[-1, 0, 0] / case.size - 1.0),
+    "passes": _passes,
+}
+OTHERS: dict[str, Measure] = {
     "stays": _stays,
     "too large a step": _too_large_step,
     "bad member": _bad_member,
-    "balance": _of_run(_balance),
-    "gain": _of_run(_gain),
-    "peak": _of_run(_peak),
-    "tension": _of_run(_tension),
-    "twist": _of_run(lambda case, run: _shape(case, run, run.twist)),
-    "heights": _of_run(lambda case, run: _shape(case, run, run.positions[:, :, 2])),
-    "way of body": _of_run(_body_path),
-    "passes": _of_run(_passes),
     "wake": _wake,
     "derivative": derivatives.against_differences,
     "derivative at rest": derivatives.at_rest,

@@ -174,7 +174,7 @@ def tidal_cycle(scene: Scene, count: int = 13) -> Table:
                 "displacement_m": way.max(),
                 "line_moved_m": {line.name: way[line.nodes].max() for line in line_slices(scene)},
                 "held_load_n": held,
-                "anchor_utilisation": {name: value for name, value in used.items()},
+                "anchor_utilisation": used,
             }
         )
     return {"rows": rows, "slack": slack.positions, "slack_status": slack.status}

@@ -13,6 +13,8 @@ from typing import Any, dataclass_transform
 
 import jax
 
+from dropper_jax.base.read import count, part
+
 #: Shapes that a parameter may declare. `node` and `link` values may also be given as one number for all.
 SHAPES = ("number", "node", "link", "joint", "vector", "table", "vectors", "numbers")
 
@@ -86,3 +88,9 @@ def component(cls: type) -> type:
     leaves = [f.name for f in fields if f.name not in static]
     jax.tree_util.register_dataclass(cls, data_fields=leaves, meta_fields=static)
     return cls
+
+
+@dataclass_transform(field_specifiers=(parameter, option, count, part, dataclasses.field), frozen_default=True)
+def section(cls: type) -> type:
+    """Make `cls` a frozen dataclass of declared fields, which compares by identity: it holds arrays."""
+    return dataclasses.dataclass(frozen=True, eq=False)(cls)

@@ -182,18 +182,16 @@ def expand(table: Values) -> Table:
     table = dict(table)
     types = _types(table.pop("line_type", []))
     lines = table.get("line", [])
-    if not all(isinstance(part, list | tuple) for part in (lines, table.get("point", []))):
-        return table  # rejected by name later
-    if not any(isinstance(line, Mapping) and {"type", "sections", "attach"} & set(line) for line in lines):
+    if not any({"type", "sections", "attach"} & set(line) for line in lines):
         if types:
             raise SceneError("line_type: no line uses a type. Use `type` or `sections` in a line")
         return table
-    table["point"] = [dict(p) if isinstance(p, Mapping) else p for p in table.get("point", [])]
+    table["point"] = list(table.get("point", []))
     pieces: list[Table] = []
     used: list[Section] = []
     shelter: list[float] = []
     for i, line in enumerate(lines):
-        line = dict(read_table(line, f"line.{i}"))
+        line = dict(line)
         _check_keys_of_types(line, f"line.{i}")
         sections = _sections(line, f"line.{i}", types)
         factor = read_number(line.pop("shelter", 1.0), f"line.{i}.shelter", {"low": 0.0})
@@ -204,7 +202,7 @@ def expand(table: Values) -> Table:
     table["line"] = pieces
     table["effects"] = _with_coefficients(table.get("effects", {}), used)
     if any(factor != 1.0 for factor in shelter):
-        if not isinstance(table["effects"].get("morison_drag"), dict):
+        if "morison_drag" not in table["effects"]:
             raise SceneError("line.shelter: reduces the current of [effects.morison_drag]; it is missing")
         table["effects"]["morison_drag"]["shelter"] = shelter
     return table
@@ -259,7 +257,7 @@ def _read_position(value: Plain) -> np.ndarray | None:
 
 
 def _split(
-    line: Table, path: str, sections: Sequence[Section], points: list[Plain]
+    line: Table, path: str, sections: Sequence[Section], points: list[Values]
 ) -> list[tuple[Table, Sequence[Section]]]:
     """The pieces between attached points. A point that the scene does not have is created, free, on the straight
     line."""
@@ -275,7 +273,7 @@ def _split(
             raise SceneError(
                 f"{path}.attach: {one!r} and {other!r} are both at {at:g} m; allowed: one point per position"
             )
-    positions = {str(p.get("name")): p.get("position") for p in points if isinstance(p, Mapping)}
+    positions = {str(p.get("name")): p.get("position") for p in points}
     start = _read_position(positions.get(str(line.get("from"))))
     end = _read_position(positions.get(str(line.get("to"))))
     for at, stop in stops:
@@ -341,18 +339,16 @@ def _per_link(sections: Sequence[Section], path: str) -> Table:
     return found
 
 
-def _with_coefficients(given: Plain, sections: Sequence[Section]) -> Table:
+def _with_coefficients(given: Values, sections: Sequence[Section]) -> Table:
     """Effects with the coefficients of the line types if the scene omits them."""
-    effects = {}
-    for name, values in read_table(given, "effects").items():
-        effects[name] = dict(values) if isinstance(values, Mapping) else values
+    effects = {name: dict(values) for name, values in given.items()}
     stiff = [s.kind.name for s in sections if s.kind.EI]
     if stiff and "bending" not in effects:
         raise SceneError(f"line_type.{stiff[0]}.EI: needs [effects.bending], which is missing")
-    if stiff and isinstance(effects["bending"], dict):
+    if stiff:
         effects["bending"].setdefault("EI", _each(sections, lambda s: s.kind.EI or 0.0))
     for key, effect in COEFFICIENTS.items():
-        if not isinstance(effects.get(effect), dict) or key in effects[effect]:
+        if effect not in effects or key in effects[effect]:
             continue
         lacking = [s.kind.name for s in sections if getattr(s.kind, key) is None]
         if not lacking:

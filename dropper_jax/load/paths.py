@@ -17,7 +17,7 @@ from typing import Any
 
 from dropper_jax.axial import LAWS
 from dropper_jax.base.errors import SceneError, nearest
-from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, read_list, section_keys
+from dropper_jax.base.read import Plain, ScenePath, Table, Values, declared_fields, join, plain, section_keys
 from dropper_jax.effects import EFFECTS
 from dropper_jax.integrators import OPTIONS
 from dropper_jax.load.line_types import COEFFICIENTS, OF_SECTIONS, LineType, expand, law_constants
@@ -283,15 +283,12 @@ class Written:
             return None
         given = {point.get("name") for point in table.get("point", [])}
         made = tuple(p["name"] for p in expanded["point"] if p.get("name") not in given)
-        effects = {name: values or {} for name, values in table.get("effects", {}).items()}
-        taken = tuple(
-            (effect, key)
-            for key, effect in {**COEFFICIENTS, "shelter": "morison_drag", "EI": "bending"}.items()
-            if key in expanded["effects"].get(effect, {}) and key not in effects.get(effect, {})
-        )
-        line_types = read_list(table["line_type"], "line_type", None, "a list of tables")
-        lines = read_list(table["line"], "line", None, "a list of tables")
-        return cls(line_types, lines, made, taken)
+        effects = table.get("effects", {})
+        taken = []
+        for key, effect in {**COEFFICIENTS, "shelter": "morison_drag", "EI": "bending"}.items():
+            if key in expanded["effects"].get(effect, {}) and key not in effects.get(effect, {}):
+                taken.append((effect, key))
+        return cls(plain(table["line_type"]), plain(table["line"]), made, tuple(taken))
 
     def table(self, expanded: Values, keep_points: bool = False) -> Table:
         """Plain values of the scene in its original form, from those with one value per link."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from dropper_jax.base.errors import SceneError
@@ -12,10 +12,12 @@ from dropper_jax.base.read import (
     Values,
     check_keys,
     declared_fields,
+    plain,
     read_items,
     read_number,
     read_table,
     read_text,
+    refuse,
     short_text,
 )
 from dropper_jax.load.library import FLOAT_DENSITY, PREFIX, float_of, part
@@ -45,13 +47,46 @@ def resolve(table: Plain) -> Resolved:
     Raises:
         SceneError: one line with the path, the value and what is allowed.
     """
-    given = with_library_points(read_table(table, "scene"))
+    given = with_library_points(with_tables(read_table(table, "scene")))
     template = Template.of(given)
     if template is not None:
         given = with_point_types(*template.expand())
     given = with_library_lines(given)
     expanded = expand(given)
     return Resolved(expanded, Written.of(given, expanded), template)
+
+
+#: Sections that are lists of tables.
+LISTED = ("point", "line", "buoy", "failure", "line_type", "point_type", "array")
+
+
+def with_tables(table: Values, before: str = "") -> Table:
+    """The scene, or one of its units, with its lists of tables and its tables as such: nothing that follows has to ask.
+
+    Raises:
+        SceneError: a section of another form.
+    """
+    found = dict(table)
+    for section in LISTED:
+        if section in found:
+            found[section] = _tables(found[section], f"{before}{section}")
+    for i, line in enumerate(found.get("line", ())):
+        if "sections" in line:
+            line["sections"] = _tables(line["sections"], f"{before}line.{i}.sections")
+    for section in ("effects", "sea", "unit"):
+        if section in found:
+            found[section] = dict(read_table(found[section], section))
+    for name, values in found.get("effects", {}).items():
+        found["effects"][name] = dict(read_table(values, f"effects.{name}"))
+    for name, unit in found.get("unit", {}).items():
+        found["unit"][name] = with_tables(read_table(unit, f"unit.{name}"), f"unit.{name}.")
+    return found
+
+
+def _tables(items: Plain, path: str) -> list[Table]:
+    if not isinstance(items, list | tuple):
+        raise refuse(path, items, "is not a list", f"one or more [[{path}]] tables")
+    return [dict(read_table(plain(item), f"{path}.{i}")) for i, item in enumerate(items)]
 
 
 #: Paths of the one gravity of a scene, that of weights and that of the water.
@@ -66,17 +101,14 @@ def with_one_gravity(table: Values) -> Table:
     Raises:
         SceneError: two values.
     """
-    effects = table.get("effects")
+    effects = table.get("effects", {})
     sea = table.get("sea")
-    if not isinstance(effects, Mapping) or not isinstance(sea, Mapping):
+    if sea is None or "weight" not in effects:
         return dict(table)
-    weight = effects.get("weight")
-    if not isinstance(weight, Mapping):
-        return dict(table)
-    given = weight.get("gravity")
+    given = effects["weight"].get("gravity")
     water = sea.get("gravity")
     if given is None and water is not None:
-        return {**table, "effects": {**effects, "weight": {**weight, "gravity": water}}}
+        return {**table, "effects": {**effects, "weight": {**effects["weight"], "gravity": water}}}
     weightless = given == 0.0 and "waves" in sea and "buoyancy" not in effects
     if given is not None and water is None and not weightless:
         return {**table, "sea": {**sea, "gravity": given}}
@@ -94,10 +126,12 @@ def with_library_lines(table: Values) -> Table:
     Raises:
         SceneError: an unknown part, or a part that is not a line.
     """
-    own = {name for item in _tables(table.get("line_type")) if isinstance(name := item.get("name"), str)}
-    items = {f"line.{i}": line for i, line in enumerate(_tables(table.get("line")))}
-    for path, line in list(items.items()):
-        items |= {f"{path}.sections.{k}": section for k, section in enumerate(_tables(line.get("sections")))}
+    types = table.get("line_type", [])
+    own = [item.get("name") for item in types]
+    items = {}
+    for i, line in enumerate(table.get("line", ())):
+        items[f"line.{i}"] = line
+        items |= {f"line.{i}.sections.{k}": section for k, section in enumerate(line.get("sections", ()))}
     wanted = {}
     for path, item in items.items():
         name = item.get("type")
@@ -106,7 +140,7 @@ def with_library_lines(table: Values) -> Table:
     if not wanted:
         return dict(table)
     found = [_part_for(path, name, "line_type", "lines", "a rope, a chain or a crop") for name, path in wanted.items()]
-    return {**table, "line_type": [*_tables(table.get("line_type")), *found]}
+    return {**table, "line_type": [*types, *found]}
 
 
 def with_library_points(table: Values) -> Table:
@@ -116,25 +150,20 @@ def with_library_points(table: Values) -> Table:
         SceneError: an unknown part, or a part that is not a point.
     """
     found = {**table, **_points(table, "")}
-    if isinstance(found.get("unit"), Mapping):
-        units = found["unit"].items()
-        found["unit"] = {
-            name: {**unit, **_points(unit, f"unit.{name}.")} if isinstance(unit, Mapping) else unit
-            for name, unit in units
-        }
+    if "unit" in found:
+        found["unit"] = {name: {**unit, **_points(unit, f"unit.{name}.")} for name, unit in found["unit"].items()}
     return found
 
 
 def _points(table: Values, before: str) -> Table:
-    """The points of a table, if it has a list of them."""
-    items = table.get("point")
-    if not isinstance(items, list):
+    """The points of a table, if it has some."""
+    if "point" not in table:
         return {}
-    return {"point": [_point(item, f"{before}point.{i}.type") for i, item in enumerate(items)]}
+    return {"point": [_point(item, f"{before}point.{i}.type") for i, item in enumerate(table["point"])]}
 
 
-def _point(item: Plain, path: str) -> Plain:
-    name = item.get("type") if isinstance(item, Mapping) else None
+def _point(item: Values, path: str) -> Values:
+    name = item.get("type")
     if not isinstance(name, str) or not name.startswith(PREFIX):
         return item
     values = _part_for(path, name, "point", "points", "a float, such as library:float-0.2")
@@ -153,21 +182,12 @@ def _part_for(path: str, name: str, section: str, use: str, allowed: str) -> Tab
     return values
 
 
-def _tables(items: Plain) -> list[Values]:
-    """The tables of a list; entries that are not tables are rejected later, with their names."""
-    if isinstance(items, list):
-        return [item for item in items if isinstance(item, Mapping)]
-    return []
-
-
 def with_point_types(table: Table, types: Plain) -> Table:
     """The scene with the values that its points take from types and from `float` written out; a point's own values
     win."""
     known = dict(read_items(_point_type, types, "point_type"))
-    points = table.get("point", [])
-    if not isinstance(points, Sequence) or isinstance(points, str):
-        return table
-    return {**table, "point": [_written_out(point, known, f"point.{i}") for i, point in enumerate(points)]}
+    points = [_written_out(point, known, f"point.{i}") for i, point in enumerate(table.get("point", ()))]
+    return {**table, "point": points}
 
 
 def _point_type(item: Plain, path: str) -> tuple[str, Table]:
@@ -177,9 +197,7 @@ def _point_type(item: Plain, path: str) -> tuple[str, Table]:
     return read_text(own.pop("name", None), f"{path}.name"), own
 
 
-def _written_out(point: Plain, types: Mapping[str, Values], path: str) -> Plain:
-    if not isinstance(point, Mapping):
-        return point
+def _written_out(point: Values, types: Mapping[str, Values], path: str) -> Table:
     found = dict(point)
     if "type" in found:
         found = {**types[read_text(found.pop("type"), f"{path}.type", types)], **found}

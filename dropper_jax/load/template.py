@@ -103,12 +103,9 @@ class Template:
     @classmethod
     def of(cls, table: Values) -> Template | None:
         """The template of a scene's plain values; None if it is already a plain scene."""
-        lists = [table[section] for section in REPEATED if isinstance(table.get(section), list)]
-        items = [item for items in lists for item in items if isinstance(item, Mapping)]
+        items = [item for section in REPEATED for item in table.get(section, ())]
         own = any({"repeat", "float"} & set(item) for item in items) or any(key in table for key in TEMPLATE_KEYS)
-        if own:
-            return cls(copy.deepcopy(dict(table)))
-        return None
+        return cls(copy.deepcopy(dict(table))) if own else None
 
     def with_changes(self, parameters: Values, changes: Values) -> Template:
         """The template with other values of parameters, by path, and further changes of the plain scene.
@@ -152,18 +149,16 @@ class Template:
             items = _items(self.table, section, names)
             if section in self.table or items:
                 found[section] = items
-        for i, array in enumerate(
-            read_list(self.table.get("array", []), "array", None, "one or more [[array]] tables")
-        ):
-            self._lay(read_table(array, f"array.{i}"), f"array.{i}", names, found)
+        for i, array in enumerate(self.table.get("array", ())):
+            self._lay(array, f"array.{i}", names, found)
         return found, types
 
     def _lay(self, array: Values, path: str, names: Names, found: Table) -> None:
         """Add the units of an array to the scene."""
         check_keys(array, ARRAY, path)
-        units = read_table(self.table.get("unit", {}), "unit")
+        units = self.table.get("unit", {})
         kind = read_text(array.get("of"), f"{path}.of", units)
-        unit = read_table(units[kind], f"unit.{kind}")
+        unit = units[kind]
         check_keys(unit, UNIT, f"unit.{kind}")
         for inner in _repetitions(array, path, names):
             part = {section: _items(unit, section, inner, f"unit.{kind}.") for section in UNIT}
@@ -237,10 +232,9 @@ def _parameter_name(path: str, parameters: Values) -> str:
 def _items(table: Values, section: str, names: Names, before: str = "") -> list[Table]:
     """Items of a section; those with `repeat` once for every combination of its counters."""
     path = f"{before}{section}"
-    given = read_list(table.get(section, []), path, None, f"one or more [[{path}]] tables")
-    found = evaluate_list(given, names, path)
+    found = evaluate_list(table.get(section, []), names, path)
     for i, item in enumerate(found if before else []):
-        read_text(read_table(item, f"{path}.{i}").get("name"), f"{path}.{i}.name")
+        read_text(item.get("name"), f"{path}.{i}.name")
     return found
 
 

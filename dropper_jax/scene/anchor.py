@@ -15,13 +15,12 @@ gamma' z in clay, are neglected, which is conservative. Other anchors (drag anch
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, raises_first
-from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import DeclaredSection
 
 #: Kinds of anchor and the keys that each requires.
@@ -34,7 +33,7 @@ SCREW_DEPTH = 5.0
 SPACING = 3.0
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class AnchorSpec(DeclaredSection):
     """`[[anchor]]`: the anchor of a fixed point.
 

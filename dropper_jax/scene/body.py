@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from dropper_jax.base.errors import Check
-from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import DeclaredSection, Table, as_table, count, items, part, read_positions, short_text
 
 #: Distance outside its shape at which a body's attachments may be without a warning, over the body's extent: shackles,
@@ -16,7 +15,7 @@ from dropper_jax.base.read import DeclaredSection, Table, as_table, count, items
 OUTSIDE = 0.05
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class CylinderSpec(DeclaredSection):
     """A cylinder of a body, from one end of its axis to the other; a stepped buoy has several, one after another."""
 
@@ -48,7 +47,7 @@ class CylinderSpec(DeclaredSection):
         return np.hypot(max(-s, s - self.length, 0.0), max(across - 0.5 * self.diameter, 0.0))
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class SphereSpec(DeclaredSection):
     """A sphere of a body."""
 
@@ -62,7 +61,7 @@ class SphereSpec(DeclaredSection):
         return max(np.linalg.norm(position - self.centre) - 0.5 * self.diameter, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class BodySpec(DeclaredSection):
     """`[[body]]`: a rigid body (see `effects.rigid_bodies`); positions are in its own axes, from its reference point.
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from dropper_jax.base.constants import GRAVITY, SEA_WATER
 from dropper_jax.base.errors import Check
-from dropper_jax.base.fields import parameter
+from dropper_jax.base.fields import parameter, section
 from dropper_jax.base.read import DeclaredSection, plain, short_text
 
 
@@ -42,7 +41,7 @@ def grown(
     return Grown(mass, diameter, gravity * (mass - water * 0.25 * np.pi * diameter**2 * length))
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class GrowthSpec(DeclaredSection):
     """`[line.growth]`: a layer of mussels on the line, whose own mass and diameter are those of the bare rope.
 

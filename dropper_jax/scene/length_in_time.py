@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raise_first
-from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import DeclaredSection, Plain, part, plain, read_table, refuse, short_text
 
 #: Relative difference between the first row of a table and the length of the links in the scene that is rounding.
 SAME_LENGTH = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class WinchSpec(DeclaredSection):
     """`control` of `[[line.length_in_time]]`: a winch that keeps the tension of the end link near a target."""
 
@@ -48,7 +48,7 @@ class WinchSpec(DeclaredSection):
         )
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class LengthInTimeSpec(DeclaredSection):
     """`[[line.length_in_time]]`: unstretched length over time, for lines that stretch; a table, or a winch."""
 

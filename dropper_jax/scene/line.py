@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 
 import numpy as np
 
 from dropper_jax.axial import LAWS
 from dropper_jax.axial.force_table import ForceTable, read_tables, tables_of
 from dropper_jax.base.errors import Check, SceneError
-from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import (
     DeclaredSection,
     Plain,
@@ -36,7 +36,7 @@ BY_THE_METRE = ("type", "sections", "attach", "shelter")
 LINK_LIMIT = 100_000
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class LineSpec(DeclaredSection):
     """`[[line]]`: a path of links from point `start` to point `end`, one value per link in every array."""
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from dropper_jax.base.errors import Check
-from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import DeclaredSection
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class PointSpec(DeclaredSection):
     """`[[point]]`: where lines start and end."""
 
@@ -49,7 +48,7 @@ class PointSpec(DeclaredSection):
         return any(getattr(self, key) is not None for key in self.BODY)
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class BuoySpec(DeclaredSection):
     """`[[buoy]]`: an upright cylinder at a free point (see `effects.spar_buoys`)."""
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from dropper_jax.base.errors import Check, SceneError, raise_first
-from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import (
     MOST,
     Plain,
@@ -31,7 +31,7 @@ REPLACED = ("tolerance", "step_tolerance", "error_tolerance")
 SOLVERS = ("auto", "dense", "banded", "condensed", "network")
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class RunSpec(SectionValues):
     """`[run]`: how the scene is simulated unless the caller specifies otherwise."""
 

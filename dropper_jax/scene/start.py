@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import ClassVar
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, SceneError, raise_first
-from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import DeclaredSection, as_table, check_kind_keys, plain, short_text
 from dropper_jax.scene.line import LineSpec
 
@@ -17,7 +17,7 @@ from dropper_jax.scene.line import LineSpec
 _KINDS = {"one line": ("static", "angles", "positions"), "a system of lines": ("static", "positions", "points")}
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class StartSpec(DeclaredSection):
     """`[start]`: configuration and velocities at t = 0.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
 
 import numpy as np
 
 from dropper_jax.base.errors import Check, raise_first
-from dropper_jax.base.fields import option, parameter
+from dropper_jax.base.fields import option, parameter, section
 from dropper_jax.base.read import (
     DeclaredSection,
     Plain,
@@ -31,7 +31,7 @@ from dropper_jax.scene.body import rotation
 MOTIONS = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class RaoSpec(DeclaredSection):
     """`vessel.rao`: motion over the elevation at the reference point, by frequency and relative heading of the waves.
 
@@ -128,7 +128,7 @@ class RaoSpec(DeclaredSection):
 _read_motion = partial(read_rows, declared={}, count=6, allowed=f"6 numbers, {', '.join(MOTIONS)}")
 
 
-@dataclass(frozen=True, eq=False)
+@section
 class VesselSpec(DeclaredSection):
     """`[[vessel]]`: a large floating structure that lines do not move; positions are in its axes, from its reference
     point."""

@@ -187,31 +187,17 @@ def test_equilibrium_gives_pose_angles_and_tensions(printed, json_of):
 def failed_run(scene, **_) -> Solution:
     """What a run that blew up in its first step leaves."""
     rest = np.zeros((1, 8, 3))
-    return Solution(
-        scene=scene,
-        settings={
-            "integrator": "theta",
-            "solver": "dense",
-            "dtype": "float64",
-            "dt": 0.01,
-            "duration": 1.0,
-            "steps": 100,
-        },
-        t=np.zeros(1),
-        positions=rest,
-        velocities=rest,
-        tension=np.full((1, 7), np.nan),
-        t_tension=np.zeros(1),
-        kinetic=np.zeros(1),
-        potential=np.zeros(1),
-        work=np.zeros((1, 0)),
-        work_names=(),
-        step_status=np.ones(1, np.int8),
-        status="non_finite",
-        failed_steps=1,
-        first_bad={"step": 1, "time_s": 0.01, "residual": float("nan"), "reason": "not finite"},
-        max_residual=float("nan"),
-    )
+    settings = {"integrator": "theta", "solver": "dense", "dtype": "float64", "dt": 0.01, "duration": 1.0, "steps": 100}
+    numbers = dict.fromkeys(("t", "t_tension", "kinetic", "potential"), np.zeros(1))
+    numbers |= {"positions": rest, "velocities": rest, "tension": np.full((1, 7), np.nan), "work": np.zeros((1, 0))}
+    ended = {
+        "status": "non_finite",
+        "failed_steps": 1,
+        "max_residual": float("nan"),
+        "step_status": np.ones(1, np.int8),
+    }
+    bad = {"step": 1, "time_s": 0.01, "residual": float("nan"), "reason": "not finite"}
+    return Solution(scene=scene, settings=settings, work_names=(), first_bad=bad, **numbers, **ended)
 
 
 def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, printed, monkeypatch):
@@ -227,33 +213,29 @@ def test_failed_run_keeps_its_output_and_exits_with_3(tmp_path, printed, monkeyp
     assert "failed: non_finite: step 1" in printed(["run", SCENE, "--quiet"], 3).out
 
 
-def test_interrupted_run_exits_with_130_and_says_so(printed, monkeypatch):
-    def interrupted(scene, **_):
-        raise KeyboardInterrupt
+def interrupted(scene, **_):
+    raise KeyboardInterrupt
 
-    monkeypatch.setattr(simulate, "simulate", interrupted)
+
+def interrupted_while_jax_compares_keys(scene, **_):
+    """JAX raises a ValueError from it."""
+    try:
+        raise KeyboardInterrupt
+    except KeyboardInterrupt as error:
+        raise ValueError("Exception raised while checking equality") from error
+
+
+@pytest.mark.parametrize("end", [interrupted, interrupted_while_jax_compares_keys])
+def test_interrupted_run_exits_with_130_and_says_so(printed, monkeypatch, end):
+    monkeypatch.setattr(simulate, "simulate", end)
     out, err = printed(["run", SCENE, "--json"], 130)
     assert json.loads(out) == {"schema": 1, "status": "interrupted", "error": "interrupted"}
     assert err == "error: interrupted\n"
 
 
-def test_an_interrupt_while_jax_compares_keys_is_an_interrupt(printed, monkeypatch):
-    """JAX raises a ValueError from it."""
-
-    def interrupted(scene, **_):
-        try:
-            raise KeyboardInterrupt
-        except KeyboardInterrupt as error:
-            raise ValueError("Exception raised while checking equality") from error
-
-    monkeypatch.setattr(simulate, "simulate", interrupted)
-    assert printed(["run", SCENE, "--quiet"], 130).err == "error: interrupted\n"
-
-
 def test_run_stopped_on_the_way_keeps_its_part_and_exits_with_130(tmp_path, json_of, monkeypatch):
-    monkeypatch.setattr(
-        simulate, "simulate", lambda scene, **_: replace(failed_run(scene), status="interrupted", first_bad=None)
-    )
+    stopped = lambda scene, **_: replace(failed_run(scene), status="interrupted", first_bad=None)  # noqa: E731
+    monkeypatch.setattr(simulate, "simulate", stopped)
     found = json_of(["run", SCENE, "--json", "--quiet", "--out", str(tmp_path / "run.npz")], 130)
     assert (found["status"], found["error"]) == ("interrupted", "interrupted: at t = 0 s of 1 s")
     assert Solution.load(tmp_path / "run.npz").status == "interrupted"
@@ -323,9 +305,7 @@ def test_a_skip_that_leaves_nothing_or_belongs_to_nothing_is_refused(options, sa
     assert said in refused(["run", str(scene), *options, "--quiet"])
 
 
-@pytest.mark.parametrize(
-    "argv", [["run"], ["scenes"], [], ["run", "string", "--out"], ["run", "string", "--json", "--set"]]
-)
+@pytest.mark.parametrize("argv", [["run"], ["scenes"], [], ["run", "string", "--out"], ["run", "string", "--set"]])
 def test_a_message_does_not_repeat_a_word_of_100_000_letters(argv, printed):
     word = "x" * 100_000
     out, err = printed([*argv, f"{word}=1" if "--set" in argv else word], 2)

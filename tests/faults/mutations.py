@@ -12,21 +12,8 @@ import numpy as np
 Rng = random.Random
 NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
 #: What stands where a number stood.
-NASTY = [b"nan", b"inf", b"-inf", b"-1", b"0", b"1e308", b"-1e308", b"1e-320", b"1e9", b"1000000000"]
-NASTY += [
-    b"",
-    b"''",
-    b'"text"',
-    b"true",
-    b"[]",
-    b"[1, 2]",
-    b"{}",
-    b"1e999",
-    b"0x10",
-    b"1_0",
-    b"1979-05-27",
-    b"9" * 5000,
-]
+NASTY = [b"nan", b"inf", b"-inf", b"-1", b"0", b"1e308", b"-1e308", b"1e-320", b"1e9", b"1000000000", b"", b"''"]
+NASTY += [b'"text"', b"true", b"[]", b"[1, 2]", b"{}", b"1e999", b"0x10", b"1_0", b"1979-05-27", b"9" * 5000]
 #: Values put into provenance.
 VALUES = [None, "text", -1, 0, 1e308, float("nan"), float("inf"), [], {}, True, [[]], {"a": 1}, "x" * 5000, 10**30]
 
@@ -38,23 +25,12 @@ def flipped(data: bytes, rng: Rng) -> bytes:
     return bytes(found)
 
 
-def cut(data: bytes, rng: Rng) -> bytes:
-    return data[: rng.randrange(len(data))]
-
-
-def without_a_part(data: bytes, rng: Rng) -> bytes:
+def spliced(data: bytes, rng: Rng) -> bytes:
+    """Cut off, without a part, with a part twice, or with noise in it."""
     first = rng.randrange(len(data))
-    return data[:first] + data[first + rng.choice([1, 7, 64, 1000]) :]
-
-
-def with_a_part_twice(data: bytes, rng: Rng) -> bytes:
-    first = rng.randrange(len(data))
-    return data[: first + rng.choice([1, 16, 300])] + data[first:]
-
-
-def with_noise(data: bytes, rng: Rng) -> bytes:
-    first = rng.randrange(len(data))
-    return data[:first] + rng.randbytes(rng.choice([1, 4, 100])) + data[first:]
+    size = rng.choice([1, 7, 64, 300, 1000])
+    rest, part = data[first:], data[first : first + size]
+    return data[:first] + rng.choice([b"", rest[size:], part + rest, rng.randbytes(min(size, 100)) + rest])
 
 
 def with_another_number(data: bytes, rng: Rng) -> bytes:
@@ -68,17 +44,9 @@ def with_another_number(data: bytes, rng: Rng) -> bytes:
 def with_lines_moved(data: bytes, rng: Rng) -> bytes:
     lines = data.split(b"\n")
     i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
-    return b"\n".join(
-        rng.choice(
-            [
-                [*lines[:i], *lines[i + 1 :]],
-                [*lines[:i], lines[j], *lines[i:]],
-                [*lines[:i], lines[i] + lines[j], *lines[i + 1 :]],
-                lines[::-1],
-                [*lines[:i], b"", *lines[i:]],
-            ]
-        )
-    )
+    before, line, after = lines[:i], lines[i], lines[i + 1 :]
+    moved = [[], [lines[j], line], [line + lines[j]], [b"", line]]
+    return b"\n".join(rng.choice([lines[::-1], *([*before, *part, *after] for part in moved)]))
 
 
 def with_another_word(data: bytes, rng: Rng) -> bytes:
@@ -92,21 +60,13 @@ def with_another_word(data: bytes, rng: Rng) -> bytes:
 
 def odd_text(data: bytes, rng: Rng) -> bytes:
     deep = rng.choice([40, 5000])
-    return rng.choice(
-        [
-            b"",
-            b"\xef\xbb\xbf" + data,
-            data.replace(b"\n", b"\r\n"),
-            data.decode(errors="replace").encode("utf-16"),
-            data + b"\nx = " + b"[" * deep + b"]" * deep + b"\n",
-            data + b"\n" + b".".join([b"a"] * deep) + b" = 1\n",
-            data + b"\n" + b"y" * 300_000 + b",1\n",
-            data * 3,
-        ]
-    )
+    more = [b"x = " + b"[" * deep + b"]" * deep, b".".join([b"a"] * deep) + b" = 1", b"y" * 300_000 + b",1"]
+    longer = [data + b"\n" + line + b"\n" for line in more]
+    encoded = [b"\xef\xbb\xbf" + data, data.replace(b"\n", b"\r\n"), data.decode(errors="replace").encode("utf-16")]
+    return rng.choice([b"", data * 3, *encoded, *longer])
 
 
-BYTES = [flipped, cut, without_a_part, with_a_part_twice, with_noise]
+BYTES = [flipped, *[spliced] * 4]
 TEXT = [*BYTES, *[with_another_number] * 5, with_lines_moved, with_another_word, odd_text]
 
 

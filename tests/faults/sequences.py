@@ -10,7 +10,6 @@ once. The exit status is 1 where a result differs or a call fails.
 """
 
 import argparse
-import hashlib
 import itertools
 import json
 import math
@@ -19,10 +18,10 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -273,49 +272,29 @@ def has_failed(result: list[Any]) -> bool:
     return bool(result) and isinstance(result[0], str) and result[0].startswith("failed")
 
 
-def sources_digest() -> str:
-    """Digest of the sources, of this file, and of the compiler's flags."""
-    digest = hashlib.sha256(os.environ.get("XLA_FLAGS", "").encode() + Path(__file__).read_bytes())
-    for package in ("dropper_jax", "fitting"):
-        for file in sorted((ROOT / package).rglob("*.py")):
-            digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+@cache
+def alone(name: str) -> list[Any]:
+    """The result of a single call in a fresh process with an empty cache folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        return in_process([name], folder)[0]
 
 
-class Alone:
-    """Results of single calls, each in a fresh process with an empty cache folder, kept in a file if one is given."""
-
-    def __init__(self, file: Path | None) -> None:
-        self.file, self.digest = file, sources_digest()
-        self._writing = threading.Lock()
-        kept = json.loads(file.read_text()) if file is not None and file.exists() else {}
-        self.results: dict[str, list[Any]] = kept.get(self.digest, {})
-
-    def __getitem__(self, name: str) -> list[Any]:
-        if name not in self.results:
-            with tempfile.TemporaryDirectory() as folder:
-                found = in_process([name], folder)[0]
-            with self._writing:
-                self.results[name] = found
-                if self.file is not None:
-                    self.file.write_text(json.dumps({self.digest: self.results}, indent=1))
-        return self.results[name]
-
-
-def run_sequence(names: list[str], alone: Alone) -> list[str]:
+def run_sequence(names: list[str]) -> list[str]:
     """One line for each result that differs from that of the call alone."""
     wrong = []
     with tempfile.TemporaryDirectory() as folder:
         for kind, order in (("empty cache", names), ("kept programs", names[::-1])):
             for name, found in zip(order, in_process(order, folder), strict=True):
-                if has_failed(found) or not is_same(found, alone[name]):
-                    wrong.append(f"{name} ({kind}, in {', '.join(order)}): {found}, alone {alone[name]}")
+                if has_failed(found) or not is_same(found, alone(name)):
+                    wrong.append(f"{name} ({kind}, in {', '.join(order)}): {found}, alone {alone(name)}")
     return wrong
 
 
-def drawn(seed: int, among: list[str], calls: int) -> list[str]:
-    """The calls of a sequence."""
-    return [str(name) for name in np.random.default_rng(seed).choice(among, calls)]
+def judge(names: list[str]) -> bool:
+    """Run a sequence, and print whether each call gives what it gives alone."""
+    wrong = run_sequence(names)
+    print(f"{'ok' if not wrong else 'WRONG'}: {', '.join(names)}", *wrong, sep="\n    ", flush=True)
+    return not wrong
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -324,42 +303,22 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--calls", type=int, default=6, help="calls of each")
     parser.add_argument("--seed", type=int, default=1, help="of the first sequence")
     parser.add_argument("--jobs", type=int, default=1, help="sequences at a time")
-    parser.add_argument("--only", nargs="+", choices=CALLS, default=list(CALLS), metavar="NAME", help="calls to draw")
-    parser.add_argument("--alone", type=Path, help="file that keeps the results of single calls")
-    parser.add_argument("--until", type=float, default=math.inf, help="start no sequence after this time [s]")
-    parser.add_argument("--out", type=Path, help="file for the table")
     parser.add_argument("--one", nargs="+", choices=CALLS, metavar="NAME", help="run these in this process")
     args = parser.parse_args(argv)
+    for name in args.one or ():
+        print(RESULT, json.dumps(result_of(name)), flush=True)
     if args.one:
-        for name in args.one:
-            print(RESULT, json.dumps(result_of(name)), flush=True)
         return 0
-    alone = Alone(args.alone)
-    started = time.monotonic()
-    sequences = {seed: drawn(seed, args.only, args.calls) for seed in range(args.seed, args.seed + args.sequences)}
-
-    def judge(seed: int) -> dict[str, Any] | None:
-        if time.monotonic() - started > args.until:
-            return None
-        names = sequences[seed]
-        wrong = run_sequence(names, alone)
-        print(f"{seed}: {'ok' if not wrong else 'WRONG'}: {', '.join(names)}", *wrong, sep="\n    ", flush=True)
-        return {"seed": seed, "calls": names, "wrong": wrong}
-
+    seeds = range(args.seed, args.seed + args.sequences)
+    sequences = [np.random.default_rng(seed).choice(list(CALLS), args.calls).tolist() for seed in seeds]
     with ThreadPoolExecutor(args.jobs) as pool:
         # first the single calls, once each: two sequences would otherwise run the same one
-        list(pool.map(alone.__getitem__, sorted(set(itertools.chain.from_iterable(sequences.values())))))
-        rows = [row for row in pool.map(judge, sequences) if row is not None]
-    failed = {name: found for name, found in alone.results.items() if has_failed(found)}
-    for name, found in failed.items():
-        print(f"alone: {name}: {found}")
-    bad = sum(bool(row["wrong"]) for row in rows)
-    print(
-        f"{len(rows)} sequences of {args.calls} calls, {bad} with another result than alone, {len(failed)} calls fail"
-    )
-    if args.out is not None:
-        args.out.write_text(json.dumps({"tolerance": TOLERANCE, "sequences": rows}, indent=1) + "\n")
-    return int(bool(bad or failed))
+        names = sorted(set(itertools.chain.from_iterable(sequences)))
+        failed = [name for name, found in zip(names, pool.map(alone, names), strict=True) if has_failed(found)]
+        good = list(pool.map(judge, sequences))
+    print(*(f"alone: {name}: {alone(name)}" for name in failed), sep="\n")
+    print(f"{good.count(False)} of {len(good)} sequences with another result than alone, {len(failed)} calls fail")
+    return int(bool(failed) or not all(good))
 
 
 if __name__ == "__main__":

@@ -86,14 +86,8 @@ def chains(draw: st.DrawFn, links: int = 3) -> dict:
             {"name": "tip", "kind": "free", "position": [0.0, 0.0, 0.0]},
         ],
         "line": [
-            {
-                "name": "line",
-                "from": "pivot",
-                "to": "tip",
-                "links": links,
-                "length": lengths,
-                "mass": draw(per_link(links, 1e-3, 100.0)),
-            }
+            {"name": "line", "from": "pivot", "to": "tip", "links": links, "length": lengths}
+            | {"mass": draw(per_link(links, 1e-3, 100.0))}
         ],
         "effects": draw(EFFECTS),
         "start": {

@@ -9,30 +9,17 @@ import dropper_jax as dj
 from dropper_jax import Scene, build_model, load_scene, scene_names
 from dropper_jax.load.variants import DAMPING
 
-EXPECTED = {
-    *(f"paper-case-{number}" for number in range(1, 6)),
-    *(f"paper-case-{number}-table-6" for number in range(1, 6)),
-    "edulis-longline",
-    "edulis-tide",
-    "looped-longline",
-    "platform-longline",
-    "rigid-dropper-longline",
-    "dropper-farm",
-    "conical-pendulum",
-    "conical-pendulum-damped",
-    "double-pendulum-periodic",
-    "double-pendulum-chaotic",
-    "string",
-}
-EXPECTED |= {*(f"paper-case-{number}-pitching" for number in range(1, 4)), "ballasted-spar"}
-EXPECTED |= {"dropper-current", "dropper-regular-wave", "wet-pendulum-wave", "string-in-current"}
-EXPECTED |= {"longline-200", "longline-rows", "dropper-north-sea", "dropper-north-sea-thesis"}
-EXPECTED |= {"dropper-north-sea-thesis-relative", *(f"dropper-release-{_name}-ramp" for _name in "abcde")}
-EXPECTED |= {f"dropper-release-{_name}-ramp-14" for _name in "abc"}
+EXPECTED = {f"paper-case-{number}{end}" for number in range(1, 6) for end in ("", "-table-6")}
+EXPECTED |= {f"paper-case-{number}-pitching" for number in range(1, 4)}
+EXPECTED |= {f"dropper-release-{kind}{end}" for kind in (*"abcde", "3d", "a-compound") for end in ("", "-undamped")}
+EXPECTED |= {*(f"dropper-release-{letter}-ramp" for letter in "abcde")}
+EXPECTED |= {*(f"dropper-release-{letter}-ramp-14" for letter in "abc")}
+EXPECTED |= {"edulis-longline", "edulis-tide", "looped-longline", "platform-longline", "rigid-dropper-longline"}
+EXPECTED |= {"dropper-farm", "longline-200", "longline-rows", "ballasted-spar", "string", "string-in-current"}
+EXPECTED |= {"conical-pendulum", "conical-pendulum-damped", "double-pendulum-periodic", "double-pendulum-chaotic"}
+EXPECTED |= {"dropper-current", "dropper-regular-wave", "wet-pendulum-wave", "dropper-north-sea"}
+EXPECTED |= {"dropper-north-sea-thesis", "dropper-north-sea-thesis-relative"}
 EXPECTED |= {"measured-single-pendulum", "measured-double-pendulum"}
-for _name in (*"abcde", "3d", "a-compound"):
-    EXPECTED |= {f"dropper-release-{_name}", f"dropper-release-{_name}-undamped"}
-
 
 #: Link angles [rad] of the thesis' simulation before the release (Tables E.2 to E.4, signs as those of A).
 MODEL_ANGLES = {

@@ -22,15 +22,8 @@ def hanging(**start):
         ],
         "line": [
             {"name": "below", "from": "second", "to": "tip", "type": "rope", "length": 2.0, "links": 2},
-            {
-                "name": "rope",
-                "from": "a",
-                "to": "b",
-                "type": "rope",
-                "length": 10.0,
-                "links": 10,
-                "attach": [{"point": "first", "at": 3.0}, {"point": "second", "at": 7.0}],
-            },
+            {"name": "rope", "from": "a", "to": "b", "type": "rope", "length": 10.0, "links": 10}
+            | {"attach": [{"point": "first", "at": 3.0}, {"point": "second", "at": 7.0}]},
         ],
         "effects": {"weight": {}},
         "start": start or {"kind": "static"},

@@ -25,24 +25,11 @@ FARM = {
         {"repeat": {"k": "= loops"}, "name": "f-{k}", "type": "buoy", "position": ["= k * spacing", 0.0, 0.0]},
     ],
     "line": [
-        {
-            "name": "head",
-            "from": "west",
-            "to": "east",
-            "type": "rope",
-            "length": "= 1.1 * (span + spacing)",
-            "links": "= 2 * (loops + 1)",
-            "attach": [{"repeat": {"k": "= loops"}, "point": "f-{k}", "at": "= 1.1 * k * spacing"}],
-        },
-        {
-            "repeat": {"k": [1, "= loops - 1"]},
-            "name": "loop-{k}",
-            "from": "f-{k}",
-            "to": "f-{k + 1}",
-            "type": "rope",
-            "length": "= loop + 0.1 * k",
-            "links": 4,
-        },
+        {"name": "head", "from": "west", "to": "east", "type": "rope", "length": "= 1.1 * (span + spacing)"}
+        | {"links": "= 2 * (loops + 1)"}
+        | {"attach": [{"repeat": {"k": "= loops"}, "point": "f-{k}", "at": "= 1.1 * k * spacing"}]},
+        {"repeat": {"k": [1, "= loops - 1"]}, "name": "loop-{k}", "from": "f-{k}", "to": "f-{k + 1}"}
+        | {"type": "rope", "length": "= loop + 0.1 * k", "links": 4},
     ],
     "effects": {"weight": {}},
 }

@@ -59,7 +59,7 @@ def run(args: Namespace) -> int:
     values = [{"path": path, "value": value} for path, value in found.values.items()]
     targets = [dict(zip(("target", "required", "reached"), (n, *p), strict=True)) for n, p in found.targets.items()]
     more: Table = {**values[0], **targets[0], "solves": found.solves, "values": values, "targets": targets}
-    text = [(row["path"], "{value:.9g}".format(**row)) for row in values]
+    text = [(path, f"{value:.9g}") for path, value in found.values.items()]
     text += [(row["target"], "{reached:.9g}, required {required:g}".format(**row)) for row in targets]
     text.append(("static poses", str(found.solves)))
     if found.end_forces is not None and found.end_angles is not None:

@@ -100,7 +100,7 @@ def _tide_row(row: Table) -> dict[str, float]:
     return {
         "time [h]": row["t_s"] / 3600.0,
         **{name: row[key] for name, key in keys.items()},
-        **{f"{name} [N]": np.linalg.norm(load) for name, load in row["held_load_n"].items()},
+        **{f"{name} [N]": float(np.linalg.norm(load)) for name, load in row["held_load_n"].items()},
         **{f"{name} used [%]": 100.0 * share for name, share in row["anchor_utilisation"].items()},
     }
 
@@ -156,7 +156,7 @@ def _loads(found: dict[str, np.ndarray]) -> str:
     rows = [("fixed point", "horizontal [N]", "vertical, upwards [N]", "total [N]", "uplift angle [deg]")]
     for name, load in found.items():
         across = np.hypot(load[0], load[1])
-        size = np.linalg.norm(load)
+        size = float(np.linalg.norm(load))
         angle = f"{np.degrees(np.arctan2(load[2], across)):.2f}" if size else "-"
         rows.append((name, *cells((across, load[2], size), ".5g"), angle))
     return table(rows)

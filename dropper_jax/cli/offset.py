@@ -90,7 +90,7 @@ COLUMNS = {
 def _text(rows: list[Table]) -> str:
     lines = []
     for row in rows:
-        line = defaultdict(lambda: None, row)
+        line: Table = defaultdict(lambda: None, row)
         if row["status"] == "ok":
             line["vertical_n"] = row["force_n"][2]
             for key in ("restoring_n", "transverse_n", "vertical_n"):

@@ -79,7 +79,7 @@ def _errors(solution: Solution) -> list[str]:
     if found is None:
         return []
     loads = {row["line"]: row for row in found["loads"]}
-    rows = {line: [record_cells(row, LOADS)] for line, row in loads.items()}
+    rows: dict[str, list[Row]] = {line: [record_cells(row, LOADS)] for line, row in loads.items()}
     shown = most_loaded(loads, lambda row: row["maximum"]["value"])
     return ["", table([list(LOADS), *with_gaps(rows, shown)]), *_about_errors(found)]
 

@@ -195,7 +195,7 @@ def _line_facts(
     facts = LineFacts(
         name=line.name,
         length_m=length,
-        apart_m=np.linalg.norm(high - low),
+        apart_m=float(np.linalg.norm(high - low)),
         on_bed_m=on_bed,
         uplift_deg=angles[order[0]],
         lower_n=lower,
@@ -283,7 +283,7 @@ def _wear(scene: Scene, state: State) -> list[Wear]:
     exact = again.tension if again.status == "ok" else None
 
     def largest(values: np.ndarray | None, line: WholeLine, load: np.ndarray | float | None = 1.0) -> float | None:
-        return None if values is None or load is None else np.max(values[line.links] / load)
+        return None if values is None or load is None else float(np.max(values[line.links] / load))
 
     found = []
     for line in whole_lines(scene):

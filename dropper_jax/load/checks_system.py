@@ -127,7 +127,7 @@ def check_span(scene: SceneData, index: int) -> float:
     """The distance [m] between the ends of a line that stay where they are, which its rigid links must be able to
     span."""
     line = scene.lines[index]
-    distance = np.linalg.norm(scene.point(line.end).position - scene.point(line.start).position)
+    distance = float(np.linalg.norm(scene.point(line.end).position - scene.point(line.start).position))
     if line.total <= distance:
         raise SceneError(
             f"line.{index}.length: the links are {line.total:g} m long in all, too short for the {distance:g} m "

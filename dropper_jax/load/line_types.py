@@ -303,9 +303,9 @@ def _between(sections: Sequence[Section], low: float, high: float) -> list[Secti
     return found
 
 
-def _each(sections: Sequence[Section], value: Callable[[Section], float]) -> list[float]:
+def _each(sections: Sequence[Section], value: Callable[[Section], float | None]) -> list[float]:
     """One value for each link."""
-    return np.repeat([float(value(s)) for s in sections], [s.links for s in sections]).tolist()
+    return np.repeat(np.array([value(s) for s in sections], float), [s.links for s in sections]).tolist()
 
 
 def _axial(sections: Sequence[Section], path: str) -> Table:
@@ -352,7 +352,7 @@ def _with_coefficients(given: Values, sections: Sequence[Section]) -> Table:
             continue
         lacking = [s.kind.name for s in sections if getattr(s.kind, key) is None]
         if not lacking:
-            effects[effect][key] = _each(sections, lambda s, key=key: getattr(s.kind, key))
+            effects[effect][key] = _each(sections, lambda s, key=key: float(getattr(s.kind, key)))
         elif len(lacking) < len(sections):
             raise SceneError(
                 f"line_type.{lacking[0]}.{key}: missing; other types have it, and effects.{effect} uses it"

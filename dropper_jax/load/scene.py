@@ -102,7 +102,7 @@ def check_pose(scene: SceneData, line: LineSpec, path: str, nodes: np.ndarray, b
         nodes: of the line (links + 1, 3) [m]; before: number of nodes of other lines before it in the list.
     """
     for i, point in ((0, scene.point(line.start)), (line.links, scene.point(line.end))):
-        away = np.linalg.norm(nodes[i] - point.position)
+        away = float(np.linalg.norm(nodes[i] - point.position))
         yield (
             away > POSE_TOLERANCE * line.total and not point.is_free,
             f"{path}: node {before + i} is at {_point_text(nodes[i])} m; allowed: {_point_text(point.position)} m, "

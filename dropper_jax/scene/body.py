@@ -37,7 +37,7 @@ class CylinderSpec(DeclaredSection):
 
     @property
     def length(self) -> float:
-        return np.linalg.norm(self.end - self.start)
+        return float(np.linalg.norm(self.end - self.start))
 
     def distance(self, position: np.ndarray) -> float:
         """Distance of a position (3,) from the cylinder's surface [m]; 0 inside."""
@@ -58,7 +58,7 @@ class SphereSpec(DeclaredSection):
 
     def distance(self, position: np.ndarray) -> float:
         """Distance of a position (3,) from the sphere's surface [m]; 0 inside."""
-        return max(np.linalg.norm(position - self.centre) - 0.5 * self.diameter, 0.0)
+        return max(float(np.linalg.norm(position - self.centre)) - 0.5 * self.diameter, 0.0)
 
 
 @section

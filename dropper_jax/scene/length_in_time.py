@@ -85,16 +85,15 @@ class LengthInTimeSpec(DeclaredSection):
     def checks(self) -> Iterator[Check]:
         yield (self.end is None) == (self.link is None), ": needs `end` ('from' or 'to'), or `link`; one of them"
         yield self.link is not None and self.links is not None, "links: belongs to `end`. Leave it out"
+        times = 0 if self.time is None else len(self.time)
+        rows = 0 if self.length is None else len(self.length)
         given = self.time is not None and self.length is not None
         yield (
             given == (self.control is not None) or (self.time is None) != (self.length is None),
             ": needs `time` [s] and `length` [m], or `control`; one of the two",
         )
         yield self.control is not None and self.link is not None, "link: a winch is at an end. Use `end`"
-        yield (
-            given and len(self.length) != len(self.time),
-            f"length: has {np.size(self.length)} rows; allowed: {np.size(self.time)}, as many as `time`",
-        )
+        yield given and rows != times, f"length: has {rows} rows; allowed: {times}, as many as `time`"
 
     def line_checks(self, name: str, length: np.ndarray, rigid: bool) -> Iterator[Check]:
         """Checks of the entry against its line, with links of these lengths (n,) [m]."""
@@ -104,13 +103,14 @@ class LengthInTimeSpec(DeclaredSection):
         many = self.link or self.links or 1
         yield many > count, f"{key}: {many}, but {name!r} has {count} links; allowed: 1 to {count}"
         total = np.sum(length[list(self.numbers(count))])
-        if self.control is None:
+        if self.control is None and self.time is not None and self.length is not None:
             first = np.interp(0.0, self.time, self.length)
             yield (
                 abs(first - total) > SAME_LENGTH * total,
                 f"length: {first:.9g} m at t = 0, but these links of {name!r} are {total:.9g} m long; allowed: "
                 f"{total:.9g}, or another `length` of the line",
             )
+        if self.control is None:
             return
         low, high = self.control.lengths
         yield (

@@ -44,10 +44,11 @@ def work_precision(report: Table, path: str | Path) -> Path:
 
 
 def _note(
-    axes: Axes, text: str, at: tuple[float, float], moved: tuple[float, float], of: str | tuple = "data", **look: Any
+    axes: Axes, text: str, at: tuple[float, float], moved: tuple[float, float], of: Any = "data", **look: Any
 ) -> None:
     """A small text next to a position, in the coordinates `of`."""
-    axes.annotate(text, at, moved, of, "offset points", **{"fontsize": 7, **look})
+    look.setdefault("fontsize", 7)
+    axes.annotate(text, at, moved, of, "offset points", **look)
 
 
 def _slopes(axes: Axes, rows: list[Table]) -> None:

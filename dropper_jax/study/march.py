@@ -258,7 +258,7 @@ class GridRun:
     rows: Marched
 
     @property
-    def r(self) -> np.ndarray:
+    def r(self) -> Rows:
         """Positions of the free nodes (k, nodes, 3) [m]."""
         return self.rows.r
 

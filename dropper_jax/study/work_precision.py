@@ -21,6 +21,7 @@ from dropper_jax.residual import Embedded, Stepper
 from dropper_jax.study.counted_work import evaluation_work, step_work
 from dropper_jax.study.march import (
     GridRun,
+    Rows,
     Scheme,
     grid_run,
     march_with_accuracy,
@@ -201,7 +202,7 @@ def row_errors(run: GridRun, target: Reference) -> Table:
     }
 
 
-def _tension_errors(run: GridRun, reference: np.ndarray) -> np.ndarray:
+def _tension_errors(run: GridRun, reference: np.ndarray) -> Rows:
     """Differences (k - 1, n) [N]; tensions from within steps are interpolated between both sides of a saved time."""
     seen = run.rows.tension[:-1, 0]
     share = run.stepper.integrator.tension_time

@@ -117,10 +117,10 @@ def test_what_is_nested_beyond_measure_is_refused(text):
         parsed_toml(text)
 
 
-def test_numbers_beyond_64_bits_are_refused():
-    for number in ("9" * 30, "9" * 5000):
-        with pytest.raises(ValueError, match=r"64 bits|digits"):
-            parsed_toml(f"x = {number}")
+@pytest.mark.parametrize("number", ["9" * 30, "9" * 5000])
+def test_numbers_beyond_64_bits_are_refused(number):
+    with pytest.raises(ValueError, match=r"64 bits|digits"):
+        parsed_toml(f"x = {number}")
     assert parsed_toml(f"x = {2**63 - 1}") == {"x": 2**63 - 1}
 
 
@@ -137,12 +137,16 @@ def test_what_is_too_large_is_told_before_it_begins(refused, argv, words):
     assert words in refused(argv)
 
 
+def part_of(path, process):
+    """The unfinished file of another process."""
+    own = files.part_prefix(path)
+    return path.with_name(f"{own.removesuffix(f'-{os.getpid()}-')}-{process}-x.part")
+
+
 def test_what_a_killed_writer_left_is_removed_and_what_a_living_one_writes_stays(tmp_path):
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    machine = files.part_prefix(tmp_path / "a").split(".")[2].rsplit("-", 2)[0]
-    left = tmp_path / f".a.{machine}-{dead.pid}-x.part"
-    alive = tmp_path / f".a.{machine}-{os.getppid()}-x.part"
+    left, alive = (part_of(tmp_path / "a", process) for process in (dead.pid, os.getppid()))
     for file in (left, alive):
         file.write_text("half")
     files.atomic_write(tmp_path / "a", "whole")
@@ -196,10 +200,9 @@ def resident(folder):
 
 def killed_at(count, out, monkeypatch, simulate):
     """The folder of a run whose process ended after so many states, half of the next piece written."""
-    machine = files.part_prefix(out).split(".")[3].rsplit("-", 2)[0]
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    folder = out.parent / f".{out.name}.{machine}-{dead.pid}-x.part"
+    folder = part_of(out, dead.pid)
     folder.mkdir()
     append = OnDisk.append
 

@@ -98,21 +98,16 @@ class Kinds:
             assert len(errors) == 1, f"{len(errors)} lines of errors: {err.getvalue()[-600:]}"
         return found if code == 0 else None
 
-    def one(self, kind: str, rng: random.Random) -> None:
-        getattr(self, f"_{kind}")(rng)
-
-    def _damaged(self, name: str, ways: list[Any], rng: random.Random, suffix: str | None = None) -> Path:
-        data = (self.folder / name).read_bytes()
-        found = rng.choice(ways)(data, rng)
-        path = self.folder / f"bad{suffix or Path(name).suffix}"
-        path.write_bytes(found)
+    def _damaged(self, name: str, ways: list[Any], rng: random.Random) -> Path:
+        path = self.folder / f"bad{Path(name).suffix}"
+        path.write_bytes(rng.choice(ways)((self.folder / name).read_bytes(), rng))
         return path
 
-    def _npz(self, rng: random.Random) -> None:
-        compare(self.reported, self.command("report", self._damaged("good.npz", ARCHIVE, rng)))
+    def _npz(self, rng: random.Random, name: str = "good.npz", ways: list[Any] = ARCHIVE) -> None:
+        compare(self.reported, self.command("report", self._damaged(name, ways, rng)))
 
     def _nc(self, rng: random.Random) -> None:
-        compare(self.reported, self.command("report", self._damaged("good.nc", BYTES, rng)))
+        self._npz(rng, "good.nc", BYTES)
 
     def _folder(self, good: str, rng: random.Random) -> Path:
         """A copy of a folder with one of its files damaged or gone."""
@@ -142,14 +137,12 @@ class Kinds:
 
     def _deck(self, rng: random.Random) -> None:
         name = rng.choice(sorted(set(self.read)))
-        if name.startswith("current_profile"):
-            path = self._damaged(name, TEXT, rng)
+        path = self._damaged(name, TEXT, rng)
+        if name.startswith("current_profile"):  # a deck reads it
             shutil.copy(path, self.folder / name)
-            found = self.command("scenes", self.folder / "current.txt", "--expanded")
-            shutil.copy(self.decks / name, self.folder / name)
-        else:
-            found = self.command("scenes", self._damaged(name, TEXT, rng), "--expanded")
-        no_holes(found)
+            path = self.folder / "current.txt"
+        no_holes(self.command("scenes", path, "--expanded"))
+        shutil.copy(self.decks / name if (self.decks / name).exists() else self.decks / "decks" / name, self.folder)
 
     def _csv(self, rng: random.Random) -> None:
         readers = {
@@ -243,7 +236,7 @@ def work(folder: Path, seed: int, count: int, kinds: tuple[str, ...]) -> None:
         print(f"{kind} {seed} {number}", file=sys.stderr, flush=True)
         signal.alarm(HANGS)
         try:
-            cases.one(kind, random.Random(f"{seed} {number}"))
+            getattr(cases, f"_{kind}")(random.Random(f"{seed} {number}"))
         except (Exception, Hanging) as error:
             text = f"{type(error).__name__}: {error}"
             print(json.dumps({"kind": kind, "seed": seed, "case": number, "fault": text[:600]}), flush=True)

@@ -42,9 +42,8 @@ def test_attached_points_move_and_pieces_know_their_line():
 
 
 def test_values_of_single_links_come_after_those_of_the_line():
-    scene = load_scene("paper-case-1").with_values(
-        {"line.chain.diameter": 0.05, "line.chain.links": 15, "effects.morison_drag.cdn.3": 2.0}
-    )
+    values = {"line.chain.diameter": 0.05, "line.chain.links": 15, "effects.morison_drag.cdn.3": 2.0}
+    scene = load_scene("paper-case-1").with_values(values)
     np.testing.assert_array_equal(scene.lines[0].diameter, np.full(15, 0.05))
     np.testing.assert_array_equal(scene.effects["morison_drag"]["cdn"], [1.4] * 3 + [2.0] + [1.4] * 11)
 
@@ -77,9 +76,11 @@ def with_sections() -> Scene:
     return Scene.from_dict({**table, "line": [{**line, "sections": SECTIONS}]})
 
 
-def test_sections_are_changed_one_by_one():
+def test_sections_are_changed_one_by_one_and_their_line_has_no_length_to_change(refusal):
     scene = with_sections().with_values({"line.chain.sections.1.length": 35.0})
     np.testing.assert_allclose(scene.lines[0].length, [5.0] * 4 + [7.0] * 5, rtol=1e-14)
+    message = refusal(scene.with_values, {"line.chain.length": 55.0})
+    assert "Use line.chain.sections.0.length and so on" in message
 
 
 @pytest.mark.parametrize(
@@ -102,10 +103,7 @@ def test_a_wrong_path_is_refused_in_one_line(path, value, words):
     [
         (lambda t: t["line"][4]["attach"][1].update(at=5.7), "'v1' and 'v2' are both at 5.7 m"),
         (lambda t: t["line"][4]["attach"][1].update(at=1e-320), "1e-320 is not on the line; allowed: above 0"),
-        (
-            lambda t: [t["line"][4].pop(key, None) for key in ("type", "sections")],
-            "line.4.attach: the line has no type; `attach` needs one",
-        ),
+        (lambda t: t["line"][4].pop("type"), "line.4.attach: the line has no type; `attach` needs one"),
         (lambda t: t["line"][4].update(EA=1.0), "line.4.EA: unknown key; known: attach, axial,"),
         (
             lambda t: t.update(failure=[{"line": "backbone", "load": 1e4}]),
@@ -120,11 +118,6 @@ def test_mistakes_with_attached_points_are_named(change, words):
         Scene.from_dict(table)
 
 
-def test_a_line_of_sections_has_no_length_to_change():
-    with pytest.raises(SceneError, match="Use line.chain.sections.0.length and so on"):
-        with_sections().with_values({"line.chain.length": 55.0})
-
-
 SLOPE = {"bed_x": [-10.0, 10.0, 60.0], "bed_y": [-20.0, 20.0], "bed_depth": [30.0, 30.0, 30.0, 30.0, 20.0, 20.0]}
 LYING = {
     "run": {"dt": 0.01, "duration": 0.1},
@@ -136,31 +129,23 @@ LYING = {
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
+    ("point", "position", "words"),
     [
         # the bed rises from 30 m at x = 10 to 20 m at x = 60: by 0.2 per metre
-        (
-            {"point.anchor.position": [40.0, 0.0, -24.1]},
-            "point.anchor.position: z = -24.1 m is below the seabed; .* >= -24 m",
-        ),
-        (
-            {"point.buoy.position": [55.0, 0.0, -22.0]},
-            "point.buoy.position: z = -22 m is below the seabed; .* >= -21 m",
-        ),
+        ("anchor", [40.0, 0.0, -24.1], "z = -24.1 m is below the seabed; .* >= -24 m"),
+        ("buoy", [55.0, 0.0, -22.0], "z = -22 m is below the seabed; .* >= -21 m"),
     ],
 )
-def test_a_point_below_the_bed_at_its_place_is_named(values, words):
+def test_a_point_below_the_bed_at_its_place_is_named(point, position, words):
     table = load_scene("paper-case-4").as_written()
     table["effects"]["seabed"] = SLOPE
-    with pytest.raises(SceneError, match=words):
-        Scene.from_dict(table).with_values(values)
+    with pytest.raises(SceneError, match=f"point.{point}.position: {words}"):
+        Scene.from_dict(table).with_values({f"point.{point}.position": position})
     Scene.from_dict(table).with_values({"point.anchor.position": [40.0, 0.0, -24.0]})
 
 
 def test_a_node_of_a_given_pose_below_the_bed_is_named():
     Scene.from_dict(LYING)  # its lowest nodes are at -5 - 2 sin 0.1 = -5.1997
-    with pytest.raises(
-        SceneError, match="start.polar: node 2 is at z = -5.29556 m, below the seabed; allowed: >= -5.2 m"
-    ):
+    with pytest.raises(SceneError, match=r"start.polar: node 2 is at z = -5.29556 m, below .* allowed: >= -5.2 m"):
         Scene.from_dict(LYING).with_values({"start.polar": [0.1, 0.197, 0.0]})
     Scene.from_dict(LYING).with_values({"start.polar": [0.1, 0.12, 0.0]})  # pressed in by less than its diameter

@@ -1,9 +1,6 @@
 """What effects cost, and that absent ones cost nothing."""
 
-import contextlib
-import io
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,30 +14,13 @@ from dropper_jax.study.cost import Unused, Variant, program, proof, without_effe
 SCENE = "dropper-release-a"
 
 
-@pytest.fixture(scope="module")
-def report(tmp_path_factory) -> tuple[int, dict, Path]:
-    path = tmp_path_factory.mktemp("cost") / "cost.png"
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out):
-        code = main(["cost", SCENE, "--json", "--plot", str(path)])
-    return code, json.loads(out.getvalue()), path
-
-
 @pytest.mark.check
-def test_the_report_has_a_row_for_the_scene_each_effect_and_the_bare_scene(report) -> None:
-    code, found, path = report
-    assert code == 0
-    assert found["schema"] == 1
-    assert found["status"] == "ok"
-    names = [row["name"] for row in found["rows"]]
-    effects = list(load_scene(SCENE).effects)
-    assert names == ["whole scene", *(f"without {e}" for e in effects), "bare scene"]
-    assert path.read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.check
-def test_every_effect_adds_operations_and_the_bare_scene_has_least(report) -> None:
-    rows = {row["name"]: row for row in report[1]["rows"]}
+def test_every_effect_adds_operations_and_the_bare_scene_has_least(tmp_path, json_of) -> None:
+    found = json_of(["cost", SCENE, "--json", "--plot", str(tmp_path / "cost.png")])
+    assert (found["schema"], found["status"]) == (1, "ok")
+    assert (tmp_path / "cost.png").read_bytes().startswith(b"\x89PNG")
+    rows = {row["name"]: row for row in found["rows"]}
+    assert list(rows) == ["whole scene", *(f"without {e}" for e in load_scene(SCENE).effects), "bare scene"]
     whole = rows.pop("whole scene")
     for row in rows.values():
         assert row["flops"] < whole["flops"]

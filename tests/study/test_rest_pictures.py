@@ -16,11 +16,9 @@ def test_modes_of_a_long_line_are_seen_from_where_they_show(moved, seen):
     # 100 m along x, 20 m high, 2 m wide: moves along y show from above, moves along z from the side
     rest = np.linspace([0.0, 0.0, -20.0], [100.0, 2.0, 0.0], 11)
     assert pictures._plane(rest, np.tile(moved, (11, 1))) == seen
-
-
-def test_a_mode_across_a_short_line_is_seen_from_the_front():
-    rest = np.linspace([0.0, 0.0, -20.0], [1.0, 0.0, 0.0], 11)
-    assert pictures._plane(rest, np.tile((0.0, 1.0, 0.0), (11, 1))) == (1, 2)
+    # one across a short line is seen from the front
+    short = np.linspace([0.0, 0.0, -20.0], [1.0, 0.0, 0.0], 11)
+    assert pictures._plane(short, np.tile((0.0, 1.0, 0.0), (11, 1))) == (1, 2)
 
 
 def test_a_pose_leaves_its_picture_and_its_result(tmp_path, json_of):

@@ -261,6 +261,13 @@ def read_rows(
     return np.array(found).reshape(-1, count)
 
 
+def read_matrix(value: Plain, path: str, declared: Values) -> np.ndarray:
+    """Rows of numbers (k, n), as many in each as in the first."""
+    rows = read_list(value, path, None, "rows of numbers")
+    first = read_list(rows[0] if rows else [], f"{path}.0", None, "numbers")
+    return read_rows(rows, path, declared, len(first), f"{len(first)} numbers, as in the first row")
+
+
 def _read_numbers(value: Plain, path: str, declared: Values, count: int | None, allowed: str) -> np.ndarray:
     items = read_list(value, path, count, allowed)
     return np.array([read_number(item, f"{path}.{i}", declared, allowed) for i, item in enumerate(items)], float)

@@ -53,7 +53,6 @@ MORE_KEYS: dict[str, Iterable[str]] = {
     "": ("name", "description"),
     "run": OPTIONS,
     "line.*.axial": ("law", "EA", "damping", "strain", "tension"),
-    "growth": ("thickness",),
     "sea": ("packaged",),
 }
 #: Tables that have paths only for the keys that are given.

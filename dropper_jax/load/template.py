@@ -174,33 +174,33 @@ class Template:
 
 @dataclass(frozen=True)
 class _Layout:
-    """The position of a unit, and the names of its parts there; `own` are the names of its points."""
+    """The position of a unit, and the names of its parts there; `points` are the names of its points."""
 
     prefix: str
     origin: list[float]
     heading: float
     shared: Values
-    own: set[str]
+    points: set[str]
     path: str
 
     @classmethod
-    def read(cls, array: Values, path: str, names: Names, own: set[str]) -> _Layout:
+    def read(cls, array: Values, path: str, names: Names, points: set[str]) -> _Layout:
         given = evaluate_table({key: array.get(key) for key in LAYOUT}, names, path)
         origin = read_list(given["origin"] or [0.0, 0.0, 0.0], f"{path}.origin", 3, "3 numbers")
         shared = read_table(given["shared"] or {}, f"{path}.shared")
-        check_keys(shared, own, f"{path}.shared")
+        check_keys(shared, points, f"{path}.shared")
         return cls(
             read_text(given["name"], f"{path}.name"),
             [read_number(x, f"{path}.origin.{i}", {"unit": "m"}) for i, x in enumerate(origin)],
             math.radians(read_number(given["heading"] or 0.0, f"{path}.heading", {"unit": "deg"})),
             shared,
-            own,
+            points,
             path,
         )
 
     def called(self, name: str) -> str:
         """The name of a point of the scene, from that in the unit."""
-        return self.shared.get(name, f"{self.prefix}{name}" if name in self.own else name)
+        return self.shared.get(name, f"{self.prefix}{name}" if name in self.points else name)
 
     def item(self, item: Table, keys: Sequence[str]) -> Table:
         """A line or buoy of the unit in the scene, whose `keys` name points."""

@@ -116,8 +116,12 @@ class BodySpec(DeclaredSection):
 
     def outside(self) -> dict[str, float]:
         """Distance [m] by which attachments are outside the shapes, by name, for those beyond the reach of shackles."""
-        away = {name: self.distance(position) for name, position in self.attachments.items()}
-        return {name: distance for name, distance in away.items() if distance > OUTSIDE * self.extent}
+        found = {}
+        for name, position in self.attachments.items():
+            distance = min((shape.distance(position) for shape in self.shapes), default=0.0)
+            if distance > OUTSIDE * self.extent:
+                found[name] = distance
+        return found
 
     @property
     def inertia_matrix(self) -> np.ndarray:
@@ -134,13 +138,8 @@ class BodySpec(DeclaredSection):
         """Longest side of the box around its shapes [m]."""
         positions = [p for c in self.cylinders for p in (c.start, c.end)]
         positions += [s.centre + 0.5 * s.diameter * sign for s in self.spheres for sign in (-1.0, 1.0)]
-        if positions:
-            return np.max([*np.ptp(positions, axis=0), *(s.diameter for s in self.shapes)])
-        return 0.0
-
-    def distance(self, position: np.ndarray) -> float:
-        """Distance of a position (3,) from its shapes [m]; 0 for a body without shapes."""
-        return min((shape.distance(position) for shape in self.shapes), default=0.0)
+        sides = np.ptp(positions, axis=0) if positions else ()
+        return max([*sides, *(s.diameter for s in self.shapes)], default=0.0)
 
     @property
     def rotation(self) -> np.ndarray:

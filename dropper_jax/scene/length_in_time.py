@@ -32,7 +32,7 @@ class WinchSpec(DeclaredSection):
         "fastest hauling in (negative) and paying out of the drum", unit="m/s", shape="table", entries=2
     )
     lengths: np.ndarray = parameter(
-        "shortest and longest length of the links, rising",
+        "shortest and longest length of the links",
         unit="m",
         shape="table",
         low=0.0,

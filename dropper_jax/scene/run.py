@@ -110,30 +110,23 @@ class RunSpec(SectionValues):
             if key in given:
                 raise SceneError(f"{path}.{key}: no longer exists. Use run.accuracy, a relative error such as 0.01")
         check_keys(given, [*declared_fields(cls), *options], path)
-        values = read_fields(cls, {key: value for key, value in given.items() if key not in options}, path, {})
-        values["options"] = {
-            key: read_number(given[key], f"{path}.{key}", options[key]) for key in options if key in given
-        }
-        spec = cls(**values)
+        own = dict(given)
+        found = {}
+        for key, declared in options.items():
+            if key in own:
+                found[key] = read_number(own.pop(key), f"{path}.{key}", declared)
+        spec = cls(**read_fields(cls, own, path, {}), options=found)
         raise_first(spec._checks(), path)
         return spec._normal(path)
 
     def _normal(self, path: str) -> RunSpec:
         """The same without keys that follow from others."""
-        if self.accuracy is None and self.dt is None:
-            return replace(self, accuracy=DEFAULT_ACCURACY)
-        if self.accuracy is None:
-            if self.save_interval is None:
-                return self
-            return self._with_whole_steps(path)
         if self.dt is None:
-            return self
-        if self.save_interval is None:
-            interval = self.dt * self.save_every
-        else:
-            interval = self.save_interval
-        source_dt = self.dt if self.source_dt is None else self.source_dt
-        return replace(self, dt=None, source_dt=source_dt, save_every=1, save_interval=interval)
+            return replace(self, accuracy=self.accuracy or DEFAULT_ACCURACY)
+        if self.accuracy is None:
+            return self if self.save_interval is None else self._with_whole_steps(path)
+        interval = self.save_interval or self.dt * self.save_every
+        return replace(self, dt=None, source_dt=self.source_dt or self.dt, save_every=1, save_interval=interval)
 
     def _with_whole_steps(self, path: str) -> RunSpec:
         """The same with the steps between saved states counted.

@@ -2,34 +2,23 @@
 
 from __future__ import annotations
 
-import dataclasses
 import zlib
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
+from functools import partial
 
 import numpy as np
 
-from dropper_jax.base.errors import Check, SceneError
-from dropper_jax.base.fields import option, parameter
-from dropper_jax.base.read import (
-    DeclaredSection,
-    Plain,
-    Table,
-    as_table,
-    count,
-    plain,
-    read_fields,
-    read_rows,
-    read_table,
-    short_text,
-)
+from dropper_jax.base.errors import Check
+from dropper_jax.base.fields import option, parameter, section
+from dropper_jax.base.read import DeclaredSection, count, part, plain, read_matrix, short_text
 
 #: Added mass of a mussel divided by that of the displaced water: a sphere's (Lamb 1932, article 92).
 ADDED_MASS = 0.5
 THICKNESS = {"unit": "m", "shape": "table", "low": 0.0}
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@section
 class SeasonSpec(DeclaredSection):
     """`[growth]`: thickness by month (rows) and depth (columns), linear between, at the requested month.
 
@@ -46,6 +35,7 @@ class SeasonSpec(DeclaredSection):
     density: np.ndarray = parameter(
         "density of the layer, one or one per depth", unit="kg/m^3", shape="numbers", low=0.0, open_low=True
     )
+    thickness: np.ndarray = part(partial(read_matrix, declared=THICKNESS), needed="a row for each of `months`, in m")
     harvested: float = parameter("fraction of the layer that is harvested", unit="-", low=0.0, high=1.0, default=0.0)
     harvested_lines: tuple[str, ...] = option("names of the harvested lines", type=list, default=("*",))
     deviation: float = parameter(
@@ -57,23 +47,14 @@ class SeasonSpec(DeclaredSection):
         "attachment strength of one mussel", unit="N", low=0.0, open_low=True, default=None
     )
     mussel_mass: float | None = parameter("mass of one mussel", unit="kg", low=0.0, open_low=True, default=None)
-    thickness: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
-
-    @classmethod
-    def read(cls, table: Plain, path: str) -> SeasonSpec:
-        own = dict(read_table(table, path))
-        rows = own.pop("thickness", None)
-        if rows is None:
-            raise SceneError(f"{path}.thickness: missing; needed: a row for each of `months`, each >= 0 m")
-        spec = cls(**read_fields(cls, own, path, {}))
-        spec.check(path)
-        months = len(spec.months)
-        depths = len(spec.depth)
-        allowed = f"{depths} numbers, one for each of `depth`, each >= 0 m; one row for each of `months`"
-        thickness = read_rows(rows, f"{path}.thickness", THICKNESS, depths, allowed, months)
-        return dataclasses.replace(spec, thickness=thickness)
 
     def checks(self) -> Iterator[Check]:
+        rows, columns = np.shape(self.thickness)
+        yield (
+            (rows, columns) != (len(self.months), len(self.depth)),
+            f"thickness: has {rows} rows of {columns} numbers; allowed: {len(self.months)} rows, one a month, of "
+            f"{len(self.depth)}, one for each of `depth`",
+        )
         many = np.size(self.density)
         yield (
             many not in (1, len(self.depth)),
@@ -103,9 +84,6 @@ class SeasonSpec(DeclaredSection):
                     not any(_matches_any(name, (pattern,)) for name in names),
                     f"{key}.{i}: {pattern!r} does not match any line; allowed: names, with * for any letters",
                 )
-
-    def table(self) -> Table:
-        return {**as_table(self), "thickness": plain(self.thickness)}
 
     def on(self, name: str, line: str | None) -> bool:
         """Whether there is growth on a line, or on the line from which this piece was cut."""

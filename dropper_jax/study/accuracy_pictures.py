@@ -44,11 +44,11 @@ def work_precision(report: Table, path: str | Path) -> Path:
 
 
 def _note(
-    axes: Axes, text: str, at: tuple[float, float], moved: tuple[float, float], of: Any = "data", **look: Any
+    axes: Axes, text: str, at: tuple[float, float], moved: tuple[float, float], of: Any = "data", **options: Any
 ) -> None:
     """A small text next to a position, in the coordinates `of`."""
-    look.setdefault("fontsize", 7)
-    axes.annotate(text, at, moved, of, "offset points", **look)
+    options.setdefault("fontsize", 7)
+    axes.annotate(text, at, moved, of, "offset points", **options)
 
 
 def _slopes(axes: Axes, rows: list[Table]) -> None:

@@ -105,8 +105,8 @@ def model_variants(model: Model) -> list[tuple[str, Model]]:
 
 def without_effects(model: Model, names: list[str]) -> Model:
     """The model without these effects, and without those that need one of them."""
-    gone = set(names)
-    return replace(model, effects=tuple(e for e in model.effects if not gone & {e.name, *e.needs}))
+    left_out = set(names)
+    return replace(model, effects=tuple(e for e in model.effects if not left_out & {e.name, *e.needs}))
 
 
 class Variant:

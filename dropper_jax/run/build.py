@@ -202,4 +202,4 @@ def linearised(scene: SceneLike) -> Linearised:
     pose = static_pose(scene, model)
     if pose.state is None or pose.status != "ok":
         raise SceneError(f"start: {pose.message}")
-    return linearised_about(model, pose.state, release_loads(model, scene.start))
+    return linearised_about(model, pose.state)

@@ -38,23 +38,24 @@ def catenary_guess(
     per_metre = abs(weight) / total
     down = -1.0 if weight >= 0 else 1.0
     if end is None:
-        nodes = start + np.outer(arc, [0.0, 0.0, down])
-        return nodes, per_metre * (total - middle)
+        return start + np.outer(arc, [0.0, 0.0, down]), per_metre * (total - middle)
     rise = -down * (end[2] - start[2])  # height of the end above the start, seen along the weight
     across = (end - start)[:2]
     distance = float(np.hypot(*across))
     direction = across / distance if distance > 0 else np.array([1.0, 0.0])
     if distance < 1e-6 * total:
-        x, z, tension = _fold_line(arc, total, rise, float(np.mean(length)), per_metre)
+        x, z, carried = _fold_line(arc, middle, rise, float(np.mean(length)))
     else:
-        x, z, tension = _hanging(arc, middle, total, distance, rise, per_metre)
-    nodes = start + np.column_stack([x * direction[0], x * direction[1], -down * z])
-    return nodes, tension
+        x, z, carried = _hanging(arc, middle, distance, rise)
+    nodes = start + np.column_stack([np.outer(x, direction), -down * z])
+    return nodes, per_metre * carried
 
 
 def _hanging(
-    arc: np.ndarray, middle: np.ndarray, total: float, distance: float, rise: float, per_metre: float
+    arc: np.ndarray, middle: np.ndarray, distance: float, rise: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, z of the nodes, and the length of line whose weight is the tension at the middle of each link, all [m]."""
+    total = arc[-1]
     slack = max(total**2 - rise**2, 0.0)
     ratio = max(np.sqrt(slack) / distance, 1.0 + 1e-9)  # a taut line also needs an initial shape
     a = distance / (2 * _half_span(ratio))
@@ -63,18 +64,16 @@ def _hanging(
     s0 = a * np.sinh(centre / a)
     x = centre + a * np.arcsinh((arc - s0) / a)
     z = np.hypot(a, arc - s0) - np.hypot(a, s0)
-    return x, z, per_metre * np.hypot(a, middle - s0)
+    return x, z, np.hypot(a, middle - s0)
 
 
 def _fold_line(
-    arc: np.ndarray, total: float, rise: float, link: float, per_metre: float
+    arc: np.ndarray, middle: np.ndarray, rise: float, link: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Ends on one vertical: down and up again, opened by half a link to define the plane of the fold."""
-    turn = 0.5 * (total - rise)
-    z = np.where(arc < turn, -arc, -turn + (arc - turn))
-    x = -0.5 * link * np.sin(2 * np.pi * arc / total)
-    middle = 0.5 * (arc[1:] + arc[:-1])
-    return x, z, per_metre * np.maximum(np.abs(middle - turn), 0.1 * link)
+    """The same for ends on one vertical: down and up again, opened by half a link to define the plane of the fold."""
+    turn = 0.5 * (arc[-1] - rise)
+    x = -0.5 * link * np.sin(2 * np.pi * arc / arc[-1])
+    return x, np.abs(arc - turn) - turn, np.maximum(np.abs(middle - turn), 0.1 * link)
 
 
 def _half_span(ratio: float) -> float:
@@ -114,10 +113,14 @@ def hang(
         force = np.cumsum(loads[::-1], axis=0)[::-1]
     else:
         before = np.concatenate([np.zeros((1, 3)), np.cumsum(loads, axis=0)])
-        force = _close(before, length, flexibility, end - start, _first_guess(start, end, length, loads)) - before
+        # decreasing smoothing of the norms, over the mean load
+        scale = float(np.mean(np.linalg.norm(loads, axis=1))) or 1.0
+        first = _first_guess(start, end, length, loads)
+        for share in SMOOTHING:
+            first = _minimise(first, before, length, flexibility, end - start, share * scale)
+        force = first - before
     size = np.linalg.norm(force, axis=1)
-    down = np.array([0.0, 0.0, -1.0])
-    direction = np.where(size[:, None] > 0, force / np.where(size > 0, size, 1.0)[:, None], down)
+    direction = np.where(size[:, None] > 0, force, [0.0, 0.0, -1.0]) / np.where(size > 0, size, 1.0)[:, None]
     links = (length * (1.0 + size * flexibility))[:, None] * direction
     nodes = start + np.cumsum(links, axis=0)
     return nodes[: len(loads)], size
@@ -125,30 +128,17 @@ def hang(
 
 def _first_guess(start: np.ndarray, end: np.ndarray, length: np.ndarray, loads: np.ndarray) -> np.ndarray:
     """Force in the first link of the uniform catenary of the same weight."""
-    weight = -float(np.sum(loads[:, 2]))
-    if weight != 0.0:
-        total = abs(weight)
-    else:
-        total = float(np.sum(np.linalg.norm(loads, axis=1)))
-    nodes, tension = catenary_guess(start, end, length, total if weight >= 0 else -total)
+    weight = -float(np.sum(loads[:, 2])) or float(np.sum(np.linalg.norm(loads, axis=1)))
+    nodes, tension = catenary_guess(start, end, length, weight)
     first = nodes[1] - nodes[0]
     return tension[0] * first / np.linalg.norm(first)
-
-
-def _close(
-    before: np.ndarray, length: np.ndarray, flexibility: np.ndarray, span: np.ndarray, guess: np.ndarray
-) -> np.ndarray:
-    """T_1 (3,) [N] that closes the line: damped Newton on f, with decreasing smoothing of its norms."""
-    scale = float(np.mean(np.linalg.norm(np.diff(before, axis=0), axis=1))) or 1.0
-    force = guess
-    for share in SMOOTHING:
-        force = _minimise(force, before, length, flexibility, span, share * scale)
-    return force
 
 
 def _minimise(
     force: np.ndarray, before: np.ndarray, length: np.ndarray, flexibility: np.ndarray, span: np.ndarray, soft: float
 ) -> np.ndarray:
+    """T_1 (3,) [N] that closes the line: damped Newton from `force` on f, whose norms are smoothed by `soft` [N]."""
+
     def value(x: np.ndarray) -> float:
         size2 = np.sum((x - before) ** 2, axis=1)
         return float(np.sum(length * (np.sqrt(size2 + soft**2) + 0.5 * flexibility * size2)) - x @ span)

@@ -43,21 +43,6 @@ def factor_softened(model: Model, matrix: csc_array) -> SuperLU:
 INVERSE_ITERATIONS = 12
 
 
-def softest_motion(model: Model, s: State, loads: jax.Array) -> tuple[float, np.ndarray]:
-    """Minimum stiffness [N/m] of an equilibrium and its motion (free, 3), maximum 1. On the host.
-
-    It does not raise: an equilibrium with a free motion has the stiffness 0 to rounding.
-    """
-    matrix = stiffness(model, s, loads)
-    factor = factor_softened(model, matrix)
-    x = np.random.default_rng(0).normal(size=matrix.shape[0])
-    for _ in range(INVERSE_ITERATIONS):
-        x = factor.solve(x / np.linalg.norm(x))
-    x /= np.linalg.norm(x)
-    way = x.reshape(-1, 3)
-    return float(np.linalg.norm(matrix @ x)), way / np.max(np.abs(way))
-
-
 #: Stiffness, over the weight of a link per its length, below which a motion counts as free.
 FREE_STIFFNESS = 1e-7
 
@@ -67,11 +52,17 @@ def free_motion(model: Model, s: State, loads: jax.Array) -> str:
     model = rest(model)
     if model.constraints or not model.line.axial.elastic:
         return ""
-    least, way = softest_motion(model, s, loads)
+    matrix = stiffness(model, s, loads)
+    factor = factor_softened(model, matrix)
+    x = np.random.default_rng(0).normal(size=matrix.shape[0])
+    for _ in range(INVERSE_ITERATIONS):
+        x = factor.solve(x / np.linalg.norm(x))
+    least = float(np.linalg.norm(matrix @ (x / np.linalg.norm(x))))
     if least > FREE_STIFFNESS * float(soft_scale(model, np)):
         return ""
-    node = int(np.argmax(np.max(np.abs(way), axis=1)))
-    along = ", ".join(f"{x:.2f}" for x in way[node])
+    motion = x.reshape(-1, 3) / np.max(np.abs(x))
+    node = int(np.argmax(np.max(np.abs(motion), axis=1)))
+    along = ", ".join(f"{x:.2f}" for x in motion[node])
     return f"{name_of(model, node)} is unconstrained along ({along}), with a stiffness of {least:.1e} N/m"
 
 

@@ -26,7 +26,7 @@ from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.statics.rest_problem import rest
-from dropper_jax.statics.stiffness import stiffness_with_held, verges
+from dropper_jax.statics.stiffness import verges
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,9 @@ class Linearised:
                 raise SceneError(f"motion: {name!r} is not a fixed point; {nearest(name, self.held)}")
             moved[self.held.index(name)] = np.asarray(amplitude)
         omega = np.atleast_1d(np.asarray(omega, float))
-        u = moved.ravel()
-        if not (np.all(np.isfinite(omega)) and np.all(omega >= 0.0)):
+        if not np.all(np.isfinite(omega) & (omega >= 0.0)):
             raise SceneError("omega: is out of range; allowed: angular frequencies of at least 0 rad/s")
-        each = [self._at(w, u) for w in omega]
-        x, tension = map(np.array, zip(*each, strict=True))
+        x, tension = map(np.array, zip(*(self._at(w, moved.ravel()) for w in omega), strict=True))
         return Response(omega, x.reshape(len(omega), -1, 3), tension)
 
     def _at(self, w: float, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,12 +100,11 @@ class Linearised:
         return x, (self.tension_by_place + 1j * w * self.tension_by_speed) @ np.concatenate([x, u])
 
 
-def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) -> Linearised:
+def linearised_about(model: Model, pose: State) -> Linearised:
     """The matrices about an equilibrium.
 
     Args:
-        pose: `equilibrium(...).state`.
-        loads: additional forces of the equilibrium (free nodes, 3) [N].
+        pose: `equilibrium(...).state`, also under additional forces.
 
     Raises:
         SceneError: rigid links or bodies, or an effect that is not smooth.
@@ -118,37 +115,36 @@ def linearised_about(model: Model, pose: State, loads: jax.Array | None = None) 
         raise SceneError("body: rigid bodies are not linearised; allowed: scenes of lines, points and buoys")
     if model.laws:
         raise SceneError(f"effects.{model.laws[0].name}: dry friction has no linear form. Use a scene without it")
-    loads = jnp.zeros_like(pose.r) if loads is None else loads
-    (damping, by_speed), (mass, _), by_position = _matrices(rest(model), pose)
-    f = 3 * model.free_nodes
-    stiffness = stiffness_with_held(rest(model), pose, loads)[:f].toarray()
-    names = tuple(model.points[int(i)].name for i in model.geometry.held_points)
-    cut = lambda a: (np.asarray(a)[:, :f], np.asarray(a)[:, f:])  # noqa: E731
-    k, kh = cut(stiffness)
-    c, ch = cut(damping)
-    m, mh = cut(mass)
-    by = np.asarray(by_position), np.asarray(by_speed)
-    return Linearised(m, c, k, mh, ch, kh, *by, np.asarray(pose.tension), names, verges(model, pose))
+    by_motion, tension_by_motion = _derivatives(rest(model), pose)
+    free = 3 * model.free_nodes
+    stiffness, damping, mass = (np.asarray(part).reshape(free, -1) for part in by_motion)
+    return Linearised(
+        mass=mass[:, :free],
+        damping=damping[:, :free],
+        stiffness=stiffness[:, :free],
+        held_mass=mass[:, free:],
+        held_damping=damping[:, free:],
+        held_stiffness=stiffness[:, free:],
+        tension_by_place=np.asarray(tension_by_motion[0]).reshape(-1, stiffness.shape[1]),
+        tension_by_speed=np.asarray(tension_by_motion[1]).reshape(-1, stiffness.shape[1]),
+        tension=np.asarray(pose.tension),
+        held=tuple(model.points[int(i)].name for i in model.geometry.held_points),
+        warnings=verges(model, pose),
+    )
 
 
 @cached_jit()
-def _matrices(model: Model, pose: State) -> tuple[tuple[jax.Array, jax.Array] | jax.Array, ...]:
-    """Derivatives of the free nodes' rows and of tensions by velocities and accelerations, of tensions by positions."""
-    free = 3 * model.free_nodes
-    held = 3 * model.geometry.ends
+def _derivatives(model: Model, pose: State) -> tuple[tuple[jax.Array, ...], tuple[jax.Array, ...]]:
+    """Derivatives of the free nodes' rows, and of tensions, by positions, velocities and accelerations of all nodes."""
+    free = model.free_nodes
     positions = model.ends(pose.t).positions
 
     def rows(x: jax.Array, v: jax.Array, a: jax.Array) -> tuple[jax.Array, jax.Array]:
-        at = lambda y: (y[:free].reshape(-1, 3), y[free:].reshape(-1, 3))  # noqa: E731
-        dr, du = at(x)
-        dv, dw = at(v)
-        da, db = at(a)
-        k = model.instant(pose.r + dr, dv, pose.t, Ends(positions + du, dw))
+        k = model.instant(pose.r + x[:free], v[:free], pose.t, Ends(positions + x[free:], v[free:]))
         tension = model.tension_by_law(k)
         direction = model.line.axial.direction(k.links, k.links, k.links, model.line.length)
-        left = model.inertia(k, da, db) - model.force(k) - model.tension_force(tension, direction)
-        return left.ravel(), tension
+        left = model.inertia(k, a[:free], a[free:]) - model.force(k) - model.tension_force(tension, direction)
+        return left, tension
 
-    zero = jnp.zeros(free + held, model.dtype)
-    by_position = jax.jacfwd(lambda x: rows(x, zero, zero)[1])(zero)
-    return *(jax.jacfwd(rows, argnums=i)(zero, zero, zero) for i in (1, 2)), by_position
+    still = jnp.zeros((free + model.geometry.ends, 3), model.dtype)
+    return jax.jacfwd(rows, argnums=(0, 1, 2))(still, still, still)

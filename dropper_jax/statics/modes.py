@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.scipy.linalg import solve_triangular
 
 from dropper_jax.backend.programs import cached_jit
 from dropper_jax.base.errors import SceneError
@@ -75,7 +77,8 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     still = rest(model)
     stiffness, motions = stiffness_of_motions(still, pose)
     stiffness = _symmetric(stiffness)
-    mass = _symmetric(motions.T @ np.asarray(_mass(still, pose)) @ motions)
+    by_acceleration = np.asarray(_mass(still, pose))
+    mass = _symmetric(motions.T @ by_acceleration @ motions)
     from scipy.linalg import eigh  # noqa: PLC0415  (0.12 s of the start of programs that need no modes)
 
     value, vector = eigh(stiffness, mass)
@@ -89,13 +92,15 @@ def natural_modes(model: Model, pose: State, count: int | None = None) -> Modes:
     mass = 1.0 / np.ravel(largest) ** 2
     omega = np.sqrt(value)
     ratio = np.asarray(_damping(model, pose, jnp.asarray(shape))) / (2 * omega * mass)
-    period = 2 * np.pi / omega
     bodies = np.zeros((len(value), 0, 6))
     share = np.zeros((len(value), 0))
     if model.constraints:
         bodies = _of_bodies(model, pose, shape)
-        share = _share_of_bodies(still, pose, shape, mass)
-    return Modes(period, shape, mass, ratio, bodies, share)
+        corners = model.constraints[0].body_nodes(model)
+        # x'Mx node by node
+        energy = np.sum(shape * (shape.reshape(len(shape), -1) @ by_acceleration.T).reshape(shape.shape), axis=2)
+        share = np.sum(energy[:, corners], axis=2) / mass[:, None]
+    return Modes(2 * np.pi / omega, shape, mass, ratio, bodies, share)
 
 
 def damping_at(model: Model, pose: State, modes: Modes, amplitude: float) -> np.ndarray:
@@ -128,10 +133,10 @@ def natural_periods(model: Model, pose: State, count: int) -> jax.Array:
     stiffness = _symmetric(stiffness)
     mass = _symmetric(motions.T @ _mass(rest(model), pose) @ motions)
     lower = jnp.linalg.cholesky(jax.lax.stop_gradient(mass))
-    solved = lambda a: jax.scipy.linalg.solve_triangular(lower, a, lower=True)  # noqa: E731
-    value, vector = jnp.linalg.eigh(solved(solved(jax.lax.stop_gradient(stiffness)).T))
+    solve_lower = partial(solve_triangular, lower, lower=True)
+    value, vector = jnp.linalg.eigh(solve_lower(solve_lower(jax.lax.stop_gradient(stiffness)).T))
     number = jnp.sum(value <= ROUNDING * value[-1]) + jnp.arange(count)
-    x = jax.scipy.linalg.solve_triangular(lower.T, vector, lower=False)[:, jnp.minimum(number, len(value) - 1)]
+    x = solve_triangular(lower.T, vector, lower=False)[:, jnp.minimum(number, len(value) - 1)]
     square = jnp.sum(x * (stiffness @ x), axis=0) / jnp.sum(x * (mass @ x), axis=0)
     return 2 * jnp.pi / jnp.sqrt(jnp.where(number < len(value), square, jnp.nan))
 
@@ -146,12 +151,8 @@ def _speeding(model: Model, pose: State, v: jax.Array) -> jax.Array:
 def _damping(model: Model, pose: State, shapes: jax.Array) -> jax.Array:
     """`x'Cx` (modes,) [kg/s]."""
     model = rest(model)
-    still = jnp.zeros_like(pose.r)
-
-    def of(x: jax.Array) -> jax.Array:
-        return -jnp.sum(x * jax.jvp(lambda v: _speeding(model, pose, v), (still,), (x,))[1])
-
-    return jax.lax.map(of, shapes)
+    _, linear = jax.linearize(partial(_speeding, model, pose), jnp.zeros_like(pose.r))
+    return jax.lax.map(lambda x: -jnp.sum(x * linear(x)), shapes)
 
 
 @cached_jit()
@@ -168,19 +169,11 @@ def _mean_power(model: Model, pose: State, speeds: jax.Array) -> jax.Array:
 def _of_bodies(model: Model, pose: State, shape: np.ndarray) -> np.ndarray:
     """Displacements and small rotations of the bodies (modes, bodies, 6)."""
     constraint = model.constraints[0]
-    axes = np.asarray(constraint.pose(model, pose.r)[1])
-    moved, rates = (np.asarray(part) for part in jax.vmap(lambda r: constraint.pose(model, r))(jnp.asarray(shape)))
-    spin = rates @ np.swapaxes(axes, -1, -2)
-    turned = [spin[..., 2, 1] - spin[..., 1, 2], spin[..., 0, 2] - spin[..., 2, 0], spin[..., 1, 0] - spin[..., 0, 1]]
-    return np.concatenate([moved, 0.5 * np.stack(turned, axis=-1)], axis=-1)
-
-
-def _share_of_bodies(model: Model, pose: State, shape: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Fractions of `x'Mx` in the corners of each body (modes, bodies)."""
-    corners = model.constraints[0].body_nodes(model)
-    momentum = (np.asarray(_mass(model, pose)) @ shape.reshape(len(shape), -1).T).T.reshape(shape.shape)
-    energy = np.sum(shape * momentum, axis=2)
-    return np.stack([np.sum(energy[:, own], axis=1) for own in corners], axis=1) / mass[:, None]
+    axes = constraint.pose(model, pose.r)[1]
+    moved, rates = jax.vmap(lambda r: constraint.pose(model, r))(jnp.asarray(shape))
+    # w = 1/2 sum e_j x e_j' of the axes e_j, which are columns
+    turned = 0.5 * np.sum(np.cross(axes, rates, axis=-2), axis=-1)
+    return np.concatenate([moved, turned], axis=-1)
 
 
 def _symmetric(matrix: Array) -> Array:

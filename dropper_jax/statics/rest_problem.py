@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from types import ModuleType
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -101,20 +102,19 @@ def rest_tolerance(model: Model, xp: ModuleType = jnp) -> jax.Array:
     NumPy on the host. With large buoyancies of bodies the rounding error is 1e-9.
     """
     # maximum scaled row (forces by m g, elongations by L) of a converged equilibrium
-    tolerance = 1e-10
+    tolerance = 1e-9 if model.constraints else 1e-10
     line = model.line
     length = xp.asarray(line.length)
+    stiffness = 0.0
     if line.axial.elastic:
         stiffness = xp.max(xp.asarray(line.axial.axial_stiffness()) / length)
-    else:
-        stiffness = 0.0
     bed = model.effect("seabed")
     if isinstance(bed, Seabed):
         contact = xp.max(xp.asarray(bed.stiffness)) * xp.max(xp.asarray(line.diameter) * length)
         stiffness = xp.maximum(stiffness, contact)
     extent = xp.max(xp.abs(xp.stack([xp.asarray(p.position) for p in model.points]))) + xp.max(length)
     units = xp.maximum(ROUNDING_UNITS, 10.0 * stiffness * extent / force_scale(model, xp))
-    return xp.maximum(10.0 * tolerance if model.constraints else tolerance, jnp.finfo(model.dtype).eps * units)
+    return xp.maximum(tolerance, jnp.finfo(model.dtype).eps * units)
 
 
 def system_tolerance(model: Model) -> float:
@@ -189,13 +189,11 @@ def _search_along_corrections(problem: RestProblem, solver: Solver, iterations: 
     fractions = jnp.asarray(FRACTIONS, guess.x.dtype)
     never = jnp.full((), jnp.inf, guess.x.dtype)
 
-    def correct(now: tuple[Unknowns, Unknowns], _: None) -> tuple[tuple[Unknowns, Unknowns], None]:
+    def correct(now: tuple[Unknowns, ...], _: None) -> tuple[tuple[Unknowns, ...], None]:
         u, rows = now
         du = solver.linearise(problem, u).apply(rows)
 
-        def try_fraction(
-            k: jax.Array, best: tuple[Unknowns, Unknowns, jax.Array]
-        ) -> tuple[Unknowns, Unknowns, jax.Array]:
+        def try_fraction(k: jax.Array, best: tuple[Any, ...]) -> tuple[Any, ...]:
             moved = subtract(u, du, fractions[k])
             rows = problem.residual(moved)
             size = largest_row(rows, scale)

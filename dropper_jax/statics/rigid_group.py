@@ -33,19 +33,19 @@ def stiffness_of_group(
     Raises:
         SceneError: unknown or free points, rigid links.
     """
-    known = {point.name: i for i, point in enumerate(model.points)}
-    held = model.geometry.held_points.tolist()
+    known = [point.name for point in model.points]
+    held = [known[i] for i in model.geometry.held_points]
     for name in names:
         if name not in known:
             raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, known)}")
-        if known[name] not in held:
-            allowed = ", ".join(point.name for i, point in enumerate(model.points) if i in held)
+        if name not in held:
+            allowed = ", ".join(name for name in known if name in held)
             raise SceneError(
                 f"points: {name!r} is free, and a rigid group consists of fixed points; allowed: {allowed}"
             )
     found = mooring_stiffness(model, pose, names)
-    forces = forces_on_held(rest(model), pose)[[held.index(known[name]) for name in names]]
-    arms = np.array([np.asarray(model.points[known[name]].position) for name in names]) - np.asarray(about, float)
+    forces = forces_on_held(rest(model), pose)[[held.index(name) for name in names]]
+    arms = np.array([model.points[known.index(name)].position for name in names]) - np.asarray(about, float)
     moves = np.concatenate([np.hstack([np.eye(3), -_cross(arm)]) for arm in arms])
     matrix = moves.T @ found.matrix @ moves
     for force, arm in zip(forces, arms, strict=True):
@@ -62,5 +62,4 @@ def moved_to(matrix: np.ndarray, arm: Sequence[float]) -> np.ndarray:
 
 def _cross(a: np.ndarray) -> np.ndarray:
     """The matrix [a x] of the cross product with a (3,)."""
-    x, y, z = a
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.cross(np.eye(3), a)

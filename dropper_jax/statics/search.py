@@ -172,11 +172,16 @@ def outward(full: Model) -> SeabedFriction | None:
     return None
 
 
+#: How often a line hangs under forces that depend on its configuration.
+HANGINGS = 5
+
+
 def _hang_and_solve(model: Model, loads: jax.Array, t: float) -> tuple[State, float]:
     """The stable equilibrium under the forces on a straight guess, updated if they depend on the configuration."""
-    s = _hang(model, loads, None, t)
-    for _ in range(1 if model.constant_force else 4):
-        s = _hang(model, loads, s, t)
+    r = None
+    for _ in range(1 if model.constant_force else HANGINGS):
+        s = _hang(model, loads, r, t)
+        r = s.r
     return solve_statics(model, s, loads)
 
 
@@ -186,25 +191,20 @@ def _host_ends(ends: Ends) -> tuple[np.ndarray, np.ndarray | None]:
     return np.asarray(ends.start, float), end
 
 
-def _hang(model: Model, loads: jax.Array, near: State | None, t: float) -> State:
+def _hang(model: Model, loads: jax.Array, r: jax.Array | None, t: float) -> State:
+    """The equilibrium under the forces at the positions r, as dead loads."""
     line = model.line
-    ends, force = _forces(model, None if near is None else near.r, jnp.asarray(t, model.dtype))
-    ends = jax.tree.map(np.asarray, ends)
+    ends, force = _forces(model, r, jnp.asarray(t, model.dtype))
     total = np.asarray(force, float) + np.asarray(loads, float)
     if not np.any(total):
         raise SceneError(
             "start.kind: 'static' needs a load that gives the line its shape; add [effects.weight] or start from "
             "'angles' or 'positions'"
         )
-    flexibility = 0.0
+    flexibility = np.zeros(line.links)
     if line.axial.elastic:
-        flexibility = 1.0 / line.axial.axial_stiffness()
-    nodes, tension = hang(
-        *_host_ends(ends),
-        np.asarray(line.length, float),
-        total,
-        np.broadcast_to(np.asarray(flexibility, float), line.length.shape),
-    )
+        flexibility += 1.0 / line.axial.axial_stiffness()
+    nodes, tension = hang(*_host_ends(ends), np.asarray(line.length, float), total, flexibility)
     return state(model, nodes, tension=tension, t=t)
 
 
@@ -229,15 +229,15 @@ def _continue(model: Model, loads: jax.Array, t: float) -> tuple[State, float, f
         return s, residual, 1.0
     share = 0.0
     increment = 0.125
-    while residual <= system_tolerance(model) and share < 1.0 and increment >= (LEAST_INCREMENT):
+    tolerance = system_tolerance(model)
+    while residual <= tolerance and share < 1.0 and increment >= LEAST_INCREMENT:
         step = min(increment, 1.0 - share)
-        trial, trial_residual = solve_statics(model, s, (share + step) * loads)
+        trial, left = solve_statics(model, s, (share + step) * loads)
         # an increment that moves a node by more than half a line length may have jumped to another branch
-        near = bool(jnp.max(jnp.abs(trial.r - s.r)) < 0.5 * jnp.sum(model.line.length))
-        if trial_residual <= system_tolerance(model) and near:
+        if left <= tolerance and jnp.max(jnp.abs(trial.r - s.r)) < 0.5 * jnp.sum(model.line.length):
             s = trial
-            residual = trial_residual
-            share = share + step
+            residual = left
+            share += step
             increment = 2.0 * step
         else:
             increment = step / 2.0
@@ -248,10 +248,8 @@ def _catenary(model: Model, t: float) -> State:
     ends = model.ends(jnp.asarray(t, model.dtype))
     line = model.line
     weight = model.effect("weight")
-    if isinstance(weight, Weight):
-        total = float(jnp.sum(weight.per_link(line)))
-    else:
-        total = GRAVITY_SCALE * float(jnp.sum(line.mass))
+    links = weight.per_link(line) if isinstance(weight, Weight) else GRAVITY_SCALE * line.mass
+    total = float(jnp.sum(links))
     nodes, tension = catenary_guess(*_host_ends(ends), np.asarray(line.length, float), total)
     return state(model, nodes[1 : 1 + model.free_nodes], tension=tension, t=t)
 

@@ -38,11 +38,9 @@ def nodal_loads(model: Model, nodes: Sequence[int] | np.ndarray | None, forces: 
     index = np.asarray(nodes, int) - 1
     if np.any(index < 0) or np.any(index >= model.free_nodes):
         raise SceneError(f"start.release_nodes: {list(nodes)}; allowed are free nodes, 1 to {model.free_nodes}")
-    if isinstance(forces, jax.Array):
-        values = forces
-    else:
-        values = np.asarray(forces, model.dtype)
-    return scatter_add(index, values, model.free_nodes)
+    if not isinstance(forces, jax.Array):
+        forces = np.asarray(forces, model.dtype)
+    return scatter_add(index, forces, model.free_nodes)
 
 
 def release_loads(model: Model, start: StartSpec) -> jax.Array:
@@ -79,6 +77,7 @@ def _is_traced(tree: object) -> bool:
 
 def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State | None) -> Equilibrium:
     """The equilibrium next to a given one, or next to one solved on the host for the primal values."""
+    there = near is None
     if near is None:
         at = jax.lax.stop_gradient((model, loads))
         if _is_traced(at):
@@ -86,34 +85,22 @@ def _differentiable(model: Model, loads: jax.Array | None, t: float, near: State
         found = equilibrium(*at, t)
         if found.status != "ok":
             raise SceneError(f"equilibrium: {found.message}")
-        start = found.state
-    else:
-        start = near
-    there = near is None
-    near = replace(start, t=jnp.asarray(t, model.dtype))
+        near = found.state
     loads = given_loads(model, loads)
-    s, acting = _settle(model, near, loads, there)
-    residual, tolerance = _remaining_residual(acting, s, loads)
-    status = "traced"
+    s, acting = _settle(model, replace(near, t=jnp.asarray(t, model.dtype)), loads, there)
+    if acting.constraints or acting.line.axial.elastic:
+        residual = unbalance(acting, s, loads)
+    else:
+        problem = RestProblem(acting, s, loads)
+        residual = largest_row(problem.residual(problem.guess()), problem.row_scale())
+    status = "ok"
     message = ""
-    if not _is_traced((model, s)):
-        if float(residual) <= tolerance:
-            message = ""
-        else:
-            message = "no equilibrium found next to the given configuration"
-        status = "not_converged" if message else "ok"
+    if _is_traced((model, s)):
+        status = "traced"
+    elif not float(residual) <= 2.0 * system_tolerance(acting):
+        status = "not_converged"
+        message = "no equilibrium found next to the given configuration"
     return Equilibrium(model.nodes(s.r, model.ends(s.t)), s.tension, residual, status, message, s)
-
-
-def _remaining_residual(model: Model, s: State, loads: jax.Array) -> tuple[jax.Array, float]:
-    """Maximum scaled row of an equilibrium, and its tolerance (NaN if that is not known in a trace)."""
-    tolerance = np.nan
-    if not _is_traced(model):
-        tolerance = 2.0 * system_tolerance(model)
-    if model.constraints or model.line.axial.elastic:
-        return unbalance(model, s, loads), tolerance
-    problem = RestProblem(model, s, loads)
-    return largest_row(problem.residual(problem.guess()), problem.row_scale()), tolerance
 
 
 def settle(model: Model, near: State, loads: jax.Array | None = None, there: bool = False) -> State:
@@ -126,11 +113,12 @@ def settle(model: Model, near: State, loads: jax.Array | None = None, there: boo
     With `there`, nothing is moved from `near`, which must be the equilibrium of this model: only its derivatives are
     computed, in a smaller program.
     """
-    return _settle(model, near, jnp.zeros_like(near.r) if loads is None else loads, there)[0]
+    return _settle(model, near, given_loads(model, loads), there)[0]
 
 
-#: Number of corrections of rigid lines.
+#: Number of corrections of rigid lines, and the maximum number of those of other lines.
 RIGID_CORRECTIONS = 12
+NEAR_CORRECTIONS = 100
 
 
 def _settle(full: Model, near: State, loads: jax.Array, there: bool) -> tuple[State, Model]:
@@ -175,9 +163,7 @@ def equilibrium_near(model: Model, near: State, loads: jax.Array, there: bool = 
     if not there:
         held, acting = jax.lax.stop_gradient((model, loads))
         tolerance = rest_tolerance(held)
-        soft = SMALLEST * soft_scale(held)
-        # maximum number of corrections
-        found, size = descend(held, near, acting, tolerance, soft, 100)
+        found, size = descend(held, near, acting, tolerance, SMALLEST * soft_scale(held), NEAR_CORRECTIONS)
         near = replace(near, r=jnp.where(size <= tolerance, found.r, jnp.nan))
     moves = moves_of(model)
     near = replace(near, t=t)

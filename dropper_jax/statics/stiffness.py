@@ -10,8 +10,9 @@ host, with a sparse K if there are no bodies.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import jax
@@ -19,10 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.backend.programs import cached_jit
-from dropper_jax.base.errors import Check, SceneError, nearest, raises_first
+from dropper_jax.base.errors import SceneError, nearest
 from dropper_jax.model import Ends, Model, State
 from dropper_jax.residual import Unknowns
-from dropper_jax.statics.bodies import Coordinates
+from dropper_jax.statics.bodies import BodyMoves
 from dropper_jax.statics.host_stiffness import factor_softened, free_motion, stiffness
 from dropper_jax.statics.rest_problem import RestProblem, name_of, rest
 from dropper_jax.statics.tangent import LEFT, REFINEMENTS
@@ -96,21 +97,25 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
     retained = np.arange(model.free_nodes)
     bodies = ()
     size = 3 * model.free_nodes
-    pinned = ()
     if model.constraints:
-        where = Coordinates.of(model)
-        constraint = model.constraints[0]
-        retained = where.retained_nodes
-        bodies = constraint.names
-        size = where.size
-        pinned = constraint.pinned
+        moves = BodyMoves(model)
+        retained = moves.retained_nodes
+        bodies = moves.constraint.names
+        size = moves.size
     known = [p.name for p in model.points[: len(model.points) - 4 * len(bodies)]]  # corners of bodies come last
     held = model.geometry.held_points.tolist()
     rows: dict[str, np.ndarray] = {}
     for name in names:
-        _check_name(name, rows, known, bodies, pinned)
+        if name in rows:
+            raise SceneError(f"points: {name!r} is given twice; allowed: every point once")
+        if name not in (*known, *bodies):
+            raise SceneError(f"points: {name!r} is not a point of the scene; {nearest(name, [*known, *bodies])}")
         if name in bodies:
-            rows[name] = where.first(bodies.index(name)) + np.arange(6)
+            body = bodies.index(name)
+            if moves.pinned[body]:
+                allowed = "allowed: free and fixed points, other bodies"
+                raise SceneError(f"points: {name!r} is pinned and cannot be moved; {allowed}")
+            rows[name] = moves.first(body) + np.arange(6)
         elif (point := known.index(name)) in held:
             rows[name] = size + 3 * held.index(point) + np.arange(3)
         else:
@@ -119,19 +124,6 @@ def _resolve_names(model: Model, names: Sequence[str]) -> dict[str, np.ndarray]:
                 raise SceneError(f"points: {name!r} is on a rigid body. Use the name of the body")
             rows[name] = 3 * index[0] + np.arange(3)
     return rows
-
-
-@raises_first
-def _check_name(
-    name: str, others: Container[str], known: Sequence[str], bodies: Sequence[str], pinned: Container[int]
-) -> Iterator[Check]:
-    """Check that a name is a point or a body that can be moved, given once."""
-    yield name in others, f"points: {name!r} is given twice; allowed: every point once"
-    if name in bodies:
-        allowed = "allowed: free and fixed points, other bodies"
-        yield bodies.index(name) in pinned, f"points: {name!r} is pinned and cannot be moved; {allowed}"
-    elif name not in known:
-        yield True, f"points: {name!r} is not a point of the scene; {nearest(name, [*known, *bodies])}"
 
 
 def _shifted_residual(
@@ -172,41 +164,34 @@ def stiffness_with_held(model: Model, pose: State, loads: jax.Array) -> csc_arra
 
 
 def _condense(model: Model, pose: State, loads: jax.Array, matrix: csc_array, picked: np.ndarray) -> np.ndarray:
-    """K of some degrees of freedom, all other free ones in equilibrium, fixed points at rest."""
+    """K of some degrees of freedom, all other free ones in equilibrium, fixed points at rest.
+
+    Raises:
+        SceneError: the picked ones load a free motion of the others.
+    """
     others = np.setdiff1d(np.arange(matrix.shape[0] - 3 * model.geometry.ends), picked)
     rows = matrix[picked]
     inner = matrix[others]
     whole = rows[:, picked].toarray()
     if not others.size:
         return whole
-    solve = _solver(model, pose, loads, inner[:, others].tocsc(), others)
-    return whole - rows[:, others] @ solve(inner[:, picked].toarray())
-
-
-def _solver(
-    model: Model, pose: State, loads: jax.Array, matrix: csc_array, nodes: np.ndarray
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Solve with K_ee, refined if these nodes have a free motion; an error if the points load this motion.
-
-    A slack chain on a seabed without friction moves freely across it, which does not affect its fairlead.
-    """
-    factor = factor_softened(model, matrix)
-
-    def solve(right: np.ndarray) -> np.ndarray:
-        x = np.zeros_like(right)
-        left = right
-        for _ in range(REFINEMENTS):
-            x = x + factor.solve(left)
-            left = right - matrix @ x
-            if np.max(np.abs(left), initial=0.0) <= LEFT * np.max(np.abs(right), initial=0.0):
-                return x
-        words = free_motion(model, pose, loads)
-        if not words:
-            node = int(nodes[np.argmax(np.max(np.abs(left), axis=1))]) // 3
-            words = "nothing holds " + ("a body" if model.constraints else name_of(model, node))
-        raise SceneError(f"points: the others have no equilibrium: {words}. Use constrained points")
-
-    return solve
+    right = inner[:, picked].toarray()
+    inner = inner[:, others].tocsc()
+    # refined, since the others may have a free motion: a slack chain on a seabed without friction moves freely across
+    # it, which does not affect its fairlead
+    factor = factor_softened(model, inner)
+    x = np.zeros_like(right)
+    left = right
+    for _ in range(REFINEMENTS):
+        x = x + factor.solve(left)
+        left = right - inner @ x
+        if np.max(np.abs(left), initial=0.0) <= LEFT * np.max(np.abs(right), initial=0.0):
+            return whole - rows[:, others] @ x
+    words = free_motion(model, pose, loads)
+    if not words:
+        node = int(others[np.argmax(np.max(np.abs(left), axis=1))]) // 3
+        words = "nothing holds " + ("a body" if model.constraints else name_of(model, node))
+    raise SceneError(f"points: the others have no equilibrium: {words}. Use constrained points")
 
 
 def _of_bodies(model: Model, pose: State, loads: jax.Array) -> csc_array:
@@ -214,22 +199,20 @@ def _of_bodies(model: Model, pose: State, loads: jax.Array) -> csc_array:
     points."""
     from scipy.sparse import csc_array  # noqa: PLC0415
 
-    where = Coordinates.of(model)
-    constraint = model.constraints[0]
-    held = model.geometry.ends
-    count = where.size
+    moves = BodyMoves(model)
+    count = moves.size
 
     def rows_of(q: jax.Array) -> jax.Array:
-        x, back = jax.vjp(lambda w: where.positions_of(constraint, pose.r, w) - pose.r, q[:count])
-        free, own = _shifted_residual(model, pose, loads, x, q[count:].reshape(held, 3))
+        r, back = jax.vjp(partial(moves.positions, pose.r), q[:count])
+        free, own = _shifted_residual(model, pose, loads, r - pose.r, q[count:].reshape(-1, 3))
         return jnp.concatenate([back(free)[0], own.ravel()])
 
-    matrix = np.asarray(jax.jit(jax.jacfwd(rows_of))(jnp.zeros(count + 3 * held, model.dtype)))
-    reference = np.asarray(constraint.pose(model, pose.r)[0])
-    centre = np.mean(np.asarray(pose.r)[where.corners], axis=1)
+    matrix = np.asarray(jax.jit(jax.jacfwd(rows_of))(jnp.zeros(count + 3 * model.geometry.ends, model.dtype)))
+    reference = np.asarray(moves.constraint.pose(model, pose.r)[0])
+    centre = np.mean(np.asarray(pose.r)[moves.corners], axis=1)
     turn = np.eye(len(matrix))
-    for i in np.flatnonzero(~where.pinned):
-        first = where.first(i)
-        a, b, c = centre[i] - reference[i]  # the centre moves by w x arm as the body turns about its reference
-        turn[first : first + 3, first + 3 : first + 6] = [[0.0, c, -b], [-c, 0.0, a], [b, -a, 0.0]]
+    for i in np.flatnonzero(~moves.pinned):
+        first = moves.first(i)
+        # the centre moves by w x arm as the body turns about its reference
+        turn[first : first + 3, first + 3 : first + 6] = np.cross(centre[i] - reference[i], np.eye(3))
     return csc_array(turn.T @ matrix @ turn)

@@ -21,6 +21,7 @@ import numpy as np
 
 from dropper_jax.axial import AxialLaw
 from dropper_jax.backend.programs import cached_jit
+from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.bending import CRUSHED
 from dropper_jax.model import Model, State, state
 from dropper_jax.residual import Unknowns
@@ -101,11 +102,9 @@ def _rounding(model: Model) -> float:
 
 def plane_normal(model: Model, s: State) -> np.ndarray | None:
     """Unit normal of the one plane that contains all links; None without such a plane."""
-    links = np.asarray(RestProblem(model, s, jnp.zeros_like(s.r)).link_vectors(jnp.zeros_like(s.r)))
-    _, size, directions = np.linalg.svd(links, full_matrices=False)
+    _, size, directions = np.linalg.svd(model.links(s.r, model.ends(s.t)), full_matrices=False)
     # distance of the links from a plane, or a line, relative to their length
-    flat = len(size) > 2 and size[2] < 1e-9 * size[0] < 1e-3 * size[1]
-    if flat:
+    if len(size) > 2 and size[2] < 1e-9 * size[0] < 1e-3 * size[1]:
         return directions[2]
     return None
 
@@ -133,11 +132,9 @@ def softest(model: Model, s: State, normal: np.ndarray | None = None) -> tuple[f
     if values[0] < 0.0 and np.max(np.abs(k - k.T)) > UNSYMMETRIC * np.max(np.abs(k)):
         # drag turns with the links: a cycle of displacements may gain or lose energy
         values, vectors = np.linalg.eig(k)
-        values = values.real
-        vectors = vectors.real
-    least = int(np.argmin(values))
-    way = (motions @ vectors[:, least]).reshape(s.r.shape)
-    return float(values[least]), way / np.max(np.abs(way))
+    least = np.argmin(values.real)
+    motion = (motions @ vectors[:, least].real).reshape(s.r.shape)
+    return float(values[least].real), motion / np.max(np.abs(motion))
 
 
 #: The first displacement from an unstable equilibrium, in lengths of a link.
@@ -182,7 +179,7 @@ def correct_pose(
     kappa."""
     # maximum displacement of a node in one iteration, in mean link lengths
     soft = soft_scale(moves.model)
-    reach = 1.0 * jnp.mean(moves.model.line.length)
+    reach = jnp.mean(moves.model.line.length)
     rows_at = partial(moves.rows, s, loads)
     rows, linear = jax.linearize(rows_at, moves.none)
     dx = -moves.tangent.factor(linear, kappa, rows)(rows, False)
@@ -193,7 +190,7 @@ def correct_pose(
 
     def overshoots(trial: tuple[jax.Array, ...]) -> jax.Array:
         share, along, _ = trial
-        return ~(along >= allowed) & (share > (LEAST_SHARE))
+        return ~(along >= allowed) & (share > LEAST_SHARE)
 
     def shorter(trial: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
         share = 0.5 * trial[0]
@@ -357,8 +354,7 @@ def _advise_elastic(model: Model, s: State) -> str:
     """What to do about links that collapse because lines with bending stiffness have none in compression; or empty."""
     if model.effect("bending") is None:
         return ""
-    size = np.linalg.norm(np.asarray(model.links(s.r, model.ends(s.t))), axis=1)
-    shortest = float(np.min(size / np.asarray(model.line.length)))
+    shortest = float(jnp.min(safe_norm(model.links(s.r, model.ends(s.t))) / model.line.length))
     if shortest >= CRUSHED:
         return ""
     return f". A link is compressed to {shortest:.1%} of its length: use axial law 'elastic' with bending"

@@ -61,21 +61,13 @@ def _halve_rows(lower: jax.Array, diagonal: jax.Array, upper: jax.Array, rhs: ja
     low = lower[1::2] * pivot
     up = upper[1::2] * pivot
     b = rhs[1::2] * pivot
-    low0 = _shift_rows(low, 1, even)
-    up0 = _shift_rows(up, 1, even)
-    b0 = _shift_rows(b, 1, even)
-    low1 = _shift_rows(low, 0, even)
-    up1 = _shift_rows(up, 0, even)
-    b1 = _shift_rows(b, 0, even)
+    low0, up0, b0 = (_shift_rows(part, 1, even) for part in (low, up, b))
+    low1, up1, b1 = (_shift_rows(part, 0, even) for part in (low, up, b))
     left = lower[0::2]
     right = upper[0::2]
     own = diagonal[0::2] - right * low1 - left * up0
     kept = _halve_rows(-left * low0, own, -right * up1, rhs[0::2] - right * b1 - left * b0, target)
-    if even > odd:
-        following = kept[1 : odd + 1]
-    else:
-        following = _shift_rows(kept[1:], 0, odd)
-    between = b - low * kept[:odd] - up * following
+    between = b - low * kept[:odd] - up * _shift_rows(kept[1:], 0, odd)
     return jnp.stack([kept, _shift_rows(between, 0, even)], axis=1).reshape(2 * even)[:n]
 
 

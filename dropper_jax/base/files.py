@@ -12,6 +12,7 @@ import json
 import os
 import re
 import secrets
+import shutil
 import socket
 import tempfile
 import time
@@ -99,16 +100,10 @@ def atomic_write(path: str | Path, content: bytes | str | Callable[[BinaryIO], o
 
 def unwritable(path: Path, error: Exception) -> OSError:
     """The same error with the name of the target file."""
-    if isinstance(error, OSError):
-        number = error.errno
-        reason = error.strerror
-    else:
-        number = None
-        reason = None
-    reason = " ".join(str(reason or error).split())
+    reason = " ".join(str(getattr(error, "strerror", None) or error).split())
     if not reason.startswith("cannot be written"):
         reason = f"cannot be written: {reason}"
-    return OSError(number, reason, str(path))
+    return OSError(getattr(error, "errno", None), reason, str(path))
 
 
 def part_prefix(path: Path) -> str:
@@ -126,16 +121,14 @@ def remove_leftovers(path: Path) -> list[Path]:
 
 def leftovers(path: Path) -> list[Path]:
     """The unfinished files and folders that ended processes left for `path`."""
-    begins = f".{path.name}."
-    written = re.compile(rf"(\w+)-(\d+)-.*{re.escape(PART)}")
-    removed = []
+    written = re.compile(rf"\.{re.escape(path.name)}\.(\w+)-(\d+)-.*{re.escape(PART)}")
+    found = []
     with suppress(OSError):
-        for name in [name for name in os.listdir(path.parent) if name.startswith(begins)]:
-            found = written.fullmatch(name.removeprefix(begins))
-            item = path.parent / name
-            if found and _is_left(item, found[1], int(found[2])):
-                removed.append(item)
-    return removed
+        for item in path.parent.iterdir():
+            name = written.fullmatch(item.name)
+            if name and _is_left(item, name[1], int(name[2])):
+                found.append(item)
+    return found
 
 
 #: Larger than any process number: not written by this package.
@@ -173,9 +166,7 @@ def remove(item: Path) -> None:
     """Remove a file, or a folder with all its contents, as far as possible."""
     with suppress(OSError):
         if item.is_dir() and not item.is_symlink():
-            for inner in item.iterdir():
-                remove(inner)
-            item.rmdir()
+            shutil.rmtree(item, ignore_errors=True)
         else:
             item.unlink()
 
@@ -212,12 +203,9 @@ def find_referenced(text: str | Path, path: str, base: Path | None = None) -> Pa
     folder = _FOLDER.get()
     if "\0" in str(text):
         raise SceneError(f"{path}: {str(text)[:60]!r} is not a valid file name (contains NUL)")
-    if base is None:
-        if folder is not None and (folder / text).exists():
-            base = folder
-        else:
-            base = Path()
-    found = base / text
+    found = (base or Path()) / text
+    if base is None and folder is not None and (folder / text).exists():
+        found = folder / text
     if folder is None:
         return found
     try:

@@ -99,9 +99,9 @@ def upright(z: jax.Array) -> jax.Array:
 
 
 @trace_once
-def safe_norm(x: jax.Array, floor: float = 1e-30) -> jax.Array:
+def safe_norm(x: jax.Array) -> jax.Array:
     """|x| of 3-vectors (..., 3), with finite derivatives at zero (the floor is 1e-15 in |x|)."""
-    return jnp.sqrt(dot(x, x) + jnp.asarray(floor, x.dtype))
+    return jnp.sqrt(dot(x, x) + jnp.asarray(1e-30, x.dtype))
 
 
 def time_just_after(t: jax.Array, side: float = 1.0) -> jax.Array:

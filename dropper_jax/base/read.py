@@ -163,7 +163,7 @@ def limits(declared: Values) -> str:
 
 def read_number(value: Plain, path: str, declared: Values, allowed: str | None = None) -> float:
     """A finite number within its range; a truth value is not a number."""
-    allowed = allowed or f"a number {limits(declared) or _in_unit(declared)}".rstrip()
+    allowed = allowed or "a number" + _range(" ", declared)
     if isinstance(value, bool | np.bool_) or not isinstance(value, numbers.Real):
         raise refuse(path, value, "is not a number", allowed)
     number = math.inf
@@ -179,11 +179,12 @@ def read_number(value: Plain, path: str, declared: Values, allowed: str | None =
     return number
 
 
-def _in_unit(declared: Values) -> str:
-    unit = declared.get("unit", "-")
-    if unit == "-":
-        return ""
-    return f"in {unit}"
+def _range(before: str, declared: Values) -> str:
+    """The allowed range, or the unit, after some words; empty without either."""
+    words = limits(declared)
+    if not words and declared.get("unit", "-") != "-":
+        words = f"in {declared['unit']}"
+    return before + words if words else ""
 
 
 def rises(values: Sequence[float] | np.ndarray, least: int = 1) -> bool:
@@ -230,8 +231,7 @@ def read_list(value: Plain, path: str, count: int | None, allowed: str) -> list[
 def read_parameter(value: Plain, path: str, declared: Values, counts: Mapping[str, int]) -> float | np.ndarray:
     """A number as float, anything longer as an array of the declared shape."""
     shape = declared["shape"]
-    each = limits(declared) or _in_unit(declared)
-    each = f", each {each}" if each else ""
+    each = _range(", each ", declared)
     value = plain(value)
     if shape == "number" or (shape == "numbers" and not isinstance(value, list)):
         return read_number(value, path, declared)
@@ -264,17 +264,14 @@ def read_option(value: Plain, path: str, declared: Values) -> str | int | bool |
     texts."""
     kind = declared.get("type")
     choices = declared.get("choices")
-    if kind in (Pairs, tuple, list):
-        items = enumerate(read_list(value, path, None, LISTS[kind]))
-        if kind is tuple:
-            return tuple(read_integer(item, f"{path}.{i}", declared.get("low")) for i, item in items)
-        if kind is list:
-            return tuple(read_text(item, f"{path}.{i}") for i, item in items)
-        pairs = [(i, read_list(item, f"{path}.{i}", 2, "two names")) for i, item in items]
-        found = []
-        for i, two in pairs:
-            found.append(tuple(read_text(name, f"{path}.{i}.{j}") for j, name in enumerate(two)))
-        return tuple(found)
+    if kind in LISTS:
+        read = {
+            tuple: partial(read_integer, low=declared.get("low")),
+            list: read_text,
+            Pairs: _read_pair,
+        }[kind]
+        items = read_list(value, path, None, LISTS[kind])
+        return tuple(read(item, f"{path}.{i}") for i, item in enumerate(items))
     if kind is int:
         return read_integer(value, path, declared.get("low"), declared.get("high"))
     if kind is bool:
@@ -282,6 +279,11 @@ def read_option(value: Plain, path: str, declared: Values) -> str | int | bool |
             raise refuse(path, value, "is not a truth value", "true, false")
         return value
     return read_text(value, path, choices)
+
+
+def _read_pair(value: Plain, path: str) -> tuple[str, ...]:
+    names = read_list(value, path, 2, "two names")
+    return tuple(read_text(name, f"{path}.{i}") for i, name in enumerate(names))
 
 
 def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -> Table:
@@ -302,10 +304,7 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
     values = {}
     for key, field in declared.items():
         if key in table:
-            if field.metadata["kind"] == "parameter":
-                read = partial(read_parameter, counts=counts)
-            else:
-                read = read_option
+            read = partial(read_parameter, counts=counts) if field.metadata["kind"] == "parameter" else read_option
             values[field.name] = read(table[key], join(path, key), field.metadata)
         elif field.default is dataclasses.MISSING:
             raise SceneError(f"{join(path, key)}: missing; needed: {_describe_missing(field)}")
@@ -313,7 +312,7 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
             values[field.name] = np.array(field.default, float)
         else:
             values[field.name] = field.default
-    for key, field in _part_fields(cls).items():
+    for key, field in declared_fields(cls, "part").items():
         if table.get(key) is not None:
             values[field.name] = field.metadata["part"](table[key], join(path, key))
     return values
@@ -321,8 +320,7 @@ def read_fields(cls: type, table: Plain, path: str, counts: Mapping[str, int]) -
 
 def _describe_missing(field: dataclasses.Field) -> str:
     """Meaning, unit and range of a missing field."""
-    words = limits(field.metadata) or _in_unit(field.metadata)
-    return field.metadata["meaning"] + (f", {words}" if words else "")
+    return field.metadata["meaning"] + _range(", ", field.metadata)
 
 
 def read_items(
@@ -361,22 +359,14 @@ def read_positions(value: Plain, path: str) -> dict[str, np.ndarray]:
     return found
 
 
-def declared_fields(cls: type) -> dict[str, dataclasses.Field]:
-    """All declared numbers, texts and choices by their names in a table."""
-    return _fields_with("kind", cls)
-
-
-def _part_fields(cls: type) -> dict[str, dataclasses.Field]:
-    return _fields_with("part", cls)
-
-
-def _fields_with(word: str, cls: type) -> dict[str, dataclasses.Field]:
+def declared_fields(cls: type, word: str = "kind") -> dict[str, dataclasses.Field]:
+    """All declared numbers, texts and choices by their names in a table; with the word `part` the parts."""
     return {f.metadata.get("key") or f.name: f for f in dataclasses.fields(cls) if word in f.metadata}
 
 
 def section_keys(cls: type) -> list[str]:
     """Names of all values of a section in its table."""
-    return [*declared_fields(cls), *_part_fields(cls)]
+    return [*declared_fields(cls), *declared_fields(cls, "part")]
 
 
 def as_table(spec: Declared) -> Table:
@@ -386,7 +376,7 @@ def as_table(spec: Declared) -> Table:
         value = plain(getattr(spec, field.name))
         if value is not None:
             found[key] = value
-    for key, field in _part_fields(type(spec)).items():
+    for key, field in declared_fields(type(spec), "part").items():
         value = plain(getattr(spec, field.name))
         if value:
             found[key] = value

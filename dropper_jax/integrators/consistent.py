@@ -127,38 +127,30 @@ def jumps(model: Model, t: jax.Array, h: jax.Array) -> jax.Array | None:
     return jnp.any((kinks >= low) & (kinks <= high))
 
 
-def sawtooth_grows(model: Model) -> bool:
-    """Whether something may excite velocities along rigid links that change sign at every step.
+def sawtooth_grows(model: Model) -> jax.Array | None:
+    """Whether something excites velocities along rigid links that change sign at every step; None if nothing may.
 
     Added mass of Morison's form turns with its link and contributes `1/2 v' M_a' v`. Such a velocity grew from rounding
     error to ten times all others within ten minutes of a regular wave, for any step.
     """
-    return not model.line.axial.elastic and bool(_turning(model))
-
-
-def feeds_sawtooth(model: Model) -> jax.Array:
-    """Whether it actually does so, according to its coefficients."""
-    return jnp.any(jnp.stack([e.gains() for e in _turning(model)]))
-
-
-def _turning(model: Model) -> list[TurningMass]:
-    return [e for e in model.having(TurningMass) if e.turns]
+    turning = [e for e in model.having(TurningMass) if e.turns]
+    if model.line.axial.elastic or not turning:
+        return None
+    return jnp.any(jnp.stack([e.gains() for e in turning]))
 
 
 def after_jump(k: Kinematics, end_acceleration: jax.Array, h: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Velocities (nodes, 3) [m/s] from which midpoint steps of h continue smoothly, and impulses (n,) [N s] to them."""
     v, first = consistent(k, added=True)
     k = k.with_velocity(v)
-    a, _ = instant(k, end_acceleration)
-    bend = jnp.sum(k.link_velocities * k.model.geometry.differences(a, end_acceleration), axis=-1)
-    v, second = consistent(k, True, 0.25 * h**2 * bend / k.line.length)
+    v, second = after_change_of_step(k, instant(k, end_acceleration)[0], end_acceleration, h)
     return v, first + second
 
 
 def after_change_of_step(
     k: Kinematics, acceleration: jax.Array, end_acceleration: jax.Array | None, h: jax.Array
-) -> jax.Array:
-    """Velocities (nodes, 3) [m/s] from which midpoint steps of h continue smoothly after one of another length.
+) -> tuple[jax.Array, jax.Array]:
+    """The same after a step of another length.
 
     The smooth rates `d . d' = h^2 d' . d''/4` belong to a length of steps. With those of a step h0 rates along rigid
     links change sign at every step, and tensions alternate by `m (h0^2 - h^2)/h d' . d''/2` for ever. The energy of
@@ -169,7 +161,7 @@ def after_change_of_step(
         end_acceleration: of moving ends (held, 3) [m/s^2].
     """
     bend = jnp.sum(k.link_velocities * k.model.geometry.differences(acceleration, end_acceleration), axis=-1)
-    return consistent(k, True, 0.25 * h**2 * bend / k.line.length)[0]
+    return consistent(k, True, 0.25 * h**2 * bend / k.line.length)
 
 
 def consistent_velocity(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> jax.Array:

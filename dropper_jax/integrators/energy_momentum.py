@@ -20,7 +20,6 @@ from dropper_jax.integrators.consistent import (
     after_change_of_step,
     after_jump,
     consistent_velocity,
-    feeds_sawtooth,
     jumps,
     sawtooth_grows,
 )
@@ -60,12 +59,9 @@ class EnergyMomentum(Implicit):
         return s
 
     def change_step(self, model: Model, s: State, h: jax.Array) -> State:
-        ends = model.ends(s.t)
-        k = model.instant(s.r, s.v, s.t, ends)
-        end_acceleration = None
-        if model.moving:
-            end_acceleration = model.end_acceleration(s.t)
-        return replace(s, v=after_change_of_step(k, s.acceleration, end_acceleration, h))
+        end_acceleration = model.end_acceleration(s.t) if model.moving else None
+        v, _ = after_change_of_step(model.instant(s.r, s.v, s.t), s.acceleration, end_acceleration, h)
+        return replace(s, v=v)
 
     def equations(self, model: Model, s: State, h: jax.Array) -> MidpointProblem:
         return MidpointProblem(model, s, h, self.weighting, alone=len(self.stages) == 1)
@@ -148,13 +144,12 @@ class MidpointProblem(StepProblem):
         """Forces (nodes, 3) [N] of the unknowns of laws and constraints, and the rows that determine them."""
         model = self.model
         force, rows = self.law_rows(mid, z)
-        constraints = tuple(zip(model.constraints, z[len(rows) :], strict=True))
         middle = mid.r + (0.5 - self.gamma) * self.h * mid.v
         end = mid.r + (1.0 - self.gamma) * self.h * mid.v
-        force = force + sum(
-            constraint.constraint_force(model, middle, multipliers) for constraint, multipliers in constraints
-        )
-        return force, rows + tuple(constraint.gap(model, end) for constraint, _ in constraints)
+        for constraint, multipliers in zip(model.constraints, z[len(rows) :], strict=True):
+            force = force + constraint.constraint_force(model, middle, multipliers)
+            rows = (*rows, constraint.gap(model, end))
+        return force, rows
 
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
         line = self.model.line
@@ -166,9 +161,7 @@ class MidpointProblem(StepProblem):
         r1 = s.r + (h * s.v + u.x)
         v1, stopped = self._end_velocity(u, r1)
         v1, impulse, struck = self._after_jumps(r1, v1)
-        tension = u.y
-        if impulse is not None:
-            tension = u.y + impulse / h
+        tension = u.y if impulse is None else u.y + impulse / h
         return self.end_state(
             r=r1,
             v=v1,
@@ -188,10 +181,7 @@ class MidpointProblem(StepProblem):
             return v1, {}
         middle = self.instant(u.x)
         after = model.kinematics(r1, v1, s.t + h, self.ends1, prepared=self.prepared)
-        if all(law.node_local for law in model.laws):
-            stop = stop_held_nodes
-        else:
-            stop = stop_held_joints
+        stop = stop_held_nodes if all(law.node_local for law in model.laws) else stop_held_joints
         v1, taken = stop(model, u.z[: len(model.laws)], middle, after, h)
         return v1, {model.laws[0].name: taken}
 
@@ -200,8 +190,9 @@ class MidpointProblem(StepProblem):
         work."""
         model = self.model
         jumped = jumps(model, self.s.t, self.h)
-        if self.alone and sawtooth_grows(model) and self.gamma == 0.5:  # a shifted midpoint damps it
-            rings = feeds_sawtooth(model) & (self._sawtooth(r1, v1) > (RINGING_SPEED**2))
+        grows = sawtooth_grows(model)
+        if grows is not None and self.alone and self.gamma == 0.5:  # a shifted midpoint damps it
+            rings = grows & (self._sawtooth(r1, v1) > RINGING_SPEED**2)
             jumped = rings if jumped is None else jumped | rings
         if jumped is None:
             return v1, None, {}
@@ -214,13 +205,9 @@ class MidpointProblem(StepProblem):
 
         kept = v1, jnp.zeros_like(self.s.tension), jnp.zeros((), v1.dtype)
         v, impulse, gained = jax.lax.cond(jumped, project, lambda: kept)
-        return v, impulse, {self._booked_as(): gained}
-
-    def _booked_as(self) -> str:
-        """Name under which projections are recorded: as work of moving ends, otherwise of what excites the sawtooth."""
-        if self.model.moving:
-            return MOVING_ENDS
-        return next(turning(e) for e in self.model.having(AddedMass))
+        # work of moving ends, otherwise of what excites the sawtooth
+        name = MOVING_ENDS if model.moving else turning(model.having(AddedMass)[0])
+        return v, impulse, {name: gained}
 
     def _sawtooth(self, r1: jax.Array, v1: jax.Array) -> jax.Array:
         """Maximum rate of stretch that changes sign at every step, divided by the fastest link's speed, a scalar."""

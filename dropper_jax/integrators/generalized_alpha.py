@@ -106,11 +106,9 @@ class GeneralizedAlpha(Implicit):
 
     def equations(self, model: Model, s: State, h: jax.Array) -> GeneralizedAlphaProblem:
         # a state that another function has made: each step computes the accelerations at its start
-        if s.carries_acceleration:
-            start = s
-        else:
-            start = replace(self.begin(model, s), carries_acceleration=False)
-        return GeneralizedAlphaProblem(model, start, h, self.rho_infinity)
+        if not s.carries_acceleration:
+            s = replace(self.begin(model, s), carries_acceleration=False)
+        return GeneralizedAlphaProblem(model, s, h, self.rho_infinity)
 
 
 class GeneralizedAlphaProblem(StepProblem):
@@ -131,11 +129,17 @@ class GeneralizedAlphaProblem(StepProblem):
         zero = jnp.zeros_like(s.r)
         predicted = self._kinematics(zero)
         self.prepared = model.prepare(predicted)
+        #: Link vectors (n, 3) [m] at the end of the step and their rates [m/s] at t_f, for x = 0.
         self.straight = self.link_vectors(zero), predicted.link_velocities
 
     def _acceleration(self, x: jax.Array) -> jax.Array:
         """a1 (nodes, 3) [m/s^2]."""
         return (x / self.h**2 - (0.5 - self.beta) * self.s.acceleration) / self.beta
+
+    def _mean_acceleration(self, x: jax.Array) -> jax.Array:
+        """(1 - am) a1 + am a0 (nodes, 3) [m/s^2]."""
+        old = self.s.acceleration
+        return old + self.new_a * (self._acceleration(x) - old)
 
     def _velocity(self, x: jax.Array) -> jax.Array:
         """v1 (nodes, 3) [m/s]."""
@@ -158,25 +162,19 @@ class GeneralizedAlphaProblem(StepProblem):
     def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         """Inertia minus forces (nodes, 3) [N], without tensions, and the rows of laws."""
         k = self.instant(x)
-        old = self.s.acceleration
-        a = old + self.new_a * (self._acceleration(x) - old)
         force, laws = self.law_rows(k, z)
-        return self.model.inertia(k, a, self.end_acceleration) - self.model.force(k) - force, laws
+        inertia = self.model.inertia(k, self._mean_acceleration(x), self.end_acceleration)
+        return inertia - self.model.force(k) - force, laws
 
     def link_vectors(self, x: jax.Array) -> jax.Array:
         return self.model.links(self.s.r + (self.h * self.s.v + x), self.ends1)
 
-    def _links_at_f(self, links1: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """Link vectors (n, 3) [m] and their rates [m/s] at t_f, from link vectors at the end of the step."""
-        links, rates = self.straight
-        gain = self.new_f * self.gamma / (self.beta * self.h)
-        return self.links0 + self.new_f * (links1 - self.links0), rates + gain * (links1 - links)
-
     def link_rows(self, d: jax.Array, y: jax.Array) -> tuple[jax.Array, jax.Array]:
-        axial = self.model.line.axial
-        length = self.model.line.length
-        d, rate = self._links_at_f(d)
-        return (y / safe_norm(d))[:, None] * d, axial.instant(d, rate, y, length)
+        line = self.model.line
+        straight, straight_rate = self.straight
+        rate = straight_rate + self.new_f * self.gamma / (self.beta * self.h) * (d - straight)
+        d = self.links0 + self.new_f * (d - self.links0)
+        return (y / safe_norm(d))[:, None] * d, line.axial.instant(d, rate, y, line.length)
 
     def finish(self, u: Unknowns) -> State:
         s = self.s
@@ -208,11 +206,8 @@ class GeneralizedAlphaProblem(StepProblem):
 
     def _powers(self, u: Unknowns, stopping: jax.Array) -> jax.Array:
         """Mean powers (k,) [W] over the step: forces at t_f times the nodes' motion, and the stopping of nodes."""
-        k = self.instant(u.x)
-        old = self.s.acceleration
-        a = old + self.new_a * (self._acceleration(u.x) - old)
-        k = k.with_velocity(self.s.v + u.x / self.h)
+        k = self.instant(u.x).with_velocity(self.s.v + u.x / self.h)
         laws = {law.name: jnp.sum(law.law_force(k, z) * k.v) for law, z in zip(self.model.laws, u.z, strict=True)}
         if laws:
             laws[self.model.laws[0].name] += stopping
-        return powers(self.model, k, u.y, a, laws)
+        return powers(self.model, k, u.y, self._mean_acceleration(u.x), laws)

@@ -20,20 +20,20 @@ both, each by the smallest change in the mass metric.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 
-from dropper_jax.backend.tridiagonal import cyclic_reduction
-from dropper_jax.base.numerics import components, dot, time_just_after
+from dropper_jax.base.numerics import dot, time_just_after
 from dropper_jax.integrators.runge_kutta import powers
-from dropper_jax.model import Model, State, book_works, work_names
-from dropper_jax.model.model import MOVING_ENDS
+from dropper_jax.model import MOVING_ENDS, Model, State, book_works
 from dropper_jax.residual import Embedded, point_masses_only
-from dropper_jax.solvers.condensed import ConstraintMatrix
+from dropper_jax.solvers.condensed import solve_multipliers
 
 
 class Moving(NamedTuple):
@@ -54,44 +54,30 @@ def moving(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) 
     ends = model.end_acceleration(t) if model.moving else None
     rate = k.link_velocities
     rhs = dot(unit, model.geometry.differences(loose, ends)) + dot(rate, rate) / model.line.length
-    tension = _solve_multipliers(unit, inverse, rhs)
+    tension = solve_multipliers(unit, inverse, rhs)
     a = loose + model.tension_force(tension, unit) * inverse[:, None]
-    if track and work_names(model):
-        power = powers(model, k, tension, a)
-    else:
-        power = jnp.zeros(0, r.dtype)
+    power = powers(model, k, tension, a) if track else jnp.zeros(0, r.dtype)
     return Moving(a, tension, power)
 
 
 def on_links(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Positions after one Newton correction of the lengths, and velocities (nodes, 3) that stretch no link there."""
-    ends = model.ends(t)
     length = model.line.length
     inverse = 1.0 / model.node_mass
-    unit = model.links(r, ends) / length[:, None]
+    unit = model.links(r, model.ends(t)) / length[:, None]
     gap = 0.5 * length * (dot(unit, unit) - 1.0)
-    r = r + model.tension_force(_solve_multipliers(unit, inverse, gap), unit) * inverse[:, None]
-    return r, v + _impact_change(model, r, v, t)[0]
+    r = r + model.tension_force(solve_multipliers(unit, inverse, gap), unit) * inverse[:, None]
+    return r, apply_jump(model, r, v, t)[0]
 
 
 def apply_jump(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Velocities (nodes, 3) after prescribed points take their velocities at t, and impulses in the links (n, 3) [N
     s]."""
-    change, impulse = _impact_change(model, r, v, t)
-    return v + change, impulse
-
-
-def _impact_change(model: Model, r: jax.Array, v: jax.Array, t: jax.Array) -> tuple[jax.Array, jax.Array]:
     ends = model.ends(t)
     inverse = 1.0 / model.node_mass
     unit = model.links(r, ends) / model.line.length[:, None]
-    impulse = _solve_multipliers(unit, inverse, dot(unit, model.rates(v, ends)))
-    return model.tension_force(impulse, unit) * inverse[:, None], impulse[:, None] * unit
-
-
-def _solve_multipliers(unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -> jax.Array:
-    """y of `(G M^-1 G') y = rhs`, the rows of G the vectors `unit` (n, 3); `inverse` are 1/m of the free nodes."""
-    return cyclic_reduction(*ConstraintMatrix.of(inverse, components(unit), components(unit)), rhs)
+    impulse = solve_multipliers(unit, inverse, dot(unit, model.rates(v, ends)))
+    return v + model.tension_force(impulse, unit) * inverse[:, None], impulse[:, None] * unit
 
 
 @dataclass(frozen=True)
@@ -130,38 +116,36 @@ class ProjectedRungeKutta(Embedded):
         if model.moving:
             s = _after_jump(model, s, track)
         stages = len(self.b)
-        table = np.zeros((stages + 1, stages + 1))
-        errors = np.zeros((len(self.errors), stages + 1))
-        for i, row in enumerate((*self.a, self.b), start=1):
-            table[i, : len(row)] = row
-        for i, row in enumerate(self.errors):
-            errors[i, : len(row)] = row
+        table = _fill_rows([(), *self.a, self.b], stages + 1)
+        errors = _fill_rows(self.errors, stages + 1)
         dtype = s.r.dtype
         rows = jnp.asarray(table, dtype)
         # the last time is beyond the end of the step, at which it is cut
         times = jnp.asarray([*table.sum(axis=1)[:stages], 2.0], dtype)
         low = time_just_after(s.t)
         high = time_just_after(s.t + h, -1.0)
-        start = _flat(s.r, s.v, s.work)
+        start, split = ravel_pytree((s.r, s.v, s.work))
 
         def end(y: jax.Array) -> jax.Array:
-            r, v, work = _split(model, y)
-            return _flat(*on_links(model, r, v, high), work)
+            r, v, work = split(y)
+            return ravel_pytree((*on_links(model, r, v, high), work))[0]
 
         def stage(i: jax.Array, carry: tuple[jax.Array, ...]) -> tuple[jax.Array, ...]:
             slopes = carry[0]
             y = start + h * _combine_slopes(jax.lax.dynamic_index_in_dim(rows, i, keepdims=False), slopes)
             y = jax.lax.cond(i == stages, end, lambda y: y, y)
             # a jump at the start of the step has already happened, one at its end happens after it
-            rate, tension = _rate(model, jnp.clip(s.t + times[i] * h, low, high), y, track)
-            return jax.lax.dynamic_update_index_in_dim(slopes, rate, i, axis=0), y, tension
+            r, v, _ = split(y)
+            now = moving(model, r, v, jnp.clip(s.t + times[i] * h, low, high), track)
+            rate, _ = ravel_pytree((v, now.acceleration, now.power))
+            return jax.lax.dynamic_update_index_in_dim(slopes, rate, i, axis=0), y, now.tension
 
         # A loop, not twelve successive stages: XLA would fuse each stage into all that use it and recompute it for
         # every one (1.8 times as slow, and 20 s to compile). The last round is the end of the step.
         empty = jnp.zeros((stages + 1, *start.shape), dtype), start, s.tension
         slopes, y, tension = jax.lax.fori_loop(0, stages + 1, stage, empty)
-        r, v, work = _split(model, y)
-        size = 6 * model.free_nodes
+        r, v, work = split(y)
+        size = 2 * r.size
         known = jax.lax.stop_gradient(slopes[:, :size])
         guesses = [h * _combine_slopes(jnp.asarray(e, dtype), known).reshape(2, -1, 3) for e in errors]
         acceleration = slopes[stages, size // 2 : size].reshape(r.shape)
@@ -184,35 +168,21 @@ class ProjectedRungeKutta(Embedded):
         return squares[0] / jnp.sqrt(squares[0] + 0.01 * squares[1] + jnp.finfo(v.dtype).tiny)
 
 
+def _fill_rows(rows: Sequence[Sequence[float]], size: int) -> np.ndarray:
+    """Rows of unequal length with zeros at their ends (rows, size)."""
+    return np.array([np.pad(row, (0, size - len(row))) for row in rows])
+
+
 def _after_jump(model: Model, s: State, track: bool) -> State:
     """The state after prescribed points took their velocities at its time; their impulse is recorded."""
     v, impulse = apply_jump(model, s.r, s.v, time_just_after(s.t))
     if not track:
         return replace(s, v=v)
     before = model.ends(time_just_after(s.t, -1.0))
-    after = model.ends(time_just_after(s.t, 1.0))
-    if before.velocities is None or after.velocities is None:
-        return replace(s, v=v)
+    after = model.ends(time_just_after(s.t))
     mean = before._replace(velocities=0.5 * (before.velocities + after.velocities))
     work = s.work + book_works(model, {MOVING_ENDS: model.end_powers(impulse, mean)[MOVING_ENDS]})
     return replace(s, v=v, work=work)
-
-
-def _rate(model: Model, t: jax.Array, y: jax.Array, track: bool) -> tuple[jax.Array, jax.Array]:
-    r, v, _ = _split(model, y)
-    now = moving(model, r, v, t, track)
-    return _flat(v, now.acceleration, now.power), now.tension
-
-
-def _flat(*parts: jax.Array) -> jax.Array:
-    return jnp.concatenate([part.ravel() for part in parts])
-
-
-def _split(model: Model, y: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Positions and velocities (nodes, 3), and work (w,), of y."""
-    nodes = model.free_nodes
-    r, v, work = jnp.split(y, (3 * nodes, 6 * nodes))
-    return r.reshape(nodes, 3), v.reshape(nodes, 3), work
 
 
 def _combine_slopes(weights: jax.Array, slopes: jax.Array) -> jax.Array:

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 import jax
 
-from dropper_jax.backend.tridiagonal import solve_tridiagonal
-from dropper_jax.base.numerics import components, dot
+from dropper_jax.base.numerics import dot
 from dropper_jax.model import Kinematics, Model, State, book_works
 from dropper_jax.residual import Implicit, NodeRows, PerLaw, SpeedProblem, Unknowns
-from dropper_jax.solvers.condensed import ConstraintMatrix
+from dropper_jax.solvers.condensed import solve_multipliers
 
 
 @dataclass(frozen=True)
@@ -48,21 +47,17 @@ class RattleProblem(SpeedProblem):
         s = self.s
         return self.model.kinematics(s.r, v, s.t, self.ends0, prepared=self.prepared)
 
-    def _end_kinematics(self, v: jax.Array) -> Kinematics:
-        s = self.s
-        h = self.h
-        return self.model.instant(s.r + h * v, v, s.t + h, self.ends1)
-
     def node_rows(self, x: jax.Array, z: PerLaw) -> NodeRows:
         return (2 / self.h) * self.mass[:, None] * (x - self.s.v) - self.model.force(self._start_kinematics(x)), ()
 
     def finish(self, u: Unknowns) -> State:
         model = self.model
         h = self.h
-        after = self._end_kinematics(u.x)
+        after = model.instant(self.s.r + h * u.x, u.x, self.s.t + h, self.ends1)
         pull1 = self.unit_forces(after.links)
         loose = u.x + 0.5 * h * model.force(after) / self.mass[:, None]
-        mu = self._velocity_tensions(pull1, loose)
+        # d1 . (rate of the links) = 0 after the second half kick
+        mu = solve_multipliers(pull1, 0.5 * h / self.mass, dot(pull1, model.rates(loose, self.ends1)))
         v1 = loose + 0.5 * h * model.tension_force(mu, pull1) / self.mass[:, None]
         # the next half step has the same nodal forces, and tensions that continue from these
         onward = 2 * (v1 - u.x) / h + model.tension_force(mu - u.y, pull1) / self.mass[:, None]
@@ -73,12 +68,6 @@ class RattleProblem(SpeedProblem):
             acceleration=jax.lax.stop_gradient(onward),
             work=lambda: self._work(u, after, pull1, mu),
         )
-
-    def _velocity_tensions(self, direction: jax.Array, v: jax.Array) -> jax.Array:
-        """mu such that `d1 . (rate of the links) = 0` after its half kick: a tridiagonal system, linear."""
-        unit = components(direction)
-        matrix = ConstraintMatrix.of(0.5 * self.h / self.mass, unit, unit)
-        return solve_tridiagonal(*matrix, dot(direction, self.model.rates(v, self.ends1)))
 
     def _work(self, u: Unknowns, after: Kinematics, pull1: jax.Array, mu: jax.Array) -> jax.Array:
         return book_works(

@@ -26,10 +26,7 @@ def rates(model: Model, r: jax.Array, v: jax.Array, t: jax.Array, track: bool) -
     force = model.force(k) + model.tension_force(tension, k.tangents) + sum(laws.values())
     a = accelerations(model, k, force, t)
     works = {name: jnp.sum(force * v) for name, force in laws.items()}
-    if track:
-        power = powers(model, k, tension, a, works)
-    else:
-        power = jnp.zeros(0, r.dtype)
+    power = powers(model, k, tension, a, works) if track else jnp.zeros(0, r.dtype)
     return (v, a, power), tension
 
 
@@ -75,12 +72,10 @@ def combine(model: Model, s: State, h: jax.Array, slope: Rates) -> State:
     r, v, work = (now + h * rate for now, rate in zip((s.r, s.v, s.work), slope, strict=True))
     k = model.kinematics(r, v, s.t + h)
     tension = model.with_lengths(k.t).tension_by_law(k)
-    if s.own:
+    own = s.own
+    if own:
         own = model.advance_internal_state(model.kinematics(s.r, s.v, s.t), k, tension, h)
-    else:
-        own = s.own
-    after = {"r": r, "v": v, "tension": tension, "t": s.t + h, "acceleration": slope[1], "work": work, "own": own}
-    return replace(s, angles=None, **after)
+    return replace(s, r=r, v=v, tension=tension, t=s.t + h, acceleration=slope[1], work=work, own=own, angles=None)
 
 
 @dataclass(frozen=True)

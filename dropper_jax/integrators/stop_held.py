@@ -73,14 +73,20 @@ def _solve(
 
     def correct(carry: tuple[Any, ...], _: None) -> tuple[tuple[Any, ...], None]:
         x, _, over, aim = carry
-        plain = lambda x: ravel_pytree(_rows(model, held, after, z, h, over, aim, unravel(x)))[0]  # noqa: E731
-        factor = lu_factor(jax.jacfwd(plain)(x))
-        x = x - lu_solve(factor, plain(x))
-        found = tuple(zip(model.laws, held, over, unravel(x).z, z, strict=True))
-        beyond = tuple(one & ~o & _beyond(law, p, q, h) for law, one, o, p, q in found)
-        # doubled, so that its nearest allowed torque is on the bound despite rounding
-        aim = tuple(jnp.where(b, 2.0 * (p / h + q), a) for b, a, (*_, p, q) in zip(beyond, aim, found, strict=True))
-        return (x, factor, tuple(o | b for o, b in zip(over, beyond, strict=True)), aim), None
+
+        def rows(x: jax.Array) -> jax.Array:
+            return ravel_pytree(_rows(model, held, after, z, h, over, aim, unravel(x)))[0]
+
+        factor = lu_factor(jax.jacfwd(rows)(x))
+        x = x - lu_solve(factor, rows(x))
+        now_over = ()
+        now_aim = ()
+        for law, p, q, is_held, was_over, direction in zip(model.laws, unravel(x).z, z, held, over, aim, strict=True):
+            beyond = is_held & ~was_over & _beyond(law, p, q, h)
+            now_over = (*now_over, was_over | beyond)
+            # doubled, so that its nearest allowed torque is on the bound despite rounding
+            now_aim = (*now_aim, jnp.where(beyond, 2.0 * (p / h + q), direction))
+        return (x, factor, now_over, now_aim), None
 
     nothing = tuple(map(jnp.zeros_like, held))
     start = flat, lu_factor(jnp.eye(len(flat), dtype=flat.dtype)), nothing, zero.z
@@ -118,17 +124,16 @@ def _rows(
     scale = jnp.mean(line.mass * line.length**2)
     moved = after.with_velocity(after.v + u.x)
     force = model.inertia(after, u.x) - model.tension_force(u.y, after.tangents)
-    for law, p in zip(model.laws, u.z, strict=True):
+    joints = ()
+    for law, p, q, is_held, is_over, direction in zip(model.laws, u.z, z, held, over, aim, strict=True):
         force = force - law.law_force(after, p)
+        at_rest = scale * law.rates(moved) + IMPULSE_COMPLIANCE * p
+        on_bound = p - h * (law.admissible(direction) - q)
+        joints = (*joints, jnp.where(is_over, on_bound, jnp.where(is_held, at_rest, p)))
     along = u.y
     if not line.axial.elastic:
         rate = jnp.where(_both_held(model, held)[:, None], moved.link_velocities, model.rates(u.x, None))
         along = jnp.mean(line.mass) * dot(after.tangents, rate)
-    rest = tuple(scale * law.rates(moved) + IMPULSE_COMPLIANCE * p for law, p in zip(model.laws, u.z, strict=True))
-    bound = tuple(p - h * (law.admissible(a) - q) for law, p, q, a in zip(model.laws, u.z, z, aim, strict=True))
-    joints = tuple(
-        jnp.where(one & ~o, a, jnp.where(o, b, p)) for one, o, a, b, p in zip(held, over, rest, bound, u.z, strict=True)
-    )
     return Unknowns(force, along, joints)
 
 

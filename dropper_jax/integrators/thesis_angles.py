@@ -67,16 +67,16 @@ def angles_of_state(model: Model, s: State) -> tuple[jax.Array, ...]:
 def angles_of_links(d: jax.Array, rate: jax.Array) -> tuple[jax.Array, ...]:
     """theta, phi, theta', phi' (n,) of link vectors d and their rates (n, 3), planar links with phi = 0."""
     planar = jnp.all(jnp.abs(d[:, 1]) <= 1e-12 * jnp.max(jnp.abs(d)))
-    theta = jnp.where(
-        planar, jnp.arctan2(-d[:, 2], d[:, 0]), jnp.arctan2(-d[:, 2], jnp.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2))
-    )
+    theta = jnp.arctan2(-d[:, 2], jnp.where(planar, d[:, 0], jnp.sqrt(d[:, 0] ** 2 + d[:, 1] ** 2)))
     phi = jnp.where(planar, 0.0, jnp.arctan2(d[:, 1], d[:, 0]))
     length = jnp.sqrt(jnp.sum(d * d, axis=-1))
     polar = jnp.stack([-jnp.sin(theta) * jnp.cos(phi), -jnp.sin(theta) * jnp.sin(phi), -jnp.cos(theta)], -1)
     round_ = jnp.stack([-jnp.sin(phi), jnp.cos(phi), jnp.zeros_like(phi)], -1)
     flat = jnp.cos(theta)
-    safe = jnp.where(jnp.abs(flat) > VERTICAL, flat, 1.0)
-    azimuth_rate = jnp.where(jnp.abs(flat) > 1e-9, jnp.sum(rate * round_, -1) / (length * safe), 0.0)
+    has_azimuth = jnp.abs(flat) > VERTICAL
+    azimuth_rate = jnp.where(
+        has_azimuth, jnp.sum(rate * round_, -1) / (length * jnp.where(has_azimuth, flat, 1.0)), 0.0
+    )
     return theta, phi, jnp.sum(rate * polar, -1) / length, azimuth_rate
 
 
@@ -112,25 +112,21 @@ class AnglesProblem(StepProblem):
         self.old = self._motion(jnp.stack(self.angles, -1), s.t, self.ends0, s.tension)
 
     def guess(self) -> Unknowns:
-        theta, phi, theta_rate, phi_rate = self.angles
-        h = self.h
-        moved = theta + h * theta_rate, phi + h * phi_rate, theta_rate, phi_rate
-        return Unknowns(jnp.stack(moved, -1), self.s.tension)
+        old = jnp.stack(self.angles, -1)
+        moved = jnp.concatenate([old[:, :2] + self.h * old[:, 2:], old[:, 2:]], axis=1)
+        return Unknowns(moved, self.s.tension)
 
     def _motion(self, x: jax.Array, t: jax.Array, ends: Ends, tension: jax.Array) -> Motion:
         length = self.model.line.length[:, None]
-        angles = (x[:, 0], x[:, 1])
-        rate = (x[:, 2], x[:, 3])
+        theta, phi, *rate = x.T
 
-        def velocity(theta: jax.Array, phi: jax.Array) -> jax.Array:
-            return jax.jvp(_unit, (theta, phi), rate)[1]
+        def unit_and_rate(theta: jax.Array, phi: jax.Array) -> tuple[jax.Array, jax.Array]:
+            return jax.jvp(_unit, (theta, phi), tuple(rate))
 
-        unit, unit_rate = jax.jvp(_unit, angles, rate)
-        bend = jax.jvp(velocity, angles, rate)[1]
-        along = jnp.cumsum(length * unit, axis=0)
+        (unit, unit_rate), (_, bend) = jax.jvp(unit_and_rate, (theta, phi), tuple(rate))
         v = jnp.cumsum(length * unit_rate, axis=0)
         b = jnp.cumsum(length * bend, axis=0)
-        r = ends.start + along
+        r = ends.start + jnp.cumsum(length * unit, axis=0)
         free = self.model.free_nodes
         k = self.model.instant(r[:free], v[:free], t, ends)
         return Motion(k, r[-1], b, self.model.force(k) + self.model.tension_force(tension, unit))
@@ -163,21 +159,13 @@ class AnglesProblem(StepProblem):
         return Unknowns(force, force[:, 0])
 
     def column_scale(self) -> Unknowns:
-        one = jnp.ones((), self.model.dtype)
-        return Unknowns(jnp.stack([one, one, 1 / jnp.abs(self.h), 1 / jnp.abs(self.h)]), self._force()[:, 0])
+        rate = 1 / jnp.abs(self.h)
+        return Unknowns(jnp.stack([jnp.ones_like(rate), jnp.ones_like(rate), rate, rate]), self._force()[:, 0])
 
     def finish(self, u: Unknowns) -> State:
         after = self._motion(u.x, self.s.t + self.h, self.ends1, u.y).k
-        angles = None
-        if self.s.angles is not None:
-            angles = tuple(u.x.T)
-        return self.end_state(
-            r=after.r,
-            v=after.v,
-            tension=u.y,
-            work=lambda: self._work(self.old.k, after),
-            angles=angles,
-        )
+        angles = None if self.s.angles is None else tuple(u.x.T)
+        return self.end_state(after.r, after.v, u.y, lambda: self._work(self.old.k, after), angles=angles)
 
     def _work(self, before: Kinematics, after: Kinematics) -> jax.Array:
         gamma = self.gamma

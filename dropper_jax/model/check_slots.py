@@ -53,10 +53,7 @@ def _words(one: jax.ShapeDtypeStruct) -> str:
 
 def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     free = model.free_nodes
-    links = model.geometry.links
     number = _array(model)
-    per_node = _array(model, free)
-    per_link = _array(model, links)
     vectors = _array(model, free, 3)
     own = jax.eval_shape(model.initial_internal_state)
 
@@ -69,17 +66,19 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
 
         return jax.eval_shape(call, vectors, vectors, number, own, *more)
 
-    for slot, method, more, wanted in (
-        (Force, "force", (), vectors),
-        (Potential, "potential", (), number),
-        (AddedMass, "inertia", (vectors,), vectors),
-        (AddedMass, "kinetic", (), number),
+    for slot, method, more, instants, wanted in (
+        (Force, "force", (), 1, vectors),
+        (Potential, "potential", (), 1, number),
+        (AddedMass, "inertia", (vectors,), 1, vectors),
+        (AddedMass, "kinetic", (), 1, number),
+        (LimitsTimeStep, "too_far", (), 2, jax.ShapeDtypeStruct((), jnp.bool_)),
+        (Stateful, "advance", (_array(model, model.geometry.links), number), 2, own.get(effect.name)),
     ):
         if isinstance(effect, slot):
-            yield method, results(method, *more), wanted
+            yield method, results(method, *more, instants=instants), wanted
     for slot, method in ((PointMass, "point_mass"), (ContactArea, "contact_area")):
         if isinstance(effect, slot):
-            yield method, jax.eval_shape(partial(getattr(effect, method), model)), per_node
+            yield method, jax.eval_shape(partial(getattr(effect, method), model)), _array(model, free)
     if isinstance(effect, Displacement):
         sea = (model.sea,) if effect.needs_sea else ()
         yield "displace", jax.eval_shape(lambda t: effect.displace(t, *sea), number), _array(model, 3)
@@ -90,10 +89,6 @@ def _slots(model: Model, effect: Effect) -> Iterator[Slot]:
     if isinstance(effect, ElementForce):
         each = _array(model, *effect.piece_nodes(model).shape, 3)
         yield "piece_force", results("piece_force", each, each), each
-    if isinstance(effect, LimitsTimeStep):
-        yield "too_far", results("too_far", instants=2), jax.ShapeDtypeStruct((), jnp.bool_)
-    if isinstance(effect, Stateful):
-        yield "advance", results("advance", per_link, number, instants=2), own[effect.name]
 
 
 def _array(model: Model, *shape: int) -> jax.ShapeDtypeStruct:

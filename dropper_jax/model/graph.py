@@ -106,12 +106,7 @@ class Graph:
         found: dict[str, list[np.ndarray]] = {name: [] for name in names}
         for member, span in zip(self.members, self.spans, strict=True):
             stem, _, piece = member.name.rpartition("-")
-            if member.name in found:
-                own = member.name
-            elif piece.isdecimal():
-                own = stem
-            else:
-                own = member.name
+            own = stem if piece.isdecimal() and member.name not in found else member.name
             if own in found:
                 found[own].append(np.arange(self.links)[span])
         return {name: np.concatenate(parts) for name, parts in found.items()}
@@ -148,11 +143,9 @@ class Graph:
     def paths(self) -> tuple[np.ndarray, ...]:
         """Numbers of each line's nodes (links + 1,) among all nodes, both ends included."""
         node = self.point_node
-        ends = np.cumsum([m.links - 1 for m in self.members])
-        found = []
-        for m, end in zip(self.members, ends, strict=True):
-            found.append(np.array([node[m.start], *range(end - m.links + 1, end), node[m.end]], int))
-        return tuple(found)
+        inner = np.split(np.arange(self.inner), np.cumsum([m.links - 1 for m in self.members]))
+        lines = zip(self.members, inner, strict=False)
+        return tuple(np.array([node[m.start], *nodes, node[m.end]], int) for m, nodes in lines)
 
     @cached_property
     def near_share(self) -> jax.Array | np.ndarray | float:
@@ -172,35 +165,33 @@ class Graph:
         """Last node of each link (n,) among all nodes."""
         return np.concatenate([path[1:] for path in self.paths])
 
-    def _incident(self, node_of_link: np.ndarray) -> np.ndarray:
-        """Links (most, free points) that have the free point on that side; `links` as padding."""
-        lists = [np.flatnonzero(node_of_link == self.inner + p) for p in range(len(self.free_points))]
-        return index_table(lists, self.links)
+    def _incident(self, node_of_link: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Links (most, points) that have the point on that side; `links` as padding."""
+        return index_table([np.flatnonzero(node_of_link == self.point_node[point]) for point in points], self.links)
 
     @cached_property
     def leaving(self) -> np.ndarray:
         """Links that start at each free point, padded with the number of links."""
-        return self._incident(self.first)
+        return self._incident(self.first, self.free_points)
 
     @cached_property
     def arriving(self) -> np.ndarray:
         """Links that end at each free point, padded with the number of links."""
-        return self._incident(self.last)
+        return self._incident(self.last, self.free_points)
 
     def everywhere(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
         """A nodal field on all nodes; fixed points without values count as zero."""
-        return jnp.concatenate([free, self.values_or_zero(held, free)])
+        if held is None:
+            held = jnp.zeros((self.ends, *free.shape[1:]), free.dtype)
+        return jnp.concatenate([free, held])
 
-    def nodes(self, free: jax.Array, held: jax.Array) -> jax.Array:
+    def nodes(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
         """A nodal field on the nodes of all lines, line after line, both ends of each included (n + lines, ...)."""
         return take(self.everywhere(free, held), np.concatenate(self.paths))
 
     def differences(self, free: jax.Array, held: jax.Array | None) -> jax.Array:
         """Differences of a nodal field over the links (n, ...); fixed points without values count as zero."""
-        return self.over_links(self.everywhere(free, held))
-
-    def over_links(self, field: jax.Array) -> jax.Array:
-        """Differences (n, ...) over the links of a field on all nodes."""
+        field = self.everywhere(free, held)
         return take(field, self.last) - take(field, self.first)
 
     @partial(jax.jit, static_argnums=0, inline=True)
@@ -231,14 +222,9 @@ class Graph:
 
     def held_at_ends(self, first: jax.Array, last: jax.Array) -> jax.Array:
         """As `at_ends`, on the fixed points (held, ...)."""
-        rows = []
-        for node in self.point_node[self.held_points]:
-            leaving = np.flatnonzero(self.first == node)
-            arriving = np.flatnonzero(self.last == node)
-            rows.append(jnp.sum(first[leaving], axis=0) + jnp.sum(last[arriving], axis=0))
-        if rows:
-            return jnp.stack(rows)
-        return jnp.zeros((0, *first.shape[1:]), first.dtype)
+        leaving = self._incident(self.first, self.held_points)
+        arriving = self._incident(self.last, self.held_points)
+        return gather_sums(first, leaving) + gather_sums(last, arriving)
 
     def held_force(self, link_force: jax.Array) -> jax.Array:
         """As `gather`, on the fixed points (held, ...)."""
@@ -268,12 +254,6 @@ class Graph:
             if node in path[1:-1]:
                 return f"node {int(np.flatnonzero(path == node)[0])} of line {member.name!r}"
         return f"node {node}"
-
-    def values_or_zero(self, value: jax.Array | None, like: jax.Array) -> jax.Array:
-        """Values of the fixed points, zero if None, in the form of the nodal field `like`."""
-        if value is None:
-            return jnp.zeros((self.ends, *like.shape[1:]), like.dtype)
-        return value
 
     def node(self, line: str | int, j: int) -> int:
         """Number among the free nodes of node j of a line, from 0, its first point.

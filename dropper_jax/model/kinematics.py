@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
@@ -81,6 +82,7 @@ class Named(Protocol):
         """Its key in `[effects.NAME]`."""
 
 
+@dataclass(eq=False)
 class Kinematics:
     """One instant of a line, as effects receive it.
 
@@ -88,25 +90,22 @@ class Kinematics:
         model, line: the moving system.
         r, v: free nodes (nodes, 3) [m], [m/s].
         t: time [s].
+        ends: fixed points.
+        frozen: the data that effects freeze over a step, by effect.
         free: number of free nodes.
         h: the step [s] of which this is the middle; None at a plain instant.
         before: velocities (nodes, 3) [m/s] at the start of that step; None at a plain instant.
     """
 
-    def __init__(
-        self,
-        model: ModelView,
-        r: jax.Array,
-        v: jax.Array,
-        t: jax.Array,
-        ends: Ends,
-        prepared: dict[str, Any] | None = None,
-        h: jax.Array | float | None = None,
-        before: jax.Array | None = None,
-    ) -> None:
-        self.model, self.r, self.v, self.t, self.ends, self.h, self.before = model, r, v, t, ends, h, before
-        self._prepared = prepared or {}
-        self._computed: dict[str, Any] = {}
+    model: ModelView
+    r: jax.Array
+    v: jax.Array
+    t: jax.Array
+    ends: Ends
+    frozen: Mapping[str, Frozen] = field(default_factory=dict)
+    h: jax.Array | float | None = None
+    before: jax.Array | None = None
+    _computed: dict[str, Any] = field(default_factory=dict, init=False)
 
     @property
     def line(self) -> Line:
@@ -122,15 +121,15 @@ class Kinematics:
 
     def with_velocity(self, v: jax.Array) -> Kinematics:
         """The same positions with other velocities of the free nodes."""
-        return Kinematics(self.model, self.r, v, self.t, self.ends, self._prepared, self.h, self.before)
+        return replace(self, v=v)
 
     def over(self, h: float) -> Kinematics:
         """The same as the middle of a steady step of h [s], for forces that are differences over a step."""
-        return Kinematics(self.model, self.r, self.v, self.t, self.ends, self._prepared, h, self.v)
+        return replace(self, h=h, before=self.v)
 
     def prepared(self, effect: Named) -> Frozen:
         """The result of the effect's `prepare` for this step."""
-        return self._prepared[effect.name]
+        return self.frozen[effect.name]
 
     def compute_once(self, name: str, compute: Callable[[], Any]) -> Any:
         """The value cached at this instant under that name, or computed now; for effects with several slots."""
@@ -141,7 +140,7 @@ class Kinematics:
     @property
     def water(self) -> Water:
         """The water around the free nodes, frozen over the step (see `dropper_jax.sea`)."""
-        return self._prepared["water"]
+        return self.frozen["water"]
 
     def node(self, line: str | int, j: int) -> int:
         """Number among the free nodes of node j (from 0, the line's first point) of a line, by name or number.

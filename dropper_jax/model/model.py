@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 import jax
@@ -39,6 +39,12 @@ Role = TypeVar("Role")
 MOVING_ENDS = "moving_ends"
 #: Forces (nodes, 3) [N] by the name under which their work is recorded.
 Forces = dict[str, jax.Array]
+
+
+def _joined(times: Iterable[jax.Array | None]) -> jax.Array | None:
+    """All times (k,) [s]; None without any."""
+    found = [jnp.ravel(part) for part in times if part is not None]
+    return jnp.concatenate(found) if found else None
 
 
 @component
@@ -88,19 +94,13 @@ class Model:
     @property
     def kinks(self) -> jax.Array | None:
         """Times (k,) [s] at which fixed points jump in velocity or acceleration; None if they never do."""
-        found = [jnp.ravel(e.kinks) for e in self.having(Displacement) if e.kinks is not None]
-        if found:
-            return jnp.concatenate(found)
-        return None
+        return _joined(e.kinks for e in self.having(Displacement))
 
     @property
     def corners(self) -> jax.Array | None:
         """Times (k,) [s] at which an effect is not smooth in time; None if all are smooth."""
-        found = [jnp.ravel(e.corners) for e in self.effects if e.corners is not None]
-        found += [] if self.sea is None else self.sea.corners
-        if found:
-            return jnp.concatenate(found)
-        return None
+        of_sea = [] if self.sea is None else self.sea.corners
+        return _joined([*(e.corners for e in self.effects), *of_sea])
 
     def having(self, slot: type[Role]) -> tuple[Role, ...]:
         """The effects that fill a slot (see `model.slots`), in order."""
@@ -148,8 +148,8 @@ class Model:
 
     def no_multipliers(self) -> tuple[jax.Array, ...]:
         """Zeros in the shape of the unknowns of laws and constraints (`State.law`)."""
-        shapes: list[tuple[int, ...]] = [(law.rows(self), law.components) for law in self.laws]
-        shapes += [(constraint.rows(self),) for constraint in self.constraints]
+        shapes = [(law.rows(self), law.components) for law in self.laws]
+        shapes += [constraint.rows(self) for constraint in self.constraints]
         return tuple(jnp.asarray(np.zeros(shape), self.dtype) for shape in shapes)
 
     @property
@@ -167,9 +167,7 @@ class Model:
 
     def _held_positions(self, time: jax.Array) -> jax.Array:
         held = [self._position(int(i), time) for i in self.geometry.held_points]
-        if held:
-            return jnp.stack(held)
-        return jnp.zeros((0, 3), self.dtype)
+        return jnp.stack(held) if held else jnp.zeros((0, 3), self.dtype)
 
     def ends(self, t: jax.Array) -> Ends:
         """Positions and velocities of the fixed points at time t."""
@@ -182,14 +180,22 @@ class Model:
         """Accelerations (held, 3) [m/s^2] of moving ends at time t."""
         return jax.jvp(lambda time: self.ends(time).velocities, (t,), (jnp.ones_like(t),))[1]
 
-    def kinematics(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None, **more: Any) -> Kinematics:
-        """One instant of the line; `ends` if they are known already."""
-        return Kinematics(self, r, v, t, self.ends(t) if ends is None else ends, **more)
+    def kinematics(
+        self,
+        r: jax.Array,
+        v: jax.Array,
+        t: jax.Array,
+        ends: Ends | None = None,
+        prepared: Mapping[str, Frozen] | None = None,
+        **more: Any,
+    ) -> Kinematics:
+        """One instant of the line; `ends` and the frozen data of the effects if they are known already."""
+        return Kinematics(self, r, v, t, self.ends(t) if ends is None else ends, prepared or {}, **more)
 
     def instant(self, r: jax.Array, v: jax.Array, t: jax.Array, ends: Ends | None = None) -> Kinematics:
         """One instant with the data that effects freeze over a step from there."""
         k = self.kinematics(r, v, t, ends)
-        return self.kinematics(r, v, t, k.ends, prepared=self.prepare(k))
+        return dataclasses.replace(k, frozen=self.prepare(k))
 
     def links(self, r: jax.Array, ends: Ends) -> jax.Array:
         """Link vectors (n, 3) [m]."""
@@ -201,11 +207,7 @@ class Model:
 
     def nodes(self, r: jax.Array, ends: Ends, rates: bool = False) -> jax.Array:
         """All nodes, line after line, both ends of each included (n + lines, 3); with `rates` their velocities."""
-        if rates:
-            held = self.geometry.values_or_zero(ends.velocities, r)
-        else:
-            held = ends.positions
-        return self.geometry.nodes(r, held)
+        return self.geometry.nodes(r, ends.velocities if rates else ends.positions)
 
     def gather(self, pull: jax.Array) -> jax.Array:
         """Sum on the free nodes (nodes, ...) of the links' tension forces (n, ...): + on their first node, - on their
@@ -230,8 +232,6 @@ class Model:
 
     def lump_mass(self) -> Model:
         """The same with `node_mass` and the couplings between nodes computed."""
-        if not self.having(CoupledMass):
-            return dataclasses.replace(self, lump=self.node_mass)
         own = tuple(e.at_hand() if isinstance(e, CoupledMass) else e for e in self.effects)
         known = dataclasses.replace(self, effects=own)
         return dataclasses.replace(known, lump=known.node_mass)

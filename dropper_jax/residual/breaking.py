@@ -12,16 +12,11 @@ import jax.numpy as jnp
 from dropper_jax.model import BREAKING, Failures, Model, Parted, Potential, State, as_parted, book_works
 
 
-def without_broken_links(model: Model, s: State) -> Model:
-    """The model with the links that have broken so far."""
-    return as_parted(model, s.parted)
-
-
 def with_breaking(model: Model, s: State, advance: Callable[[Model, State], tuple[Any, ...]]) -> tuple[Any, ...]:
     """The results of `advance(model, s)`, the state after a step first, with the links that break at its end."""
     if s.parted is None:
         return advance(model, s)
-    before = without_broken_links(model, s)
+    before = as_parted(model, s.parted)
     s1, *more = advance(before, replace(s, parted=None))
     return break_links(model, before, s, s1), *more
 

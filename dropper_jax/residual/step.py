@@ -208,10 +208,7 @@ def correct_until_enough(
         return (c.count < method.least) | wanted
 
     def correct(matrix: Linear, c: Corrections) -> Corrections:
-        if method.shortened:
-            fraction = jnp.asarray(0.5, c.now.dtype) ** c.halved
-        else:
-            fraction = 1.0
+        fraction = jnp.asarray(0.5, c.now.dtype) ** c.halved if method.shortened else 1.0
         u = subtract(c.u, matrix.apply(c.rows), fraction)
         rows = store_once(problem.residual(u))
         after = Corrections(u, rows, largest_row(rows, scale), c.now, c.count + 1, jnp.zeros_like(c.halved), c.filtered)
@@ -233,17 +230,15 @@ def correct_until_enough(
             return (c.count == first) | (unsolved(c) & still_good)
 
         end = jax.lax.while_loop(serves, partial(correct, matrix), c)
-        if filtering is None:
-            return end
-        return end._replace(filtered=matrix.apply(filtering(problem, end.u)).x)
+        if filtering is not None:
+            end = end._replace(filtered=matrix.apply(filtering(problem, end.u)).x)
+        return end
 
     # The guess is evaluated by a correction of zero, so that the rows are in the program once: with a second copy
     # systems of lines compile up to twice as long.
     far = jnp.full((), jnp.inf, guess.x.dtype)
     none = jnp.zeros((), jnp.int32)
-    filtered = None
-    if filtering is not None:
-        filtered = jnp.zeros_like(guess.x)
+    filtered = None if filtering is None else jnp.zeros_like(guess.x)
     start = Corrections(guess, jax.tree.map(jnp.zeros_like, guess), far, far, none - 1, none, filtered)
     return jax.lax.while_loop(unsolved, correct_with_one_matrix, start)
 
@@ -370,9 +365,8 @@ def refine(
 
     x = apply(b)
     change = size(x)
-    return jax.lax.while_loop(unsolved, correct, (x, change, jnp.full_like(change, jnp.inf), jnp.zeros((), jnp.int32)))[
-        0
-    ]
+    start = x, change, jnp.full_like(change, jnp.inf), jnp.zeros((), jnp.int32)
+    return jax.lax.while_loop(unsolved, correct, start)[0]
 
 
 def step(stepper: Stepper, model: Model, s: State, h: jax.Array) -> tuple[State, jax.Array]:
@@ -412,14 +406,8 @@ def solve_and_finish(
 ) -> tuple[State, jax.Array, jax.Array | None]:
     """The state after an implicit step, its largest scaled row, and what `solve` filters."""
     u, row, filtered = solve(stepper, theta, filtering)
-    return *finish_step(stepper, theta, u, row), filtered
-
-
-def finish_step(stepper: Stepper, theta: Theta, u: Unknowns, row: jax.Array) -> tuple[State, jax.Array]:
-    """The state after a step whose solution u and largest scaled row are known, and the row."""
-    model, s, _ = theta
     s1 = stepper.integrator.problem(*theta).finish(solution(stepper, theta, u))
-    return s1, limit_pace(*jax.lax.stop_gradient((model, s, s1)), row)
+    return s1, limit_pace(*jax.lax.stop_gradient((theta[0], theta[1], s1)), row), filtered
 
 
 def explicit_row(model: Model, s: State, s1: State) -> jax.Array:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from dropper_jax.base.errors import SceneError
@@ -40,7 +41,7 @@ def point_forces(model: Model, free: Model, s: State, points: tuple[int, ...]) -
     links = seen.links(s.r, ends)
     held_forces = seen.geometry.held_force((s.tension / safe_norm(links))[:, None] * links)
     rows = [list(seen.geometry.held_points).index(p) for p in points]
-    velocities = seen.geometry.values_or_zero(ends.velocities, ends.positions)
+    velocities = jnp.zeros_like(ends.positions) if ends.velocities is None else ends.velocities
     own = _effect_forces(seen.geometry, free.with_internal_state(s.own), s, ends.positions, velocities)
     return held_forces[np.array(rows)] + _at(free.geometry, points, own)
 

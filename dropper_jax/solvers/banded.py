@@ -112,10 +112,8 @@ def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[jax.Array
     """Lower, diagonal and upper blocks (blocks, b, b) of the Jacobian, from 3 colours of `b` directions each."""
     index = np.arange(layout.blocks)
     colours = 3
-    seeds = np.zeros((colours, layout.size, layout.blocks, layout.size))
-    for colour in range(colours):
-        for direction in range(layout.size):
-            seeds[colour, direction, index % colours == colour, direction] = 1.0
+    picked = index % colours == np.arange(colours)[:, None]
+    seeds = picked[:, None, :, None] * np.eye(layout.size)[:, None, :]
     packed = layout.pack(u)
 
     def push(seed: jax.Array) -> jax.Array:
@@ -126,10 +124,8 @@ def _bands(problem: StepProblem, u: Unknowns, layout: Layout) -> tuple[jax.Array
     def coupling(offset: int) -> jax.Array:
         return answer[(index + offset) % colours, :, index, :].mT
 
-    def cut(blocks: jax.Array, end: int) -> jax.Array:
-        """Prevent aliases of missing neighbours if there are fewer blocks than colours."""
-        none = jnp.zeros_like(blocks[:1])
-        return jnp.concatenate([blocks[:-1], none] if end else [none, blocks[1:]])
-
     diagonal = coupling(0) + jnp.asarray(np.eye(layout.size) * layout.padding[:, None, :], packed.dtype)
-    return cut(coupling(-1), 0), diagonal, cut(coupling(1), -1)
+    # no aliases of missing neighbours if there are fewer blocks than colours
+    none = jnp.zeros_like(diagonal[:1])
+    lower = jnp.concatenate([none, coupling(-1)[1:]])
+    return lower, diagonal, jnp.concatenate([coupling(1)[:-1], none])

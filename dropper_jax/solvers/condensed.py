@@ -56,6 +56,11 @@ class ConstraintMatrix(NamedTuple):
         return cls(jnp.concatenate([zero, lower]), far + near, jnp.concatenate([upper, zero]))
 
 
+def solve_multipliers(unit: jax.Array, inverse: jax.Array, rhs: jax.Array) -> jax.Array:
+    """y of `(G M^-1 G') y = rhs`, the rows of G the vectors `unit` (n, 3); `inverse` are 1/m of the free nodes."""
+    return solve_tridiagonal(*ConstraintMatrix.of(inverse, components(unit), components(unit)), rhs)
+
+
 def _times(inverse: Inverse, x: Components) -> Components:
     if isinstance(inverse, tuple):
         first, second, third = inverse

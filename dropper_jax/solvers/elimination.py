@@ -89,7 +89,7 @@ def elimination_order(
     taken = _rounds(count, kept, after or {}, most)
     lists = [_list_blocks(neighbours, degree) for neighbours, degree in taken]
     present = kept | {(i, i) for i in range(count)}
-    following: list[list[Pair | None]] = []
+    following: list[list[Pair]] = []
     for (neighbours, _), listed in zip(taken, lists, strict=True):
         rest = {pair for pair in present if neighbours.keys().isdisjoint(pair)}
         following.append(listed + sorted(rest))
@@ -106,7 +106,7 @@ def elimination_order(
     where: dict[Pair, list[int]] = {}
     for number, pair in enumerate(blocks):
         where.setdefault(pair, []).append(number)
-    slot = index_table([where.get(pair, []) if pair else [] for pair in (following[0] if taken else [])], len(blocks))
+    slot = index_table([where.get(pair, []) for pair in (following[0] if taken else [])], len(blocks))
     return Order(tuple(rounds), slot, np.array(nodes, int), position)
 
 
@@ -143,17 +143,22 @@ def _rounds(
     return rounds
 
 
-def _list_blocks(neighbours: dict[int, list[int]], degree: int) -> list[Pair | None]:
-    """The blocks of the nodes of a round in the order of `Round`; None if a node has fewer neighbours."""
-    rows = [(i, others[c]) if c < len(others) else None for c in range(degree) for i, others in neighbours.items()]
-    return [*((i, i) for i in neighbours), *rows, *(pair and pair[::-1] for pair in rows)]
+#: A block of zeros, in place of that of a missing neighbour.
+MISSING = (-1, -1)
 
 
-def _round(
-    neighbours: dict[int, list[int]], degree: int, now: list[Pair | None], then: list[Pair | None], later: list[int]
-) -> Round:
+def _list_blocks(neighbours: dict[int, list[int]], degree: int) -> list[Pair]:
+    """The blocks of the nodes of a round in the order of `Round`; `MISSING` if a node has fewer neighbours."""
+    rows = []
+    for c in range(degree):
+        for i, others in neighbours.items():
+            rows.append((i, others[c]) if c < len(others) else MISSING)
+    return [*((i, i) for i in neighbours), *rows, *(pair[::-1] for pair in rows)]
+
+
+def _round(neighbours: dict[int, list[int]], degree: int, now: list[Pair], then: list[Pair], later: list[int]) -> Round:
     width = len(neighbours)
-    slot_of = {pair: number for number, pair in enumerate(now) if pair}
+    slot_of = {pair: number for number, pair in enumerate(now)} | {MISSING: len(now)}
     products: dict[Pair, list[int]] = {}
     rows: dict[int, list[int]] = {}
     number = {node: at for at, node in enumerate(later)}
@@ -168,8 +173,8 @@ def _round(
         nodes=np.array(list(neighbours), int),
         degree=degree,
         neighbours=ends,
-        keep=np.array([slot_of.get(pair, len(now)) if pair else len(now) for pair in then], int),
-        change=index_table([products.get(pair, []) if pair else [] for pair in then], degree * degree * width),
+        keep=np.array([slot_of.get(pair, len(now)) for pair in then], int),
+        change=index_table([products.get(pair, []) for pair in then], degree * degree * width),
         change_rows=index_table([rows.get(node, []) for node in later], degree * width),
     )
 
@@ -185,11 +190,11 @@ def optimization_barrier(tree: Tree) -> Tree:
     """
     first = jax.tree.leaves(tree)[0]
     # true only for a NaN matrix, whose result is NaN anyway; not known at compile time
-    if first.size:
-        never = jnp.isnan(jnp.ravel(first)[0])
-    else:
-        never = jnp.zeros((), bool)
-    changed = lambda c: (jnp.zeros((), bool), jax.tree.map(jnp.negative, c[1]))  # noqa: E731
+    never = jnp.any(jnp.isnan(jnp.ravel(first)[:1]))
+
+    def changed(c: tuple[jax.Array, Tree]) -> tuple[jax.Array, Tree]:
+        return jnp.zeros((), bool), jax.tree.map(jnp.negative, c[1])
+
     return jax.lax.while_loop(lambda c: c[0], changed, (never, tree))[1]
 
 

@@ -88,26 +88,21 @@ class Saddle(NamedTuple):
             size = jnp.max(jnp.abs(diagonal))
         else:
             size = jnp.max(jnp.abs(links.turn)) + 1.0
-        before = LinkParts(*(part[graph.previous_links] for part in links))
-        last = LinkParts(*(part[_last(graph)] for part in links))
-        none = jnp.zeros_like(before.force)
-        nothing = jnp.zeros_like(before.compliance)
-        bare = jnp.zeros_like(last.force)
-        zero = jnp.zeros_like(last.compliance)
-        points = len(graph.free_points)
-        point = jnp.zeros((points, 3), node.dtype)
-        unit = jnp.broadcast_to(jnp.eye(3, dtype=node.dtype), last.turn.shape)
+        before = jax.tree.map(lambda part: part[graph.previous_links], links)
+        last = jax.tree.map(lambda part: part[_last(graph)], links)
+        none = jnp.zeros_like(last.turn)
         values = [
             _block(diagonal[: graph.inner], before.force, before.gradient, before.compliance),
-            _block(diagonal[graph.inner :], point, point, jnp.ones((points,), node.dtype)),
-            _block(unit, bare, bare, last.compliance - LAST_COMPLIANCE / size),
-            _block(-before.turn, none, -before.gradient, nothing),
-            _block(-before.turn, -before.force, none, nothing),
-            *(_block(-last.turn, bare, bare, zero),) * 2,
-            _block(jnp.zeros_like(last.turn), -last.force, bare, zero),
-            _block(jnp.zeros_like(last.turn), bare, -last.gradient, zero),
-            _block(jnp.zeros_like(last.turn), last.force, bare, zero),
-            _block(jnp.zeros_like(last.turn), bare, last.gradient, zero),
+            _block(diagonal[graph.inner :], corner=1.0),
+            _block(none + jnp.eye(3, dtype=node.dtype), corner=last.compliance - LAST_COMPLIANCE / size),
+            _block(-before.turn, below=-before.gradient),
+            _block(-before.turn, right=-before.force),
+            _block(-last.turn),
+            _block(-last.turn),
+            _block(none, right=-last.force),
+            _block(none, below=-last.gradient),
+            _block(none, right=last.force),
+            _block(none, below=last.gradient),
         ]
         if between is not None:
             values.append(jnp.pad(optimization_barrier(between.blocks), ((0, 0), (0, 1), (0, 1))))
@@ -130,10 +125,17 @@ class Saddle(NamedTuple):
         return found[: graph.free, :3], found[number, 3]
 
 
-def _block(top: jax.Array, right: jax.Array, below: jax.Array, corner: jax.Array) -> jax.Array:
+def _block(
+    top: jax.Array,
+    right: jax.Array | float = 0.0,
+    below: jax.Array | float = 0.0,
+    corner: jax.Array | float = 0.0,
+) -> jax.Array:
     """Blocks (m, 4, 4) of forces (m, 3, 3), (m, 3) by a tension, and its own row (m, 3), (m,)."""
-    upper = jnp.concatenate([top, right[..., None]], axis=-1)
-    return jnp.concatenate([upper, jnp.concatenate([below, corner[..., None]], axis=-1)[..., None, :]], axis=-2)
+    row = jnp.zeros_like(top[:, 0])
+    upper = jnp.concatenate([top, (row + right)[..., None]], axis=-1)
+    lower = jnp.concatenate([row + below, (row[:, :1] + jnp.reshape(corner, (-1, 1)))], axis=-1)
+    return jnp.concatenate([upper, lower[:, None]], axis=1)
 
 
 def _last(graph: Graph) -> np.ndarray:
@@ -145,11 +147,10 @@ def _last(graph: Graph) -> np.ndarray:
 def _group_order(graph: Graph, between: tuple[Pair, ...] | None) -> Order:
     """The order for blocks as in `Saddle.of`: groups are the free nodes, then the last links of lines."""
     count = graph.free + len(graph.members)
-    none = graph.free + len(graph.members)
 
     def number(nodes: np.ndarray) -> list[int]:
         """Groups of nodes; fixed nodes have none."""
-        return np.where(nodes < graph.free, nodes, none).tolist()
+        return np.where(nodes < graph.free, nodes, count).tolist()
 
     own = list(range(count))
     closing = list(range(graph.free, count))

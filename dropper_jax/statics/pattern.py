@@ -52,12 +52,9 @@ def pattern(geometry: Graph, reach: int) -> Pattern:
     from scipy.sparse import coo_array, eye_array  # noqa: PLC0415
 
     free = geometry.free
-    first = np.concatenate([path[slice(-1)] for path in geometry.paths])
-    last = np.concatenate([path[slice(1, None)] for path in geometry.paths])
-    inside = (first >= 0) & (first < free) & (last < free)
-    first = first[inside]
-    last = last[inside]
-    beside = coo_array((np.ones(len(first)), (first, last)), shape=(free, free))
+    inside = (geometry.first < free) & (geometry.last < free)
+    links = geometry.first[inside], geometry.last[inside]
+    beside = coo_array((np.ones(np.sum(inside)), links), shape=(free, free))
     near = (beside + beside.T + eye_array(free)).tocsr()
     far = near
     for _ in range(reach - 1):

@@ -16,10 +16,8 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from dropper_jax.base.fields import component
-from dropper_jax.base.indexed_sums import scatter_add
 from dropper_jax.base.numerics import safe_norm
 from dropper_jax.effects.seabed import Seabed
 from dropper_jax.model import Effect, Kinematics, Model, State
@@ -51,26 +49,23 @@ def with_static_seabed_friction(model: Model, s: State, mu: jax.Array) -> tuple[
     """
     graph = model.geometry
     length = model.line.length
-    ends = model.ends(s.t).positions
-    field = graph.everywhere(s.r, ends)
+    field = graph.everywhere(s.r, model.ends(s.t).positions)
     stiffness = model.line.axial.axial_stiffness() / length
-    inner = []
-    positions = [jnp.zeros((0, 2), model.dtype)]
-    grips = [jnp.zeros(0, model.dtype)]
+    positions = []
+    grips = []
     for path, span in zip(graph.paths, graph.spans, strict=True):
         start = field[path[0], :2]
-        end = field[path[-1], :2]
-        across = safe_norm(end - start)
-        laid = across > 0.0  # a line that hangs straight down, or a loop, has no laid position
+        away = field[path[-1], :2] - start
+        square = jnp.sum(away**2)
+        laid = square > 0.0  # a line that hangs straight down, or a loop, has no laid position
         along = jnp.cumsum(length[span])[:-1, None]
-        inner.append(path[1:-1])
-        positions.append(jnp.where(laid, start + along * (end - start) / jnp.where(laid, across, 1.0), 0.0))
+        positions.append(jnp.where(laid, start + along * away / jnp.sqrt(jnp.where(laid, square, 1.0)), 0.0))
         # K over the stiffness of a link, and the maximum displacement at full friction [m]: a stiffer K would be lost
         # in rounding
         grips.append(jnp.where(laid, 100.0 * stiffness[span][:-1], 0.0))
-    where = np.concatenate(inner).astype(int)
-    at = scatter_add(where, jnp.concatenate(positions), graph.free)
-    grip = scatter_add(where, jnp.concatenate(grips), graph.free)
+    points = graph.free - graph.inner
+    at = jnp.pad(jnp.concatenate(positions), ((0, points), (0, 0)))
+    grip = jnp.pad(jnp.concatenate(grips), (0, points))
     grip = jnp.minimum(grip, GRAVITY_SCALE * mu * model.line.node_mass / 1e-7)
     size = jnp.max(jnp.abs(field)) + jnp.max(length)
     rounding = 10.0 * jnp.finfo(model.dtype).eps * jnp.max(grip) * size

@@ -218,21 +218,18 @@ def unbalance(model: Model, s: State, loads: jax.Array) -> jax.Array:
 def guess(model: Model, t: float = 0.0) -> State:
     """Every line straight between its points at their positions in the scene."""
     geometry = model.geometry
-    positions = np.array([np.asarray(p.position, float) for p in model.points])
-    moved = np.asarray(model.ends(jnp.asarray(t, model.dtype)).positions, float)
-    positions[geometry.held_points] = moved
-    r = np.zeros((geometry.free, 3))
-    if model.constraints:  # corners of bodies are on no line
-        r[geometry.point_node[geometry.free_points]] = positions[geometry.free_points]
-    length = np.asarray(model.line.length, float)
-    for member, path, span in zip(geometry.members, geometry.paths, geometry.spans, strict=True):
-        along = np.concatenate([[0.0], np.cumsum(length[span])]) / np.sum(length[span])
-        line = positions[member.start] + along[:, None] * (positions[member.end] - positions[member.start])
-        if np.array_equal(positions[member.start], positions[member.end]):  # a loop hangs below its point
-            line[:, 2] -= 0.5 * np.sum(length[span]) * np.sin(np.pi * along)
-        inner = (path >= 0) & (path < geometry.free)
-        r[path[inner]] = line[inner]
-    return state(model, r, t=t)
+    nodes = np.zeros((geometry.free + geometry.ends, 3))
+    nodes[geometry.point_node] = [p.position for p in model.points]
+    nodes[geometry.free :] = model.ends(jnp.asarray(t, model.dtype)).positions
+    for path, span in zip(geometry.paths, geometry.spans, strict=True):
+        length = np.asarray(model.line.length[span], float)
+        along = np.cumsum(length)[:-1, None] / np.sum(length)
+        start = nodes[path[0]]
+        line = start + along * (nodes[path[-1]] - start)
+        if np.array_equal(start, nodes[path[-1]]):  # a loop hangs below its point
+            line[:, 2:] -= 0.5 * np.sum(length) * np.sin(np.pi * along)
+        nodes[path[1:-1]] = line
+    return state(model, nodes[: geometry.free], t=t)
 
 
 #: Maximum number of iterations without an improvement over the guess.

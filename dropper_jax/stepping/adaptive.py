@@ -11,7 +11,7 @@ constant, up to corners that depend on a parameter.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -132,7 +132,7 @@ class Adaptive(NamedTuple):
     @property
     def steps_done(self) -> jax.Array:
         """Intervals done."""
-        return self.progress.done
+        return self.progress.steps_done
 
     @property
     def t(self) -> jax.Array:
@@ -276,9 +276,7 @@ def _try(
 def _in_the_middle(stepper: Stepper, s: State, s1: State) -> jax.Array:
     """Tensions (n,) [N] in the middle of a step, from those reported in this and the last one."""
     late = stepper.integrator.tension_time - 0.5
-    if late == 0.0:
-        return s1.tension
-    return (1.0 - late) * s1.tension + late * s.tension
+    return (1.0 - late) * s1.tension + late * s.tension if late else s1.tension
 
 
 def _next_stop(model: Model, t: jax.Array, end: jax.Array, dt: jax.Array) -> jax.Array:
@@ -301,8 +299,7 @@ def adaptive_step_lengths(
     A run along these steps, `integrate(stepper, model, s, lengths[:number], number)`, has derivatives in both modes
     with the steps held constant. Steps after the first `most` are left out.
     """
-    lengths, number, _ = find_lengths(stepper, model, s, dt, intervals, accuracy, most)
-    return lengths, number
+    return find_lengths(stepper, model, s, dt, intervals, accuracy, most)[:2]
 
 
 def find_lengths(
@@ -318,10 +315,10 @@ def find_lengths(
     adaptive = adaptive_start(stepper, model, begin(stepper, model, s))
     last = adaptive.t + intervals * dt
 
-    def before_end(carry: tuple[Adaptive, jax.Array, jax.Array]) -> jax.Array:
+    def before_end(carry: tuple[Any, ...]) -> jax.Array:
         return (carry[0].t < last - ROUNDING * dt) & (carry[2] < most)
 
-    def attempt(carry: tuple[Adaptive, jax.Array, jax.Array]) -> tuple[Adaptive, jax.Array, jax.Array]:
+    def attempt(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         adaptive, lengths, number = carry
         end = s.t + dt * (jnp.floor((adaptive.t - s.t) / dt + ROUNDING) + 1.0)
         tried = _try(stepper, model, adaptive, end, dt, accuracy)

@@ -95,13 +95,10 @@ def advance_over(
         after, row = step(stepper, model, start.state, interval)
         return start._replace(state=after, row=row, failed=step_failed(stepper, model, after, row))
 
-    def unfinished(now: Interval) -> jax.Array:
-        return now.unfinished
-
     def try_one(now: Interval) -> Interval:
         return attempt(stepper, model, now, interval, alive)[0]
 
-    end = jax.lax.while_loop(unfinished, try_one, start)
+    end = jax.lax.while_loop(lambda now: now.unfinished, try_one, start)
     return end._replace(state=replace(end.state, t=s.t + interval))
 
 

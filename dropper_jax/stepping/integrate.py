@@ -56,15 +56,13 @@ def observe(
 ) -> Observed:
     """Observe one instant; energies are those of the raw velocities, which the scheme conserves."""
     model = as_parted(model, parted).with_internal_state(internal or {}).with_lengths(t)
-    s = replace(state(model, r), v=v, t=t)
-    ends = model.ends(t)
-    k = model.instant(r, v, t, ends)
+    k = model.instant(r, v, t)
     line = model.line
     rigid = np.flatnonzero(line.axial.rigid(line.links))
     closure = jnp.max(jnp.abs(safe_norm(k.links) - line.length)[rigid], initial=0.0)
     return Observed(
         positions=k.nodes,
-        velocities=model.nodes(consistent_velocity(model, s), ends, rates=True),
+        velocities=model.nodes(consistent_velocity(model, state(model, r, v, t=t)), k.ends, rates=True),
         kinetic=model.kinetic_energy(k),
         potential=model.potential_energy(k),
         closure=closure,
@@ -104,13 +102,8 @@ class Progress(NamedTuple):
     """State of a run: the dynamic state, steps done, the first failed step (-1: no failure)."""
 
     state: State
-    done: jax.Array
+    steps_done: jax.Array
     first_bad: jax.Array
-
-    @property
-    def steps_done(self) -> jax.Array:
-        """Steps done."""
-        return self.done
 
     @property
     def t(self) -> jax.Array:
@@ -134,8 +127,8 @@ def begin(stepper: Stepper, model: Model, s: State) -> Progress:
 def next_progress(stepper: Stepper, model: Model, progress: Progress, dt: jax.Array) -> tuple[Progress, Interval]:
     """The progress after one step of dt [s], and how it was taken."""
     taken = advance_over(stepper, model, progress.state, dt, progress.first_bad < 0)
-    first_bad = jnp.where(taken.failed & (progress.first_bad < 0), progress.done, progress.first_bad)
-    return Progress(taken.state, progress.done + 1, first_bad), taken
+    first_bad = jnp.where(taken.failed & (progress.first_bad < 0), progress.steps_done, progress.first_bad)
+    return Progress(taken.state, progress.steps_done + 1, first_bad), taken
 
 
 def scan_steps(
@@ -148,7 +141,10 @@ def scan_steps(
 
     def fill(i: jax.Array, both: tuple[Carry, Rows]) -> tuple[Carry, Rows]:
         carry, row = advance(both[0], i)
-        put = lambda all_, one: jax.lax.dynamic_update_index_in_dim(all_, one.astype(all_.dtype), i, axis=0)  # noqa: E731
+
+        def put(rows: jax.Array, row: jax.Array) -> jax.Array:
+            return jax.lax.dynamic_update_index_in_dim(rows, row.astype(rows.dtype), i, axis=0)
+
         return carry, jax.tree.map(put, both[1], row)
 
     return jax.lax.fori_loop(0, count, fill, (carry, rows))
@@ -169,19 +165,20 @@ def advance(
     count: jax.Array | np.integer | None = None,
     watch: Watch | None = None,
 ) -> tuple[Progress, Trajectory]:
-    """Advance by `saves * save_every` steps of dt [s], scalar or (saves, save_every), saved every `save_every`.
+    """Advance by `saves * save_every` steps of dt [s], saved every `save_every`.
 
     With a `count` only this number of saves is computed, and of `saves` rows the first are filled: one program runs
     chunks of any length, which allows progress reports and interruption.
     """
 
-    def save(carry: Progress, sizes: jax.Array | None) -> tuple[Progress, Trajectory]:
-        return advance_and_save(stepper, model, carry, dt if sizes is None else sizes, save_every, watch)
+    def save(carry: Progress, _: jax.Array | None) -> tuple[Progress, Trajectory]:
+        return advance_and_save(stepper, model, carry, dt, save_every, watch)
 
     if count is None:
-        return jax.lax.scan(save, progress, dt if jnp.ndim(dt) else None, length=saves)
-    rows = empty_trajectory(progress, saves, no_extremes(watch, model, progress.state))
-    return scan_steps(lambda carry, _: save(carry, None), progress, count, rows)
+        return jax.lax.scan(save, progress, None, length=saves)
+    return scan_steps(
+        save, progress, count, empty_trajectory(progress, saves, no_extremes(watch, model, progress.state))
+    )
 
 
 def empty_trajectory(progress: Progress, capacity: int, extremes: Extremes | None = None) -> Trajectory:
@@ -208,10 +205,12 @@ def advance_and_save(
     """
 
     def one(
-        both: tuple[Progress, Extremes | None], sizes: tuple[jax.Array, jax.Array | None] | None
-    ) -> tuple[tuple[Progress, Extremes | None], tuple[jax.Array, ...]]:
+        both: tuple[Any, ...], sizes: tuple[jax.Array | None, ...]
+    ) -> tuple[tuple[Any, ...], tuple[jax.Array, ...]]:
         carry, extremes = both
-        size, last = (dt, None) if sizes is None else sizes
+        size, last = sizes
+        if size is None:
+            size = dt
         if last is not None:
             s, _ = with_step_changed(stepper, model, carry.state, last, size)
             carry = carry._replace(state=s)
@@ -219,7 +218,7 @@ def advance_and_save(
         extremes = with_step(extremes, watch, model, carry.state, after.state)
         return (after, extremes), (taken.row, taken.retried, taken.failed)
 
-    sizes = (dt, before) if jnp.ndim(dt) else None
+    sizes = (dt if jnp.ndim(dt) else None), before
     both = carry, no_extremes(watch, model, carry.state)
     if save_every == 1:
         (carry, extremes), (residual, retried, bad) = one(both, jax.tree.map(lambda a: a[0], sizes))
@@ -266,16 +265,14 @@ def step_lengths(
     def one(carry: tuple[Any, ...], size: jax.Array) -> tuple[tuple[Any, ...], tuple[jax.Array, ...]]:
         s, number, lengths, alive = carry
 
-        def unfinished(now: tuple[Interval, jax.Array, jax.Array]) -> jax.Array:
-            return now[0].unfinished
-
-        def try_one(now: tuple[Interval, jax.Array, jax.Array]) -> tuple[Interval, jax.Array, jax.Array]:
+        def try_one(now: tuple[Any, ...]) -> tuple[Any, ...]:
             interval, number, lengths = now
             interval, part = attempt(stepper, model, interval, size, alive)
             lengths = jax.lax.dynamic_update_index_in_dim(lengths, part * size, number, axis=0)
             return interval, number + (part > 0.0), lengths
 
-        end, number, lengths = jax.lax.while_loop(unfinished, try_one, (begin_interval(s), number, lengths))
+        start = begin_interval(s), number, lengths
+        end, number, lengths = jax.lax.while_loop(lambda now: now[0].unfinished, try_one, start)
         full = number > most
         residual = jnp.where(full, jnp.inf, end.row).astype(model.dtype)
         failed = end.failed | full
@@ -331,9 +328,7 @@ def integrate(
         before = jnp.append(0.0, dt[:-1]).reshape(saves, save_every)
     rows = sizes, before, _measured(jnp.arange(1, saves + 1), saves)
 
-    def save(
-        carry: tuple[Progress, jax.Array | None], row: tuple[jax.Array, jax.Array | None, jax.Array]
-    ) -> tuple[tuple[Progress, jax.Array | None], Trajectory]:
+    def save(carry: tuple[Any, ...], row: tuple[jax.Array | None, ...]) -> tuple[tuple[Any, ...], Trajectory]:
         progress, meter = carry
         sizes, before, measured = row
         progress, saved = advance_and_save(stepper.plain, model, progress, sizes, save_every, before=before)
@@ -382,9 +377,7 @@ def along_accepted_steps(
             (`step_change`), and tensions are means over the interval.
     """
 
-    def take(
-        carry: tuple[State, jax.Array | None], row: tuple[jax.Array, jax.Array, jax.Array]
-    ) -> tuple[tuple[State, jax.Array | None], State]:
+    def take(carry: tuple[Any, ...], row: tuple[jax.Array, ...]) -> tuple[tuple[Any, ...], State]:
         s, meter = carry
         h, before, measured = row
 
@@ -403,24 +396,17 @@ def along_accepted_steps(
     rows = found.length, before, _measured(jnp.arange(1, len(found.length) + 1), found.ends[-1])
     (last, _), states = _scan(take, (first, meter), rows, checkpoint)
     at = jax.tree.map(lambda a: a[found.ends[save_every - 1 :: save_every] - 1], states)
-    residual = found.residual.reshape(-1, save_every)
-    retried = found.retried.reshape(-1, save_every)
-    failed = found.failed.reshape(-1, save_every)
     number = jnp.where(found.failed, jnp.arange(len(found.failed), dtype=jnp.int32), len(found.failed))
-    before = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
-    if follows:
-        tension = _interval_means(found, states.tension)
-    else:
-        tension = at.tension
+    first_bad = jax.lax.associative_scan(jnp.minimum, number)[save_every - 1 :: save_every]
     trajectory = Trajectory(
         at.r,
         at.v,
-        tension,
+        _interval_means(found, states.tension) if follows else at.tension,
         at.work,
-        jnp.max(residual, axis=1),
-        jnp.sum(retried, axis=1, dtype=jnp.int32),
-        jnp.sum(failed, axis=1, dtype=jnp.int32),
-        jnp.where(before < len(found.failed), before, -1),
+        jnp.max(found.residual.reshape(-1, save_every), axis=1),
+        jnp.sum(found.retried.reshape(-1, save_every), axis=1, dtype=jnp.int32),
+        jnp.sum(found.failed.reshape(-1, save_every), axis=1, dtype=jnp.int32),
+        jnp.where(first_bad < len(found.failed), first_bad, -1),
         at.parted,
         at.own,
     )
@@ -429,13 +415,13 @@ def along_accepted_steps(
 
 def _interval_means(found: Steps, tension: jax.Array) -> jax.Array:
     """Means (k, n) over the intervals of the tensions (steps, n) of steps."""
-    share = found.length[:, None]
-    total = jnp.cumsum(share * tension, axis=0)
-    time = jnp.cumsum(share, axis=0)
-    to_end = total[found.ends - 1], time[found.ends - 1]
-    first = jax.tree.map(lambda a: jnp.zeros_like(a[:1]), to_end)
-    work, length = (jnp.diff(a, axis=0, prepend=zero) for a, zero in zip(to_end, first, strict=True))
-    return work / length
+
+    def over_intervals(steps: jax.Array) -> jax.Array:
+        to_end = jnp.cumsum(steps, axis=0)[found.ends - 1]
+        return jnp.diff(to_end, axis=0, prepend=jnp.zeros_like(to_end[:1]))
+
+    length = found.length[:, None]
+    return over_intervals(length * tension) / over_intervals(length)
 
 
 def _scan(

@@ -10,9 +10,8 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 
-from dropper_jax.model import Model, State
+from dropper_jax.model import Model, State, as_parted
 from dropper_jax.residual import Stepper
-from dropper_jax.residual.breaking import without_broken_links
 
 #: Name under which the energy of changes of the step is booked.
 STEP_CHANGES = "step_changes"
@@ -28,10 +27,7 @@ def with_step_changed(
     none = jnp.zeros((), model.dtype)
     if not _changes(stepper, model):
         return s, none
-    inner = model
-    if s.parted is not None:
-        inner = without_broken_links(model, s)
-    inner = inner.with_internal_state(s.own)
+    inner = as_parted(model, s.parted).with_internal_state(s.own)
 
     def change() -> tuple[jax.Array, jax.Array]:
         v = stepper.integrator.change_step(inner, s, h).v

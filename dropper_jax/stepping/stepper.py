@@ -57,12 +57,12 @@ def make_stepper(
         if settings.pop("iterations", None) is not None:
             raise SceneError(f"iterations: are given, but integrator {integrator!r} solves nothing. Leave them out")
         return Stepper(integrator=scheme, solver=None, **settings)
-    if solver != "auto" and (reason := SOLVERS[solver].refuse(model, scheme)):
-        raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
     if solver == "auto":
         chosen = choose_solver(model, scheme)
     else:
         chosen = SOLVERS[solver]
+        if reason := chosen.refuse(model, scheme):
+            raise SceneError(f"run.solver: {solver!r} cannot serve this scene: {reason}")
     return Stepper(integrator=scheme, solver=chosen, **{**newton_settings(model, scheme), **settings})
 
 
@@ -100,7 +100,7 @@ def check_names(integrator: str, solver: str) -> None:
     """Reject unknown names."""
     if integrator not in INTEGRATORS:
         raise SceneError(f"run.integrator: {integrator!r} is unknown; {nearest(integrator, INTEGRATORS)}")
-    if solver != "auto" and solver not in SOLVERS:
+    if solver not in ("auto", *SOLVERS):
         raise SceneError(f"run.solver: {solver!r} is unknown; {nearest(solver, [*SOLVERS, 'auto'])}")
 
 

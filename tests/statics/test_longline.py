@@ -29,10 +29,10 @@ def jonkman(length, w, EA, x, z):
     return np.exp(fsolve(rows, np.log([2000.0, 0.5 * w * length]), xtol=1e-13))
 
 
-def grounded_chain(one_line, links, **friction):
+def grounded_chain(one_line, links, end=(60.0, 0.0, 0.0), **friction):
     """Static pose of a chain with its anchor on the bed."""
     bed = {"weight": {}, "seabed": {"depth": 30.0, "stiffness": 1e9}, **friction}
-    pose = equilibrium(one_line(75.0, links, [0.0, 0.0, -30.0], [60.0, 0.0, 0.0], CHAIN, bed))
+    pose = equilibrium(one_line(75.0, links, [0.0, 0.0, -30.0], list(end), CHAIN, bed))
     assert pose.status == "ok", pose.message
     return pose
 
@@ -53,8 +53,12 @@ def test_chain_on_a_bed_is_the_elastic_catenary_to_1e_4_and_of_second_order(one_
 
 
 @pytest.mark.check
-@pytest.mark.parametrize("mu", [0.3, 1.0], ids=["to the anchor", "to a part without tension"])
-def test_friction_on_the_bed_lowers_the_tension_towards_the_anchor_as_jonkman_says(one_line, mu):
+@pytest.mark.parametrize(
+    ("mu", "end"),
+    [(0.3, (60.0, 0.0, 0.0)), (1.0, (60.0, 0.0, 0.0)), (1.0, (0.0, 60.0, 0.0))],
+    ids=["to the anchor", "to a part without tension", "laid along y"],
+)
+def test_friction_on_the_bed_lowers_the_tension_towards_the_anchor_as_jonkman_says(one_line, mu, end):
     length, w, EA, links = 75.0, CHAIN["mass"] * G, CHAIN["EA"], 100
 
     def rows(u):  # Jonkman (2007), closed form with CB = mu
@@ -70,11 +74,11 @@ def test_friction_on_the_bed_lowers_the_tension_towards_the_anchor_as_jonkman_sa
     beyond = (np.arange(links) + 0.5) * length / links - (length - v / w)  # middle of each link, past touchdown
     tension = np.where(beyond < 0, np.maximum(h + mu * w * beyond, 0.0), np.hypot(h, w * np.maximum(beyond, 0.0)))
     assert (tension[0] > 0.0) == (mu < 1.0)
-    pose = grounded_chain(one_line, links, seabed_friction={"kinetic": mu, "statics": "outward"})
+    pose = grounded_chain(one_line, links, end, seabed_friction={"kinetic": mu, "statics": "outward"})
     assert np.max(np.abs(pose.tension - tension)) < 1e-4 * np.hypot(h, v)
     last = pose.positions[-1] - pose.positions[-2]
     pull = pose.tension[-1] * last / np.linalg.norm(last)
-    assert pull[0] == pytest.approx(h, rel=1e-4)
+    assert pull[:2] == pytest.approx(h * np.array(end[:2]) / 60.0, rel=1e-4, abs=1e-4 * h)
     assert pull[2] + 0.5 * w * length / links == pytest.approx(v, rel=1e-4)
 
 
